@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from os import stat
 from pathlib import Path
@@ -13,25 +13,23 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from abfm.batch.columns import Column, mesh_options, parameters_in
 from abfm.errors import ParameterError
-from abfm.functions import function
 from abfm.functions.circular import checked_period, split_channels
 from abfm.io import results
 from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
 from abfm.matching.judging.verdict import Verdict
-from abfm.matching.path import PathStep
+from abfm.matching.path import NUMBERS
 from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.options import MeshOptions
 from abfm.outcome import Facts, worse_residual
 from abfm.parameters import Parameters
-from abfm.types import FloatArray
 from abfm.workers.control import Control
 
 if TYPE_CHECKING:
     from abfm.batch.rows import Row, Saved
 
 _MESHES_KEPT = 3  # by a process, with what was computed from them
-_NUMBERS = {"residual", "verified_residual", "folded"}
+_RESIDUALS = {"residual", "verified_residual", "folded"}
 
 
 @dataclass
@@ -76,8 +74,8 @@ def facts_of_match(path: Path) -> Facts:
     """
     entries = results.RESULT.entries
     with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
-        numbers = dict.fromkeys(_NUMBERS, math.nan)
-        for name in _NUMBERS & archive.keys():
+        numbers = dict.fromkeys(_RESIDUALS, math.nan)
+        for name in _RESIDUALS & archive.keys():
             numbers[name] = float(entries[name].check(name, archive[name], {}))
         # of a registration, which may be worse than that of its match
         name = "registration_verdict" if "registration_verdict" in archive else "verdict"
@@ -106,11 +104,10 @@ def _distortion(archive: Mapping[str, Any]) -> dict[str, float]:
     """Return how much the step of the path that the match is changes areas; empty if unknown."""
     if "path_steps" not in archive or "path_step" not in archive:
         return {}
-    names = [each.name for each in fields(PathStep) if each.name != "velocity"]
     entries = results.RESULT.entries
     steps = entries["path_steps"].check("path_steps", archive["path_steps"], {})
     step = int(entries["path_step"].check("path_step", archive["path_step"], {}))
-    return {name: float(steps[step][names.index(name)]) for name in ("log2_area", "log2_area_95")}
+    return {name: float(steps[step][NUMBERS.index(name)]) for name in ("log2_area", "log2_area_95")}
 
 
 class Kind(NamedTuple):
@@ -137,11 +134,6 @@ def channels(given: Mapping[str, Any]) -> tuple[list[str], list[str], list[float
     sources, targets, weights = ([each[part] for each in found] for part in range(3))
     period = checked_period(given.get("circular", False))
     return split_channels(sources, targets, weights, period)
-
-
-def weight(mesh: TriangleMesh, spec: str | None) -> FloatArray | None:
-    """Return how much vertices count, (V,), by a function."""
-    return None if spec is None else function(mesh, spec)
 
 
 def mesh_of_row(path: str, given: Mapping[str, Any]) -> TriangleMesh:

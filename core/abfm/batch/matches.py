@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm.batch.columns import parameters_in
-from abfm.batch.kind import Cost, Prepared, channels, mesh_of_row, weight
+from abfm.batch.kind import Cost, Prepared, channels, mesh_of_row
 from abfm.errors import ParameterError, ResultError, one_line
 from abfm.matching import bounded, foreseen, load_match
 from abfm.matching.match import match
@@ -40,7 +40,7 @@ def prepare_match(row: Row) -> Prepared:
         sources if len(sources) > 1 else sources[0],
         targets if len(targets) > 1 else targets[0],
         parameters,
-        mask=weight(mesh, given.get("mask")),
+        mask=given.get("mask"),
         weights=weights,
         start=None if start is None else start.start_for(parameters),
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from abfm.batch.columns import parameters_in
-from abfm.batch.kind import Cost, Prepared, channels, mesh_of_row, weight
+from abfm.batch.kind import Cost, Prepared, channels, mesh_of_row
 from abfm.errors import ParameterError
 from abfm.matching.match import match
 from abfm.mesh import TriangleMesh
@@ -37,8 +37,8 @@ def prepare_registration(row: Row) -> Prepared:
             targets or None,
             initial=given.get("initial"),
             landmarks=_landmarks(a, b, given),
-            mask_a=weight(a, given.get("mask-a")),
-            mask_b=weight(b, given.get("mask-b")),
+            mask_a=given.get("mask-a"),
+            mask_b=given.get("mask-b"),
             weights=weights or None,
         )
         parameters = replace(prepared.problem.parameters, **parameters_in(given))

@@ -188,11 +188,33 @@ class Workers:
         ]
 
     def _by_one(self, tasks: list[Task], notes: Notes, control: Control) -> None:
+        """Solve in one process, replaced when it dies, and ended when no more is wanted."""
         if self._one is None:
             self._one = self._open.enter_context(closing(Worker(stateless, ENDED, ONE_THREAD)))
+        worker, over = self._one, threading.Event()
+
+        def close() -> None:
+            over.wait()
+            if control.cancelled:
+                worker.close()  # who waits for the row under way is told
+
+        def watch(control: Control) -> None:
+            if control.cancelled:
+                over.set()
+
+        # not by who cancels, such as a signal's handler in the middle of a call to the worker
+        closer = threading.Thread(target=close, daemon=True)
+        closer.start()
         try:
-            _by_one(self._one, tasks, notes, control)
+            with control.watched(watch):
+                for task in tasks:
+                    answer = _tried(worker, task, control)
+                    if answer is None:
+                        return
+                    notes.write(task, answer)
         finally:
+            over.set()
+            closer.join()
             if control.cancelled:
                 self._one = None
 
@@ -237,34 +259,6 @@ class Notes:
             self._warned.add(text)
             warnings.warn(f"row {one_line(entry.row.name)}: {text}", AbfmWarning, stacklevel=2)
         self._on_change(entry)
-
-
-def _by_one(worker: Worker[None], tasks: list[Task], notes: Notes, control: Control) -> None:
-    """Solve in one process, which is replaced when it dies, and ended when no more is wanted."""
-    over = threading.Event()
-
-    def close() -> None:
-        over.wait()
-        if control.cancelled:
-            worker.close()  # who waits for the row under way is told
-
-    def watch(control: Control) -> None:
-        if control.cancelled:
-            over.set()
-
-    # not by who cancels, such as a signal's handler in the middle of a call to the worker
-    closing = threading.Thread(target=close, daemon=True)
-    closing.start()
-    try:
-        with control.watched(watch):
-            for task in tasks:
-                answer = _tried(worker, task, control)
-                if answer is None:
-                    return
-                notes.write(task, answer)
-    finally:
-        over.set()
-        closing.join()
 
 
 def _tried(worker: Worker[None], task: Task, control: Control) -> Answer | None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm.batch.columns import parameters_in
-from abfm.batch.kind import Cost, Prepared, mesh_of_row, weight
+from abfm.batch.kind import Cost, Prepared, mesh_of_row
 from abfm.errors import ParameterError, brief
 from abfm.io import results
 from abfm.matching.judging.verdict import Verdict
@@ -29,16 +29,15 @@ def prepare_sequence(row: Row) -> Prepared:
     def solve(control: Control | None, cost: Cost, path: Path | None) -> Saved:
         mesh = mesh_of_row(given["mesh"], given)
         film = read_frames(given["frames"], mesh, given.get("array"))
-        step, times = given.get("dt"), film.times
-        if step is not None:
-            times = step * np.arange(float(len(film.values)))
+        step = given.get("dt")
         return sequence(
             mesh,
             film.values,
-            times,
+            film.times if step is None else None,
             defaults(**parameters_in(given)),
             given.get("gamma", GAMMA),
-            mask=weight(mesh, given.get("mask")),
+            dt=step,
+            mask=given.get("mask"),
             weights=given.get("weights"),
             circular=given.get("circular", False),
             unfinished=Unfinished(path),

@@ -102,6 +102,13 @@ def adjacency(mesh: TriangleMesh) -> Matrix:
 
 
 @per_mesh
+def edge_graph(mesh: TriangleMesh) -> Matrix:
+    """Return the length of each edge from its first vertex to its second one, (V, V)."""
+    shape = (len(mesh.vertices),) * 2
+    return Matrix((edge_lengths(mesh), tuple(mesh.edges.T)), shape=shape)
+
+
+@per_mesh
 def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
     """Return what a norm of fields is made of. Faces whose height is less than 1e-5 of their
     longest edge are stretched across it to that height, as in the mollification of Sharp and Crane

@@ -18,7 +18,7 @@ from abfm.flow.flow_maps import carrying, flow_maps
 from abfm.maps.distortion import Distortion
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import FlowMapQuality, ThereAndBack, came_back
+from abfm.maps.quality import FlowMapQuality, ThereAndBack, there_and_back
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh, per_mesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined
 from abfm.numerics.real_numbers import is_finite_number, real_numbers
@@ -153,7 +153,8 @@ class Flow:
         return FlowMapQuality(there.distortion(), self._there_and_back(there, t))
 
     def _there_and_back(self, there: PointMap, t: float | None) -> ThereAndBack:
-        return came_back(there, carrying(self._lines, self.tau if t is None else t, inverse=False))
+        back = carrying(self._lines, self.tau if t is None else t, inverse=False)
+        return there_and_back(there, back)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
         """Return the flow to time ``t`` (tau by default) on coefficients in the first k

@@ -25,8 +25,7 @@ def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterat
         begin, end = (from_time, until) if ahead else (until, from_time)
         points = lines.between(points, begin, end)
         from_time, went_ahead = until, ahead
-        carried = carrying(lines, time, inverse)
-        yield PointMap(mesh, mesh, points.faces, points.barycentric, carried=carried)
+        yield PointMap.of_points(mesh, points, carrying(lines, time, inverse))
 
 
 def carrying(lines: ContinuousFlow, time: float, inverse: bool) -> Map:

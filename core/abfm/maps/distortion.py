@@ -184,7 +184,7 @@ def distortion_of_flow(
     normals = face_normals(corners.mesh)[corners.faces].reshape(-1, 3, 3).mean(axis=1)
     bent = np.linalg.norm(normals, axis=1) < _BENT
     cut = np.flatnonzero(chords.flipped | (bent & (chords.singular_values[:, 0] > _LONG)))
-    turned, stretches = _by_parts(mesh, carried, faces[cut])
+    turned, stretches = by_parts(mesh, carried, faces[cut])
     flipped, values = chords.flipped.copy(), chords.singular_values.copy()
     flipped[cut] &= turned > _TURNED
     values[cut] = stretches
@@ -238,17 +238,14 @@ def folds(
         return 0.0, 0.0
     share = len(overturned) / len(faces)
     chosen = np.linspace(0, len(overturned) - 1, min(len(overturned), most)).astype(np.int64)
-    turned = turned_parts(mesh, carried, overturned[chosen])
+    turned, _ = by_parts(mesh, carried, overturned[chosen])
     return share * float((turned > _TURNED).mean()), share
 
 
-def turned_parts(mesh: TriangleMesh, carried: Map, faces: IntArray) -> FloatArray:
-    """Return the share of the 64 parts of each of S faces that a map turns over, (S,)."""
-    return _by_parts(mesh, carried, faces)[0]
-
-
-def _by_parts(mesh: TriangleMesh, carried: Map, faces: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return `turned_parts` of faces (S,), and the geometric means of the parts' stretches."""
+def by_parts(mesh: TriangleMesh, carried: Map, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the share of the 64 parts of each of S faces that a map turns over, (S,), and the
+    geometric means of the parts' stretches.
+    """
     weights, parts = _grid(_PARTS)
     weights = (1 - _INSIDE) * weights + _INSIDE / 3
     shares, stretches = np.empty(len(faces)), np.empty((len(faces), 2))

@@ -10,10 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.maps.sphere_embedding import State, set_shapes
+from abfm.maps.sphere_embedding import State, is_outward, set_shapes
 from abfm.maps.spherical import Faces, side_volumes, walk
 from abfm.maps.star_moves import (
-    FLAT,
     SHORTER,
     TRIES,
     Room,
@@ -120,23 +119,13 @@ def relax(image: Image, room: Room) -> None:
         for _ in range(TRIES):
             moved = sphere[v] + along * slopes[0] + across * slopes[1]
             normalize(moved)
-            if _looks_outward(image.state, moved, around):
+            if is_outward(image.state, around.star, moved):
                 face = _locate(image.ground, moved, image.faces[v], place)
                 if _energy(image, v, moved, place, around) < energy:
                     sphere[v], image.places[v], image.faces[v] = moved, place, face
                     break
             along *= SHORTER
             across *= SHORTER
-
-
-@steady_kernel
-def _looks_outward(state: State, direction: FloatArray, around: Room) -> bool:
-    faces, sphere = state.surface.faces, state.sphere
-    for corner in around.star:
-        b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
-        if not volume(direction, sphere[b], sphere[c]) > FLAT:
-            return False
-    return True
 
 
 @steady_kernel

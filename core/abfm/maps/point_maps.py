@@ -65,8 +65,19 @@ class PointMap:
         cls, domain: TriangleMesh, codomain: TriangleMesh, vertices: ArrayLike | None = None
     ) -> PointMap:
         """Return a vertex-to-vertex map (V,); by default each goes to the one with its number."""
-        points = vertex_points(codomain, vertices)
-        return cls(domain, codomain, points.faces, points.barycentric)
+        return cls.of_points(domain, vertex_points(codomain, vertices))
+
+    @classmethod
+    def of_points(
+        cls,
+        domain: TriangleMesh,
+        points: SurfacePoints,
+        carried: Map | None = None,
+        distances: FloatArray | None = None,
+    ) -> PointMap:
+        """Return the map to points (V,) of a surface; ``carried`` and distances as of all maps."""
+        off = np.zeros(1) if distances is None else distances
+        return cls(domain, points.mesh, points.faces, points.barycentric, off, carried)
 
     @classmethod
     def project(
@@ -74,8 +85,7 @@ class PointMap:
     ) -> PointMap:
         """Return the map to the points of the codomain closest to positions (V, 3) in space."""
         points = project_onto_surface(codomain, positions)
-        distances = points.distances_from(np.asarray(positions))
-        return cls(domain, codomain, points.faces, points.barycentric, distances)
+        return cls.of_points(domain, points, None, points.distances_from(np.asarray(positions)))
 
     @cached_property
     def points(self) -> SurfacePoints:
@@ -132,14 +142,9 @@ class PointMap:
         def seen(found: SurfacePoints) -> SurfacePoints:
             return SurfacePoints(mirror, found.faces, found.barycentric[:, order])
 
-        own, image = self.carried, seen(self.points)
-        return PointMap(
-            self.domain,
-            mirror,
-            image.faces,
-            image.barycentric,
-            carried=None if own is None else lambda given: seen(own(given)),
-        )
+        own = self.carried
+        carried = None if own is None else lambda given: seen(own(given))
+        return PointMap.of_points(self.domain, seen(self.points), carried)
 
     def inverse(self) -> PointMap:
         """Return where each vertex of the codomain comes from: by the point of the mapped domain,
@@ -154,14 +159,11 @@ class PointMap:
             "pc,pcx->px", found.barycentric, self.positions[self.domain.faces[found.faces]]
         )
         distances = np.linalg.norm(places - lying, axis=1)
-        return PointMap(
-            self.codomain,
-            self.domain,
-            found.faces,
-            found.barycentric,
-            distances,
-            carried=lambda points: self._nearest_image(points.positions),
-        )
+
+        def carried(points: SurfacePoints) -> SurfacePoints:
+            return self._nearest_image(points.positions)
+
+        return PointMap.of_points(self.codomain, found, carried, distances)
 
     def _nearest_image(self, places: FloatArray) -> SurfacePoints:
         """Return the points of the domain whose images are closest to places in space (P, 3)."""

@@ -150,15 +150,10 @@ class ThereAndBack(NamedTuple):
         return f"there and back: median {self.median:.2g}, 95% {self.p95:.2g} edges from the start"
 
 
-def there_and_back(there: PointMap, back: PointMap) -> ThereAndBack:
-    """Measure how far each vertex is from where two maps, one after the other, bring it; on large
-    meshes 10,000 vertices, evenly chosen.
+def there_and_back(there: PointMap, back: Map) -> ThereAndBack:
+    """Measure how far each vertex is from where a map, and then a way back for points, such as
+    `PointMap.at` of another one, bring it; on large meshes 10,000 vertices, evenly chosen.
     """
-    return came_back(there, back.at)
-
-
-def came_back(there: PointMap, back: Map) -> ThereAndBack:
-    """Measure `there_and_back` with a way back for points."""
     mesh, count = there.domain, len(there.faces)
     ends, lengths = mesh.edges.ravel(), np.repeat(edge_lengths(mesh), 2)
     edges = np.bincount(ends, lengths, count) / np.bincount(ends, minlength=count)

@@ -223,7 +223,7 @@ def _place(state: State, v: int, kept: int, star: IntArray) -> bool:
     length = 1.0
     while length > _CLOSEST:
         sphere[v] = place / np.sqrt(scalar(place, place))
-        if _is_outward(state, star, sphere[v]):
+        if is_outward(state, star, sphere[v]):
             return True
         place[:] = sphere[kept] + length * inward
         length *= _CLOSER
@@ -231,7 +231,7 @@ def _place(state: State, v: int, kept: int, star: IntArray) -> bool:
 
 
 @steady_kernel
-def _is_outward(state: State, star: IntArray, place: FloatArray) -> bool:
+def is_outward(state: State, star: IntArray, place: FloatArray) -> bool:
     faces, sphere = state.surface.faces, state.sphere
     for corner in star:
         b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]

@@ -176,8 +176,7 @@ def through_sphere(domain: SphereLayout, codomain: SphereLayout) -> PointMap:
     def carried(points: SurfacePoints) -> SurfacePoints:
         return codomain.locate(domain.directions_of(points))
 
-    found = codomain.locate(domain.directions)
-    return PointMap(domain.mesh, codomain.mesh, found.faces, found.barycentric, carried=carried)
+    return PointMap.of_points(domain.mesh, codomain.locate(domain.directions), carried)
 
 
 @steady_kernel

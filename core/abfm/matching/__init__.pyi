@@ -1,8 +1,6 @@
 from .bounded import SHARE as SHARE
 from .bounded import bounded as bounded
 from .bounded import check_bound as check_bound
-from .bounded import is_kept as is_kept
-from .bounded import keeps as keeps
 from .judging.cause import Cause as Cause
 from .judging.facts import LOG2_AREA_GOOD as LOG2_AREA_GOOD
 from .judging.obstacles import foreseen as foreseen

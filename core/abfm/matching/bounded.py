@@ -92,18 +92,6 @@ def check_bound(most: float) -> None:
         raise ParameterError(f"max_distortion is {brief(most)}; expected a positive number")
 
 
-def keeps(
-    found: Match, most: float, measure: Callable[[Match], Distortion] = Match.distortion
-) -> bool:
-    """Return whether 99% of the faces keep a bound of distortion, and none is folded."""
-    return is_kept(measure(found), most)
-
-
-def is_kept(distortion: Distortion, most: float) -> bool:
-    """Return the same of a distortion."""
-    return distortion.bound(most).is_kept
-
-
 class _Search:
     """A search for the closest match within a bound; ``best`` is the closest one so far."""
 

@@ -230,7 +230,7 @@ class Match(Display):
         if step == self.step:
             return self
         found = self.path[step]
-        problem = self.problem.refined(times_subdivided(found.velocity.shape[1], self.mesh))
+        problem = self.problem.refined(found.refined(self.mesh))
         carried = _carried(problem, found.velocity)
         other = replace(
             self,
@@ -251,7 +251,7 @@ class Match(Display):
 
         AbfmError if its fields carry nothing to their end.
         """
-        problem = self.problem.refined(_refined(step, self.mesh))
+        problem = self.problem.refined(step.refined(self.mesh))
         carried = _carried(problem, step.velocity)
         path, number = (*self.path, step), len(self.path)
         other = replace(
@@ -300,7 +300,7 @@ class Match(Display):
 
     def _recomputed(self, problem: Problem, carried: FloatArray, is_verified: bool = True) -> Match:
         """Return it with the numbers of its field, which carries the source (V, C) on its mesh."""
-        said, own = dict[str, float](), self.path[self.step]
+        said, own = dict[str, Any](), self.path[self.step]
         if is_verified:
             with suppress(AbfmError):  # too fast for walks
                 energy = MatchingEnergy(problem)
@@ -481,10 +481,10 @@ def match(
         with controlled(control, lambda: may_end):  # else it is checked though it was cancelled
             try:
                 checkpoint()
-                fine = MatchingEnergy(the_problem.refined(_refined(end, the_problem.mesh)))
+                fine = MatchingEnergy(the_problem.refined(end.refined(the_problem.mesh)))
                 with step("checking by flow lines", len(fine.mesh.vertices)):
                     said = measured(fine, end.velocity / energy.length_scale)
-                path = (*path[: solver.step], _with(end, said), *path[solver.step + 1 :])
+                path = (*path[: solver.step], replace(end, **said), *path[solver.step + 1 :])
             except MemoryError:
                 pass
             except CancelledError:
@@ -504,7 +504,7 @@ def match(
         end.folded,
         energies=history[stages == stages[-1], 0],
         log2_area=end.log2_area,
-        refined=_refined(end, the_problem.mesh),
+        refined=end.refined(the_problem.mesh),
         landmarks=_landmarks(the_problem, errors),
         held_out=end.held_out,
     )
@@ -539,15 +539,6 @@ def _landmarks(problem: Problem, errors: FloatArray | None) -> tuple[FloatArray,
     """Return what a verdict has to know of landmarks: their errors before and after."""
     marks = problem.landmarks
     return None if marks is None or errors is None else (marks.first_errors, errors)
-
-
-def _with(step: PathStep, said: dict[str, float]) -> PathStep:
-    known: dict[str, Any] = dict(said)
-    return replace(step, **known)
-
-
-def _refined(step: PathStep, mesh: TriangleMesh) -> int:
-    return times_subdivided(step.velocity.shape[1], mesh)
 
 
 def _carried(problem: Problem, velocity: FloatArray) -> FloatArray:

@@ -75,8 +75,12 @@ class PathStep:
     score: float = math.nan
     mismatch: float = math.nan
 
+    def refined(self, mesh: TriangleMesh) -> int:
+        """Return how often the mesh is subdivided on which its fields are."""
+        return times_subdivided(self.velocity.shape[1], mesh)
 
-_NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
+
+NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
 
 
 def choice_words(path: Sequence[PathStep], step: int) -> str:
@@ -96,14 +100,10 @@ def choice_words(path: Sequence[PathStep], step: int) -> str:
 def path_table(path: Sequence[PathStep], mesh: TriangleMesh) -> list[str]:
     """Return a path as lines of CSV, a header of `COLUMNS` first; `refined` are k of the mesh."""
     rows = [
-        [*(f"{getattr(each, name):.6g}" for name in _NUMBERS), str(_refined(each, mesh))]
+        [*(f"{getattr(each, name):.6g}" for name in NUMBERS), str(each.refined(mesh))]
         for each in path
     ]
     return [",".join(row) for row in ([*COLUMNS], *rows)]
-
-
-def _refined(step: PathStep, mesh: TriangleMesh) -> int:
-    return times_subdivided(step.velocity.shape[1], mesh)
 
 
 def path_arrays(path: Sequence[PathStep], own: int, mesh: TriangleMesh) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def path_arrays(path: Sequence[PathStep], own: int, mesh: TriangleMesh) -> dict[
     step, and the others' fields side by side in single precision, in lengths of the mesh. If the
     steps have different numbers of fields, these numbers and the fields one after another.
     """
-    rows = np.array([[*(getattr(e, name) for name in _NUMBERS), _refined(e, mesh)] for e in path])
+    rows = np.array([[*(getattr(e, name) for name in NUMBERS), e.refined(mesh)] for e in path])
     # what a step that went astray left may be beyond all numbers
     rows[~np.isfinite(rows)] = np.nan
     arrays: dict[str, Any] = {"path_steps": rows, "path_step": own}
@@ -175,7 +175,7 @@ def path_of(
     path = (
         PathStep(
             velocity=velocity if step == own else _double(part.reshape(count, -1, 3), mesh),
-            **dict(zip(_NUMBERS, map(float, row), strict=False)),
+            **dict(zip(NUMBERS, map(float, row), strict=False)),
         )
         for step, (row, part, count) in enumerate(zip(rows, parts, counts, strict=True))
     )

@@ -27,7 +27,7 @@ from abfm.errors import (
 from abfm.flow.continuous_flow import on_children
 from abfm.functions.circular import circular_channels, warn_of_phases
 from abfm.functions.family import texts_of
-from abfm.functions.objects import as_values, texts_or_values
+from abfm.functions.objects import texts_or_values
 from abfm.functions.refinement import on_subdivision
 from abfm.functions.sides import warn_of_mixed_sides
 from abfm.functions.spec import files_in, function, parse
@@ -35,7 +35,7 @@ from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.data_term import DataTerm, Restriction
-from abfm.matching.terms.functions import FunctionTerm, checked_mask
+from abfm.matching.terms.functions import FunctionTerm, given_mask, mask_of_known
 from abfm.matching.terms.landmarks import Landmarks, landmarks_of, residual_of_errors
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined, times_subdivided
@@ -142,9 +142,7 @@ class Problem:
         f, g, weights = circular_channels(f, g, weights, circular)
         warn_of_mixed_sides(mesh, [*files_in(f), *files_in(g)])
         source, target = _values(mesh, f), _values(mesh, g)
-        if mask is not None:
-            mask = as_values(mesh, mask, "mask", ParameterError)
-        mask = _mask_of_known(mesh, (source, target), mask)
+        mask = _mask_of_known(mesh, (source, target), given_mask(mesh, mask))
         if mask is not None:
             known = mask > 0
             source = _filled_in(mesh, source, known)
@@ -165,7 +163,7 @@ class Problem:
             parameters=parameters or Parameters(),
             fine_start=_checked_start(start, mesh),
             functions=functions,
-            landmarks=_landmarks(mesh, landmarks, landmark_weights, as_file=is_made),
+            landmarks=landmarks_of(mesh, landmarks, landmark_weights, as_file=is_made),
             channels_given=np.ndim(source) == 2,
             specs=tuple(_specs(given, len(functions.source)) for given in (f, g)),
         )
@@ -458,14 +456,6 @@ def _require_weight(functions: FunctionTerm) -> None:
         )
 
 
-def _landmarks(
-    mesh: TriangleMesh, given: Any, weights: ArrayLike | None, as_file: bool
-) -> Landmarks | None:
-    if given is None and weights is not None:
-        raise ParameterError("landmark_weights without landmarks: give both")
-    return None if given is None else landmarks_of(mesh, given, weights, as_file)
-
-
 def _landmarks_of_file(mesh: TriangleMesh, arrays: list[NDArray[Any]]) -> Landmarks | None:
     if not arrays:
         return None
@@ -500,20 +490,19 @@ def _values(mesh: TriangleMesh, given: Any) -> FloatArray:
 
 
 def _mask_of_known(
-    mesh: TriangleMesh, functions: tuple[FloatArray, FloatArray], mask: ArrayLike | None
+    mesh: TriangleMesh, functions: tuple[FloatArray, FloatArray], mask: FloatArray | None
 ) -> FloatArray | None:
     """Return a mask (V,) that is 0 also where a function is NaN; None if nothing is masked."""
-    found = None if mask is None else checked_mask(mesh, mask)
     missing = np.zeros(len(mesh.vertices), dtype=bool)
     for values in functions:
         if values.ndim in (1, 2) and np.isnan(values).any():
             rows = mesh.restrict(values)
             missing |= np.isnan(rows.reshape(len(rows), -1)).any(axis=1)
-    if found is not None:
-        missing &= found > 0
-    if not missing.any():
+    if mask is not None:
+        missing &= mask > 0
+    found = mask_of_known(mask, ~missing)
+    if not missing.any() or found is None:
         return found
-    found = np.where(missing, 0.0, 1.0 if found is None else found)
     if not found.any():
         raise FunctionError("there is no vertex where source and target both have a value")
     count = np.count_nonzero(missing)

@@ -33,6 +33,7 @@ _SECONDS = 4.0
 _LINES, _PLACES, _LEAST = 160, 16, 0.02  # flow lines, keys of each, and how long in sqrt(area)
 _INK: Color = (0.11, 0.13, 0.17)
 _MARK: Color = (0.04, 0.56, 0.42)
+_WANTED: Color = (0.7, 0.12, 0.12)
 _OF_MAP = "log2_area", "folded"
 _ALWAYS = (-1e30, 1e30)
 
@@ -170,8 +171,7 @@ def _lines(match: Match, share: float) -> list[Ways]:
     ways = [Ways.along("flow lines", far, _INK, **look)] if far else []
     if (marks := match.problem.landmarks) is not None:
         ways.append(Ways.along("landmarks", _walked(match, marks.points(mesh)), _MARK))
-        wanted = marks.wanted(mesh).positions
-        ways.append(Ways.points("where landmarks belong", wanted, _ALWAYS, (0.7, 0.12, 0.12), 3.0))
+        ways += [replace(each, disc=3.0) for each in _marks(match, 1)]
     return ways
 
 
@@ -192,9 +192,10 @@ def _marks(match: Match, side: int) -> list[Ways]:
     marks = match.problem.landmarks
     if marks is None:
         return []
-    points = (marks.points, marks.wanted)[side](match.mesh).positions
-    color = (_MARK, (0.7, 0.12, 0.12))[side]
-    return [Ways.points(("landmarks", "where landmarks belong")[side], points, _ALWAYS, color)]
+    if side == 0:
+        return [Ways.points("landmarks", marks.points(match.mesh).positions, _ALWAYS, _MARK)]
+    places = marks.wanted(match.mesh).positions
+    return [Ways.points("where landmarks belong", places, _ALWAYS, _WANTED)]
 
 
 def _marks_on_a(found: Registration) -> list[Ways]:

@@ -11,13 +11,14 @@ import numpy as np
 
 from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import face_areas
-from abfm.errors import FunctionError, ParameterError
+from abfm.errors import FunctionError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.functions import function
 from abfm.io import results
 from abfm.maps.distortion import Map
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
+from abfm.matching.terms.functions import given_mask
 from abfm.mesh import TriangleMesh
 from abfm.reading import from_json
 from abfm.registration import Registration
@@ -136,15 +137,8 @@ def stacked(found: Sequence[OnTemplate]) -> tuple[FloatArray, FloatArray]:
 
 def checked_mask(mesh: TriangleMesh, text: str | None, whose: str) -> FloatArray:
     """Evaluate a mask (V,), 1 where there is none; a ParameterError says what is wrong with it."""
-    if not text:
-        return np.ones(len(mesh.vertices))
-    found = function(mesh, text)
-    if (found < 0).any() or not found.any():
-        raise ParameterError(
-            f"the mask of {whose} is negative somewhere, or 0 everywhere; give one that counts "
-            "some vertices"
-        )
-    return found
+    found = given_mask(mesh, text or None, f"the mask of {whose}")
+    return np.ones(len(mesh.vertices)) if found is None else found
 
 
 def displacement(found: Registration) -> FloatArray:

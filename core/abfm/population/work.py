@@ -25,7 +25,6 @@ from abfm.parameters import Parameters
 from abfm.population.carrying import Carried, Carrying
 from abfm.population.misfits import Compared, Likeness, judge, left_for_good
 from abfm.population.on_template import (
-    MapFacts,
     OnTemplate,
     checked_mask,
     displacement_in,
@@ -292,21 +291,17 @@ class Work:
         self._require_two(failures)
         areas, nothing = face_areas(self.template), self._nothing()
         unknown = Carried(nothing, nothing, np.full(len(areas), np.nan))
-        before, after = list[OnTemplate](), list[OnTemplate]()
-        logs, facts = list[FloatArray](), list[MapFacts]()
-        digests, verdicts, maps = list[str](), list[str](), list[Likeness]()
+        carried, after, logs = list[Carried](), list[OnTemplate](), list[FloatArray]()
+        maps = list[Likeness]()
         with step("summing", about=f" {len(rows)} subjects") as done:
             for i, failure in enumerate(failures):
                 checkpoint()
                 each = unknown if failure else found[i].load()
                 assert each.after is not None
                 assert each.log2_area is not None
-                before.append(each.before)
                 after.append(each.after)
                 logs.append(each.log2_area)
-                facts.append(each.facts)
-                verdicts.append(each.verdict)
-                digests.append("" if failure else entries[i].digest)
+                carried.append(each)
                 changed = float(np.average(np.abs(each.log2_area), weights=areas))
                 maps.append(Likeness(math.nan, math.nan, changed, each.facts.folded))
                 done((i + 1) / len(failures))
@@ -314,14 +309,17 @@ class Work:
             judged = judge(self._compared(values, masks), maps, failures, for_good)
         return Round(
             judged,
-            stacked(before),
+            stacked([each.before for each in carried]),
             (values, masks),
             np.stack(logs),
             drift,
             place,
-            tuple(verdicts),
-            tuple(digests),
-            tuple(facts),
+            tuple(each.verdict for each in carried),
+            tuple(
+                "" if failure else entry.digest
+                for failure, entry in zip(failures, entries, strict=True)
+            ),
+            tuple(each.facts for each in carried),
         )
 
     def phases(self, entries: Sequence[Entry], found: Round) -> FloatArray:

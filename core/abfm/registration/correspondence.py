@@ -254,7 +254,7 @@ class Correspondence(Display):
 
     def there_and_back(self) -> ThereAndBack:
         """Measure how far vertices of B come back from where they were, in edges."""
-        return there_and_back(self.points, self.back)
+        return there_and_back(self.points, self.back.at)
 
     def accuracy(self, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
         """Measure geodesic errors against the true vertex of A for each of B, (V_B,), by default
@@ -338,14 +338,10 @@ def _of_points(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Corr
 
 
 def _by_number(domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
-    found = vertex_points(codomain)
-    return PointMap(
-        domain,
-        codomain,
-        found.faces,
-        found.barycentric,
-        carried=lambda points: SurfacePoints(codomain, points.faces, points.barycentric),
-    )
+    def carried(points: SurfacePoints) -> SurfacePoints:
+        return SurfacePoints(codomain, points.faces, points.barycentric)
+
+    return PointMap.of_points(domain, vertex_points(codomain), carried)
 
 
 def _is_by_number(points: PointMap) -> bool:
@@ -367,13 +363,8 @@ def _placed(points: PointMap, domain: TriangleMesh, codomain: TriangleMesh) -> P
         found = own(SurfacePoints(points.domain, given.faces, given.barycentric))
         return SurfacePoints(codomain, found.faces, found.barycentric)
 
-    return PointMap(
-        domain,
-        codomain,
-        points.faces,
-        points.barycentric,
-        carried=None if own is None else carried,
-    )
+    placed = SurfacePoints(codomain, points.faces, points.barycentric)
+    return PointMap.of_points(domain, placed, None if own is None else carried)
 
 
 def _without_zeros(matrix: sparse.csr_array) -> sparse.csr_array:

@@ -24,9 +24,13 @@ from abfm.matching.bounded import SHARE, bounded, check_bound
 from abfm.matching.match import Iteration, Match, match
 from abfm.matching.problem import Problem
 from abfm.matching.solvability import is_measured
-from abfm.matching.terms.functions import FunctionTerm
+from abfm.matching.terms.functions import (
+    FunctionTerm,
+    checked_weights,
+    given_mask,
+    mask_of_known,
+)
 from abfm.mesh import MeshLike, TriangleMesh, as_meshes
-from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.counting import warn_of_counting
@@ -214,11 +218,8 @@ def prepare(
         warn_of_mixed_sides(mesh, files_in(functions))
     (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
     phases = phase_warning(a, np.where(known_a, source, np.nan))
-    mask_a, mask_b = (
-        None if mask is None else mesh.restrict(as_values(mesh, mask, name, ParameterError))
-        for mesh, mask, name in ((a, mask_a, "mask_a"), (b, mask_b, "mask_b"))
-    )
-    on_a, on_b = _mask(mask_a, known_a, "mask_a"), _mask(mask_b, known_b, "mask_b")
+    mask_a, mask_b = given_mask(a, mask_a, "mask_a"), given_mask(b, mask_b, "mask_b")
+    on_a, on_b = mask_of_known(mask_a, known_a), mask_of_known(mask_b, known_b)
     # hidden values must neither move along the flow nor count as detail
     source = _filled(a, source, known_a if on_a is None else on_a > 0)
     target = _filled(b, target, known_b if on_b is None else on_b > 0)
@@ -226,7 +227,7 @@ def prepare(
         raise FunctionError(
             f"f has {len(source)} and g {len(target)} channels; give as many of each"
         )
-    counts = _weights(weights, len(source))
+    counts = checked_weights(weights, len(source), "weights", "channel", True)
     if counts.any():
         given = Given(a, b, source, target, on_a, on_b, counts, marks)
     else:
@@ -324,23 +325,6 @@ def _filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> Floa
     if not known.any():  # the mask hides all, which is told where masks are put together
         return functions
     return extend_all(mesh, functions, known)
-
-
-def _mask(found: FloatArray | None, known: BoolArray, name: str) -> FloatArray | None:
-    if found is None:
-        return None if known.all() else known.astype(np.float64)
-    if found.ndim != 1 or not np.isfinite(found).all() or (found < 0).any() or not found.any():
-        raise ParameterError(f"{name} must be one number per vertex, finite, not negative, not 0")
-    return found * known
-
-
-def _weights(given: ArrayLike | None, count: int) -> FloatArray:
-    found = np.ones(count) if given is None else real_numbers(given, "weights")
-    if found.shape != (count,):
-        raise ParameterError(
-            f"weights have shape {found.shape}; expected ({count},), one per channel"
-        )
-    return found
 
 
 def _comparable(

@@ -117,7 +117,7 @@ class _HeldOut:
         self._is_given = solver.given.sigma is not None
         count = len(intervals)
         walks = [_Walk(solver, i, norm, start, count) for start, i in enumerate(intervals)]
-        self.walks = [walk for walk in walks if walk.can_hold_out]
+        self.walks = [walk for walk in walks if walk.folds]  # what could be compared without some
         self._left: dict[float, float] = {}
         self._fields: dict[float, list[list[FloatArray]]] = {}
         if self.walks:
@@ -210,19 +210,14 @@ class _Walk:
         self.rest = energy.residual(energy.functions.source)
         self.noise = noise_floor(energy.functions, solver.levels)
         folds = without(energy)[start::count]
-        self._folds = [(Interval(part), hidden) for part, hidden in folds]
-        self.rest_fields = [np.zeros(energy.shape[1:])] * len(self._folds)
+        self.folds = [(Interval(part), hidden) for part, hidden in folds]
+        self.rest_fields = [np.zeros(energy.shape[1:])] * len(self.folds)
         self.starts: list[FloatArray] = []
         """Fields that were found further away, which each sigma begins at: warm ones lose them."""
 
-    @property
-    def can_hold_out(self) -> bool:
-        """Whether there is anything left that could be compared without what is held out."""
-        return bool(self._folds)
-
     def look_further(self) -> None:
         """Begin with each sigma at what a match finds without the patches of each fold."""
-        self.starts = [searched(interval.energy) for interval, _ in self._folds]
+        self.starts = [searched(interval.energy) for interval, _ in self.folds]
 
     def follow(self, sigma: float, fields: Sequence[FloatArray]) -> tuple[float, list[FloatArray]]:
         """Go on from fields (F, 2) of each fold; return the mean square of what is left of what
@@ -230,7 +225,7 @@ class _Walk:
         """
         sigma, left, found = self._of(sigma, self._duration), [], []
         starts = self.starts or fields
-        for (interval, hidden), start in zip(self._folds, starts, strict=True):
+        for (interval, hidden), start in zip(self.folds, starts, strict=True):
             checkpoint()
             point = interval.go_on(sigma, start, _ITERATIONS)
             found.append(point.field)

@@ -11,9 +11,14 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import extension
 from abfm.errors import FunctionError, ParameterError
 from abfm.functions.circular import warn_of_phases
-from abfm.functions.objects import as_values
 from abfm.matching.problem import Problem
-from abfm.matching.terms.functions import CONSTANT, FunctionTerm
+from abfm.matching.terms.functions import (
+    CONSTANT,
+    FunctionTerm,
+    checked_weights,
+    given_mask,
+    mask_of_known,
+)
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
@@ -92,7 +97,7 @@ def checked(
         raise FunctionError("there is one frame; expected at least two, to go from one to the next")
     restricted = np.moveaxis(mesh.restrict(np.moveaxis(given, 1, 0)), 0, 1)
     frames = restricted.reshape(*restricted.shape[:2], -1)
-    of_channels = _weights(weights, frames.shape[2])
+    of_channels = checked_weights(weights, frames.shape[2], "weights", "channel")
     warn_of_phases(mesh, frames[0].T)
     counted = of_channels > 0
     finite = np.isfinite(frames)[:, :, counted if counted.any() else slice(None)]
@@ -107,7 +112,7 @@ def checked(
     known: BoolArray = np.asarray(finite.all(axis=(0, 2)))
     if not known.any():
         raise FunctionError("no vertex has values that are finite in all frames")
-    of_vertices = _mask(mesh, mask, known)
+    of_vertices = mask_of_known(given_mask(mesh, mask), known)
     seen = known if of_vertices is None else of_vertices > 0
     if not seen.any():
         raise FunctionError(
@@ -163,27 +168,3 @@ def _times(given: ArrayLike | None, count: int) -> FloatArray:
             f"{one:g}, of the next {other:g}"
         )
     return times.copy()
-
-
-def _mask(mesh: TriangleMesh, given: ArrayLike | None, known: BoolArray) -> FloatArray | None:
-    if given is None:
-        return None if known.all() else known.astype(np.float64)
-    found = as_values(mesh, given, "mask", ParameterError)
-    if found.shape not in ((len(mesh.vertices),), (mesh.file_vertex_count,)):
-        raise ParameterError(
-            f"mask has shape {found.shape}; expected ({len(mesh.vertices)},), one per vertex"
-        )
-    return np.asarray(mesh.restrict(found) * known)
-
-
-def _weights(given: ArrayLike | None, count: int) -> FloatArray:
-    if given is None:
-        return np.ones(count)
-    weights = real_numbers(given, "weights", ParameterError)
-    if weights.shape != (count,):
-        raise ParameterError(
-            f"weights have shape {weights.shape}; expected ({count},), one for each channel"
-        )
-    if not weights.any():
-        raise ParameterError("weights are zero everywhere; give a channel one above 0")
-    return weights.copy()

@@ -450,7 +450,7 @@ def sequence(
     control = control or present_control() or Control()
     with controlled(control):
         try:
-            film = _film(mesh, frames, _times(times, dt), mask, weights, circular)
+            film = _film(mesh, frames, times, dt, mask, weights, circular)
             _refuse_extremes(film, given)
             solver = Solver(film, given, gamma, noise_levels(film))
             keep = unfinished or Unfinished()
@@ -487,28 +487,23 @@ def sequence(
 def _film(
     mesh: TriangleMesh,
     given: Any,
-    times: ArrayLike | float | None,
+    times: ArrayLike | None,
+    dt: float | None,
     mask: ArrayLike | None,
     weights: ArrayLike | None,
     circular: bool | float,
 ) -> Frames:
-    """Return checked frames; ``times`` may be one number, that from each frame to the next."""
+    """Return checked frames; ``dt`` is the time from each frame to the next, in place of times."""
+    if dt is not None and times is not None:
+        raise ParameterError("times and dt are both given; give one of them")
+    if dt is not None and (not is_finite_number(dt) or dt <= 0):
+        raise ParameterError(f"dt is {brief(dt)}; expected a time above 0")
     found = frames_of(given, mesh)
     values, weights = circular_frames(found.values, weights, circular)
-    if isinstance(times, float):
-        times = times * np.arange(len(found.values), dtype=np.float64)
+    if dt is not None:
+        times = float(dt) * np.arange(len(found.values), dtype=np.float64)
     film = checked(mesh, values, found.times if times is None else times, mask, weights)
     return replace(film, notes=found.notes)
-
-
-def _times(times: ArrayLike | None, dt: float | None) -> ArrayLike | float | None:
-    if dt is None:
-        return times
-    if times is not None:
-        raise ParameterError("times and dt are both given; give one of them")
-    if not is_finite_number(dt) or dt <= 0:
-        raise ParameterError(f"dt is {brief(dt)}; expected a time above 0")
-    return float(dt)
 
 
 def _told(solver: Solver, keep: Unfinished, left: LeftOut) -> Sequence:

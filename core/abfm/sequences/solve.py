@@ -98,7 +98,7 @@ class Solver:
         with step("following the frames") as tell:
             for i in np.flatnonzero(~self.found).tolist():
                 checkpoint()
-                self._keep(i, found := self._found(i))
+                self._keep(i, found := self.first_found(i))
                 self.alone[i] = self._is_no_motion(self.energy(i), found)
                 self.found[i] = True
                 tell((i + 1) / count)
@@ -118,11 +118,7 @@ class Solver:
         left = energy.residual(found.at.advected)
         return explains_little(energy.functions, self.levels, left)
 
-    def first_field(self, i: int) -> FloatArray:
-        """Return the field (F, 2) of an interval before anything corrects it."""
-        return self._found(i).field
-
-    def _found(self, i: int) -> Point:
+    def first_found(self, i: int) -> Point:
         """Return the field of an interval from that of the one before; where frames are far apart
         by way of no warmer sigma, which draws back; else from a match that looks further.
         """

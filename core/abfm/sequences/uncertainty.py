@@ -40,6 +40,7 @@ from abfm.calculus.operators import (
 from abfm.calculus.smoothing import smoothed
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.flow import Flow
+from abfm.sequences.solve import sigma_of
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -130,7 +131,7 @@ def _of_data(sequence: Sequence, solved: IntArray) -> tuple[FloatArray, FloatArr
             checkpoint()
             tensors[row] = _slopes(sequence, i)
             report((row + 1) / len(solved))
-    scale = _sigma(sequence)
+    scale = sigma_of(sequence._frames, sequence.parameters, sequence.sigma, 1.0)
     tensors /= scale**2
     mean = float(np.einsum("v,ivt->", areas, tensors[..., :3])) / 2 / len(solved)
     length = _length(sequence, mean)
@@ -167,12 +168,6 @@ def _slopes(sequence: Sequence, interval: int) -> FloatArray:
             products = a[:, x] * b[:, y] + a[:, y] * b[:, x]
             found[:, column] += 0.5 * frames.weights[channel] * products
     return found if frames.mask is None else found * frames.mask[:, None]
-
-
-def _sigma(sequence: Sequence) -> float:
-    """Return sigma in the functions' own unit, over an interval of the time 1."""
-    is_relative = sequence.parameters.sigma_unit == "relative"
-    return sequence.sigma * (sequence._frames.deviation if is_relative else 1.0)
 
 
 def _length(sequence: Sequence, precision: float) -> float:

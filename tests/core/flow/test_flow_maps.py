@@ -151,18 +151,18 @@ def test_flipped_faces_are_those_that_folds_counts_and_smooth_flows_have_none(se
         assert chord_distortion(BALL, found.positions).folded == round(overturned * len(faces))
         assert folded == 0
         assert overturned > 0 or seed == 1 or t < 1
-    assert there_and_back(there, back).median < 0.1
+    assert there_and_back(there, back.at).median < 0.1
 
 
 def test_there_and_back_is_told_in_edges():
     mesh = square(8)
     still = PointMap.of_vertices(mesh, mesh)
-    assert there_and_back(still, still) == (0, 0)
+    assert there_and_back(still, still.at) == (0, 0)
     moved = PointMap.project(mesh, mesh, mesh.vertices * 0.9)
-    found = there_and_back(still, moved)
+    found = there_and_back(still, moved.at)
     lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1), axis=2).ravel()
     local = [lengths[(mesh.edges == v).any(axis=1)].mean() for v in range(len(mesh.vertices))]
     expected = np.linalg.norm(0.1 * mesh.vertices, axis=1) / local
     assert_allclose(found, np.percentile(expected, (50, 95)), rtol=1e-9)
-    assert there_and_back(moved, still).median == pytest.approx(found.median)
+    assert there_and_back(moved, still.at).median == pytest.approx(found.median)
     assert Flow(BALL, ROW, 0.5).there_and_back().median < 0.1

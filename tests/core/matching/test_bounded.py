@@ -8,11 +8,15 @@ import pytest
 
 from abfm import Control, Parameters, Problem, load_match, match
 from abfm.errors import ParameterError
-from abfm.matching import SHARE, bounded, keeps
+from abfm.matching import SHARE, bounded
 from tests.messages import raises
 from tests.shapes import icosphere
 
 MESH = icosphere(3)
+
+
+def keeps(match, most):
+    return match.distortion().bound(most).is_kept
 
 
 @pytest.fixture(scope="module")

@@ -47,7 +47,7 @@ class Turned:
         patch(solve, "searched", lambda energy: self.on.field)
         points = {id(self.on.field): self.on}
         patch(Interval, "go_on", lambda self_, sigma, x, *_: points.get(id(x), self.still))
-        return self.solver._found(1)
+        return self.solver.first_found(1)
 
 
 @pytest.fixture

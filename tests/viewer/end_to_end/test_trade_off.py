@@ -8,7 +8,6 @@ import pytest
 
 import abfm
 from abfm import Match, Parameters
-from abfm.matching import keeps
 from abfm.matching.path import COLUMNS
 from abfm.wording import share
 from abfm_viewer.computing.solver import Solver
@@ -163,11 +162,11 @@ def test_the_distortion_is_limited_and_undo_goes_back(walked):
     session, before = walked.session, walked.session.result
     found = before.distortion()
     most = float(f"{0.7 * max(found.log2_area.p95, found.log2_shape.p95):.3g}")
-    assert not keeps(before, most)
+    assert not before.distortion().bound(most).is_kept
     walked.type("distortion", str(most))
     walked.click("Limit distortion", "Match")
     walked.wait(lambda s: not s.bound.busy)
-    assert keeps(session.result, most)
+    assert session.result.distortion().bound(most).is_kept
     assert session.result is not before
     assert not session.outdated
     check_message(session.notices.log[-1].text, f"{most:g}")

@@ -155,27 +155,21 @@ class Objective:
             except AdvectionError:
                 shares, differentiate = (np.inf,), partial(np.full, x.shape, np.nan)
                 advected = np.full_like(self.carried, np.nan)
-            missed = None
+            derivatives, errors = [differentiate], None
             if self.landmarks is not None and np.isfinite(sum(shares)):
                 try:
                     missed = self.landmarks(x)
                 except AdvectionError:
                     shares = (np.inf,)
-        if missed is None:
-            total = regularity + float(sum(shares))
-            return Evaluation(
-                x, total, regularity, shares, advected, lambda: momentum + differentiate()
-            )
-        shares, of_landmarks = (*shares, missed.share), missed.differentiate
-        return Evaluation(
-            x,
-            regularity + float(sum(shares)),
-            regularity,
-            shares,
-            advected,
-            lambda: momentum + differentiate() + of_landmarks(),
-            missed.errors,
-        )
+                else:
+                    shares, errors = (*shares, missed.share), missed.errors
+                    derivatives.append(missed.differentiate)
+
+        def gradient() -> FloatArray:
+            return np.asarray(sum((by() for by in derivatives), momentum))
+
+        total = regularity + float(sum(shares))
+        return Evaluation(x, total, regularity, shares, advected, gradient, errors)
 
     def _mismatch(
         self, x: FloatArray
@@ -312,10 +306,6 @@ class MatchingEnergy:
         if reach not in self._measures:
             self._measures[reach] = self.terms.measure(self.parameters, reach)
         return self._measures[reach]
-
-    def mismatch_energy(self, carried: FloatArray, sigma: float) -> float:
-        """Return the data terms' energy for functions (C, V) that were carried by any means."""
-        return self.measure(0.0).value(carried, sigma)
 
     def residual(self, carried: FloatArray) -> float:
         """Return the residual of functions (C, V), see `FunctionTerm`."""

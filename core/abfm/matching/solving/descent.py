@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -15,10 +15,10 @@ from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solvability import range_bound
 from abfm.matching.solving.course import Stage, falls
 from abfm.matching.solving.levels import Subdivision, on_the_mesh
-from abfm.matching.solving.newton import GaussNewton, Inverse, Iterate, Search, with_landmarks
+from abfm.matching.solving.newton import GaussNewton, Inverse, with_landmarks
 from abfm.matching.solving.record import Record, StopReason
 from abfm.mesh import TriangleMesh
-from abfm.numerics.optimizer import LBFGS, State
+from abfm.numerics.optimizer import LBFGS
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 
@@ -35,14 +35,13 @@ _FOLD_ITERATIONS = 4
 _MOST_BENT = 5e7  # numbers kept of that
 
 Point = TypeVar("Point")
+Search: TypeAlias = GaussNewton | LBFGS[Evaluation]
 
 
 @dataclass(frozen=True)
 class Progress:
     best: Evaluation | None = None  # on the level of the latest stage
-    learned: State[Evaluation] | Iterate | None = (
-        None  # whose pairs tell how the energy bends there
-    )
+    learned: Any = None  # the search's state, whose pairs tell how the energy bends there
     before: Stage | None = None  # the latest one that was minimised
 
     @property
@@ -72,10 +71,7 @@ class Descent:
 
     @property
     def residual(self) -> float:
-        return self.residual_of(self.best)
-
-    def residual_of(self, point: Evaluation) -> float:
-        return self.levels[self.level].energy.left(point)
+        return self.levels[self.level].energy.left(self.best)
 
     def cheapest(self, level: int) -> int:
         """Return the first level on the same mesh, with clusters where they are cheaper."""

@@ -1,5 +1,7 @@
 """What flow lines say of a field: what it leaves, and what its map does to areas and shapes."""
 
+from typing import Any
+
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient
@@ -16,7 +18,7 @@ _FEW = 20_000  # vertices that are asked at most
 _MOST_CUT = 64  # faces that are cut into parts
 
 
-def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
+def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, Any]:
     """Return what flow lines say of fields (N, F, 3), for a `PathStep`; above 20,000 vertices by so
     many. All of it is NaN if they lead over too many faces.
 

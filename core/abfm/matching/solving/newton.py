@@ -8,7 +8,6 @@ than its derivative said is trusted less in the next step.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
 
 import numpy as np
 from scipy import sparse
@@ -26,25 +25,6 @@ _ROUNDING = 1e-16
 _OFF, _BENT = 0.01, 0.3
 
 Inverse = Callable[[FloatArray], FloatArray]
-
-
-class Search(Protocol):
-    """What runs a stage: this one or L-BFGS."""
-
-    @property
-    def evaluate(self) -> Callable[[FloatArray], Evaluation]: ...
-
-    def init(
-        self,
-        x: FloatArray,
-        point: Evaluation | None = None,
-        before: Any = None,
-        steeper: float = 1.0,
-    ) -> Any: ...
-
-    def step(self, state: Any) -> Any: ...
-
-    def stop_reason(self, state: Any) -> str | None: ...
 
 
 @dataclass(frozen=True)

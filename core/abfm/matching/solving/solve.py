@@ -267,10 +267,11 @@ class Solver:
         never = p.refine == 0 or not p.iterations or course.is_fixed
         if never or (p.refine is None and ends):
             return
+        most = MOST_REFINED if p.refine is None else p.refine
         end = descent.effort + _MOST if p.refine is None else np.inf
         while True:
             times = sum(isinstance(level.to_finer, Subdivision) for level in descent.levels)
-            if times >= self._most_refined or not self._there():
+            if times >= most or not self._there():
                 return
             mark = self.way[self._end_so_far()]
             is_fine = not fits(descent.levels[-1].energy.mesh, _FINEST)
@@ -299,11 +300,6 @@ class Solver:
             if not left < mark.worse:
                 self.way = self.way[:before]
                 return
-
-    @property
-    def _most_refined(self) -> int:
-        wanted = self.energy.parameters.refine
-        return MOST_REFINED if wanted is None else wanted
 
     def _is_resolved(self, mark: Mark) -> bool:
         """Tell whether what a step leaves is not the mesh's doing."""

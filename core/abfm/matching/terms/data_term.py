@@ -33,8 +33,6 @@ class Measure(Protocol):
         """Return the energy, and its derivative (C, V)."""
         ...
 
-    def value(self, carried: FloatArray, sigma: float) -> float: ...
-
 
 class DataTerm(Protocol):
     """What is to be matched, on a mesh of unit area; immutable.
@@ -57,10 +55,6 @@ class DataTerm(Protocol):
         """Return the relative residual, 0 for a match and about 1 before anything moved."""
         ...
 
-    def relative_size(self, difference: FloatArray) -> float:
-        """Return the residual of functions that differ by so much from matching ones."""
-        ...
-
     def restricted(self, restriction: Restriction) -> DataTerm | None:
         """Return the term on that mesh scaled to unit area; None if it has no place there."""
         ...
@@ -81,11 +75,6 @@ class DataTerms:
         """Return the root of the sum of the terms' squares."""
         pairs = zip(self.terms, self.split(carried), strict=True)
         return math.hypot(*(term.residual(own) for term, own in pairs))
-
-    def relative_size(self, difference: FloatArray) -> float:
-        """Return the residual of functions that differ by so much from matching ones."""
-        pairs = zip(self.terms, self.split(difference), strict=True)
-        return math.hypot(*(term.relative_size(own) for term, own in pairs))
 
     def measure(self, parameters: Parameters, reach: float) -> Sum:
         """Make the sum of the terms' norms."""
@@ -114,7 +103,3 @@ class Sum:
         ]
         shares, residuals = zip(*parts, strict=True)
         return shares, np.concatenate(residuals)
-
-    def value(self, carried: FloatArray, sigma: float) -> float:
-        pairs = zip(self.measures, self.split(carried), strict=True)
-        return sum(measure.value(own, sigma) for measure, own in pairs)

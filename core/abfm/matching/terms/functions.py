@@ -21,13 +21,14 @@ from abfm.calculus.operators import (
     vertex_areas,
 )
 from abfm.errors import FunctionError, ParameterError
+from abfm.functions.objects import as_values
 from abfm.matching.terms.data_term import Measure, Restriction
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 
 SMALLEST, LARGEST = 1e-100, 1e100
 """Of functions, as their largest value: squares of such sizes neither underflow nor overflow."""
@@ -66,9 +67,7 @@ class FunctionTerm:
                 f"source has {count} and target {len(self.target)} channels; give as many of each"
             )
         self.mask = None if mask is None else checked_mask(mesh, mask)
-        self.weights = np.ones(count)
-        if weights is not None:
-            self.weights = _weights(weights, count, "weights", may_be_zero=True)
+        self.weights = checked_weights(weights, count, "weights", "channel", True)
         self.areas = vertex_areas(mesh) if self.mask is None else vertex_areas(mesh) * self.mask
         with np.errstate(over="ignore"):
             size = max(self.deviation(self.source), self.deviation(self.target))
@@ -258,31 +257,48 @@ class _Mismatch:
             total += 0.5 * kernels.inner(residual[c], difference)
         return total, residual
 
-    def value(self, carried: FloatArray, sigma: float) -> float:
-        functions, total = self.functions, 0.0
-        for own, target, weight in zip(carried, functions.target, functions.weights, strict=True):
-            difference = own - target
-            total += 0.5 * kernels.inner(float(weight) * self.norm(difference), difference)
-        return float(total / float(sigma * self.unit) ** 2)
 
-
-def checked_mask(mesh: TriangleMesh, mask: ArrayLike) -> FloatArray:
+def checked_mask(mesh: TriangleMesh, mask: ArrayLike, name: str = "mask") -> FloatArray:
     """Return a mask of the vertices of a mesh or of its file as (V,); ParameterError if it does
     not fit.
     """
-    of_vertices = real_numbers(mask, "mask", ParameterError)
+    of_vertices = real_numbers(mask, name, ParameterError)
     if of_vertices.shape == (mesh.file_vertex_count,):
         of_vertices = mesh.restrict(of_vertices)
-    return _weights(of_vertices, len(mesh.vertices), "mask")
+    return checked_weights(of_vertices, len(mesh.vertices), name, "vertex")
 
 
-def _weights(values: ArrayLike, count: int, name: str, may_be_zero: bool = False) -> FloatArray:
+def given_mask(mesh: TriangleMesh, mask: ArrayLike | None, name: str = "mask") -> FloatArray | None:
+    """Return a mask as a user gives it, see `as_values`, as (V,); None for none."""
+    if mask is None:
+        return None
+    return checked_mask(mesh, as_values(mesh, mask, name, ParameterError), name)
+
+
+def mask_of_known(mask: FloatArray | None, known: BoolArray) -> FloatArray | None:
+    """Return a mask (V,) that is 0 also where functions are not known, (V,); None for all 1."""
+    if mask is None:
+        return None if known.all() else known.astype(np.float64)
+    return mask * known
+
+
+def checked_weights(
+    values: ArrayLike | None, count: int, name: str, each: str, may_be_zero: bool = False
+) -> FloatArray:
+    """Return weights (n,), one for each channel or vertex or the like, by default 1; a
+    ParameterError reports what does not fit.
+    """
+    if values is None:
+        return np.ones(count)
     array = real_numbers(values, name, ParameterError).copy()
     if array.shape != (count,):
-        raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")
+        raise ParameterError(f"{name} has shape {array.shape}; expected ({count},), one per {each}")
     is_zero = not array.any()
     if not np.isfinite(array).all() or (array < 0).any() or (is_zero and not may_be_zero):
-        raise ParameterError(f"{name} must be finite, not negative, and not zero everywhere")
+        raise ParameterError(
+            f"{name} must be finite, not negative, and not zero everywhere: give a {each} one "
+            "above 0"
+        )
     if not is_zero and not _LIGHTEST <= array.max() <= _HEAVIEST:
         raise ParameterError(
             f"{name} is {array.max():.3g} at most; expected a largest value between "

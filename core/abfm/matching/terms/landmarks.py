@@ -14,6 +14,7 @@ from abfm.errors import ParameterError, brief
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow_line_derivative import FlowLineDerivative, Walk
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
+from abfm.matching.terms.functions import checked_weights
 from abfm.matching.terms.squared_distances import SquaredDistances
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import to_children
@@ -24,7 +25,6 @@ NEAR = 0.005
 """Of sqrt(area): landmarks that are left no farther than this count as matched, with the usual goal
 of a mismatch."""
 _USUAL_GOAL = 0.05
-_LIGHTEST, _HEAVIEST = 1e-30, 1e30  # of weights
 
 
 class Missed(NamedTuple):
@@ -150,8 +150,9 @@ class Landmarks:
 
 def landmarks_of(
     mesh: TriangleMesh, given: Any, weights: ArrayLike | None, as_file: bool = False
-) -> Landmarks:
-    """Check landmarks as users give them: vertices (L, 2), from and to, or two SurfacePoints.
+) -> Landmarks | None:
+    """Check landmarks as users give them: vertices (L, 2), from and to, or two SurfacePoints; or
+    None.
 
     Vertices are rows of the mesh, or numbers ``as_file``, which also counts those without faces.
 
@@ -160,6 +161,10 @@ def landmarks_of(
     ParameterError
         If they do not fit the mesh, or each other.
     """
+    if given is None:
+        if weights is not None:
+            raise ParameterError("landmark_weights without landmarks: give both")
+        return None
     unit = mesh.normalized()
     if isinstance(given, tuple | list) and any(isinstance(p, SurfacePoints) for p in given):
         pair = [_on_mesh(mesh, points) for points in given]
@@ -188,7 +193,7 @@ def landmarks_of(
     size = len(pair[0].faces)
     if not size:
         raise ParameterError("landmarks are empty; give one pair at least, or None")
-    heavy = np.ones(size) if weights is None else _weights(weights, size)
+    heavy = checked_weights(weights, size, "landmark_weights", "landmark")
     faces = np.stack([points.faces for points in pair], axis=1)
     return Landmarks(unit, faces, np.stack([p.barycentric for p in pair], axis=1), heavy)
 
@@ -212,22 +217,6 @@ def _on_mesh(mesh: TriangleMesh, points: Any) -> SurfacePoints:
             f"problem's own mesh, of {len(mesh.faces)}"
         )
     return points
-
-
-def _weights(values: ArrayLike, count: int) -> FloatArray:
-    array = real_numbers(values, "landmark_weights", ParameterError).copy()
-    if array.shape != (count,):
-        raise ParameterError(f"landmark_weights have shape {array.shape}; expected ({count},)")
-    if not (np.isfinite(array).all() and (array >= 0).all() and array.any()):
-        raise ParameterError(
-            "landmark_weights must be finite, not negative, and not zero everywhere"
-        )
-    if not _LIGHTEST <= array.max() <= _HEAVIEST:
-        raise ParameterError(
-            f"landmark_weights are {array.max():.3g} at most; expected a largest one between "
-            f"{_LIGHTEST:g} and {_HEAVIEST:g}"
-        )
-    return array
 
 
 def _roots(squares: FloatArray) -> FloatArray:

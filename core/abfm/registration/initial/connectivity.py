@@ -5,7 +5,6 @@ import numpy as np
 from abfm.errors import AbfmError
 from abfm.maps.point_maps import PointMap
 from abfm.mesh import TriangleMesh
-from abfm.types import IntArray
 
 
 def same_connectivity(a: TriangleMesh, b: TriangleMesh) -> PointMap:
@@ -33,7 +32,7 @@ def _difference(a: TriangleMesh, b: TriangleMesh) -> str:
         counts = len(getattr(a, what)), len(getattr(b, what))
         if counts[0] != counts[1]:
             return f"A has {counts[0]} {what}, and B has {counts[1]}"
-    of_a, of_b = _without_order(a.faces), _without_order(b.faces)
+    of_a, of_b = np.sort(a.faces, axis=1), np.sort(b.faces, axis=1)
     known = set(map(tuple, of_a.tolist()))
     other = [face for face in map(tuple, of_b.tolist()) if face not in known]
     if not other:
@@ -43,7 +42,3 @@ def _difference(a: TriangleMesh, b: TriangleMesh) -> str:
         f"{len(other)} of {len(of_b)} faces of B are none of A's (for example the one between "
         f"vertices {example})"
     )
-
-
-def _without_order(faces: IntArray) -> IntArray:
-    return np.sort(faces, axis=1)

@@ -3,9 +3,8 @@
 import warnings
 
 import numpy as np
-from scipy import sparse
 
-from abfm.calculus.operators import edge_lengths
+from abfm.calculus.operators import edge_graph
 from abfm.errors import AbfmWarning
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
@@ -51,7 +50,5 @@ def warn_of_counting(
 def _distances(mesh: TriangleMesh, vertices: IntArray) -> FloatArray:
     from scipy.sparse.csgraph import dijkstra  # slow to import
 
-    shape = (len(mesh.vertices),) * 2
-    graph = sparse.csr_array((edge_lengths(mesh), tuple(mesh.edges.T)), shape=shape)
-    found = dijkstra(graph, directed=False, indices=vertices)[:, vertices]
+    found = dijkstra(edge_graph(mesh), directed=False, indices=vertices)[:, vertices]
     return np.asarray(found / mesh.length_scale)

@@ -109,7 +109,8 @@ def _best(given: Given, words: list[str]) -> Initial:
 
 
 def _by_numbers(given: Given, words: list[str]) -> Initial:
-    _no_words("connectivity", words)
+    if words:
+        raise AbfmError(f"connectivity:{','.join(words)}: nothing can follow connectivity")
     if np.array_equal(given.a.faces, given.b.faces):
         return Initial(Correspondence.of_same_faces(given.a, given.b))
     return Initial(Correspondence(same_connectivity(given.a, given.b)))
@@ -228,11 +229,6 @@ def _is_mirrored(name: str, words: list[str]) -> bool:
     if words not in ([], ["mirror"]):
         raise ParameterError(f"{name}:{','.join(words)}: expected mirror, or nothing")
     return bool(words)
-
-
-def _no_words(name: str, words: list[str]) -> None:
-    if words:
-        raise AbfmError(f"{name}:{','.join(words)}: nothing can follow {name}")
 
 
 WORDS = (

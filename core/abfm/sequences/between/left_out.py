@@ -128,7 +128,7 @@ def _evidence(solver: Solver, middle: int) -> _Evidence:
     if solver.given.sigma_unit == "relative":
         sigma *= frames.deviation / pair.deviation
     alone = Solver(pair, replace(solver.given, sigma=sigma), 0.0, solver.levels)
-    field, mesh = alone.first_field(0), frames.mesh
+    field, mesh = alone.first_found(0).field, frames.mesh
     duration = float(pair.durations[0])
     flow = Flow(mesh, to_ambient(mesh, field) * mesh.length_scale, duration)
     shares = np.array([float(frames.times[middle] - pair.times[0]) / duration])

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
-from abfm.calculus.operators import edge_lengths
+from abfm.calculus.operators import edge_graph, edge_lengths
 from abfm.errors import ParameterError, brief
 from abfm.maps.surface_points import SurfacePoints
-from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import is_whole_number
 from abfm.sequences.tracking.critical_points import CriticalPoints, Kind
 from abfm.types import FloatArray, IntArray
@@ -112,12 +111,14 @@ def _linked(
     # late, as all that films are is loaded with this file
     from scipy.optimize import linear_sum_assignment
 
-    graph, edge = _graph(mesh)
+    graph = edge_graph(mesh)
     begins = np.array([each.points.nearest_vertices()[i] for each, i in old])
     ends = points.points.nearest_vertices()[new]
-    limit = _FAR * edge
+    limit = _FAR * float(edge_lengths(mesh).mean())
     parts = np.array_split(begins, -(-len(begins) // _AT_ONCE))
-    apart = np.concatenate([dijkstra(graph, indices=p, limit=limit)[:, ends] for p in parts])
+    apart = np.concatenate(
+        [dijkstra(graph, directed=False, indices=p, limit=limit)[:, ends] for p in parts]
+    )
     places = np.array([each.points.positions[i] for each, i in old])
     straight = np.linalg.norm(places[:, None] - points.points.positions[new][None], axis=2)
     near = np.isfinite(apart)
@@ -125,15 +126,3 @@ def _linked(
     cost = np.where(near, straight, limit * (len(old) + len(new)))
     rows, columns = linear_sum_assignment(cost)
     return [(int(r), int(new[c])) for r, c in zip(rows, columns, strict=True) if near[r, c]]
-
-
-@per_mesh
-def _graph(mesh: TriangleMesh) -> tuple[sparse.csr_array, float]:
-    """Return the lengths of edges between vertices, both ways, and their mean."""
-    lengths = edge_lengths(mesh)
-    i, j = mesh.edges.T
-    ends = np.r_[i, j], np.r_[j, i]
-    size = len(mesh.vertices)
-    return sparse.csr_array((np.r_[lengths, lengths], ends), shape=(size, size)), float(
-        lengths.mean()
-    )
