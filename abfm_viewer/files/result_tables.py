@@ -85,14 +85,12 @@ class TableReader:
 
     def _row(self, number: int, entry: Entry) -> ResultRow:
         name = one_line(entry.row.name, 200)
-        if entry.path is None:
-            return ResultRow(number, name, entry.facts.outcome, reason=entry.facts.reason)
         # files of results are named by what is in them
-        known = self._known.get(entry.path)
+        known = None if entry.path is None else self._known.get(entry.path)
         if known is not None and known.key == (number, name):
             return known
         facts = entry.facts
-        if not facts.numbers:
+        if entry.path is None or not facts.numbers:
             return ResultRow(number, name, facts.outcome, reason=facts.reason)
         row = ResultRow(
             number,

@@ -19,7 +19,7 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import CARRIED, EXTRAPOLATION
 from abfm_viewer.document.film import Film
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.in_between import InBetween
+from abfm_viewer.shown.in_between import Frames, InBetween, blended
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -121,22 +121,15 @@ class Span:
     """A function at evenly spaced times (T,), in single precision: scrubbing is a blend."""
 
     times: FloatArray
-    frames: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+    frames: Frames
     note: str = ""  # why it ends before the time bar does; empty if it does not
 
     def at(self, time: float) -> FloatArray:
         """The function at a time; the last one known for times after the end."""
-        position = float(np.interp(time, self.times, np.arange(len(self.times))))
-        before = min(int(position), len(self.times) - 2)
-        first, second = self.frames[before], self.frames[before + 1]
-        return np.asarray(first + np.float32(position - before) * (second - first))
+        return blended(self.frames, float(np.interp(time, self.times, np.arange(len(self.times)))))
 
 
-def pushed(state: FlowState, function: FloatArray, times: FloatArray) -> FloatArray:
-    return state.carry(function, times)
-
-
-def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Span:
+def span(state: FlowState, function: FloatArray, carry: Carrying = FlowState.carry) -> Span:
     """A function over the whole time bar, or up to tau where the flow overflows beyond."""
     wanted = _TIMES if state.final else _TIMES_WHILE_SOLVING
     count = int(np.clip(_LONGEST // function.size, 9, wanted)) // 2 * 2 + 1
@@ -155,7 +148,7 @@ def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Sp
 class Carried:
     """A function at the shown time, the same array for the same; `behind` if of another."""
 
-    def __init__(self, jobs: Jobs, carry: Carrying = pushed) -> None:
+    def __init__(self, jobs: Jobs, carry: Carrying = FlowState.carry) -> None:
         self._carry = carry
         self._span: Latest[Span] = jobs.latest()
         self._exact: Latest[FloatArray] = jobs.latest()
