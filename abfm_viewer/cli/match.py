@@ -6,8 +6,8 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, fields
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
@@ -15,17 +15,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import abfm
-from abfm import Control, Match, Parameters, Problem, ResultError, TriangleMesh, load_match
+from abfm import (
+    Control,
+    Match,
+    Parameters,
+    Problem,
+    Registration,
+    ResultError,
+    TriangleMesh,
+    load_match,
+)
 from abfm.errors import printable
 from abfm.functions import families
 from abfm.matching import bounded, foreseen
 from abfm.outcome import Facts
 from abfm.types import FloatArray
-from abfm.workers.progress import telling
 from abfm_viewer import signals
 from abfm_viewer.cli import options, results
 from abfm_viewer.cli.exit_status import UNMATCHED, UsageError
-from abfm_viewer.cli.progress import print_long, progress
+from abfm_viewer.cli.progress import long_steps, progress
 from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
 
@@ -89,9 +97,8 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_not_read(arguments.path, read)
         if arguments.path in arguments.out:
             raise UsageError("--path and --out name the same file; give each its own")
-    given = {entry.name: getattr(arguments, entry.name) for entry in fields(Parameters)}
-    parameters = Parameters(**given)
-    with nullcontext() if arguments.quiet else telling(print_long):
+    parameters = Parameters(**options.given_parameters(arguments))
+    with long_steps(arguments.quiet):
         mesh = options.mesh(arguments)
         problem = Problem(
             mesh,
@@ -173,7 +180,9 @@ def warn_if_foreseen(problem: Problem, quiet: bool) -> None:
 
 @dataclass(frozen=True)
 class FinishedMatch:
-    match: Match
+    """A match, or a registration, that was written to files."""
+
+    found: Match | Registration
     seconds: float
     outputs: Sequence[Path]
     signal: int | None  # that came, also after the last iteration
@@ -181,22 +190,28 @@ class FinishedMatch:
     @property
     def status(self) -> int:
         """Exit status: 130 or the like when a signal came; 3 when the target was not reached."""
-        return status_of(self.match.facts, self.signal)
+        return status_of(self.found.facts, self.signal)
 
     def summary(self) -> str:
-        """Say for a person how well it matches, why it stopped, the numbers, and what to try."""
-        match, names = self.match, list(map(printable, self.outputs))
+        """Say for a person how well it matches, why it stopped, the numbers, what the map of a
+        registration does, and what to try.
+        """
+        found, names = self.found, list(map(printable, self.outputs))
+        lines = results.told_lines(found, self.seconds, names)
         result = next((name for name in names if name.endswith(".npz")), "RESULT.npz")
-        advice = verdict_words.advice_in_options(match, result)
-        lines = [
-            *results.told_lines(match, self.seconds, names),
-            *([f"to try: {advice}"] if advice else []),
-        ]
+        if isinstance(found, Registration):
+            lines += [*results.map_lines(found), *results.landmark_lines(found)]
+            result = ""  # no registration starts from an earlier one
+        if advice := verdict_words.advice_in_options(found, result):
+            lines.append(f"to try: {advice}")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        own = {"seconds": self.seconds, "outputs": list(map(str, self.outputs))}
-        return {**results.facts(self.match), **own}
+        found, told = self.found, results.facts(self.found)
+        if isinstance(found, Registration):
+            told |= {"map": results.map_facts(found), **results.initial_facts(found.initial)}
+            told["notes"] = list(found.notes)
+        return {**told, "seconds": self.seconds, "outputs": list(map(str, self.outputs))}
 
 
 class Outputs(NamedTuple):
@@ -224,7 +239,7 @@ def solve(
         with progress(problem.parameters.iterations, quiet) as report:
             match = abfm.match(problem, on_iteration=report, control=control)
         if max_distortion is not None:
-            with nullcontext() if quiet else telling(print_long):
+            with long_steps(quiet):
                 match = bounded(match, max_distortion, control=control)
         seconds = time.perf_counter() - start
         results.print_notes(outputs.write_all(out.files, match, out.up))

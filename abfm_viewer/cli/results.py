@@ -63,8 +63,18 @@ def print_notes(notes: Sequence[str]) -> None:
 
 
 def _row(match: Match, step: PathStep) -> dict[str, float | None]:
-    numbers = {name: finite(getattr(step, name)) for name in _NUMBERS}
+    numbers = {name: known(getattr(step, name)) for name in _NUMBERS}
     return {**numbers, "refined": _refined(match, step)}
+
+
+def known(value: float) -> float | None:
+    """Return a number as JSON has it: None for one that is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str:
+    """Write a number for people; one that is unknown as ``-``."""
+    return "-" if value is None or math.isnan(value) else f"{value:{digits}}{unit}"
 
 
 def path_lines(match: Match) -> list[str]:
@@ -83,16 +93,11 @@ def _refined(match: Match, step: PathStep) -> int:
 
 def _cells(match: Match, number: int) -> tuple[str, ...]:
     step = match.path[number]
-    folded = "-" if math.isnan(step.folded) else f"{100 * step.folded:.2g}%"
-    left = map(_short, (step.residual, step.verified_residual))
-    cost = map(_short, (step.log2_area, step.log2_shape))
-    refined = str(_refined(match, step))
-    score = "-" if math.isnan(step.score) else f"{step.score:.4f}"
+    left = (number_text(value, ".3g") for value in (step.residual, step.verified_residual))
+    folded = number_text(100 * step.folded, ".2g", "%")
+    cost = (number_text(value, ".3g") for value in (step.log2_area, step.log2_shape))
+    refined, score = str(_refined(match, step)), number_text(step.score, ".4f")
     return (str(number + 1), f"{step.sigma:.3g}", *left, folded, *cost, refined, score)
-
-
-def _short(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.3g}"
 
 
 def map_facts(found: Correspondence, distortion: Distortion | None = None) -> dict[str, Any]:
@@ -116,7 +121,7 @@ def initial_facts(initial: Correspondence) -> dict[str, Any]:
     tried = initial.candidates
     return {
         "initial": tried[0].name if tried else "given",
-        "initial_candidates": [{"name": each.name, "cost": finite(each.cost)} for each in tried],
+        "initial_candidates": [{"name": each.name, "cost": known(each.cost)} for each in tried],
     }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from abfm import Population
 from abfm.errors import printable
-from abfm.matching.judging.facts import finite
+from abfm_viewer.cli.results import known
 
 
 def facts(found: Population) -> dict[str, Any]:
@@ -17,15 +17,14 @@ def facts(found: Population) -> dict[str, Any]:
     scores = [found.scores(c) for c in range(len(found.channels))]
     channels = []
     for c, channel in enumerate(found.channels):
-        known = scores[c][found.fits]
-        before, after = (_mean(each) for each in known.T)
+        before, after = (_mean(each) for each in scores[c][found.fits].T)
         phase = found.phase_and_amplitude(c)._asdict()
         channels.append(
             {
                 "name": channel.name,
                 "held_out": channel.is_held_out,
                 "weight": float(found.channel_weights[c]),
-                **{name: finite(value) for name, value in phase.items()},
+                **{name: known(value) for name, value in phase.items()},
                 "before": before,
                 "after": after,
             }
@@ -38,7 +37,7 @@ def facts(found: Population) -> dict[str, Any]:
             "verdict": found.verdicts[i] or None,
             "weight": float(found.weights[i]),
             **{
-                name: finite(getattr(found, name)[i])
+                name: known(getattr(found, name)[i])
                 for name in (
                     "correlation",
                     "distance",
@@ -50,7 +49,7 @@ def facts(found: Population) -> dict[str, Any]:
                 )
             },
             "scores": {
-                channel.name: list(map(finite, scores[c][i]))
+                channel.name: list(map(known, scores[c][i]))
                 for c, channel in enumerate(found.channels)
             },
             "digest": found.digests[i] or None,
@@ -60,7 +59,7 @@ def facts(found: Population) -> dict[str, Any]:
     return {
         "vertices": len(found.template.vertices),
         "faces": len(found.template.faces),
-        "changes": list(map(finite, found.changes)),
+        "changes": list(map(known, found.changes)),
         "log2_area_deviation": _mean(found.log2_area_deviation),
         "channels": channels,
         "subjects": subjects,
@@ -93,5 +92,5 @@ def _told(value: float | None) -> str:
 
 
 def _mean(values: Any) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else None
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else None

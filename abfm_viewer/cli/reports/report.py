@@ -6,7 +6,6 @@ import argparse
 import json
 import math
 import sys
-from contextlib import nullcontext
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
@@ -23,10 +22,9 @@ from abfm import (
 from abfm.errors import one_line, printable
 from abfm.io import write_atomically
 from abfm.registration import is_correspondence
-from abfm.workers.progress import telling
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, results
-from abfm_viewer.cli.progress import print_long, share_progress
+from abfm_viewer.cli.progress import long_steps, share_progress
 from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page, percent
 from abfm_viewer.files import outputs
 
@@ -64,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     out, quiet = arguments.out, arguments.quiet
     outputs.check(out, [".html"])
-    with nullcontext() if quiet else telling(print_long):
+    with long_steps(quiet):
         found = _loaded(arguments.input)
         match = found.match if isinstance(found, Registration) else None
         options.warn_of_doubt(arguments.input, match)
