@@ -18,7 +18,6 @@ from abfm import AbfmError, Match, TriangleMesh, experiments
 from abfm.batch import Row
 from abfm.errors import printable
 from abfm.experiments import Findings, Measure, Script, Sought
-from abfm.io import write_atomically
 from abfm.parameters import FIGURES, NOTE, TABLE_1, TITLES
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
@@ -125,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
             _print(entry)
         entries.append(entry)
     if all_wanted:
-        _write_text(index, page(entries))
+        outputs.write_text(index, page(entries))
     if arguments.json:
         print(json.dumps({"figures": [_described(entry) for entry in entries]}))
     elif all_wanted:
@@ -140,7 +139,7 @@ def _write(entry: Entry, folder: Path) -> None:
     else:
         picture.unlink(missing_ok=True)  # that of an earlier run shows another mesh
     text = json.dumps(_described(entry), indent=1) + "\n"
-    _write_text(_file(folder, entry.number, ".json"), text)
+    outputs.write_text(_file(folder, entry.number, ".json"), text)
 
 
 def _file(folder: Path, number: int, suffix: str) -> Path:
@@ -221,11 +220,6 @@ def _compute(figure: _Figure, arguments: argparse.Namespace) -> Entry:
         return Entry(number, title, claim, problem=f"Not on this mesh: {error}")
     setting, measures = findings.setting, findings.measures
     return Entry(number, title, claim, setting, measures, picture, problem, notes)
-
-
-def _write_text(path: Path, text: str) -> None:
-    with write_atomically(path) as temporary:
-        Path(temporary).write_text(text, encoding="utf-8")
 
 
 def _described(entry: Entry) -> dict[str, Any]:

@@ -268,6 +268,7 @@ seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")
 count = partial(_within, int, 1, 1_000_000, "a whole number from 1 to 1000000")
 processes = partial(_within, int, 1, 4096, "a number of processes, 1 to 4096")
 gamma = partial(_within, float, 0, 1e6, "a number from 0 to 1000000")
+width = partial(_within, int, 32, 2000, "a whole number from 32 to 2000")
 texels = partial(_within, int, 4, 16384, "a whole number from 4 to 16384")
 _weight = partial(_within, float, 0, sys.float_info.max, "weights of channels such as 1,0.5")
 

@@ -211,8 +211,7 @@ def write(path: Path, match: abfm.Match, up: str | None = None) -> str:
 def write_path(path: Path, match: abfm.Match) -> None:
     """Write the table of a match's path as CSV, whole or not at all."""
     lines = abfm.matching.path_table(match.path, match.mesh)
-    with write_atomically(path) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in lines))
+    write_text(path, "".join(f"{line}\n" for line in lines))
 
 
 def write_all(paths: Sequence[Path], match: abfm.Match, up: str | None = None) -> list[str]:
@@ -254,6 +253,12 @@ def _kept_elsewhere(whole: results.Saved) -> str:
             missing = results.save_what_can_be(place, whole)
             return f"{place}{f'; {missing}' if missing else ''}"
     return ""
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text, whole or not at all, with question marks for what UTF-8 cannot encode."""
+    with write_atomically(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="replace")
 
 
 def write_picture(path: Path, picture: Image.Image) -> None:

@@ -18,7 +18,7 @@ import abfm
 from abfm import Control, Population, read_subjects
 from abfm.batch import Entry
 from abfm.errors import AbfmError, one_line, printable
-from abfm.io import write_atomically, write_csv
+from abfm.io import write_csv
 from abfm.population import HELD_OUT, Settings, function_text
 from abfm.population.settings import BOUND, MOST_ROUNDS
 from abfm.workers.control import CancelledError
@@ -232,8 +232,7 @@ def _write(
         except DrawingError as error:
             print(f"note: the page has no pictures: {error}", file=sys.stderr)
     written.append(folder / "population.html")
-    with write_atomically(written[-1]) as temporary:
-        temporary.write_text(page(facts, drawn), encoding="utf-8")
+    outputs.write_text(written[-1], page(facts, drawn))
     return written
 
 
