@@ -106,13 +106,19 @@ def map_facts(found: Correspondence, distortion: Distortion | None = None) -> di
     """
     distortion, back = distortion or found.distortion(), found.there_and_back()
     return {
+        **distortion_facts(distortion),
+        "collapsed": distortion.collapsed,
+        "coverage": found.coverage(),
+        "there_and_back": back._asdict(),
+    }
+
+
+def distortion_facts(distortion: Distortion) -> dict[str, Any]:
+    return {
         "log2_area": distortion.log2_area._asdict(),
         "log2_shape": distortion.log2_shape._asdict(),
         "folded": distortion.folded,
-        "collapsed": distortion.collapsed,
         "faces": len(distortion.flipped),
-        "coverage": found.coverage(),
-        "there_and_back": back._asdict(),
     }
 
 

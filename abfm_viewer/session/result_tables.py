@@ -121,11 +121,6 @@ def document_of_subject(table: ResultTable, row: ResultRow, what: Compared) -> O
     return document, known
 
 
-def _why(row: ResultRow) -> str:
-    """Return why a row has no result."""
-    return row.reason or "it has not been solved yet"
-
-
 def _filled(mesh: abfm.TriangleMesh, values: FloatArray) -> FloatArray:
     known = np.isfinite(values)
     if known.all():
@@ -287,7 +282,8 @@ class Tables:
     def open_result(self, row: ResultRow) -> None:
         """Show a row's result as its file opens: of a subject its registration."""
         if row.path is None:
-            told = f"{row.name} has no result to show: {_why(row)}"
+            reason = row.reason or "it has not been solved yet"
+            told = f"{row.name} has no result to show: {reason}"
             self._session.notices.say(f"{told}; {self._session.document.name} is still shown")
             return
         self._open(row, partial(document_of_row, row, self._read_document))

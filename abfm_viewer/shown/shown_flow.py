@@ -253,7 +253,7 @@ class ShownFlow(Jobs):
     ) -> FlowState:
         mesh, prepared = self._session.surface().mesh, self._session.prepared
         problem = found.problem if isinstance(found, abfm.Match) else None
-        first = prepared.correspondence.points if prepared else None
+        first = prepared.initial.correspondence.points if prepared else None
         count = len(found.fine_velocity) if isinstance(found, abfm.Match) else found.fields
         read = partial(_field, found)
         make = partial(FlowState, mesh, read, parameters, final, problem, count, first)
@@ -377,7 +377,7 @@ class ShownFlow(Jobs):
             return self._session.surface().mesh.vertices
         if (prepared := self._session.prepared) is None:
             return None
-        first = prepared.correspondence.points
+        first = prepared.initial.correspondence.points
         return self._places.get((first,), lambda: first.positions)
 
     def destinations(self) -> FloatArray | None:

@@ -49,14 +49,20 @@ def drifting_wave(mesh: TriangleMesh, times: FloatArray) -> tuple[FloatArray, Fl
     return abfm.Flow(mesh, field, float(times[-1])).push(np.sin(9 * x), times), field
 
 
+def fsaverage5() -> Path | None:
+    """Return the folder of the surfaces that nilearn brings; None without it."""
+    found = find_spec("nilearn")
+    if found is None or found.origin is None:
+        return None
+    return Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
+
+
 def wave_document(view: View) -> Document:
     """Return a wave on the left cortex of fsaverage5, where nilearn brings it, else on a bundled
     mesh.
     """
     times = STEP * np.arange(float(FRAMES))
-    found = find_spec("nilearn")
-    if found is not None and found.origin is not None:
-        folder = Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
+    if (folder := fsaverage5()) is not None:
         mesh, sphere = (load_mesh(folder / f"{name}_left.gii.gz") for name in ("infl", "sphere"))
         places = sphere.vertices / np.linalg.norm(sphere.vertices, axis=1)[:, None]
         surface, frames = Surface(mesh, "left cortex"), turning_wave(places, times)[0]

@@ -100,7 +100,7 @@ def page(told: Facts, pictures: RegistrationPictures) -> str:
         _map(told, pictures.map),
         _distortion(told, *pictures.histograms),
         *([_path(told, pictures.path), _parameters(told)] if is_registration else []),
-        _footer(told),
+        f"<footer>abfm {escape(told['abfm'])}, of {escape(told['file'])}</footer>",
     ]
     return document(told["title"], [*parts, facts_block(told)])
 
@@ -308,10 +308,6 @@ def _parameters(told: Facts) -> str:
         rows.append((f"{name}{symbol}", plain(value), plain(entry.default), entry.metadata["help"]))
     table = rows_table(("", "here", "default", "what it is"), rows, kind="words")
     return f"<section><h2>Parameters other than the defaults</h2>{table}</section>"
-
-
-def _footer(told: Facts) -> str:
-    return f"<footer>abfm {escape(told['abfm'])}, of {escape(told['file'])}</footer>"
 
 
 def pictures_row(row: Row) -> str:

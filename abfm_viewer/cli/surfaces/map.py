@@ -99,12 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
         write_values(out, _table(arguments, match, points, time))
     if quality.warning:
         print(f"warning: {quality.warning}", file=sys.stderr)
-    distortion = quality.distortion
     facts = {
-        "log2_area": distortion.log2_area._asdict(),
-        "log2_shape": distortion.log2_shape._asdict(),
-        "folded": distortion.folded,
-        "faces": len(distortion.flipped),
+        **results.distortion_facts(quality.distortion),
         "there_and_back": quality.there_and_back._asdict(),
         "warning": quality.warning,
         "report": quality.report(),
