@@ -59,8 +59,8 @@ For example gaussian:vertex=12,width=0.1 or expression:sin(10*x)*z; the README h
 _TOGETHER = 0.1  # seconds: `timeout` and terminals may send a signal to a process and to its group
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    options.add_mesh(parser)
+def add_problem(parser: argparse.ArgumentParser) -> None:
+    """Declare what is matched, and how."""
     options.add_channels(
         parser, "function to carry along the flow", "function that it should become"
     )
@@ -72,6 +72,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--start", "start from the field of an earlier result", "RESULT.npz")
     options.add_parameters(parser)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_mesh(parser)
+    add_problem(parser)
     add = options.adder(parser.add_argument_group("output"))
     what = (
         "result .npz, or .ply or .vtu for other programs, .csv with the energy, or .html for a "

@@ -184,17 +184,8 @@ class InitialMaps:
         notes, usual = (*initial.notes, *found.notes), found.problem.parameters
         if maps is self._first_maps:
             notes = (f"the map {_FIRST} is shown while candidates are compared", *notes)
-        made = InitialMap(
-            found.initial,
-            asked.word,
-            asked.channels,
-            asked.mask,
-            notes,
-            asked.landmarks,
-            asked.landmarks_alone,
-            found.functions,
-            initial.warnings,
-        )
+        told = {"notes": notes, "functions": found.functions, "warnings": initial.warnings}
+        made = InitialMap(found.initial, **asked._asdict(), **told)
         return Prepared(made, found.problem, usual)
 
     def _map(self, maps: Memo[Initial], way: _Way, given: _Given) -> Initial:

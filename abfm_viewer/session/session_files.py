@@ -233,19 +233,10 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
         starts = points_of(back.carry_points(marks.points(match.mesh)))
         given = zip(starts, document.landmarks, strict=True)
         landmarks = tuple(one.placed("source", start) for start, one in given)
-    kept = InitialMap(
-        initial,
-        GIVEN,
-        document.channels,
-        document.mask,
-        found.notes,
-        landmarks,
-        document.landmarks_alone,
-        found.functions,
-        found.warnings,
-    )
-    opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN, initial_map=kept)
-    return opened, known
+    opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN)
+    told = {"notes": found.notes, "functions": found.functions, "warnings": found.warnings}
+    kept = InitialMap(initial, **opened.asked._asdict(), **told)
+    return replace(opened, initial_map=kept), known
 
 
 def _weights(match: abfm.Match) -> list[float]:
@@ -412,17 +403,13 @@ class SessionFiles:
 
     def open_labels(self, path: Path) -> None:
         """Take the labels of a file for the source's surface."""
-        session = self._session
-        try:
-            mesh = session.surface("source").mesh
+        session, mesh = self._session, self._session.surface("source").mesh
+        with session.notices.errors_shown():
             # the first of several columns, as the window has no choice of another one
             labels = abfm.functions.read_label_columns(path, mesh).labels(0)
             found = LabelMap.of(path.name, mesh, labels)
-        except FunctionError as error:
-            session.notices.say(str(error), is_error=True)
-            return
-        session.editor.change(f"open {path.name}", labels=found)
-        session.editor.amend(view=replace(session.view, coloring="labels"))
+            session.editor.change(f"open {path.name}", labels=found)
+            session.editor.amend(view=replace(session.view, coloring="labels"))
 
     def close_second(self) -> None:
         """Go back to surface A alone."""

@@ -15,6 +15,7 @@ from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_cluster, solve
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.match import add_problem
 
 SUMMARY = "solve all combinations of some options' values"
 DESCRIPTION = """\
@@ -40,13 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         required=True,
     )
-    options.add_channels(
-        parser, "function to carry along the flow", "function that it should become"
-    )
-    add = options.adder(parser.add_argument_group("what counts, and where it begins"))
-    add("--mask", "weight of the mismatch at each vertex: a function or its file", "SPEC")
-    add("--start", "start from the field of an earlier result", "RESULT.npz")
-    options.add_parameters(parser)
+    add_problem(parser)
     options.add_max_distortion(options.adder(parser.add_argument_group("distortion")))
     add_cluster(parser)
 
