@@ -184,8 +184,13 @@ class InitialMaps:
         notes, usual = (*initial.notes, *found.notes), found.problem.parameters
         if maps is self._first_maps:
             notes = (f"the map {_FIRST} is shown while candidates are compared", *notes)
-        told = {"notes": notes, "functions": found.functions, "warnings": initial.warnings}
-        made = InitialMap(found.initial, **asked._asdict(), **told)
+        made = InitialMap(
+            found.initial,
+            **asked._asdict(),
+            notes=notes,
+            functions=found.functions,
+            warnings=initial.warnings,
+        )
         return Prepared(made, found.problem, usual)
 
     def _map(self, maps: Memo[Initial], way: _Way, given: _Given) -> Initial:

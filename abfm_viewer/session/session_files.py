@@ -234,8 +234,13 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
         given = zip(starts, document.landmarks, strict=True)
         landmarks = tuple(one.placed("source", start) for start, one in given)
     opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN)
-    told = {"notes": found.notes, "functions": found.functions, "warnings": found.warnings}
-    kept = InitialMap(initial, **opened.asked._asdict(), **told)
+    kept = InitialMap(
+        initial,
+        **opened.asked._asdict(),
+        notes=found.notes,
+        functions=found.functions,
+        warnings=found.warnings,
+    )
     return replace(opened, initial_map=kept), known
 
 

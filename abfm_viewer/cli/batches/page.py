@@ -15,12 +15,11 @@ from abfm_viewer.cli.reports.report_page import (
     document,
     facts_block,
     numbers_list,
-    percents,
     png,
     sentence,
     table,
 )
-from abfm_viewer.cli.results import number_text
+from abfm_viewer.cli.results import number_text, percents
 
 _TEXT_LENGTH_MAX = 400  # characters of a name, an option or a reason
 _STYLE = """

@@ -11,13 +11,12 @@ from abfm_viewer.cli.reports.report_page import (
     document,
     facts_block,
     numbers_list,
-    percents,
     pictures_row,
     rows_table,
     sentence,
     table,
 )
-from abfm_viewer.cli.results import number_text
+from abfm_viewer.cli.results import number_text, percents
 
 if TYPE_CHECKING:
     from abfm_viewer.pictures.population_pictures import PopulationPictures

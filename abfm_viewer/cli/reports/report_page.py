@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from abfm import Parameters
 from abfm.pages.page import in_script
 from abfm.wording import share
-from abfm_viewer.cli.results import number_text
+from abfm_viewer.cli.results import SCORE, STEP_HEADS, has_scores, number_text, step_cells
 from abfm_viewer.document.verdict_words import plain
 
 if TYPE_CHECKING:
@@ -275,16 +275,12 @@ def _edges(apart: float) -> str:
 
 
 def _path(told: Facts, picture: Image.Image | None) -> str:
-    heads = ["step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|"]
-    has_scores, rows = any(step["score"] is not None for step in told["path"]), []
+    heads, rows = [*STEP_HEADS, *([SCORE] if has_scores(told["path"]) else [])], []
     for number, step in enumerate(told["path"]):
         mark = "→ " if number == told["step"] else ""
-        cells = [f"{mark}{number + 1}", f"{step['sigma']:.3g}"]
-        cells += [number_text(step["residual"]), number_text(step["verified_residual"])]
-        cells += [percents(step["folded"])]
-        cells += [number_text(step["log2_area"]), number_text(step["log2_shape"])]
-        rows.append([*cells, number_text(step["score"], ".4f")] if has_scores else cells)
-    heads += ["score"] if has_scores else []
+        first, *cells = step_cells(number, step, ".3f")
+        row = [f"{mark}{first}", *cells, number_text(step[SCORE], ".4f")]
+        rows.append(row[: len(heads)])
     text = (
         "The fields that were found on the way; the arrow is at the one that was chosen. "
         "Distortions here are means of the flow alone, without the initial map."
@@ -390,11 +386,6 @@ def table(
         head = f"{''.join(wide)}</tr><tr>{head}"
     body = "".join(lines)
     return f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
-
-
-def percents(share: float | None) -> str:
-    """Write a share in percent, ``-`` if it is unknown."""
-    return "-" if share is None else number_text(100 * share, ".2g", "%")
 
 
 def percent(share: float) -> str:
