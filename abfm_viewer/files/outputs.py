@@ -140,13 +140,6 @@ def write_sequence(path: Path, found: abfm.Sequence, labels: pages.Labels | None
     return ""
 
 
-def write_registrations(
-    paths: Sequence[Path], found: abfm.Registration, up: str | None = None
-) -> list[str]:
-    """Write a registration to several files, as `write_all` does."""
-    return _write_each(paths, partial(write_registration, found=found, up=up), found)
-
-
 def write_registration(path: Path, found: abfm.Registration, up: str | None = None) -> str:
     """Write by the suffix, as `write` does; ``up`` is B's axis that points upwards on a page."""
     if path.suffix == ".npz":
@@ -214,13 +207,17 @@ def write_path(path: Path, match: abfm.Match) -> None:
     write_text(path, "".join(f"{line}\n" for line in lines))
 
 
-def write_all(paths: Sequence[Path], match: abfm.Match, up: str | None = None) -> list[str]:
-    """Write a match to several files; return what a result file is without, a line each.
+def write_all(
+    paths: Sequence[Path], found: abfm.Match | abfm.Registration, up: str | None = None
+) -> list[str]:
+    """Write a result to several files; return what a result file is without, a line each.
 
     If a file cannot be written the result is kept elsewhere, unless a result file holds it, and a
     ResultError reports that.
     """
-    return _write_each(paths, partial(write, match=match, up=up), match)
+    if isinstance(found, abfm.Match):
+        return _write_each(paths, partial(write, match=found, up=up), found)
+    return _write_each(paths, partial(write_registration, found=found, up=up), found)
 
 
 def _write_each(

@@ -134,7 +134,7 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.max_distortion is not None:
                 found = within(found, arguments.max_distortion, control)
         results.print_notes(found.notes[len(prepared.notes) :])
-        results.print_notes(outputs.write_registrations(arguments.out, found, arguments.up))
+        results.print_notes(outputs.write_all(arguments.out, found, arguments.up))
     seconds = time.perf_counter() - start
     outcome = FinishedMatch(found, seconds, arguments.out, kept.number)
     if arguments.json:
