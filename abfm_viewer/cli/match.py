@@ -1,5 +1,7 @@
 """`abfm match`: the main job, and how any match runs here: with signals, progress and files."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import os
@@ -116,10 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     out = Outputs(arguments.out, arguments.path, arguments.up)
     outcome = solve(problem, out, arguments.quiet, arguments.max_distortion)
-    if arguments.json:
-        print(json.dumps({"mesh": arguments.mesh, **outcome.to_dict()}))
-    else:
-        print(outcome.summary())
+    outcome.print(arguments, "mesh")
     return outcome.status
 
 
@@ -197,6 +196,14 @@ class FinishedMatch:
         """Exit status: 130 or the like when a signal came; 3 when the target was not reached."""
         return status_of(self.found.facts, self.signal)
 
+    def print(self, arguments: argparse.Namespace, *read: str) -> None:
+        """Print it, as JSON with the options of these names if that is requested."""
+        if arguments.json:
+            given = {name: getattr(arguments, name) for name in read}
+            print(json.dumps(given | self.to_dict()))
+        else:
+            print(self.summary())
+
     def summary(self) -> str:
         """Say for a person how well it matches, why it stopped, the numbers, what the map of a
         registration does, and what to try.
@@ -232,10 +239,12 @@ def solve(
     out: Outputs,
     quiet: bool = False,
     max_distortion: float | None = None,
+    prepared: abfm.registration.Prepared | None = None,
 ) -> FinishedMatch:
     """Match with progress on stderr and write the result, also after a signal, and its path.
 
     A ``max_distortion`` bounds what 99% of the faces may change by, see `abfm.matching.bounded`.
+    If the problem was ``prepared`` from two surfaces, the result is their registration.
     """
     warn_if_foreseen(problem, quiet)
     control = Control()
@@ -243,12 +252,18 @@ def solve(
     with cancelled_by_signals(control) as kept:
         with progress(problem.parameters.iterations, quiet) as report:
             match = abfm.match(problem, on_iteration=report, control=control)
+        found = match if prepared is None else prepared.matched_by(match)
         if max_distortion is not None:
             with long_steps(quiet):
-                match = bounded(match, max_distortion, control=control)
+                if isinstance(found, Registration):
+                    found = abfm.registration.within(found, max_distortion, control)
+                else:
+                    found = bounded(found, max_distortion, control=control)
         seconds = time.perf_counter() - start
-        results.print_notes(outputs.write_all(out.files, match, out.up))
-        if out.path is not None:
-            outputs.write_path(out.path, match)
+        if isinstance(found, Registration) and prepared is not None:
+            results.print_notes(found.notes[len(prepared.notes) :])
+        results.print_notes(outputs.write_all(out.files, found, out.up))
+        if out.path is not None and isinstance(found, Match):
+            outputs.write_path(out.path, found)
     written = [*out.files, *([] if out.path is None else [out.path])]
-    return FinishedMatch(match, seconds, written, kept.number)
+    return FinishedMatch(found, seconds, written, kept.number)

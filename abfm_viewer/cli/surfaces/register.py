@@ -1,20 +1,17 @@
 """`abfm register`: two surfaces, and what leads from the one to the other."""
 
 import argparse
-import json
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
-import abfm
-from abfm import Control, Parameters
+from abfm import Parameters
 from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
-from abfm.registration import MEASURED, prepare, within
+from abfm.registration import MEASURED, prepare
 from abfm.registration.initial import WORDS, read_landmarks
 from abfm_viewer.cli import options, results
-from abfm_viewer.cli.match import FinishedMatch, cancelled_by_signals, warn_if_foreseen
-from abfm_viewer.cli.progress import long_steps, progress
+from abfm_viewer.cli.match import Outputs, solve
+from abfm_viewer.cli.progress import long_steps
 from abfm_viewer.files import outputs
 
 SUMMARY = "register one surface to another by functions on both"
@@ -124,21 +121,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"warning: {warning}", file=sys.stderr)
     parameters = prepared.problem.parameters
     problem = prepared.problem.with_parameters(replace(parameters, **changed))
-    warn_if_foreseen(problem, arguments.quiet)
-    control, start = Control(), time.perf_counter()
-    with cancelled_by_signals(control) as kept:
-        with progress(problem.parameters.iterations, arguments.quiet) as report:
-            match = abfm.match(problem, on_iteration=report, control=control)
-        found = prepared.matched_by(match)
-        with long_steps(arguments.quiet):
-            if arguments.max_distortion is not None:
-                found = within(found, arguments.max_distortion, control)
-        results.print_notes(found.notes[len(prepared.notes) :])
-        results.print_notes(outputs.write_all(arguments.out, found, arguments.up))
-    seconds = time.perf_counter() - start
-    outcome = FinishedMatch(found, seconds, arguments.out, kept.number)
-    if arguments.json:
-        print(json.dumps({"a": arguments.a, "b": arguments.b, **outcome.to_dict()}))
-    else:
-        print(outcome.summary())
+    out = Outputs(arguments.out, up=arguments.up)
+    outcome = solve(problem, out, arguments.quiet, arguments.max_distortion, prepared)
+    outcome.print(arguments, "a", "b")
     return outcome.status
