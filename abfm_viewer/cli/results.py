@@ -63,13 +63,8 @@ def print_notes(notes: Sequence[str]) -> None:
 
 
 def _row(match: Match, step: PathStep) -> dict[str, float | None]:
-    numbers = {name: known(getattr(step, name)) for name in _NUMBERS}
+    numbers = {name: finite(getattr(step, name)) for name in _NUMBERS}
     return {**numbers, "refined": times_subdivided(step.velocity.shape[1], match.mesh)}
-
-
-def known(value: float) -> float | None:
-    """Return a number as JSON has it: None for one that is not finite."""
-    return float(value) if math.isfinite(value) else None
 
 
 def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str:
@@ -134,7 +129,7 @@ def initial_facts(initial: Correspondence) -> dict[str, Any]:
     tried = initial.candidates
     return {
         "initial": tried[0].name if tried else "given",
-        "initial_candidates": [{"name": each.name, "cost": known(each.cost)} for each in tried],
+        "initial_candidates": [{"name": each.name, "cost": finite(each.cost)} for each in tried],
     }
 
 

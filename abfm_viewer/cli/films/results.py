@@ -15,7 +15,6 @@ from abfm.pages.interval_words import motion_between, uncertainty
 from abfm.sequences import KINDS, is_unsolved
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import counted
-from abfm_viewer.cli.results import known
 
 _LEAST = 3  # intervals that a track has
 
@@ -31,10 +30,10 @@ def facts(sequence: Sequence) -> dict[str, Any]:
         "times": sequence.times.tolist(),
         "order": sequence.parameters.order,
         "alpha": sequence.parameters.alpha,
-        "sigma": known(sequence.sigma),
+        "sigma": finite(sequence.sigma),
         "gamma": sequence.gamma,
         "noise": sequence.noise,
-        "motion_share": known(sequence.motion_share),
+        "motion_share": finite(sequence.motion_share),
         "has_motion": sequence.has_motion,
         "intervals": len(sequence),
         "solved": int(sequence.solved.sum()),
@@ -44,11 +43,11 @@ def facts(sequence: Sequence) -> dict[str, Any]:
             "median_where_steep": float(np.median(speed[steep])) if steep.any() else None,
             "maximum": float(speed.max()) if speed.size else None,
         },
-        "uncertainty": [known(each) for each in sequence.speed_uncertainty.tolist()],
+        "uncertainty": [finite(each) for each in sequence.speed_uncertainty.tolist()],
         "determined": sequence.speed_determined.tolist(),
-        "residual": [known(each) for each in sequence.residual.tolist()],
-        "verified_residual": [known(each) for each in sequence.verified_residual.tolist()],
-        "folded": [known(each) for each in sequence.folded.tolist()],
+        "residual": [finite(each) for each in sequence.residual.tolist()],
+        "verified_residual": [finite(each) for each in sequence.verified_residual.tolist()],
+        "folded": [finite(each) for each in sequence.folded.tolist()],
         "verdicts": [verdict.kind for verdict in sequence.verdicts],
         "tracks": _tracks(sequence),
         "episodes": [asdict(episode) for episode in sequence.episodes()],

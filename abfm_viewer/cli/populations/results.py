@@ -9,7 +9,7 @@ import numpy as np
 
 from abfm import Population
 from abfm.errors import printable
-from abfm_viewer.cli.results import known
+from abfm.matching.judging.facts import finite
 
 
 def facts(found: Population) -> dict[str, Any]:
@@ -17,14 +17,15 @@ def facts(found: Population) -> dict[str, Any]:
     scores = [found.scores(c) for c in range(len(found.channels))]
     channels = []
     for c, channel in enumerate(found.channels):
-        before, after = (_mean(each) for each in scores[c][found.fits].T)
+        known = scores[c][found.fits]
+        before, after = (_mean(each) for each in known.T)
         phase = found.phase_and_amplitude(c)._asdict()
         channels.append(
             {
                 "name": channel.name,
                 "held_out": channel.is_held_out,
                 "weight": float(found.channel_weights[c]),
-                **{name: known(value) for name, value in phase.items()},
+                **{name: finite(value) for name, value in phase.items()},
                 "before": before,
                 "after": after,
             }
@@ -37,7 +38,7 @@ def facts(found: Population) -> dict[str, Any]:
             "verdict": found.verdicts[i] or None,
             "weight": float(found.weights[i]),
             **{
-                name: known(getattr(found, name)[i])
+                name: finite(getattr(found, name)[i])
                 for name in (
                     "correlation",
                     "distance",
@@ -49,7 +50,7 @@ def facts(found: Population) -> dict[str, Any]:
                 )
             },
             "scores": {
-                channel.name: list(map(known, scores[c][i]))
+                channel.name: list(map(finite, scores[c][i]))
                 for c, channel in enumerate(found.channels)
             },
             "digest": found.digests[i] or None,
@@ -59,7 +60,7 @@ def facts(found: Population) -> dict[str, Any]:
     return {
         "vertices": len(found.template.vertices),
         "faces": len(found.template.faces),
-        "changes": list(map(known, found.changes)),
+        "changes": list(map(finite, found.changes)),
         "log2_area_deviation": _mean(found.log2_area_deviation),
         "channels": channels,
         "subjects": subjects,
@@ -92,5 +93,5 @@ def _told(value: float | None) -> str:
 
 
 def _mean(values: Any) -> float | None:
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if len(finite) else None
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else None
