@@ -9,7 +9,6 @@ from pathlib import Path
 
 from abfm import Control, TriangleMesh
 from abfm.errors import brief
-from abfm.io import write_atomically
 from abfm_viewer import signals
 from abfm_viewer.cli.batches.running import add_workers, cluster_of
 from abfm_viewer.cli.exit_status import UsageError
@@ -148,8 +147,7 @@ def run(arguments: argparse.Namespace) -> int:
         text = laboratory.format_report(report)
     as_json = json.dumps(report, allow_nan=False)
     if out is not None:
-        with write_atomically(out) as temporary:
-            temporary.write_text(as_json)
+        outputs.write_text(out, as_json)
     print(as_json if arguments.json == "" else text)
     return 0 if kept.number is None else signals.status(kept.number)
 

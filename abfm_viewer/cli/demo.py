@@ -51,7 +51,9 @@ def run(arguments: argparse.Namespace) -> int:
     mesh = load_mesh(asset_path("human_A.off"))
     problem = Problem(mesh, function(mesh, SOURCE), function(mesh, TARGET), Parameters())
     outcome = solve(problem, Outputs([result]), quiet=arguments.quiet)
-    drawn = outcome.signal is None and _draw(outcome.match, *drawings)
+    match = outcome.found
+    assert isinstance(match, Match)
+    drawn = outcome.signal is None and _draw(match, *drawings)
     if arguments.json:
         picture, movie = (str(path) if drawn else None for path in drawings)
         shown = {"picture": picture, "movie": movie, "largest_residual": RESIDUAL_MAX}
@@ -61,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(outcome.summary() + more)
     if outcome.signal is not None:
         return outcome.status
-    if outcome.match.worse_residual > RESIDUAL_MAX:
+    if match.worse_residual > RESIDUAL_MAX:
         print(f"abfm: the self-test failed: residual above {RESIDUAL_MAX}", file=sys.stderr)
         return FAILED
     return 0

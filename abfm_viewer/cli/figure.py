@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import base64
 import io
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from html import escape
@@ -19,13 +18,13 @@ from abfm import AbfmError, Match, TriangleMesh, experiments
 from abfm.batch import Row
 from abfm.errors import printable
 from abfm.experiments import Findings, Measure, Script, Sought
-from abfm.io import write_atomically
 from abfm.parameters import FIGURES, NOTE, TABLE_1, TITLES
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_workers, solved
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.progress import share_progress
+from abfm_viewer.cli.reports.report_page import document, png, rows_table, table
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
 
@@ -51,21 +50,13 @@ Examples:
   abfm figure 1 --mesh bunny.obj --out figures
 """
 _STYLE = """
-:root { --ink: #1d222b; --muted: #5d6675; --line: #d0d4db; --good: #1b7a43; --bad: #b3261e; }
-body { margin: 0 auto; max-width: 72rem; padding: 2rem 1.5rem 4rem; color: var(--ink);
-  background: #fff;
-  font: 16px/1.5 system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
-h1 { font-size: 1.9rem; line-height: 1.2; } h2 { margin: 3.5rem 0 .3rem; font-size: 1.35rem; }
-p { max-width: 60rem; } .muted, figcaption { color: var(--muted); }
+h1 { font-size: 1.9rem; } h2 { margin-top: 3.5rem; border: 0; }
 nav { columns: 16rem; } nav a { display: block; } a { color: #2455c3; text-decoration: none; }
-figure { margin: 1rem 0; }
-img { max-width: 100%; max-height: 60rem; border: 1px solid var(--line); border-radius: 6px; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; display: block;
-  overflow-x: auto; }
-th, td { text-align: left; padding: .3rem 1rem .3rem 0; border-bottom: 1px solid var(--line);
-  vertical-align: top; }
-th { font-weight: 600; } td.number { white-space: nowrap; }
-.good { color: var(--good); } .bad { color: var(--bad); }
+figure img { width: auto; max-width: 100%; max-height: 60rem; border: 1px solid var(--line);
+  border-radius: 6px; }
+table { display: block; overflow-x: auto; }
+table.figures th, table.figures td { text-align: left; padding: .3rem 1rem .3rem 0; }
+td.number { white-space: nowrap; } .good { color: var(--good); } .bad { color: var(--bad); }
 """
 _TABLE_1 = {
     "tau": "τ",
@@ -133,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
             _print(entry)
         entries.append(entry)
     if all_wanted:
-        _write_text(index, page(entries))
+        outputs.write_text(index, page(entries))
     if arguments.json:
         print(json.dumps({"figures": [_described(entry) for entry in entries]}))
     elif all_wanted:
@@ -148,7 +139,7 @@ def _write(entry: Entry, folder: Path) -> None:
     else:
         picture.unlink(missing_ok=True)  # that of an earlier run shows another mesh
     text = json.dumps(_described(entry), indent=1) + "\n"
-    _write_text(_file(folder, entry.number, ".json"), text)
+    outputs.write_text(_file(folder, entry.number, ".json"), text)
 
 
 def _file(folder: Path, number: int, suffix: str) -> Path:
@@ -231,11 +222,6 @@ def _compute(figure: _Figure, arguments: argparse.Namespace) -> Entry:
     return Entry(number, title, claim, setting, measures, picture, problem, notes)
 
 
-def _write_text(path: Path, text: str) -> None:
-    with write_atomically(path) as temporary:
-        Path(temporary).write_text(text, encoding="utf-8")
-
-
 def _described(entry: Entry) -> dict[str, Any]:
     texts = {name: getattr(entry, name) for name in ("title", "claim", "setting", "problem")}
     measures = [measure.to_dict() for measure in entry.measures]
@@ -260,16 +246,15 @@ def page(entries: Sequence[Entry]) -> str:
     links = "".join(
         f'<a href="#figure-{e.number}">Figure {e.number}: {escape(e.title)}</a>' for e in entries
     )
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>The figures of the paper, measured</title><style>{_STYLE}</style></head><body>"
-        "<h1>Advection-Based Function Matching on Surfaces: the figures, measured</h1>"
+    parts = [
+        "<h1>Advection-Based Function Matching on Surfaces: the figures, measured</h1>",
         "<p>Azencot, Vantzos and Ben-Chen, 2016. Each figure was set up again, computed and "
         "measured by abfm. Blue frames hold the source, red ones the target, black ones the "
-        f'result.</p><nav>{links}<a href="#table-1">Table 1: parameters</a></nav>'
-        f"{''.join(map(_section, entries))}{_table_1()}</body></html>\n"
-    )
+        f'result.</p><nav>{links}<a href="#table-1">Table 1: parameters</a></nav>',
+        *map(_section, entries),
+        _table_1(),
+    ]
+    return document("The figures of the paper, measured", parts, _STYLE)
 
 
 def _section(entry: Entry) -> str:
@@ -284,17 +269,12 @@ def _section(entry: Entry) -> str:
     if entry.picture is not None:
         stream = io.BytesIO()
         entry.picture.save(stream, "PNG", optimize=True)
-        png = base64.b64encode(stream.getvalue()).decode()
-        parts.append(f'<figure><img alt="{title}" src="data:image/png;base64,{png}"></figure>')
+        shown = png(stream.getvalue(), f"Figure {entry.number}: {entry.title}")
+        parts.append(f"<figure>{shown}</figure>")
     if entry.measures:
         titles = ("measured", "value", "at most", "the paper's claim", "reproduces")
-        parts.append(_table(titles, map(_row, entry.measures)))
+        parts.append(table(titles, map(_row, entry.measures), "figures"))
     return "".join(parts)
-
-
-def _table(titles: Iterable[str], rows: Iterable[str]) -> str:
-    head = "".join(f"<th>{title}</th>" for title in titles)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
 def _row(measure: Measure) -> str:
@@ -315,7 +295,6 @@ def _table_1() -> str:
     for row in TABLE_1.values():
         left_out = "substeps" if row.values["method"] == "linearised" else "segments"
         shown = ["-" if name == left_out else f"{row.values[name]:g}" for name in _TABLE_1]
-        cells = "".join(f"<td>{text}</td>" for text in shown)
-        rows.append(f"<tr><td>Figure {row.figure}</td>{cells}</tr>")
-    table = _table(["", *_TABLE_1.values()], rows)
-    return f'<h2 id="table-1">Table 1: parameters</h2><p class="muted">{escape(NOTE)}</p>{table}'
+        rows.append([f"Figure {row.figure}", *shown])
+    found = rows_table(["", *_TABLE_1.values()], rows, kind="figures")
+    return f'<h2 id="table-1">Table 1: parameters</h2><p class="muted">{escape(NOTE)}</p>{found}'

@@ -10,8 +10,11 @@ import numpy as np
 import abfm
 from abfm import (
     Correspondence,
+    Match,
     MeshError,
+    Population,
     Registration,
+    Sequence,
     TriangleMesh,
     load_correspondence,
     load_match,
@@ -43,6 +46,8 @@ Examples:
   abfm info spot.obj
   abfm info match.npz
 """
+Described = tuple[dict[str, Any], list[str]]
+"""What is told of a result, to machines and to people."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,71 +71,54 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> str:
-    if Path(arguments.mesh, "population.npz").is_file():
-        return _of_population(arguments)
-    if Path(arguments.mesh).is_dir():
-        told = f"{printable(arguments.mesh)}: this is a folder"
-        raise UsageError(
-            f"{told}; abfm batch --status {printable(arguments.mesh)} tells of a batch"
-        )
-    if arguments.mesh.endswith(".npz"):
-        return _of_result(arguments)
-    mesh = load_mesh(arguments.mesh, **options.mesh_options(arguments).given)
-    facts = describe(mesh)
-    if arguments.json:
-        return json.dumps({"mesh": arguments.mesh, "usable": True, **facts})
-    return "\n".join([printable(arguments.mesh), *_lines(facts)])
+    name, is_table = arguments.mesh, Path(arguments.mesh, "population.npz").is_file()
+    if Path(name).is_dir() and not is_table:
+        told = f"{printable(name)}: this is a folder"
+        raise UsageError(f"{told}; abfm batch --status {printable(name)} tells of a batch")
+    if is_table or name.endswith(".npz"):
+        facts, (first, *others) = _of_result(name)
+        own = {"result": name}
+        lines = [f"{printable(name)}: {first}", *others]
+    else:
+        facts = describe(load_mesh(name, **options.mesh_options(arguments).given))
+        own, lines = {"mesh": name, "usable": True}, [printable(name), *_lines(facts)]
+    return json.dumps(own | facts) if arguments.json else "\n".join(lines)
 
 
-def _of_result(arguments: argparse.Namespace) -> str:
-    name = arguments.mesh
+def _of_result(name: str) -> Described:
+    if Path(name).is_dir() or is_population(name):
+        return _of_population(load_population(name))
     if is_sequence(name):
-        return _of_sequence(arguments)
-    if is_population(name):
-        return _of_population(arguments)
+        return _of_sequence(load_sequence(name))
     found = load_correspondence(name) if is_correspondence(name) else None
     if found is not None and not isinstance(found, Registration):
-        return _of_map(arguments, found)
+        return _of_map(found)
     match = load_match(name) if found is None else found.match
     options.warn_of_doubt(name, match)
-    if arguments.json:
-        return json.dumps({"result": name, **results.facts(match)})
-    lines = [
-        f"{printable(name)}: {match.facts.headline}",
-        match.facts.reason,
-        f"residual {verdict_words.numbers(match)}, on a mesh of {len(match.mesh.faces):,} faces",
-        *results.path_lines(match),
-    ]
-    return "\n".join(lines)
+    return _of_match(match)
 
 
-def _of_sequence(arguments: argparse.Namespace) -> str:
-    name = arguments.mesh
-    sequence = load_sequence(name)
-    if arguments.json:
-        return json.dumps({"result": name, **sequence_results.facts(sequence)})
+def _of_sequence(sequence: Sequence) -> Described:
     unit = "second" if unit_of(sequence.times) else "frame"
-    first, *others = sequence_results.lines(sequence, unit)
-    return "\n".join([f"{printable(name)}: {first}", *others])
+    return sequence_results.facts(sequence), sequence_results.lines(sequence, unit)
 
 
-def _of_population(arguments: argparse.Namespace) -> str:
-    name = arguments.mesh
-    found = load_population(name)
+def _of_population(found: Population) -> Described:
     facts = population_results.facts(found)
-    if arguments.json:
-        return json.dumps({"result": name, **facts})
-    first, *others = population_results.lines(found, facts)
-    return "\n".join([f"{printable(name)}: {first}", *others])
+    return facts, population_results.lines(found, facts)
 
 
-def _of_map(arguments: argparse.Namespace, found: Correspondence) -> str:
-    name = arguments.mesh
-    if arguments.json:
-        return json.dumps({"result": name, "map": results.map_facts(found)})
+def _of_map(found: Correspondence) -> Described:
     sizes = [f"{len(mesh.faces):,}" for mesh in (found.a, found.b)]
     told = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
-    return "\n".join([f"{printable(name)}: {told}", *results.map_lines(found)])
+    return {"map": results.map_facts(found)}, [told, *results.map_lines(found)]
+
+
+def _of_match(match: Match) -> Described:
+    size = f"on a mesh of {len(match.mesh.faces):,} faces"
+    told = f"residual {verdict_words.numbers(match)}, {size}"
+    lines = [match.facts.headline, match.facts.reason, told, *results.path_lines(match)]
+    return results.facts(match), lines
 
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:

@@ -1,13 +1,15 @@
 """`abfm match`: the main job, and how any match runs here: with signals, progress and files."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, fields
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
@@ -15,17 +17,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import abfm
-from abfm import Control, Match, Parameters, Problem, ResultError, TriangleMesh, load_match
+from abfm import (
+    Control,
+    Match,
+    Parameters,
+    Problem,
+    Registration,
+    ResultError,
+    TriangleMesh,
+    load_match,
+)
 from abfm.errors import printable
 from abfm.functions import families
 from abfm.matching import bounded, foreseen
 from abfm.outcome import Facts
 from abfm.types import FloatArray
-from abfm.workers.progress import telling
 from abfm_viewer import signals
 from abfm_viewer.cli import options, results
 from abfm_viewer.cli.exit_status import UNMATCHED, UsageError
-from abfm_viewer.cli.progress import print_long, progress
+from abfm_viewer.cli.progress import long_steps, progress
 from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
 
@@ -51,8 +61,8 @@ For example gaussian:vertex=12,width=0.1 or expression:sin(10*x)*z; the README h
 _TOGETHER = 0.1  # seconds: `timeout` and terminals may send a signal to a process and to its group
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    options.add_mesh(parser)
+def add_problem(parser: argparse.ArgumentParser) -> None:
+    """Declare what is matched, and how."""
     options.add_channels(
         parser, "function to carry along the flow", "function that it should become"
     )
@@ -64,6 +74,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--start", "start from the field of an earlier result", "RESULT.npz")
     options.add_parameters(parser)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_mesh(parser)
+    add_problem(parser)
     add = options.adder(parser.add_argument_group("output"))
     what = (
         "result .npz, or .ply or .vtu for other programs, .csv with the energy, or .html for a "
@@ -89,9 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_not_read(arguments.path, read)
         if arguments.path in arguments.out:
             raise UsageError("--path and --out name the same file; give each its own")
-    given = {entry.name: getattr(arguments, entry.name) for entry in fields(Parameters)}
-    parameters = Parameters(**given)
-    with nullcontext() if arguments.quiet else telling(print_long):
+    parameters = Parameters(**options.given_parameters(arguments))
+    with long_steps(arguments.quiet):
         mesh = options.mesh(arguments)
         problem = Problem(
             mesh,
@@ -104,10 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     out = Outputs(arguments.out, arguments.path, arguments.up)
     outcome = solve(problem, out, arguments.quiet, arguments.max_distortion)
-    if arguments.json:
-        print(json.dumps({"mesh": arguments.mesh, **outcome.to_dict()}))
-    else:
-        print(outcome.summary())
+    outcome.print(arguments, "mesh")
     return outcome.status
 
 
@@ -173,7 +184,9 @@ def warn_if_foreseen(problem: Problem, quiet: bool) -> None:
 
 @dataclass(frozen=True)
 class FinishedMatch:
-    match: Match
+    """A match, or a registration, that was written to files."""
+
+    found: Match | Registration
     seconds: float
     outputs: Sequence[Path]
     signal: int | None  # that came, also after the last iteration
@@ -181,22 +194,36 @@ class FinishedMatch:
     @property
     def status(self) -> int:
         """Exit status: 130 or the like when a signal came; 3 when the target was not reached."""
-        return status_of(self.match.facts, self.signal)
+        return status_of(self.found.facts, self.signal)
+
+    def print(self, arguments: argparse.Namespace, *read: str) -> None:
+        """Print it, as JSON with the options of these names if that is requested."""
+        if arguments.json:
+            given = {name: getattr(arguments, name) for name in read}
+            print(json.dumps(given | self.to_dict()))
+        else:
+            print(self.summary())
 
     def summary(self) -> str:
-        """Say for a person how well it matches, why it stopped, the numbers, and what to try."""
-        match, names = self.match, list(map(printable, self.outputs))
+        """Say for a person how well it matches, why it stopped, the numbers, what the map of a
+        registration does, and what to try.
+        """
+        found, names = self.found, list(map(printable, self.outputs))
+        lines = results.told_lines(found, self.seconds, names)
         result = next((name for name in names if name.endswith(".npz")), "RESULT.npz")
-        advice = verdict_words.advice_in_options(match, result)
-        lines = [
-            *results.told_lines(match, self.seconds, names),
-            *([f"to try: {advice}"] if advice else []),
-        ]
+        if isinstance(found, Registration):
+            lines += [*results.map_lines(found), *results.landmark_lines(found)]
+            result = ""  # no registration starts from an earlier one
+        if advice := verdict_words.advice_in_options(found, result):
+            lines.append(f"to try: {advice}")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        own = {"seconds": self.seconds, "outputs": list(map(str, self.outputs))}
-        return {**results.facts(self.match), **own}
+        found, told = self.found, results.facts(self.found)
+        if isinstance(found, Registration):
+            told |= {"map": results.map_facts(found), **results.initial_facts(found.initial)}
+            told["notes"] = list(found.notes)
+        return {**told, "seconds": self.seconds, "outputs": list(map(str, self.outputs))}
 
 
 class Outputs(NamedTuple):
@@ -212,10 +239,12 @@ def solve(
     out: Outputs,
     quiet: bool = False,
     max_distortion: float | None = None,
+    prepared: abfm.registration.Prepared | None = None,
 ) -> FinishedMatch:
     """Match with progress on stderr and write the result, also after a signal, and its path.
 
     A ``max_distortion`` bounds what 99% of the faces may change by, see `abfm.matching.bounded`.
+    If the problem was ``prepared`` from two surfaces, the result is their registration.
     """
     warn_if_foreseen(problem, quiet)
     control = Control()
@@ -223,12 +252,18 @@ def solve(
     with cancelled_by_signals(control) as kept:
         with progress(problem.parameters.iterations, quiet) as report:
             match = abfm.match(problem, on_iteration=report, control=control)
+        found = match if prepared is None else prepared.matched_by(match)
         if max_distortion is not None:
-            with nullcontext() if quiet else telling(print_long):
-                match = bounded(match, max_distortion, control=control)
+            with long_steps(quiet):
+                if isinstance(found, Registration):
+                    found = abfm.registration.within(found, max_distortion, control)
+                else:
+                    found = bounded(found, max_distortion, control=control)
         seconds = time.perf_counter() - start
-        results.print_notes(outputs.write_all(out.files, match, out.up))
-        if out.path is not None:
-            outputs.write_path(out.path, match)
+        if isinstance(found, Registration) and prepared is not None:
+            results.print_notes(found.notes[len(prepared.notes) :])
+        results.print_notes(outputs.write_all(out.files, found, out.up))
+        if out.path is not None and isinstance(found, Match):
+            outputs.write_path(out.path, found)
     written = [*out.files, *([] if out.path is None else [out.path])]
-    return FinishedMatch(match, seconds, written, kept.number)
+    return FinishedMatch(found, seconds, written, kept.number)

@@ -26,7 +26,7 @@ MESH = (
     "also compressed (.gz)"
 )
 _DISTANCE = re.compile(r"auto|[-+.\d][-+.\de]*", re.IGNORECASE)
-UNSET = object()
+_UNSET = object()
 """What an option is that was not given."""
 
 
@@ -147,14 +147,13 @@ def weight(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
 
 def add_parameters(
     parser: argparse.ArgumentParser,
-    unset: object = None,
     usual: Parameters | None = None,
     names: Collection[str] | None = None,
     about: Mapping[str, str] | None = None,
 ) -> None:
     """Declare an option for each parameter, or those of these names, with help and symbol of its
-    definition; one that is not given has its default, or else is ``unset``. ``usual`` are the
-    defaults that are told, and ``about`` what is told of a parameter instead.
+    definition, for `given_parameters`. ``usual`` are the defaults that the help shows, and
+    ``about`` replaces the help of some.
     """
     add = adder(parser.add_argument_group("parameters (symbols of the paper in brackets)"))
     for entry in fields(Parameters):
@@ -174,9 +173,14 @@ def add_parameters(
         metavar = f"{{{','.join(choices)}}}" if choices else "INT" if kind is int else "X"
         is_optional = told is None or entry.default is None
         read = str if choices else partial(_or_auto, kind) if is_optional else kind
-        absent = entry.default if unset is None else unset
-        settings = {"type": read, "choices": choices, "default": absent}
+        settings = {"type": read, "choices": choices, "default": _UNSET}
         add("--" + entry.name.replace("_", "-"), text, metavar, **settings)
+
+
+def given_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters that were given, by name; None is auto."""
+    found = {entry.name: getattr(arguments, entry.name, _UNSET) for entry in fields(Parameters)}
+    return {name: value for name, value in found.items() if value is not _UNSET}
 
 
 def _or_auto(kind: type[int] | type[float], text: str) -> float | None:
@@ -264,6 +268,7 @@ seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")
 count = partial(_within, int, 1, 1_000_000, "a whole number from 1 to 1000000")
 processes = partial(_within, int, 1, 4096, "a number of processes, 1 to 4096")
 gamma = partial(_within, float, 0, 1e6, "a number from 0 to 1000000")
+width = partial(_within, int, 32, 2000, "a whole number from 32 to 2000")
 texels = partial(_within, int, 4, 16384, "a whole number from 4 to 16384")
 _weight = partial(_within, float, 0, sys.float_info.max, "weights of channels such as 1,0.5")
 

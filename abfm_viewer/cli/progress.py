@@ -4,7 +4,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from typing import Any
 
@@ -181,6 +181,11 @@ def _told(
 
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
+
+
+def long_steps(quiet: bool) -> AbstractContextManager[None]:
+    """Print the steps of work that take seconds."""
+    return nullcontext() if quiet else telling(print_long)
 
 
 def print_long(step: Step | None) -> None:

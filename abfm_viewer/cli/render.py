@@ -20,7 +20,6 @@ from abfm_viewer.cli.options import add_up, adder, angle, positive, size, warn_o
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.computing.defaults import front_of_film
 from abfm_viewer.document.document import Document
-from abfm_viewer.document.film import unit_of
 from abfm_viewer.files import outputs
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 from abfm_viewer.session.session_files import read_document
@@ -104,11 +103,11 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check(out, [".png", *_MOVIES, _PAGE])
     path, is_movie = Path(arguments.input), out.suffix in _MOVIES
     of_film = _holds(abfm.sequences.is_sequence, arguments.input)
-    if of_film and not (is_movie or arguments.style == "window"):
-        _of_sequence(arguments)
-        return 0
     if out.suffix == _PAGE:
         _write_page(arguments)
+        return 0
+    if of_film and not (is_movie or arguments.style == "window"):
+        _draw_sequence(arguments)
         return 0
     shows_all = (
         path.suffix == ".abfm"
@@ -140,27 +139,20 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _of_sequence(arguments: argparse.Namespace) -> None:
-    """Draw a sheet or a page of a sequence."""
-    out = arguments.out
-    is_page = out.suffix == _PAGE
-    if is_page:
-        _refuse_others(arguments, _OF_PAGES, "pictures and movies", "a page")
-    else:
-        _refuse_others(arguments, _OF_FILMS, "pictures of matches", "one of a sequence")
+def _draw_sequence(arguments: argparse.Namespace) -> None:
+    """Draw a sheet of a sequence."""
+    out, channel = arguments.out, arguments.channel or 0
+    _refuse_others(arguments, _OF_FILMS, "pictures of matches", "one of a sequence")
     film = abfm.load_sequence(arguments.input)
-    if is_page:
-        labels = pages.Labels(unit_of_time=unit_of(film.times), up=arguments.up)
-        outputs.write_sequence(out, film, labels)
-    else:
-        count = film.frames.shape[2]
-        if not 0 <= (channel := arguments.channel or 0) < count:
-            raise ParameterError(f"--channel {channel}: there are channels 0 to {count - 1}")
-        picture = pictures.sequence_picture(
-            film, arguments.time, arguments.size, channel, arguments.up
-        )
-        outputs.write_picture(out, picture)
+    _check_channel(channel, film.frames.shape[2])
+    picture = pictures.sequence_picture(film, arguments.time, arguments.size, channel, arguments.up)
+    outputs.write_picture(out, picture)
     print(f"wrote {printable(out)}")
+
+
+def _check_channel(channel: int, count: int) -> None:
+    if not 0 <= channel < count:
+        raise ParameterError(f"--channel {channel}: there are channels 0 to {count - 1}")
 
 
 def _refuse_others(arguments: argparse.Namespace, known: Sequence[str], of: str, is_: str) -> None:
@@ -180,15 +172,14 @@ def _write_page(arguments: argparse.Namespace) -> None:
         unit = "" if document.film is None else document.film.unit
         labels = pages.Labels(unit_of_time=unit, up=arguments.up)
         outputs.write_sequence(out, document.sequence, labels)
-        print(f"wrote {printable(out)}")
-        return
-    if match is None:
+    elif match is None:
         raise ParameterError(f"{arguments.input} holds no result to make a page of")
-    warn_of_doubt(arguments.input, match)
-    if document.is_pair and initial is not None:
-        outputs.write_registration(out, initial.registration(match), arguments.up)
     else:
-        outputs.write(out, match, arguments.up)
+        warn_of_doubt(arguments.input, match)
+        if document.is_pair and initial is not None:
+            outputs.write_registration(out, initial.registration(match), arguments.up)
+        else:
+            outputs.write(out, match, arguments.up)
     print(f"wrote {printable(out)}")
 
 
@@ -227,10 +218,7 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
     if arguments.channel is not None:
         film = document.film
         count = max(len(document.channels), 1) if film is None else film.channels
-        if not 0 <= arguments.channel < count:
-            raise ParameterError(
-                f"--channel {arguments.channel}: there are channels 0 to {count - 1}"
-            )
+        _check_channel(arguments.channel, count)
         document = replace(document, channel=arguments.channel)
     if arguments.streaks:
         moving = {"fade": arguments.fade, "animate": arguments.out.suffix in _MOVIES}

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -13,8 +13,8 @@ from abfm.matching.judging.facts import finite
 from abfm.mesh.subdivision import times_subdivided
 from abfm_viewer.document import verdict_words
 
-_HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|", "refined")
-_SCORE = "score"  # of steps of measured functions
+STEP_HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
+SCORE = "score"  # of steps of measured functions
 _NUMBERS = [entry.name for entry in fields(PathStep) if entry.name != "velocity"]
 
 
@@ -64,35 +64,42 @@ def print_notes(notes: Sequence[str]) -> None:
 
 def _row(match: Match, step: PathStep) -> dict[str, float | None]:
     numbers = {name: finite(getattr(step, name)) for name in _NUMBERS}
-    return {**numbers, "refined": _refined(match, step)}
+    return {**numbers, "refined": times_subdivided(step.velocity.shape[1], match.mesh)}
+
+
+def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str:
+    """Write a number for people; one that is unknown as ``-``."""
+    return "-" if value is None or math.isnan(value) else f"{value:{digits}}{unit}"
+
+
+def percents(share: float | None) -> str:
+    """Write a share in percent, ``-`` if it is unknown."""
+    return "-" if share is None else number_text(100 * share, ".2g", "%")
 
 
 def path_lines(match: Match) -> list[str]:
     """Return the path as a table of a line a step, a star before the one that the match is."""
-    heads = (*_HEADS, _SCORE) if any(step.score == step.score for step in match.path) else _HEADS
-    rows = [heads, *(_cells(match, number)[: len(heads)] for number in range(len(match.path)))]
+    steps = [_row(match, step) for step in match.path]
+    heads = [*STEP_HEADS, "refined", *([SCORE] if has_scores(steps) else [])]
+    rows = [heads]
+    for number, step in enumerate(steps):
+        cells = [*step_cells(number, step, ".3g"), str(step["refined"])]
+        rows.append([*cells, number_text(step[SCORE], ".4f")][: len(heads)])
     pairs = [zip(row, heads, strict=True) for row in rows]
     lines = ["".join(f"{cell:>{len(head) + 3}}" for cell, head in each) for each in pairs]
     lines[match.step + 1] = lines[match.step + 1].replace(" ", "*", 1)
     return lines
 
 
-def _refined(match: Match, step: PathStep) -> int:
-    return times_subdivided(step.velocity.shape[1], match.mesh)
+def has_scores(steps: Iterable[Mapping[str, float | None]]) -> bool:
+    return any(step[SCORE] is not None for step in steps)
 
 
-def _cells(match: Match, number: int) -> tuple[str, ...]:
-    step = match.path[number]
-    folded = "-" if math.isnan(step.folded) else f"{100 * step.folded:.2g}%"
-    left = map(_short, (step.residual, step.verified_residual))
-    cost = map(_short, (step.log2_area, step.log2_shape))
-    refined = str(_refined(match, step))
-    score = "-" if math.isnan(step.score) else f"{step.score:.4f}"
-    return (str(number + 1), f"{step.sigma:.3g}", *left, folded, *cost, refined, score)
-
-
-def _short(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.3g}"
+def step_cells(number: int, step: Mapping[str, Any], digits: str) -> list[str]:
+    """Return the texts below `STEP_HEADS` of a step of a path, by its facts."""
+    left = [number_text(step[name], digits) for name in ("residual", "verified_residual")]
+    cost = [number_text(step[name], digits) for name in ("log2_area", "log2_shape")]
+    return [str(number + 1), f"{step['sigma']:.3g}", *left, percents(step["folded"]), *cost]
 
 
 def map_facts(found: Correspondence, distortion: Distortion | None = None) -> dict[str, Any]:
@@ -101,13 +108,19 @@ def map_facts(found: Correspondence, distortion: Distortion | None = None) -> di
     """
     distortion, back = distortion or found.distortion(), found.there_and_back()
     return {
+        **distortion_facts(distortion),
+        "collapsed": distortion.collapsed,
+        "coverage": found.coverage(),
+        "there_and_back": back._asdict(),
+    }
+
+
+def distortion_facts(distortion: Distortion) -> dict[str, Any]:
+    return {
         "log2_area": distortion.log2_area._asdict(),
         "log2_shape": distortion.log2_shape._asdict(),
         "folded": distortion.folded,
-        "collapsed": distortion.collapsed,
         "faces": len(distortion.flipped),
-        "coverage": found.coverage(),
-        "there_and_back": back._asdict(),
     }
 
 

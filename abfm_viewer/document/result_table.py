@@ -9,14 +9,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from abfm.outcome import Facts, Outcome, Tone, worse_residual
+from abfm.outcome import Facts, Outcome
 
 if TYPE_CHECKING:
     from abfm import Population
 
 Name = Literal[
-    "name", "verdict", "left", "verified", "folded", "log2_area", "correlation", "reason"
+    "name",
+    "verdict",
+    "residual",
+    "verified_residual",
+    "folded",
+    "log2_area",
+    "correlation",
+    "reason",
 ]
+"""Numbers have the names that they have in facts."""
 
 
 class Column(NamedTuple):
@@ -30,8 +38,10 @@ class Column(NamedTuple):
 COLUMNS: Mapping[Name, Column] = {
     "name": Column("name", "What the row is called in its table."),
     "verdict": Column("verdict", "What it came to. The worst come first."),
-    "left": Column("left", "The residual of the discrete flow.", ".2%"),
-    "verified": Column("by flow lines", "The same by the second witness, flow lines.", ".2%"),
+    "residual": Column("left", "The residual of the discrete flow.", ".2%"),
+    "verified_residual": Column(
+        "by flow lines", "The same by the second witness, flow lines.", ".2%"
+    ),
     "folded": Column("folded", "Share of the faces that the map folds.", ".2%"),
     "log2_area": Column(
         "|log2 J|", "How much its map changes areas, mean over the surface.", ".2f"
@@ -42,29 +52,22 @@ COLUMNS: Mapping[Name, Column] = {
     "reason": Column("why", "What does not fit, or why it failed."),
 }
 OF_BATCHES: tuple[Name, ...] = (
-    *("name", "verdict", "left", "verified", "folded", "log2_area", "reason"),
+    *("name", "verdict", "residual", "verified_residual", "folded", "log2_area", "reason"),
 )
 OF_POPULATIONS: tuple[Name, ...] = (
-    *("name", "verdict", "left", "folded", "log2_area", "correlation", "reason"),
+    *("name", "verdict", "residual", "folded", "log2_area", "correlation", "reason"),
 )
 
 
 @dataclass(frozen=True)
 class ResultRow:
-    """A row; numbers that are not known are NaN."""
+    """A row and the facts of its result."""
 
     number: int  # in its table
     name: str
-    verdict: Outcome
-    left: float = math.nan
-    verified: float = math.nan
-    folded: float = math.nan
-    log2_area: float = math.nan
-    correlation: float = math.nan
-    reason: str = ""
+    facts: Facts
     path: Path | None = None  # of its result
     texts: tuple[tuple[str, str], ...] = ()  # of its channels: sources and targets, as written
-    warnings: tuple[str, ...] = ()
 
     @property
     def key(self) -> tuple[int, str]:
@@ -72,20 +75,20 @@ class ResultRow:
         return self.number, self.name
 
     @property
-    def tone(self) -> Tone:
-        """The colour of the verdict."""
-        return Facts(self.verdict, "", warnings=self.warnings).tone
+    def verdict(self) -> Outcome:
+        return self.facts.outcome
 
     def told(self, column: Name) -> str:
         """Return what a cell says."""
-        value = getattr(self, column)
-        if isinstance(value, str):
-            return value
+        texts = {"name": self.name, "verdict": str(self.verdict), "reason": self.facts.reason}
+        if column in texts:
+            return texts[column]
+        value = self.facts.number(column)
         return "" if math.isnan(value) else format(value, COLUMNS[column].digits)
 
     def has(self, words: Sequence[str]) -> bool:
         """Return whether all words, or phrases, in lower case, are in its texts."""
-        text = f"{self.name} {self.verdict} {self.reason}".lower()
+        text = f"{self.name} {self.verdict} {self.facts.reason}".lower()
         return all(word in text for word in words)
 
 
@@ -128,11 +131,11 @@ class ResultTable:
         if column == "verdict":
             return tuple(reversed(rows) if falls else rows)
         if not COLUMNS[column].digits:
-            rows.sort(key=lambda row: str(getattr(row, column)).casefold(), reverse=falls)
+            rows.sort(key=lambda row: row.told(column).casefold(), reverse=falls)
             return tuple(rows)
-        known = [row for row in rows if not math.isnan(getattr(row, column))]
-        unknown = [row for row in rows if math.isnan(getattr(row, column))]
-        known.sort(key=lambda row: float(getattr(row, column)), reverse=falls)
+        known = [row for row in rows if not math.isnan(row.facts.number(column))]
+        unknown = [row for row in rows if math.isnan(row.facts.number(column))]
+        known.sort(key=lambda row: row.facts.number(column), reverse=falls)
         return (*known, *unknown)
 
     def _badness(self, row: ResultRow) -> tuple[int, float, str]:
@@ -140,6 +143,7 @@ class ResultTable:
         if self.population is not None:
             # all that are good are compared by their correlation
             order = -Outcome.NEARLY.rank if row.verdict.is_good else order
-            return order, -2.0 if math.isnan(row.correlation) else row.correlation, row.name
-        worse = worse_residual(row.left, row.verified)
+            correlation = row.facts.number("correlation")
+            return order, -2.0 if math.isnan(correlation) else correlation, row.name
+        worse = row.facts.worse_residual
         return order, 0.0 if math.isnan(worse) else -worse, row.name

@@ -34,7 +34,7 @@ def advice_in_options(match: abfm.Match | abfm.Registration, result: str = "") -
         if not (result or remedy.parameters):
             continue
         given = remedy.parameters.items()
-        words = [f"--{name.replace('_', '-')} {_plain(value)}" for name, value in given]
+        words = [f"--{name.replace('_', '-')} {plain(value)}" for name, value in given]
         words += [f"--start {result}"] if remedy.goes_on and result else []
         found.append(f"{remedy.label.lower()} ({' '.join(words)})")
     return ", or ".join(found) or match.facts.advice
@@ -42,13 +42,14 @@ def advice_in_options(match: abfm.Match | abfm.Registration, result: str = "") -
 
 def changes(remedy: Remedy) -> str:
     """Say what a remedy does, for a tooltip: ``A larger reach: reach 1, from no motion``."""
-    changed = ", ".join(f"{name} {_plain(value)}" for name, value in remedy.parameters.items())
+    changed = ", ".join(f"{name} {plain(value)}" for name, value in remedy.parameters.items())
     start = "from the present field" if remedy.goes_on else "from no motion"
     given = f", with {changed}" if changed else ""
     return f"{sentence(remedy.words)}\nStarts a run {start}{given}."
 
 
-def _plain(value: object) -> str:
+def plain(value: object) -> str:
+    """Write the value of a parameter."""
     return f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
 
 

@@ -140,13 +140,6 @@ def write_sequence(path: Path, found: abfm.Sequence, labels: pages.Labels | None
     return ""
 
 
-def write_registrations(
-    paths: Sequence[Path], found: abfm.Registration, up: str | None = None
-) -> list[str]:
-    """Write a registration to several files, as `write_all` does."""
-    return _write_each(paths, partial(write_registration, found=found, up=up), found)
-
-
 def write_registration(path: Path, found: abfm.Registration, up: str | None = None) -> str:
     """Write by the suffix, as `write` does; ``up`` is B's axis that points upwards on a page."""
     if path.suffix == ".npz":
@@ -211,17 +204,20 @@ def write(path: Path, match: abfm.Match, up: str | None = None) -> str:
 def write_path(path: Path, match: abfm.Match) -> None:
     """Write the table of a match's path as CSV, whole or not at all."""
     lines = abfm.matching.path_table(match.path, match.mesh)
-    with write_atomically(path) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in lines))
+    write_text(path, "".join(f"{line}\n" for line in lines))
 
 
-def write_all(paths: Sequence[Path], match: abfm.Match, up: str | None = None) -> list[str]:
-    """Write a match to several files; return what a result file is without, a line each.
+def write_all(
+    paths: Sequence[Path], found: abfm.Match | abfm.Registration, up: str | None = None
+) -> list[str]:
+    """Write a result to several files; return what a result file is without, a line each.
 
     If a file cannot be written the result is kept elsewhere, unless a result file holds it, and a
     ResultError reports that.
     """
-    return _write_each(paths, partial(write, match=match, up=up), match)
+    if isinstance(found, abfm.Match):
+        return _write_each(paths, partial(write, match=found, up=up), found)
+    return _write_each(paths, partial(write_registration, found=found, up=up), found)
 
 
 def _write_each(
@@ -254,6 +250,12 @@ def _kept_elsewhere(whole: results.Saved) -> str:
             missing = results.save_what_can_be(place, whole)
             return f"{place}{f'; {missing}' if missing else ''}"
     return ""
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text, whole or not at all, with question marks for what UTF-8 cannot encode."""
+    with write_atomically(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="replace")
 
 
 def write_picture(path: Path, picture: Image.Image) -> None:

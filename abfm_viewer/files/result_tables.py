@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import zipfile
 from contextlib import suppress
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from abfm import AbfmError
 from abfm.errors import one_line
-from abfm.outcome import Outcome
+from abfm.outcome import Facts, Outcome
 from abfm_viewer.document.result_table import ResultRow, ResultTable
 
 if TYPE_CHECKING:
@@ -23,6 +22,7 @@ NAMES = (POPULATION, "subjects.csv", "summary.csv", "rows.json")
 them.
 """
 _LEDGER = "ledger"
+_NUMBERS = ("residual", "folded", "log2_area", "correlation")  # of subjects
 _OWN = "subject_weights.npy"  # what no other kind of file has
 
 
@@ -85,28 +85,14 @@ class TableReader:
 
     def _row(self, number: int, entry: Entry) -> ResultRow:
         name = one_line(entry.row.name, 200)
-        if entry.path is None:
-            return ResultRow(number, name, entry.facts.outcome, reason=entry.facts.reason)
         # files of results are named by what is in them
-        known = self._known.get(entry.path)
+        known = None if entry.path is None else self._known.get(entry.path)
         if known is not None and known.key == (number, name):
             return known
         facts = entry.facts
-        if not facts.numbers:
-            return ResultRow(number, name, facts.outcome, reason=facts.reason)
-        row = ResultRow(
-            number,
-            name,
-            facts.outcome,
-            left=facts.number("residual"),
-            verified=facts.number("verified_residual"),
-            folded=facts.number("folded"),
-            log2_area=facts.number("log2_area"),
-            reason=facts.reason,
-            path=entry.path,
-            texts=_texts(entry),
-            warnings=facts.warnings,
-        )
+        if entry.path is None or not facts.numbers:
+            return ResultRow(number, name, facts)
+        row = ResultRow(number, name, facts, entry.path, _texts(entry))
         self._known[entry.path] = row
         return row
 
@@ -130,21 +116,13 @@ def _of_population(place: Path, path: Path) -> ResultTable:
     for number, name in enumerate(found.names):
         result = path.parent / f"{found.digests[number]}.npz"
         verdict = _outcome(found.verdicts[number])
-        rows.append(
-            ResultRow(
-                number,
-                name,
-                verdict if found.fits[number] or verdict is Outcome.FAILED else Outcome.OUTLIER,
-                float(found.residual[number]),
-                math.nan,
-                float(found.folded[number]),
-                float(found.log2_area[number]),
-                float(found.correlation[number]),
-                found.reasons[number],
-                result if found.digests[number] and result.is_file() else None,
-                tuple((channel.name, channel.name) for channel in matched),
-            )
-        )
+        is_outlier = not found.fits[number] and verdict is not Outcome.FAILED
+        outcome = Outcome.OUTLIER if is_outlier else verdict
+        numbers = {each: float(getattr(found, each)[number]) for each in _NUMBERS}
+        facts = Facts(outcome, str(outcome), found.reasons[number], numbers=numbers)
+        own = result if found.digests[number] and result.is_file() else None
+        texts = tuple((channel.name, channel.name) for channel in matched)
+        rows.append(ResultRow(number, name, facts, own, texts))
     name = path.parent.name if path.name == POPULATION else path.name
     return ResultTable(place, f"population {name}", tuple(rows), found)
 

@@ -11,7 +11,6 @@ import numpy as np
 import polyscope.implot as implot
 
 import abfm
-from abfm import AbfmError
 from abfm.wording import share
 from abfm_viewer.document.document import Run
 from abfm_viewer.files import outputs
@@ -63,11 +62,8 @@ def draw(context: Context) -> None:
 
 def _export(session: Session, write: Callable[[Path], None], path: Path) -> None:
     """Write what was shown when the button was pressed."""
-    try:
+    with session.notices.errors_shown():
         write(path)
-    except AbfmError as error:
-        session.notices.say(str(error), is_error=True)
-    else:
         session.notices.say(f"wrote {path}")
 
 

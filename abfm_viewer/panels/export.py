@@ -1,5 +1,7 @@
 """Pictures, movies and data of what the window shows."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -101,18 +103,14 @@ def _draw_film(context: Context) -> None:
             kept = partial(session.saves.exported_film, session.document)
             context.exporter.save_sequence(path, sequence, film.unit, kept)
 
-    def save_tracks(path: Path) -> None:
+    def save_table(export: Callable[[Path, abfm.Sequence], str | None], path: Path) -> None:
         if sequence is not None:
-            write = abfm.sequences.export_tracks
-            context.exporter.save_table(path, lambda path: write(path, sequence))
-
-    def save_intervals(path: Path) -> None:
-        if sequence is not None:
-            write = abfm.sequences.export_intervals
-            context.exporter.save_table(path, lambda path: write(path, sequence))
+            context.exporter.save_table(path, partial(export, path, sequence))
 
     is_there = sequence is not None
     later = "" if is_there else " There are fields after a match."
+    save_tracks = partial(save_table, abfm.sequences.export_tracks)
+    save_intervals = partial(save_table, abfm.sequences.export_intervals)
     for label, tip, title, suffixes, name, do in (
         ("Save sequence...", _SEQUENCE, "Save the sequence", _ENDINGS, "sequence.npz", save),
         ("Save tracks...", _TRACKS, "Save the tracks", TABLES, "tracks.csv", save_tracks),

@@ -319,10 +319,8 @@ class _Side:
         """Let the user choose the file that a function reads; nothing changes before."""
 
         def take(path: Path) -> None:
-            try:
+            with self._session.notices.errors_shown():
                 self._session.editor.set_spec(self._side, str(function(str(path))))
-            except FunctionError as error:
-                self._session.notices.say(str(error), is_error=True)
 
         self._context.dialogs.open(title, file.kind.suffixes, take)
 

@@ -109,9 +109,9 @@ def draw_notes(context: Context) -> None:
     if not session.document.is_pair:
         return
     if session.prepared is not None:
-        for note in session.prepared.notes:
+        for note in session.prepared.initial.notes:
             context.ui.note(sentence(note))
-        for warning in session.prepared.warnings:
+        for warning in session.prepared.initial.warnings:
             context.ui.note(sentence(warning), "warning")
     elif error := session.initial_maps.error:
         context.ui.note(f"No initial map: {error}", "failure")

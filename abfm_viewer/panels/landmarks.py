@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import abfm
-from abfm import AbfmError
 from abfm.wording import counted, share
 from abfm_viewer.document.document import SIDES, Document, Landmark, Side
 from abfm_viewer.document.surface_points import landmarks_of, paired
@@ -79,26 +78,19 @@ def _draw_list(context: Context) -> None:
 def read(session: Session, path: Path) -> None:
     """Take the pairs of a file in place of those that there are."""
     a, b = (session.surface(side).mesh for side in SIDES)
-    try:
+    with session.notices.errors_shown():
         found = landmarks_of(abfm.registration.read_landmarks(a, b, str(path)))
-    except AbfmError as error:
-        session.notices.say(str(error), is_error=True)
-        return
-    session.editor.set_landmarks(f"open {path.name}", found)
-    session.notices.say(f"{counted(len(found), 'landmark')} of {path.name}")
+        session.editor.set_landmarks(f"open {path.name}", found)
+        session.notices.say(f"{counted(len(found), 'landmark')} of {path.name}")
 
 
 def write(session: Session, path: Path) -> None:
     a, b = (session.surface(side).mesh for side in SIDES)
     found = paired(a, b, session.document.pairs)
-    if found is None:
-        return
-    try:
-        found.save(path)
-    except AbfmError as error:
-        session.notices.say(str(error), is_error=True)
-        return
-    session.notices.say(f"saved {path}")
+    if found is not None:
+        with session.notices.errors_shown():
+            found.save(path)
+            session.notices.say(f"saved {path}")
 
 
 def _named(document: Document, side: Side) -> str:

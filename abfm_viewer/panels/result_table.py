@@ -36,7 +36,7 @@ _LEAST_TEXT: dict[Name, float] = {"name": 110, "reason": 180}  # widths, at a sc
 _ARROW = 14  # beside a head, the same
 _COMPARE = 110
 _WIDEST = "100.00%"  # number
-_FIRST_TO_GO: tuple[Name, ...] = ("folded", "log2_area", "verified", "left", "reason")
+_FIRST_TO_GO: tuple[Name, ...] = ("folded", "log2_area", "verified_residual", "residual", "reason")
 """Columns that are left out where there is no room for all; a row's tip has them then."""
 _HINT = "in names and reasons"
 _AGAIN = "Read the folder again now; it is looked at every two seconds."
@@ -162,7 +162,7 @@ def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
     line, padding = float(imgui.GetTextLineHeight()), _row_height() - imgui.GetTextLineHeight()
 
     def make() -> FloatArray:
-        reasons = (row.reason if width else "" for row in rows)
+        reasons = (row.facts.reason if width else "" for row in rows)
         heights = [float(imgui.CalcTextSize(each, False, width)[1]) for each in reasons]
         return np.cumsum([max(height, line) + padding for height in heights])
 
@@ -269,7 +269,12 @@ def _draw_row(
                 for each in left_out
                 if COLUMNS[each].digits and (told := row.told(each))
             ]
-            parts = f"{row.name}: {row.verdict}", ", ".join(numbers), row.reason, *row.warnings
+            parts = (
+                f"{row.name}: {row.verdict}",
+                ", ".join(numbers),
+                row.facts.reason,
+                *row.facts.warnings,
+            )
             tip = "\n\n".join(filter(None, parts))
             ui.remember(row.name, "choice", text=state, tip=tip)
             ui.tip(tip)
@@ -279,7 +284,7 @@ def _draw_row(
         if COLUMNS[column].digits:
             spare = room - ui.text_width(text)
             imgui.SetCursorPosX(imgui.GetCursorPosX() + max(spare, 0.0))
-        color = getattr(ui.colors, row.tone) if column == "verdict" else ui.colors.ink
+        color = getattr(ui.colors, row.facts.tone) if column == "verdict" else ui.colors.ink
         if column == "reason":
             ui.note(text, "ink")
             continue

@@ -50,8 +50,8 @@ def draw(context: Context) -> None:
     fits: Fits = "exactly" if session.running else "at least"
     with child(ui, "state", height, border=False, fits=fits):
         if (row := context.files.tables.unshown) is not None:
-            ui.note(f"{row.name}: {row.verdict}", row.tone)
-            ui.note(sentence(row.reason or "it has no result yet"), "ink")
+            ui.note(f"{row.name}: {row.verdict}", row.facts.tone)
+            ui.note(sentence(row.facts.reason or "it has no result yet"), "ink")
             ui.note(f"The surfaces still show {session.document.name}.")
         elif session.document.film is not None:
             _draw_film(ui, session)

@@ -53,7 +53,7 @@ def draw(context: Context, rect: Rect) -> None:
                 ui.beside(ui.px(GAP))
             draw_group(ui, context.session)
             before = row
-        _film_slider(context) if is_film else _slider(context)
+        _slider(context)
 
 
 def _buttons(ui: Ui, session: Session) -> None:
@@ -102,56 +102,36 @@ def _speed(ui: Ui, session: Session) -> None:
 
 
 def _slider(context: Context) -> None:
-    """Draw the slider over 0 to 2 tau; right of its tick at tau the flow extrapolates."""
-    ui, session, note = context.ui, context.session, context.shown.flow.note
-    box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
-    width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - ui.text_width("time")
-    left, top = imgui.GetCursorScreenPos()
-    track = (left, top, left + width, top + imgui.GetFrameHeight())
-    _track(ui, note, track, session.time / session.document.end)
-    grounds = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
-    for color in grounds:  # the track stays in sight
-        imgui.PushStyleColor(color, (0, 0, 0, 0))
-    tip = note or "0 is the source, τ the match; beyond, the flow goes on by itself."
-    imgui.SetNextItemWidth(width)
-    slid = ui.slider("time", session.time, Range(0.0, session.document.end), tip, tip_above=True)
-    imgui.PopStyleColor(len(grounds))
-    # the tick at tau, also over the grab
-    middle, ink = left + width / 2, imgui.GetColorU32(ui.colors.ink)
-    imgui.GetWindowDrawList().AddLine((middle, top), (middle, track[3]), ink, ui.px(1.5))
-    if slid is not None:
-        session.set_time(slid)
-    ui.beside(spacing)
-    typed = ui.text("time", f"{session.time:.4g}", "The time that is shown, 0 to 2τ.", width=box)
-    if typed is not None:
-        if (time := finite(typed)) is None:
-            session.notices.say(f"time: {typed!r} is no number", is_error=True)
-        else:
-            session.set_time(time)
-
-
-def _film_slider(context: Context) -> None:
-    """Draw the slider from the first frame to the last, with a tick at each."""
+    """Draw the slider: over 0 to 2 tau, where the flow extrapolates beyond a tick at tau, or from
+    the first frame to the last, with a tick at each.
+    """
     ui, session = context.ui, context.session
     document, film = session.document, session.document.film
-    assert film is not None
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
     width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - ui.text_width("time")
     left, top = imgui.GetCursorScreenPos()
-    bottom = top + imgui.GetFrameHeight()
+    rect = (left, top, left + width, top + imgui.GetFrameHeight())
     ends = Range(document.start, document.end)
-    _ticks(ui, film, ends, (left, top, left + width, bottom))
-    tip = f"{document.titled('source')}; {document.titled('target')} is next."
-    imgui.SetNextItemWidth(width)
+    if film is None:
+        note, about = context.shown.flow.note, "The time that is shown, 0 to 2τ."
+        tip = note or "0 is the source, τ the match; beyond, the flow goes on by itself."
+        _track(ui, note, rect, document.time / document.end)
+    else:
+        about = f"The time that is shown, {film.told(document.start)} to {film.told(document.end)}."
+        tip = f"{document.titled('source')}; {document.titled('target')} is next."
+        _ticks(ui, film, ends, rect)
     grounds = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
-    for color in grounds:  # the ticks stay in sight
+    for color in grounds:  # the ground stays in sight
         imgui.PushStyleColor(color, (0, 0, 0, 0))
+    imgui.SetNextItemWidth(width)
     slid = ui.slider("time", document.time, ends, tip, tip_above=True)
     imgui.PopStyleColor(len(grounds))
+    if film is None:  # the tick at tau, also over the grab
+        middle, ink = left + width / 2, imgui.GetColorU32(ui.colors.ink)
+        imgui.GetWindowDrawList().AddLine((middle, top), (middle, rect[3]), ink, ui.px(1.5))
     if slid is not None:
         session.set_time(slid)
     ui.beside(spacing)
-    about = f"The time that is shown, {film.told(document.start)} to {film.told(document.end)}."
     typed = ui.text("time", f"{document.time:.4g}", about, width=box)
     if typed is not None:
         if (time := finite(typed)) is None:

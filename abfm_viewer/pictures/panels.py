@@ -24,7 +24,6 @@ from abfm_viewer.shown.paint import Paint, PaintKind
 from abfm_viewer.shown.ribbons import unit
 from abfm_viewer.shown.streak_texture import streak_texture
 
-_FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees: so narrow that shapes are hardly distorted
 _INK = (0.1, 0.1, 0.12)
 # of marked points, in linear light
 POINT_COLORS = (
@@ -62,9 +61,9 @@ def cameras(
             fronts[panel.mesh] = best_front(panel.mesh, *seen, up=sheet.up)
     found = {}
     for mesh, front in fronts.items():
-        free = fitted(mesh.vertices, front, None, _FIELD_OF_VIEW, _MARGIN)
+        free = fitted(mesh.vertices, front)
         aspect = min(max(free.aspect, aspects[0]), aspects[1])
-        found[mesh] = fitted(mesh.vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN)
+        found[mesh] = fitted(mesh.vertices, front, aspect)
     return found
 
 

@@ -26,9 +26,7 @@ def plot_font(pixels: float) -> ImageFont.FreeTypeFont:
 
 def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     """Draw a plot in a size (width, height) and with a height of text in pixels, on white."""
-    figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
-    points = text * 72 / _DPI
-    axes = figure.add_subplot()
+    (figure, axes), points = new_axes(size), points_of(text)
     colors, styles = cycle(CURVE_COLORS), cycle(_STYLES)
     for curve in plot.curves:
         color, style = (_FAINT, next(styles)) if curve.faint else (next(colors), "-")
@@ -39,13 +37,8 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
         axes.set_yscale("log")
     if plot.top is not None and axes.get_ylim()[1] > plot.top:
         axes.set_ylim(-0.05 * plot.top, plot.top)
-    axes.set_xlabel(plot.x_title, fontsize=points)
-    axes.set_ylabel(plot.y_title, fontsize=points)
-    axes.tick_params(which="both", labelsize=0.9 * points)
-    axes.grid(color="#e3e6eb", linewidth=1)
-    axes.set_axisbelow(True)
+    name_axes(axes, plot.x_title, plot.y_title, points)
     axes.margins(x=0)
-    axes.spines[["top", "right"]].set_visible(False)
     if len(plot.curves) > 1:
         small = {"fontsize": 0.9 * points, "frameon": False}
         legend = axes.legend(**small)
@@ -60,6 +53,31 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     room = 2 * min((title.y0 + title.y1) / 2, size[1] - (title.y0 + title.y1) / 2)
     # in a low plot it would be cut off
     axes.yaxis.label.set_fontsize(points * min(1, room / max(title.height, 1)))
+    return drawn(figure)
+
+
+def new_axes(size: tuple[int, int]) -> tuple[Figure, Axes]:
+    """Begin a plot of a size (width, height) in pixels."""
+    figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def points_of(text: float) -> float:
+    """Return the size of a font, in points, that has a height of text in pixels."""
+    return text * 72 / _DPI
+
+
+def name_axes(axes: Axes, x_title: str, y_title: str, points: float) -> None:
+    """Write the titles of axes, and draw a grid below the curves."""
+    axes.set_xlabel(x_title, fontsize=points)
+    axes.set_ylabel(y_title, fontsize=points)
+    axes.tick_params(which="both", labelsize=0.9 * points)
+    axes.grid(color="#e3e6eb", linewidth=1)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def drawn(figure: Figure) -> Image.Image:
     stream = io.BytesIO()
     figure.savefig(stream, format="png")
     return Image.open(stream).convert("RGB")

@@ -15,12 +15,7 @@ from abfm.io.sheets import Panel, Up, Values
 from abfm.pages.colormaps import ColorRange, color_range, without_extremes
 from abfm.pages.front import best_front
 from abfm.types import FloatArray
-from abfm_viewer.pictures.registration_pictures import (
-    Planned,
-    Row,
-    both_sides,
-    drawn_row,
-)
+from abfm_viewer.pictures.registration_pictures import Planned, Row, both_sides, drawn_rows
 
 MOST_CHANNELS = 4
 """The most channels that are drawn."""
@@ -58,11 +53,7 @@ def population_pictures(
     channels = [_channel(found, c) for c in range(min(len(found.channels), MOST_CHANNELS))]
     tried = (_misfit(found, i) for i in found.worst_first() if not found.fits[i])
     misfits = [row for row in tried if row is not None][:MOST_MISFITS]
-    planned = [*channels, _areas(found), *misfits]
-    rows = []
-    for number, row in enumerate(planned):
-        report(f"drawing {row.title}", number / len(planned))
-        rows.append(drawn_row(row, views, size))
+    rows = drawn_rows([*channels, _areas(found), *misfits], views, size, report)
     count = len(channels)
     return PopulationPictures(tuple(rows[:count]), rows[count], tuple(rows[count + 1 :]))
 

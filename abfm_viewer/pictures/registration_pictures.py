@@ -5,7 +5,7 @@ checkerboard, and what it does to areas and shapes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,9 +28,7 @@ from abfm_viewer.pictures.panels import panel_pictures
 from abfm_viewer.pictures.report_plots import histogram_picture, path_picture
 from abfm_viewer.scene.surfaces import Camera, fitted
 
-SIDES = ("front", "back")
 _LOG2 = "log2 J and log2 R"
-_FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees; share of the surface
 _ASPECTS = 0.5, 1.5  # least and greatest width over height of all pictures
 _FIELDS = 16  # of the checkerboard, along A's larger side
 _LEAST = 1e-6  # of a stretch, as `Distortion.log2_area` has it
@@ -95,14 +93,11 @@ def registration_pictures(
     ``distortion`` is the map's, and ``report`` is called with what is drawn and the share that is
     behind. A `DrawingError` says why the machine cannot draw.
     """
-    views, aspect = _views(found, up)
+    of_a, of_b = fronts(found, up)
+    views, aspect = both_sides({found.a: of_a, found.b: of_b})
     functions = _functions(found) if isinstance(found, Registration) else []
     planned = [*functions, _map(found, distortion, views[0][found.a].front)]
-    size = width, max(round(width / aspect), 1)
-    rows = []
-    for number, row in enumerate(planned):
-        report(f"drawing {row.title}", number / len(planned))
-        rows.append(drawn_row(row, views, size))
+    rows = drawn_rows(planned, views, (width, max(round(width / aspect), 1)), report)
     report("drawing plots", 1.0)
     path = _path(found.match, width) if isinstance(found, Registration) else None
     return RegistrationPictures(tuple(rows[:-1]), rows[-1], _histograms(distortion, width), path)
@@ -113,21 +108,28 @@ def log2_of(ratios: FloatArray) -> FloatArray:
     return np.asarray(np.log2(np.clip(ratios, _LEAST, 1 / _LEAST)))
 
 
-def drawn_row(
-    row: Planned, views: tuple[dict[TriangleMesh, Camera], ...], size: tuple[int, int]
-) -> Row:
-    """Draw a row from two sides."""
-    sheet, sizes = Sheet((row.panels,)), [size] * len(row.panels)
-    front, back = (panel_pictures(sheet, sizes, row.ranges, view) for view in views)
-    drawings = (
-        Drawing(panel.label, (_on_white(one), _on_white(other)))
-        for panel, one, other in zip(row.panels, front, back, strict=True)
-    )
-    bars = []
-    for title, colors in row.ranges.items():
-        shades = np.round(255 * table(colors.colormap, 256)).astype(np.uint8)
-        bars.append(Bar(title, colors.low, colors.high, Image.fromarray(shades[None])))
-    return Row(row.title, tuple(drawings), tuple(bars))
+def drawn_rows(
+    planned: Sequence[Planned],
+    views: tuple[dict[TriangleMesh, Camera], ...],
+    size: tuple[int, int],
+    report: Callable[[str, float], None],
+) -> list[Row]:
+    """Draw rows from two sides; ``report`` is called with each and the share that is behind."""
+    rows = []
+    for number, row in enumerate(planned):
+        report(f"drawing {row.title}", number / len(planned))
+        sheet, sizes = Sheet((row.panels,)), [size] * len(row.panels)
+        front, back = (panel_pictures(sheet, sizes, row.ranges, view) for view in views)
+        drawings = (
+            Drawing(panel.label, (_on_white(one), _on_white(other)))
+            for panel, one, other in zip(row.panels, front, back, strict=True)
+        )
+        bars = []
+        for title, colors in row.ranges.items():
+            shades = np.round(255 * table(colors.colormap, 256)).astype(np.uint8)
+            bars.append(Bar(title, colors.low, colors.high, Image.fromarray(shades[None])))
+        rows.append(Row(row.title, tuple(drawings), tuple(bars)))
+    return rows
 
 
 def _on_white(picture: Image.Image) -> Image.Image:
@@ -203,13 +205,13 @@ def _histograms(distortion: Distortion, width: int) -> tuple[Image.Image, Image.
 
 def _path(match: Match, width: int) -> Image.Image | None:
     cost = np.array([step.log2_area for step in match.path])
-    left = np.array([confirmed(step) for step in match.path])
+    left = np.array([_verified(step) for step in match.path])
     if np.isfinite(cost).sum() < 2 or math.isnan(cost[match.step]):
         return None
     return path_picture(cost, left, match.step, _plot_size(width))
 
 
-def confirmed(step: PathStep) -> float:
+def _verified(step: PathStep) -> float:
     """Return what a step leaves, by flow lines where that is known."""
     return step.residual if math.isnan(step.verified_residual) else step.verified_residual
 
@@ -218,34 +220,15 @@ def _plot_size(width: int) -> tuple[int, int]:
     return 2 * width, round(1.1 * width)
 
 
-def _views(
-    found: Correspondence, up: Up | None
-) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
-    """Return cameras of both surfaces on two opposite sides, and the aspect of all pictures."""
-    of_a, of_b = fronts(found, up)
-    return both_sides({found.a: of_a, found.b: of_b})
-
-
 def both_sides(
     seen_from: Mapping[TriangleMesh, Front],
 ) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
     """Return cameras of surfaces before and behind them, and the aspect of all pictures."""
-    free = (
-        fitted(mesh.vertices, front, None, _FIELD_OF_VIEW, _MARGIN).aspect
-        for mesh, front in seen_from.items()
-    )
+    free = (fitted(mesh.vertices, front).aspect for mesh, front in seen_from.items())
     aspect = min(max(*free, _ASPECTS[0]), _ASPECTS[1])
-    views = tuple(
-        {
-            mesh: fitted(mesh.vertices, _seen(front, side), aspect, _FIELD_OF_VIEW, _MARGIN)
-            for mesh, front in seen_from.items()
-        }
-        for side in SIDES
-    )
-    return views, aspect
-
-
-def _seen(front: Front, side: str) -> Front:
-    if side == "front":
-        return front
-    return replace(front, direction=triple(-np.array(front.direction)))
+    before, behind = dict[TriangleMesh, Camera](), dict[TriangleMesh, Camera]()
+    for mesh, front in seen_from.items():
+        back = replace(front, direction=triple(-np.array(front.direction)))
+        before[mesh] = fitted(mesh.vertices, front, aspect)
+        behind[mesh] = fitted(mesh.vertices, back, aspect)
+    return (before, behind), aspect

@@ -1,6 +1,5 @@
 """Plots of a report: how often a map changes areas or shapes so much, and what closeness costs."""
 
-import io
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -9,9 +8,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from abfm.types import FloatArray
-from abfm_viewer.pictures.plots import CURVE_COLORS
+from abfm_viewer.pictures.plots import CURVE_COLORS, drawn, name_axes, new_axes, points_of
 
-_DPI = 100
 _TEXT = 0.027  # of the width
 _BINS, _BEYOND, _SHORTEST = 60, 1.5, 0.25
 _MARKS = ("--", ":")
@@ -31,7 +29,7 @@ def histogram_picture(
     places = np.concatenate([*marks.values()])
     end = max(_BEYOND * places.max(), _SHORTEST)
     ends = (-end if places.min() < 0 else 0.0, end)
-    figure, axes = _axes(size)
+    figure, axes = new_axes(size)
     weights = 100 * areas / areas.sum()
     heights, edges = np.histogram(np.clip(values, *ends), _BINS, ends, weights=weights)
     axes.stairs(heights, edges, fill=True, color=_FILLED)
@@ -47,7 +45,7 @@ def path_picture(
     cost: FloatArray, left: FloatArray, chosen: int, size: tuple[int, int]
 ) -> Image.Image:
     """Draw what steps (S,) of a path leave in percent against how much they change areas."""
-    figure, axes = _axes(size)
+    figure, axes = new_axes(size)
     axes.plot(cost, 100 * left, "o-", color=_FILLED, markersize=6, linewidth=1.5)
     one, other = cost[chosen], 100 * left[chosen]
     axes.plot([one], [other], "o", color=_CHOSEN, markersize=9, label="chosen")
@@ -56,22 +54,10 @@ def path_picture(
     return _finished(figure, axes, title, "residual, %", size)
 
 
-def _axes(size: tuple[int, int]) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
-    return figure, figure.add_subplot()
-
-
 def _finished(
     figure: Figure, axes: Axes, x_title: str, y_title: str, size: tuple[int, int]
 ) -> Image.Image:
-    points = _TEXT * size[0] * 72 / _DPI
-    axes.set_xlabel(x_title, fontsize=points)
-    axes.set_ylabel(y_title, fontsize=points)
-    axes.tick_params(labelsize=0.9 * points)
-    axes.grid(color="#e3e6eb", linewidth=1)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    points = points_of(_TEXT * size[0])
+    name_axes(axes, x_title, y_title, points)
     axes.legend(fontsize=0.9 * points, frameon=False)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return Image.open(stream).convert("RGB")
+    return drawn(figure)

@@ -23,7 +23,6 @@ from abfm_viewer.scene.surfaces import Camera, fitted
 
 SIZE = 132, 110
 """Of each of the three, in pixels."""
-_FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees; share of the surface
 _TOGETHER = 24  # results that are drawn on one canvas, which takes long to make
 _KEPT = 50  # meshes whose cameras are known
 
@@ -54,7 +53,7 @@ def row_pictures(
         for mesh in {one.mesh: None for one in read if one.mesh not in cameras}:
             functions = [f for one in read if one.mesh is mesh for f in one.functions[::2]]
             front, aspect = best_front(mesh, *functions, up=up), SIZE[0] / SIZE[1]
-            cameras[mesh] = fitted(mesh.vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN)
+            cameras[mesh] = fitted(mesh.vertices, front, aspect)
         if read:
             bars = [f"function {number}" for number in range(len(read))]
             every = tuple(

@@ -78,8 +78,11 @@ def course_of(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> Course:
 
 
 def course_through(mesh: TriangleMesh, places: FloatArray) -> Course:
-    found = abfm.maps.project_onto_surface(mesh, places)
-    return Course(places / mesh.length_scale, normals_at(mesh, found.faces, found.barycentric))
+    return _course_at(mesh, places, abfm.maps.project_onto_surface(mesh, places))
+
+
+def _course_at(mesh: TriangleMesh, places: FloatArray, points: abfm.maps.SurfacePoints) -> Course:
+    return Course(places / mesh.length_scale, normals_at(mesh, points.faces, points.barycentric))
 
 
 @per_mesh
@@ -317,13 +320,7 @@ class Overlays:
             color = theme.linear(CRITICAL[kind])
             name = _TRACKS[kind]
             if self._is_new("advected", name, (ways,) if own else None):
-                courses = [
-                    Course(
-                        way.points.positions / mesh.length_scale,
-                        normals_at(mesh, way.points.faces, way.points.barycentric),
-                    )
-                    for way in own
-                ]
+                courses = [_course_at(mesh, way.points.positions, way.points) for way in own]
                 moved = [course for course in courses if course.lengths[-1] > 0]
                 draw_ribbons(name, mesh, line_ribbons(moved, _TRACK), color)
             name = _PRESENT[kind]

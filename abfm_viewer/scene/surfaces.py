@@ -149,9 +149,16 @@ class Camera:
 
 
 def fitted(
-    vertices: FloatArray, front: Front, aspect: float | None, angle: float, margin: float
+    vertices: FloatArray,
+    front: Front,
+    aspect: float | None = None,
+    angle: float = 18.0,
+    margin: float = 0.04,
 ) -> Camera:
-    """Find the nearest camera that sees all vertices (V, 3); the margin is a share of them."""
+    """Find the nearest camera that sees all vertices (V, 3), in the aspect of what it sees unless
+    one is given. The angle, in degrees, is so narrow that shapes are hardly distorted; the margin
+    is a share of the surface.
+    """
     x, y, z = front.axes @ vertices.T
     middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
     half_width, half_height = np.abs(x - middle[0]), np.abs(y - middle[1])

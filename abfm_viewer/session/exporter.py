@@ -126,38 +126,27 @@ class Exporter:
         self._start(path, MOVIES, partial(self._render, path, document, known, words))
 
     def save_result(self, path: Path, match: abfm.Match, kept: Kept) -> None:
-        def write() -> str:
-            note = outputs.write(path, match)
-            if path.suffix == RESULT:
-                kept(match)
-            return note
-
-        self._start(path, DATA, write)
+        write = partial(outputs.write, path, match)
+        self._start(path, DATA, partial(_written, path, write, partial(kept, match)))
 
     def save_registration(self, path: Path, found: abfm.Registration, kept: Kept) -> None:
         def write() -> str:
             outputs.check_registered(path)
-            note = outputs.write_registration(path, found)
-            if path.suffix == RESULT:
-                kept(found.match)
-            return note
+            return outputs.write_registration(path, found)
 
-        self._start(path, REGISTERED, write)
+        self._start(path, REGISTERED, partial(_written, path, write, partial(kept, found.match)))
 
     def save_sequence(
         self, path: Path, found: abfm.Sequence, unit: str, kept: Callable[[], None]
     ) -> None:
         def write() -> str:
             outputs.check_sequence(path)
-            note = outputs.write_sequence(path, found, pages.Labels(unit_of_time=unit))
-            if path.suffix == RESULT:
-                kept()
-            return note
+            return outputs.write_sequence(path, found, pages.Labels(unit_of_time=unit))
 
-        self._start(path, SEQUENCES, write)
+        self._start(path, SEQUENCES, partial(_written, path, write, kept))
 
-    def save_table(self, path: Path, write: Callable[[Path], str | None]) -> None:
-        self._start(path, TABLES, partial(write, path))
+    def save_table(self, path: Path, write: Callable[[], str | None]) -> None:
+        self._start(path, TABLES, write)
 
     def save_labels(
         self, path: Path, labels: LabelMap, found: abfm.Correspondence | abfm.Match
@@ -267,3 +256,11 @@ class Exporter:
                 raise AbfmError(lines[-1].removeprefix("abfm: "))
             with write_atomically(path) as temporary:
                 shutil.copyfile(drawn, temporary)
+
+
+def _written(path: Path, write: Callable[[], str], kept: Callable[[], None]) -> str:
+    """Write a file, and call ``kept`` if that is a result; return what is missing in it."""
+    note = write()
+    if path.suffix == RESULT:
+        kept()
+    return note

@@ -17,7 +17,7 @@ from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import Step
 from abfm.workers.worker import Worker, WorkerEndedError
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
-from abfm_viewer.document.document import SIDES, Asked, Document, Landmark, Side
+from abfm_viewer.document.document import SIDES, Asked, Document, InitialMap, Landmark, Side
 from abfm_viewer.document.surface_points import paired
 from abfm_viewer.session.functions import DocumentFunctions
 
@@ -53,15 +53,13 @@ class _Way(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What is matched on B, the map by which A's functions came there, and what for."""
+    """What is matched on B, and the map by which A's functions came there, which may be that of an
+    earlier state of the document.
+    """
 
-    correspondence: abfm.Correspondence
+    initial: InitialMap
     problem: abfm.Problem
-    notes: tuple[str, ...]
-    asked: Asked
-    functions: FloatArray | None = None  # A's, (V_A, C), as they are compared
     usual: Parameters | None = None  # what functions like these are best matched with
-    warnings: tuple[str, ...] = ()  # why the map may lead elsewhere
 
 
 class InitialMaps:
@@ -103,12 +101,8 @@ class InitialMaps:
             return None
         kept, result = document.initial_map, document.result
         if kept is not None and result is not None and kept.is_for(document):
-            asked, functions = kept.asked, kept.functions
-            of_result = kept.correspondence, result.problem, kept.notes, asked, functions
-            warnings = kept.warnings
-            return self._of_result.get(
-                (*of_result, warnings), lambda: Prepared(*of_result, warnings=warnings)
-            )
+            of_result = kept, result.problem
+            return self._of_result.get(of_result, lambda: Prepared(*of_result))
         given = self._given(document)
         a, b = (surface.mesh for surface in document.surfaces)
         if given is None:
@@ -190,8 +184,14 @@ class InitialMaps:
         notes, usual = (*initial.notes, *found.notes), found.problem.parameters
         if maps is self._first_maps:
             notes = (f"the map {_FIRST} is shown while candidates are compared", *notes)
-        of = found.initial, found.problem, notes, asked, found.functions, usual
-        return Prepared(*of, initial.warnings)
+        made = InitialMap(
+            found.initial,
+            **asked._asdict(),
+            notes=notes,
+            functions=found.functions,
+            warnings=initial.warnings,
+        )
+        return Prepared(made, found.problem, usual)
 
     def _map(self, maps: Memo[Initial], way: _Way, given: _Given) -> Initial:
         """Return the map, found anew where something changed that it asks for."""

@@ -2,10 +2,13 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import takewhile
 from typing import NamedTuple
+
+from abfm import AbfmError
 
 _SECONDS_OF_NOTICE, _SECONDS_OF_ERROR = 6.0, 12.0
 _LONGEST_LOG, _MOST_CARDS = 1000, 50
@@ -65,6 +68,14 @@ class Notices:
             self.cards = (cards if is_known else (new, *cards))[:_MOST_CARDS]
         self.latest = Notice(text, is_error)
         self._said = time.perf_counter(), self._moves()
+
+    @contextmanager
+    def errors_shown(self) -> Iterator[None]:
+        """Show an error of the library as a card, and go on after the block."""
+        try:
+            yield
+        except AbfmError as error:
+            self.say(str(error), is_error=True)
 
     def offered(self, card: Card) -> WaysOut:
         newer = takewhile(lambda one: one is not card, self.cards)

@@ -282,8 +282,8 @@ class Tables:
     def open_result(self, row: ResultRow) -> None:
         """Show a row's result as its file opens: of a subject its registration."""
         if row.path is None:
-            why = row.reason or "it has not been solved yet"
-            told = f"{row.name} has no result to show: {why}"
+            reason = row.facts.reason or "it has not been solved yet"
+            told = f"{row.name} has no result to show: {reason}"
             self._session.notices.say(f"{told}; {self._session.document.name} is still shown")
             return
         self._open(row, partial(document_of_row, row, self._read_document))
@@ -348,4 +348,5 @@ class Tables:
         self._beside.add(self._seen)
         self._keys[self._seen] = table.place, row.key
         self.cursor = row.key
-        session.notices.say(f"{row.name}: {row.verdict}{f', {row.reason}' if row.reason else ''}")
+        reason = f", {row.facts.reason}" if row.facts.reason else ""
+        session.notices.say(f"{row.name}: {row.verdict}{reason}")

@@ -24,7 +24,6 @@ from abfm_viewer.document.document import (
     Channel,
     Document,
     Identity,
-    InitialMap,
     Point,
     Side,
     Surface,
@@ -299,20 +298,7 @@ class Session:
 
     @property
     def problem(self) -> ProblemSpec:
-        document, prepared, initial = self.document, self.prepared, None
-        if prepared is not None:
-            of = prepared.asked  # lately maybe not what the document asks now
-            initial = InitialMap(
-                prepared.correspondence,
-                of.word,
-                of.channels,
-                of.mask,
-                prepared.notes,
-                of.landmarks,
-                of.landmarks_alone,
-                prepared.functions,
-                prepared.warnings,
-            )
+        document, prepared = self.document, self.prepared
         return ProblemSpec(
             self.surface().mesh,
             document.channels,
@@ -320,7 +306,7 @@ class Session:
             document.mask,
             document.pairs,
             document.landmarks_alone,
-            initial,
+            None if prepared is None else prepared.initial,
         )
 
     @property
@@ -372,7 +358,7 @@ class Session:
                 self.notices.say("no point on A yet: there is no initial map that takes it to B")
                 return
             on_a = surface_points(document.surface(slot).mesh, [point])
-            [point] = points_of(prepared.correspondence.carry_points(on_a))
+            [point] = points_of(prepared.initial.correspondence.carry_points(on_a))
         self.editor.add_point(kind, point)
 
     def match(self, goes_on: bool | None = None) -> None:
@@ -389,18 +375,17 @@ class Session:
         if self.obstacle:
             self.notices.say(f"no match yet: {self.obstacle}", self.problem_told != "", RUN)
             return
+        if self.document.film is None:
+            self._take_usual_parameters()
+        self.notices.clear()
+        self.notices.mend(RUN)
         if self.document.film is not None:
-            self.notices.clear()
-            self.notices.mend(RUN)
             self.film_match.start(self.document)
             return
-        self._take_usual_parameters()
         field, mesh = None, self.surface().mesh
         warm = self.solver.warm if goes_on is None else goes_on
         if warm and self.result is not None and self.result.mesh.digest == mesh.digest:
             field = self.result.start_for(self.parameters)
-        self.notices.clear()
-        self.notices.mend(RUN)
         self.player.playing = False
         self.editor.amend(time=self.parameters.tau)
         self._run_began, self._remedied = self.document, -1

@@ -233,19 +233,15 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
         starts = points_of(back.carry_points(marks.points(match.mesh)))
         given = zip(starts, document.landmarks, strict=True)
         landmarks = tuple(one.placed("source", start) for start, one in given)
+    opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN)
     kept = InitialMap(
         initial,
-        GIVEN,
-        document.channels,
-        document.mask,
-        found.notes,
-        landmarks,
-        document.landmarks_alone,
-        found.functions,
-        found.warnings,
+        **opened.asked._asdict(),
+        notes=found.notes,
+        functions=found.functions,
+        warnings=found.warnings,
     )
-    opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN, initial_map=kept)
-    return opened, known
+    return replace(opened, initial_map=kept), known
 
 
 def _weights(match: abfm.Match) -> list[float]:
@@ -398,40 +394,27 @@ class SessionFiles:
 
             self.open_made(name, make)
 
-    def _open_pair(self, first: Path, second: Path) -> None:
-        def show(path: Path, mesh: TriangleMesh) -> None:
-            self._show_mesh(path, mesh)
-            self.open_second(second)
+    def _open_both(self, mesh: Path, second: Path, then: Callable[[Path], None]) -> None:
+        """Open a mesh in the background, and then what belongs to it."""
 
-        remedies = self._offered(OTHER_MESH, partial(self._open_pair, first, second))
-        what = f"opening {first.name} and {second.name}"
-        read, source = partial(self._read_mesh, first, show), (Origin.of(first), second)
-        self._load(Load(what, read, remedies=remedies, source=source))
-
-    def _open_film(self, mesh: Path, frames: Path) -> None:
         def show(path: Path, found: TriangleMesh) -> None:
             self._show_mesh(path, found)
-            self.open_frames(frames)
+            then(second)
 
-        remedies = self._offered(OTHER_MESH, partial(self._open_film, mesh, frames))
-        what, source = f"opening {mesh.name} and {frames.name}", (Origin.of(mesh), frames)
-        self._load(
-            Load(what, partial(self._read_mesh, mesh, show), remedies=remedies, source=source)
-        )
+        remedies = self._offered(OTHER_MESH, partial(self._open_both, mesh, second, then))
+        what, source = f"opening {mesh.name} and {second.name}", (Origin.of(mesh), second)
+        read = partial(self._read_mesh, mesh, show)
+        self._load(Load(what, read, remedies=remedies, source=source))
 
     def open_labels(self, path: Path) -> None:
         """Take the labels of a file for the source's surface."""
-        session = self._session
-        try:
-            mesh = session.surface("source").mesh
+        session, mesh = self._session, self._session.surface("source").mesh
+        with session.notices.errors_shown():
             # the first of several columns, as the window has no choice of another one
             labels = abfm.functions.read_label_columns(path, mesh).labels(0)
             found = LabelMap.of(path.name, mesh, labels)
-        except FunctionError as error:
-            session.notices.say(str(error), is_error=True)
-            return
-        session.editor.change(f"open {path.name}", labels=found)
-        session.editor.amend(view=replace(session.view, coloring="labels"))
+            session.editor.change(f"open {path.name}", labels=found)
+            session.editor.amend(view=replace(session.view, coloring="labels"))
 
     def close_second(self) -> None:
         """Go back to surface A alone."""
@@ -443,12 +426,13 @@ class SessionFiles:
         """Open two meshes as surfaces A and B, and of other files the first."""
         frames = [path for path in paths if is_named_as_frames(path) or not is_result(path)]
         meshes = [path for path in paths if path.name.lower().endswith(MESHES)]
-        if len(paths) == 2 and len(frames) == len(set(meshes) - set(frames)) == 1:
-            [mesh] = set(meshes) - set(frames)
-            self._open_film(_absolute(mesh), frames[0])
+        others = [path for path in meshes if path not in frames]
+        if len(paths) == 2 and len(frames) == len(others) == 1:
+            self._open_both(_absolute(others[0]), frames[0], self.open_frames)
             return
-        if len(paths) == 2 and all(path.name.lower().endswith(MESHES) for path in paths):
-            self._open_pair(*(_absolute(path) for path in paths))
+        if len(paths) == len(meshes) == 2:
+            first, second = map(_absolute, paths)
+            self._open_both(first, second, self.open_second)
             return
         self.open(paths[0])
         if len(paths) > 1:

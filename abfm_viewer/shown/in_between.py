@@ -5,7 +5,6 @@ field between them.
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -22,17 +21,15 @@ _TIMES = 9  # of an interval at which it is computed; those between are blended
 _LARGEST = 30_000_000  # numbers that are kept, in single precision
 
 
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """The function (T, V) at evenly spaced shares of an interval."""
+Frames = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+"""A function (T, V) at evenly spaced times."""
 
-    values: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
-    def at(self, share: float) -> FloatArray:
-        place = share * (len(self.values) - 1)
-        before = min(int(place), len(self.values) - 2)
-        first, second = self.values[before], self.values[before + 1]
-        return np.asarray(first + np.float32(place - before) * (second - first))
+def blended(frames: Frames, place: float) -> FloatArray:
+    """Return the function at a place from 0 to T - 1, between the frames around it."""
+    before = min(int(place), len(frames) - 2)
+    first, second = frames[before], frames[before + 1]
+    return np.asarray(first + np.float32(place - before) * (second - first))
 
 
 def carried(
@@ -44,7 +41,7 @@ def carried(
 
 def _frames(flow: FlowState, before: FloatArray, after: FloatArray) -> Frames:
     shares = np.linspace(0, 1, _TIMES)
-    return Frames(carried(flow, before, after, shares).astype(np.float32))
+    return carried(flow, before, after, shares).astype(np.float32)
 
 
 class InBetween:
@@ -75,7 +72,7 @@ class InBetween:
         found = None if flow is None else self._frames(flow, before, after)
         self.is_behind = flow is not None and found is None
         if found is not None:
-            return self._shown.get((found, share), partial(found.at, share))
+            return self._shown.get((found, share), partial(blended, found, share * (_TIMES - 1)))
 
         def blend() -> FloatArray:
             return (1 - share) * before + share * after
@@ -108,7 +105,7 @@ class InBetween:
         if not isinstance(key, tuple) or value is None:
             return
         self._kept.setdefault(_number(key), (key, value))
-        most = max(_LARGEST // value.values.size, 4)
+        most = max(_LARGEST // value.size, 4)
         while len(self._kept) > most:
             self._kept.popitem(last=False)
 

@@ -18,6 +18,7 @@ from abfm_viewer.document.document import SIDES, Landmark, Side
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.hidden_points import are_hidden
+from abfm_viewer.shown.ribbons import outward
 from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
 
 if TYPE_CHECKING:
@@ -38,8 +39,7 @@ class Marks:
     @classmethod
     def at(cls, points: SurfacePoints, numbers: tuple[int, ...]) -> Marks:
         normals = abfm.calculus.face_normals(points.mesh)[points.faces]
-        outward = -1 if points.mesh.is_inside_out else 1
-        return cls(points.mesh, numbers, points.positions, outward * normals)
+        return cls(points.mesh, numbers, points.positions, outward(points.mesh) * normals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class ShownLandmarks(Jobs):
     def _on_target(self, landmarks: tuple[Landmark, ...]) -> SurfacePoints | None:
         """Return where those of the source start on the target's surface."""
         document, prepared = self._session.document, self._session.prepared
-        initial = prepared.correspondence if prepared else None
+        initial = prepared.initial.correspondence if prepared else None
         if document.is_pair and initial is None:
             return None
         mesh = document.surface("source").mesh

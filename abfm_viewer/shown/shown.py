@@ -423,7 +423,7 @@ class FieldQuantities(Jobs):
         faces, weights = zip(*((path.faces[0], path.barycentric[0]) for path in paths), strict=True)
         mesh = self._session.surface().mesh
         on_b = abfm.maps.SurfacePoints(mesh, np.array(faces), np.array(weights))
-        return prepared.correspondence.points.at(on_b).positions
+        return prepared.initial.correspondence.points.at(on_b).positions
 
 
 class MassTransport(Latest[FloatArray]):

@@ -19,7 +19,7 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import CARRIED, EXTRAPOLATION
 from abfm_viewer.document.film import Film
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.in_between import InBetween
+from abfm_viewer.shown.in_between import Frames, InBetween, blended
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -121,15 +121,12 @@ class Span:
     """A function at evenly spaced times (T,), in single precision: scrubbing is a blend."""
 
     times: FloatArray
-    frames: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+    frames: Frames
     note: str = ""  # why it ends before the time bar does; empty if it does not
 
     def at(self, time: float) -> FloatArray:
         """The function at a time; the last one known for times after the end."""
-        position = float(np.interp(time, self.times, np.arange(len(self.times))))
-        before = min(int(position), len(self.times) - 2)
-        first, second = self.frames[before], self.frames[before + 1]
-        return np.asarray(first + np.float32(position - before) * (second - first))
+        return blended(self.frames, float(np.interp(time, self.times, np.arange(len(self.times)))))
 
 
 def pushed(state: FlowState, function: FloatArray, times: FloatArray) -> FloatArray:
@@ -256,7 +253,7 @@ class ShownFlow(Jobs):
     ) -> FlowState:
         mesh, prepared = self._session.surface().mesh, self._session.prepared
         problem = found.problem if isinstance(found, abfm.Match) else None
-        first = prepared.correspondence.points if prepared else None
+        first = prepared.initial.correspondence.points if prepared else None
         count = len(found.fine_velocity) if isinstance(found, abfm.Match) else found.fields
         read = partial(_field, found)
         make = partial(FlowState, mesh, read, parameters, final, problem, count, first)
@@ -380,7 +377,7 @@ class ShownFlow(Jobs):
             return self._session.surface().mesh.vertices
         if (prepared := self._session.prepared) is None:
             return None
-        first = prepared.correspondence.points
+        first = prepared.initial.correspondence.points
         return self._places.get((first,), lambda: first.positions)
 
     def destinations(self) -> FloatArray | None:

@@ -161,7 +161,7 @@ class Actions:
         self.back = times("a twentieth of τ back", "Left", lambda: step(-STEP), repeats=True)
         self.on = times("a twentieth of τ on", "Right", lambda: step(STEP), repeats=True)
         self.go_to_start = times("to time 0", "Home", lambda: set_time(session.document.start))
-        self.go_to_end = times("to τ", "End", self._to_end)
+        self.go_to_end = times("to τ", "End", lambda: set_time(session.document.last))
         views, switch = partial(Action, "View"), self._switch
         self.switch_theme = views("light or dark", "L", self._switch_theme)
         show = self._dialogs.show
@@ -338,11 +338,6 @@ class Actions:
             self._session.notices.say("landmarks are for a match of two functions, not for a film")
         else:
             self._session.editor.switch_placing()
-
-    def _to_end(self) -> None:
-        session = self._session
-        is_film = session.document.film is not None
-        session.set_time(session.document.end if is_film else session.parameters.tau)
 
     def _switch(self, name: str, what: str) -> None:
         shown = getattr(self._session.view, name)

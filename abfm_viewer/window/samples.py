@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +34,7 @@ from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
-from abfm_viewer.window.wave import wave_document
+from abfm_viewer.window.wave import fsaverage5, wave_document
 
 _WIDTH, _HEIGHT = 420, 50
 _FEWEST, _MOST = 2, 5  # columns
@@ -84,10 +83,8 @@ def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
     """Return both hemispheres of fsaverage5 as spheres, with how deep their sulci are; the left one
     is seen in a mirror. AbfmError without nilearn, which brings them.
     """
-    found = find_spec("nilearn")
-    if found is None or found.origin is None:
+    if (folder := fsaverage5()) is None:
         raise AbfmError("the sample is fsaverage5 as nilearn has it: pip install 'abfm[brain]'")
-    folder = Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
     surfaces, specs = [], []
     for side in ("left", "right"):
         mesh = load_mesh(folder / f"sphere_{side}.gii.gz")

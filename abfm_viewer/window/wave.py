@@ -13,6 +13,7 @@ from abfm.assets import asset_path
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Document, Surface, View
 from abfm_viewer.document.film import Film, FilmSettings
+from abfm_viewer.scene.slots import rotation
 
 FRAMES, STEP = 24, 0.04
 """How many there are, and seconds between them."""
@@ -27,8 +28,9 @@ def turning_wave(places: FloatArray, times: FloatArray) -> tuple[FloatArray, Flo
     vectors (T, 3) about which it does.
     """
     frames, axes = [], []
+    x_axis, _, z_axis = np.eye(3)
     for time in times.tolist():
-        wander, turn = _about(2, _WANDER * time), _about(0, _TURN * time)
+        wander, turn = rotation(z_axis, _WANDER * time), rotation(x_axis, _TURN * time)
         x, y, z = (places @ wander @ turn).T  # turned back
         across = np.hypot(y, z)
         frames.append(across * np.cos(_ARMS * np.arctan2(z, y) + _TWIST * x))
@@ -49,14 +51,20 @@ def drifting_wave(mesh: TriangleMesh, times: FloatArray) -> tuple[FloatArray, Fl
     return abfm.Flow(mesh, field, float(times[-1])).push(np.sin(9 * x), times), field
 
 
+def fsaverage5() -> Path | None:
+    """Return the folder of the surfaces that nilearn brings; None without it."""
+    found = find_spec("nilearn")
+    if found is None or found.origin is None:
+        return None
+    return Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
+
+
 def wave_document(view: View) -> Document:
     """Return a wave on the left cortex of fsaverage5, where nilearn brings it, else on a bundled
     mesh.
     """
     times = STEP * np.arange(float(FRAMES))
-    found = find_spec("nilearn")
-    if found is not None and found.origin is not None:
-        folder = Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
+    if (folder := fsaverage5()) is not None:
         mesh, sphere = (load_mesh(folder / f"{name}_left.gii.gz") for name in ("infl", "sphere"))
         places = sphere.vertices / np.linalg.norm(sphere.vertices, axis=1)[:, None]
         surface, frames = Surface(mesh, "left cortex"), turning_wave(places, times)[0]
@@ -69,13 +77,3 @@ def wave_document(view: View) -> Document:
     # met at once: a choice by held-out data takes some ten seconds
     settings = FilmSettings(alpha=1.0, sigma=_SIGMA, order=1)
     return Document((surface,), film=film, settings=settings, time=float(times[0]), view=view)
-
-
-def _about(axis: int, angle: float) -> FloatArray:
-    """Return the matrix (3, 3) of a rotation about an axis of coordinates."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    matrix = np.eye(3)
-    matrix[first, first] = matrix[second, second] = np.cos(angle)
-    matrix[second, first] = np.sin(angle)
-    matrix[first, second] = -np.sin(angle)
-    return matrix

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -12,12 +11,19 @@ from abfm.errors import one_line
 from abfm.outcome import Outcome
 from abfm_viewer.cli.batches.best import Best, best_of
 from abfm_viewer.cli.batches.rows import ROWS_SHOWN_MAX, SummaryRow, counts, worst
-from abfm_viewer.cli.reports.report_page import document, facts_block, png, sentence
+from abfm_viewer.cli.reports.report_page import (
+    document,
+    facts_block,
+    numbers_list,
+    png,
+    sentence,
+    table,
+)
+from abfm_viewer.cli.results import number_text, percents
 
 _TEXT_LENGTH_MAX = 400  # characters of a name, an option or a reason
 _STYLE = """
 .counts dd { font-size: 1.5rem; color: var(--tone); }
-.muted { --tone: var(--muted); } .warning { --tone: #8a5300; } .failure { --tone: var(--bad); }
 table.rows { width: 100%; }
 table.rows td, table.rows th { padding: .45rem 0 .45rem 1.1rem; vertical-align: middle;
   white-space: nowrap; }
@@ -99,11 +105,8 @@ def _cut(text: str) -> str:
 
 
 def _counts(counts: Mapping[Outcome, int]) -> str:
-    cells = (
-        f'<div class="{each.tone}"><dt>{escape(_word(each))}</dt><dd>{count:,}</dd></div>'
-        for each, count in counts.items()
-    )
-    return f'<dl class="counts">{"".join(cells)}</dl>'
+    cells = ((_word(each), f"{count:,}", each.tone) for each, count in counts.items())
+    return f'<div class="counts">{numbers_list(cells)}</div>'
 
 
 def _word(outcome: Outcome) -> str:
@@ -151,20 +154,17 @@ def _grid(rows: Sequence[SummaryRow], best: Best | None) -> str:
     downs, acrosses = (sorted({pair[i] for pair in found}, key=_by_size) for i in range(2))
     if len(found) < len(rows) or len(found) < len(downs) * len(acrosses):
         return ""
-    head = "".join(f"<th>{escape(across)} {escape(text)}</th>" for text in acrosses)
-    lines = "".join(
+    lines = (
         f"<tr><th>{escape(down)} {escape(one)}</th>"
         + "".join(_glance(found[one, other], best) for other in acrosses)
         + "</tr>"
         for one in downs
     )
+    heads = ["", *(f"{across} {text}" for text in acrosses)]
     text = "The larger residual of both checks, and the mean |log2 J| of the map."
     if best is not None and best.unbeaten:
         text += " A frame marks combinations that no other beats in both."
-    return (
-        f"<h2>At a glance</h2><p>{text}</p>"
-        f'<table class="grid"><thead><tr><th></th>{head}</tr></thead><tbody>{lines}</tbody></table>'
-    )
+    return f"<h2>At a glance</h2><p>{text}</p>{table(heads, lines, 'grid')}"
 
 
 def _by_size(text: str) -> tuple[float, str]:
@@ -178,7 +178,7 @@ def _glance(row: SummaryRow, best: Best | None) -> str:
     facts = row.facts
     if not row.is_known:
         return f'<td class="word {facts.tone}">{escape(_word(facts.outcome))}</td>'
-    areas = _number(facts.number("log2_area"), ".2f")
+    areas = number_text(facts.number("log2_area"), ".2f")
     residual = f"{100 * facts.worse_residual:.2g}%"
     cell = f'<span class="word {facts.tone}">{residual}</span> {areas}'
     is_framed = best is not None and row.name in best.unbeaten
@@ -193,17 +193,12 @@ def _table(
 ) -> str:
     of_pictures = {_PICTURES.get(row.entry.row.kind, _HEADS[0]) for row in rows}
     heads = ("; ".join(sorted(of_pictures, reverse=True)), *_HEADS[1:])
-    head = "".join(f"<th>{escape(each)}</th>" for each in heads)
-    lines = "\n".join(_line(row, shared, pictures) for row in rows)
+    lines = (f"{_line(row, shared, pictures)}\n" for row in rows)
     rest = (
         f"<p>The worst {ROWS_SHOWN_MAX:,} of {count:,} rows are shown; "
         '<a href="summary.csv">summary.csv</a> has all of them.</p>'
     )
-    return (
-        f"<h2>Rows</h2>{rest if count > len(rows) else ''}"
-        f'<table class="rows"><thead><tr>{head}</tr></thead>'
-        f"<tbody>{lines}</tbody></table>"
-    )
+    return f"<h2>Rows</h2>{rest if count > len(rows) else ''}{table(heads, lines, 'rows')}"
 
 
 def _line(row: SummaryRow, shared: Sequence[tuple[str, str]], pictures: Mapping[str, bytes]) -> str:
@@ -230,18 +225,14 @@ def _line(row: SummaryRow, shared: Sequence[tuple[str, str]], pictures: Mapping[
         f"{''.join(warnings)}{reason}{options}"
     )
     numbers = [
-        _number(facts.number("residual")),
-        _number(facts.number("verified_residual")),
-        _number(100 * facts.number("folded"), ".2g", "%"),
-        _number(facts.number("log2_area")),
-        "-" if entry.record.seconds is None else f"{entry.record.seconds:.1f}",
+        number_text(facts.number("residual")),
+        number_text(facts.number("verified_residual")),
+        percents(facts.number("folded")),
+        number_text(facts.number("log2_area")),
+        number_text(entry.record.seconds, ".1f"),
     ]
     cells = "".join(
         f'<td data-of="{of}">{each}</td>'
         for of, each in zip(_HEADS, (drawn, words, *numbers), strict=True)
     )
     return f"<tr>{cells}</tr>"
-
-
-def _number(value: float, digits: str = ".3f", unit: str = "") -> str:
-    return "-" if math.isnan(value) else f"{value:{digits}}{unit}"

@@ -14,6 +14,7 @@ from abfm.io.sheets import Up
 from abfm_viewer import pictures
 from abfm_viewer.cli.batches.page import page
 from abfm_viewer.cli.batches.rows import SummaryRow, worst
+from abfm_viewer.files.outputs import write_text
 
 _PICTURES = "pictures"
 _COLORS = 64  # of small pictures
@@ -48,9 +49,7 @@ def write_summary(
         for row in shown
         if (path := _picture(folder, row.entry.digest, up)).is_file()
     }
-    text = page(title, rows, small, why)
-    with write_atomically(shown_page) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="replace")
+    write_text(shown_page, page(title, rows, small, why))
     return [table, shown_page], why
 
 

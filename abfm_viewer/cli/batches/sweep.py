@@ -15,6 +15,7 @@ from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_cluster, solve
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.match import add_problem
 
 SUMMARY = "solve all combinations of some options' values"
 DESCRIPTION = """\
@@ -40,13 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         required=True,
     )
-    options.add_channels(
-        parser, "function to carry along the flow", "function that it should become"
-    )
-    add = options.adder(parser.add_argument_group("what counts, and where it begins"))
-    add("--mask", "weight of the mismatch at each vertex: a function or its file", "SPEC")
-    add("--start", "start from the field of an earlier result", "RESULT.npz")
-    options.add_parameters(parser, options.UNSET)
+    add_problem(parser)
     options.add_max_distortion(options.adder(parser.add_argument_group("distortion")))
     add_cluster(parser)
 
@@ -77,10 +72,8 @@ def _fixed(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
     found = [("mesh", arguments.mesh)]
     found += [(name, given[name.replace("-", "_")]) for name in _OWN]
     found += [("channel", shlex.join(words)) for words in arguments.channel]
-    for entry in fields(Parameters):
-        value = given[entry.name]
-        if value is not options.UNSET:
-            found.append((option(entry.name), "auto" if value is None else value))
+    for name, value in options.given_parameters(arguments).items():
+        found.append((option(name), "auto" if value is None else value))
     return [(name, value) for name, value in found if value is not None and value is not False]
 
 

@@ -5,7 +5,6 @@ import json
 import os
 import sys
 import time
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -17,13 +16,11 @@ from abfm.errors import printable
 from abfm.sequences import ENDINGS, GAMMA, TAKEN, Unfinished, defaults, read_frames
 from abfm.sequences.reading.vtk_frames import files_of_frames
 from abfm.types import FloatArray
-from abfm.workers.progress import telling
-from abfm_viewer import signals
 from abfm_viewer.cli import options
-from abfm_viewer.cli.exit_status import UNMATCHED, UsageError
+from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.films import results as sequence_results
-from abfm_viewer.cli.match import cancelled_by_signals
-from abfm_viewer.cli.progress import print_long, steps_progress
+from abfm_viewer.cli.match import cancelled_by_signals, status_of
+from abfm_viewer.cli.progress import long_steps, steps_progress
 from abfm_viewer.cli.results import print_notes
 from abfm_viewer.files import outputs
 
@@ -93,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=options.gamma,
         default=GAMMA,
     )
-    options.add_parameters(parser, options.UNSET, defaults(), TAKEN, _PARAMETERS)
+    options.add_parameters(parser, defaults(), TAKEN, _PARAMETERS)
     add = options.adder(parser.add_argument_group("output"))
     add(
         "--out",
@@ -129,10 +126,9 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_not_read(path, read)
     if len({*arguments.out, *tables}) < len(arguments.out) + len(tables):
         raise UsageError("two outputs have the same name; give each its own")
-    given = {name: getattr(arguments, name) for name in TAKEN}
-    parameters = defaults(**{k: v for k, v in given.items() if v is not options.UNSET})
+    parameters = defaults(**options.given_parameters(arguments))
     control, start = Control(), time.perf_counter()
-    with nullcontext() if arguments.quiet else telling(print_long):
+    with long_steps(arguments.quiet):
         mesh = options.mesh(arguments)
         film = read_frames(arguments.frames, mesh, arguments.array)
         mask = options.weight(mesh, arguments.mask)
@@ -167,7 +163,7 @@ def run(arguments: argparse.Namespace) -> int:
         begin = [] if kept.number is None else [_cancelled(unfinished)]
         lines = [*begin, *sequence_results.lines(found, unit), f"in {seconds:.1f} s; wrote {names}"]
         print("\n".join(lines))
-    return _status(found, kept.number)
+    return status_of(found.facts, kept.number)
 
 
 def _write(
@@ -176,7 +172,7 @@ def _write(
     """Write all outputs; remove what was kept of a finished sequence once the result is safe."""
     is_safe = True
     try:
-        with nullcontext() if arguments.quiet else telling(print_long):
+        with long_steps(arguments.quiet):
             notes = outputs.write_sequences(
                 arguments.out,
                 found,
@@ -215,9 +211,3 @@ def _cancelled(unfinished: Unfinished) -> str:
     if unfinished.path is None or not os.path.isfile(unfinished.path):
         return told
     return f"{told}; the same command goes on, by {printable(unfinished.path)}"
-
-
-def _status(found: Sequence, signal: int | None) -> int:
-    if signal is not None:
-        return signals.status(signal)
-    return 0 if found.facts.outcome.is_good else UNMATCHED

@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Any
 from abfm_viewer.cli.reports.report_page import (
     document,
     facts_block,
+    numbers_list,
     pictures_row,
     rows_table,
     sentence,
+    table,
 )
+from abfm_viewer.cli.results import number_text, percents
 
 if TYPE_CHECKING:
     from abfm_viewer.pictures.population_pictures import PopulationPictures
@@ -76,15 +79,12 @@ def _summary(told: Facts) -> str:
 
 def _numbers(told: Facts) -> str:
     fitting = sum(each["fits"] for each in told["subjects"])
-    cells = [("subjects that fit", f"{fitting} of {len(told['subjects'])}")]
+    cells = [("subjects that fit", f"{fitting} of {len(told['subjects'])}", "plain")]
     for each in told["channels"]:
         scores = _both((each["before"], each["after"]))
-        cells.append((f"{_channel_name(each)}: like the others", scores))
-    cells.append(("areas: deviation of log2 J", _number(told["log2_area_deviation"])))
-    items = "".join(
-        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in cells
-    )
-    return f"<dl>{items}</dl>"
+        cells.append((f"{_channel_name(each)}: like the others", scores, "plain"))
+    cells.append(("areas: deviation of log2 J", _number(told["log2_area_deviation"]), "plain"))
+    return numbers_list(cells)
 
 
 def _subjects(told: Facts) -> str:
@@ -108,15 +108,14 @@ def _subjects(told: Facts) -> str:
         weight = "" if each["weight"] == 1 else f", weight {each['weight']:g}"
         reason = f"; left out: {escape(each['reason'])}" if each["reason"] else ""
         words += f'<div class="reason">{verdict}{weight}{reason}</div>'
-        folded = "-" if each["folded"] is None else f"{100 * each['folded']:.2g}%"
         numbers = [_number(each[name]) for name in ("correlation", "distance", "residual")]
-        numbers += [_number(each["displacement"]), _number(each["log2_area"]), folded]
+        numbers += [_number(each["displacement"]), _number(each["log2_area"])]
+        numbers += [percents(each["folded"])]
         numbers += [_number(each["landmarks"])] if has_landmarks else []
         numbers += [_both(each["scores"][name]) for name in held]
         cells = "".join(f"<td>{escape(cell)}</td>" for cell in numbers)
         mark = "" if each["fits"] else ' class="odd"'
         lines.append(f"<tr{mark}><td>{words}</td>{cells}</tr>")
-    head = "".join(f"<th>{escape(each)}</th>" for each in heads)
     text = (
         "Who does not fit first, then those that are least like the others: their correlation with "
         "the mean of the others that fit, and how far they are from it, over its deviation. Left "
@@ -125,38 +124,26 @@ def _subjects(told: Facts) -> str:
         + ("landmarks how far these are left on average, of √area; " if has_landmarks else "")
         + "of channels that are held out, the correlation before and after."
     )
-    return (
-        f'<h2>Subjects</h2><p>{text}</p><div class="wide"><table class="subjects">'
-        f"<thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
-    )
+    found = table(heads, lines, "subjects")
+    return f'<h2>Subjects</h2><p>{text}</p><div class="wide">{found}</div>'
 
 
 def _channels(told: Facts, pictures: PopulationPictures | None) -> str:
     heads = ("", "variance", "position", "value", "C_R", "like the others, before", "after")
     rows = []
     for each in told["channels"]:
-        shares = [
-            f"{_variance(each[name])} ({100 * each[name] / each['total']:.0f}%)"
-            if each["total"]
-            else _variance(each[name])
-            for name in ("phase", "amplitude")
-        ]
-        ends = (_number(each["before"]), _number(each["after"]))
-        rows.append(
-            (_channel_name(each), _variance(each["total"]), *shares, _number(each["factor"]), *ends)
-        )
+        total = each["total"]
+        parts = (_part(each[name], total) for name in ("phase", "amplitude"))
+        numbers = (_number(each[name]) for name in ("factor", "before", "after"))
+        rows.append((_channel_name(each), number_text(total, ".3g"), *parts, *numbers))
     text = (
         "The variance over subjects, per area, is position, which registering removes, and value, "
         "which it leaves, as Kneip and Ramsay (2008) part them; C_R is how much larger squares are "
         "before than after. Noise is value, as far as it is not smoothed between vertices."
     )
-    drawn = (
-        ""
-        if pictures is None
-        else "".join(
-            f"<section><h3>{escape(row.title)}</h3>{pictures_row(row)}</section>"
-            for row in pictures.channels
-        )
+    drawn = "".join(
+        f"<section><h3>{escape(row.title)}</h3>{pictures_row(row)}</section>"
+        for row in (pictures.channels if pictures else ())
     )
     return f"<h2>Channels</h2><p>{text}</p>{rows_table(heads, rows)}{drawn}"
 
@@ -194,10 +181,11 @@ def _both(ends: Sequence[float | None]) -> str:
     return " → ".join(map(_number, ends)) if any(end is not None for end in ends) else "-"
 
 
-def _variance(value: float | None) -> str:
-    """Return a number that has the channel's unit, which may be large or small."""
-    return "-" if value is None else f"{value:.3g}"
+def _part(variance: float | None, total: float | None) -> str:
+    """Return a part of a variance, which has the channel's unit, and its share."""
+    share = f" ({100 * variance / total:.0f}%)" if variance is not None and total else ""
+    return f"{number_text(variance, '.3g')}{share}"
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{round(value, 3) + 0.0:.3f}"  # and not -0.000
+    return number_text(value, "z.3f")

@@ -9,17 +9,16 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import abfm
-from abfm import Control, Parameters, Population, read_subjects
+from abfm import Control, Population, read_subjects
 from abfm.batch import Entry
 from abfm.errors import AbfmError, one_line, printable
-from abfm.io import write_atomically, write_csv
+from abfm.io import write_csv
 from abfm.population import HELD_OUT, Settings, function_text
 from abfm.population.settings import BOUND, MOST_ROUNDS
 from abfm.workers.control import CancelledError
@@ -89,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--rounds", what, "N", type=options.count, default=MOST_ROUNDS)
     options.add_max_distortion(add)
     add("--one-based", "vertex numbers of the column landmarks count from 1, not from 0")
-    options.add_parameters(parser, options.UNSET)
+    options.add_parameters(parser)
     add_workers(parser)
     add = options.adder(parser.add_argument_group("output"))
     about = "folder for results: made if it is not there"
@@ -158,13 +157,10 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         except ValueError:
             told = f"--weight {one_line(name, 40)}={one_line(text, 40)}"
             raise UsageError(f"{told}: expected a number after =") from None
-    given = {
-        entry.name.replace("_", "-"): "auto" if value is None else value
-        for entry in fields(Parameters)
-        if (value := getattr(arguments, entry.name)) is not options.UNSET
-    }
-    chosen = options.mesh_options(arguments).given
-    given |= {name.replace("_", "-"): value for name, value in chosen.items()}
+    parameters = options.given_parameters(arguments)
+    chosen = {name: "auto" if value is None else value for name, value in parameters.items()}
+    chosen |= options.mesh_options(arguments).given
+    given = {name.replace("_", "-"): value for name, value in chosen.items()}
     if arguments.one_based:
         given["one-based"] = "yes"
     if arguments.max_distortion is not None:
@@ -236,8 +232,7 @@ def _write(
         except DrawingError as error:
             print(f"note: the page has no pictures: {error}", file=sys.stderr)
     written.append(folder / "population.html")
-    with write_atomically(written[-1]) as temporary:
-        temporary.write_text(page(facts, drawn), encoding="utf-8")
+    outputs.write_text(written[-1], page(facts, drawn))
     return written
 
 

@@ -6,7 +6,6 @@ import argparse
 import json
 import math
 import sys
-from contextlib import nullcontext
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
@@ -20,13 +19,11 @@ from abfm import (
     load_correspondence,
     load_match,
 )
-from abfm.errors import one_line, printable
-from abfm.io import write_atomically
+from abfm.errors import printable
 from abfm.registration import is_correspondence
-from abfm.workers.progress import telling
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, results
-from abfm_viewer.cli.progress import print_long, share_progress
+from abfm_viewer.cli.progress import long_steps, share_progress
 from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page, percent
 from abfm_viewer.files import outputs
 
@@ -46,7 +43,7 @@ Examples:
   abfm report reg.npz --out report.html
   abfm report sub-01_reg.npz --out sub-01.html --title "sub-01, left" --up z --json
 """
-_WIDTH, _NARROWEST, _WIDEST = 400, 32, 2000
+_WIDTH = 400
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--title", "its title (default: the input's name)", "TEXT")
     options.add_up(add)
     what = f"of each picture in pixels (default: {_WIDTH})"
-    add("--width", what, "N", type=_width, default=_WIDTH)
+    add("--width", what, "N", type=options.width, default=_WIDTH)
     add("--json", "print the page's numbers as one JSON object")
     add("--quiet", "no progress")
 
@@ -64,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     out, quiet = arguments.out, arguments.quiet
     outputs.check(out, [".html"])
-    with nullcontext() if quiet else telling(print_long):
+    with long_steps(quiet):
         found = _loaded(arguments.input)
         match = found.match if isinstance(found, Registration) else None
         options.warn_of_doubt(arguments.input, match)
@@ -77,21 +74,12 @@ def run(arguments: argparse.Namespace) -> int:
             )
     for warning in told["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
-    text = page(told, drawn)
-    with write_atomically(out) as temporary:
-        Path(temporary).write_text(text, encoding="utf-8")
+    outputs.write_text(out, page(told, drawn))
     if arguments.json:
         print(json.dumps(told))
     else:
         print(f"{told['headline']}\nwrote {printable(out)}")
     return 0
-
-
-def _width(text: str) -> int:
-    if not text.isdecimal() or not _NARROWEST <= int(text) <= _WIDEST:
-        expected = f"a whole number from {_NARROWEST} to {_WIDEST}"
-        raise argparse.ArgumentTypeError(f"{one_line(text, 40)} is not {expected}")
-    return int(text)
 
 
 def _loaded(path: str) -> Correspondence:

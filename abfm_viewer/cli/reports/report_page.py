@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import base64
 import io
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 from abfm import Parameters
+from abfm.pages.page import in_script
 from abfm.wording import share
+from abfm_viewer.cli.results import SCORE, STEP_HEADS, has_scores, number_text, step_cells
+from abfm_viewer.document.verdict_words import plain
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -105,10 +107,7 @@ def page(told: Facts, pictures: RegistrationPictures) -> str:
 
 def facts_block(told: object) -> str:
     """Write facts as JSON that no HTML parser takes for a tag."""
-    text = json.dumps(told, allow_nan=False)
-    for sign in "<>&":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return f'<script type="application/json" id="facts">{text}</script>'
+    return f'<script type="application/json" id="facts">{in_script(told)}</script>'
 
 
 def _about(told: Facts) -> str:
@@ -157,10 +156,11 @@ def _numbers(told: Facts) -> str:
     of_map = told["map"]
     cells = []
     if "verdict" in told:
-        left = _share(told["worse_residual"])
-        cells.append(("residual", f"{_share(told['initial_residual'])} → {left}", False))
+        ends = (told["initial_residual"], told["worse_residual"])
+        before, after = ("unknown" if end is None else share(end) for end in ends)
+        cells.append(("residual", f"{before} → {after}", False))
     if marks := told.get("landmarks"):
-        farthest = ("farthest landmark", f"{_share(marks['farthest'])} of √area", False)
+        farthest = ("farthest landmark", f"{share(marks['farthest'])} of √area", False)
         cells = [farthest] if marks["alone"] else [*cells, farthest]
     cells += [
         ("areas: |log2 J|, 95%", f"{of_map['log2_area']['p95']:.2f}", False),
@@ -177,16 +177,18 @@ def _numbers(told: Facts) -> str:
             of_map["there_and_back"]["p95"] > MOST_APART,
         ),
     ]
+    return numbers_list(
+        (name, value, "bad" if is_bad else "plain") for name, value, is_bad in cells
+    )
+
+
+def numbers_list(cells: Iterable[tuple[str, str, str]]) -> str:
+    """Write numbers in boxes, by their names, each of a class."""
     items = (
-        f'<div><dt>{escape(name)}</dt><dd class="{"bad" if is_bad else "plain"}">'
-        f"{escape(value)}</dd></div>"
-        for name, value, is_bad in cells
+        f'<div><dt>{escape(name)}</dt><dd class="{kind}">{escape(value)}</dd></div>'
+        for name, value, kind in cells
     )
     return f"<dl>{''.join(items)}</dl>"
-
-
-def _share(value: float | None) -> str:
-    return "unknown" if value is None else share(value)
 
 
 def _functions(told: Facts, rows: Sequence[Row]) -> str:
@@ -273,19 +275,12 @@ def _edges(apart: float) -> str:
 
 
 def _path(told: Facts, picture: Image.Image | None) -> str:
-    heads: tuple[str, ...]
-    heads = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
-    has_scores = any(step["score"] is not None for step in told["path"])
-    heads, rows = (*heads, "score") if has_scores else heads, []
+    heads, rows = [*STEP_HEADS, *([SCORE] if has_scores(told["path"]) else [])], []
     for number, step in enumerate(told["path"]):
-        folded = "-" if step["folded"] is None else f"{100 * step['folded']:.2g}%"
-        shown = (step["residual"], step["verified_residual"])
-        cost = (step["log2_area"], step["log2_shape"])
         mark = "→ " if number == told["step"] else ""
-        cells = (*map(_number, shown), folded, *map(_number, cost))
-        score = "-" if step["score"] is None else f"{step['score']:.4f}"
-        row = f"{mark}{number + 1}", f"{step['sigma']:.3g}", *cells, score
-        rows.append(row if has_scores else row[:-1])
+        first, *cells = step_cells(number, step, ".3f")
+        row = [f"{mark}{first}", *cells, number_text(step[SCORE], ".4f")]
+        rows.append(row[: len(heads)])
     text = (
         "The fields that were found on the way; the arrow is at the one that was chosen. "
         "Distortions here are means of the flow alone, without the initial map."
@@ -306,15 +301,9 @@ def _parameters(told: Facts) -> str:
     for name, value in changed.items():
         entry = entries[name]
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
-        rows.append(
-            (f"{name}{symbol}", _plain(value), _plain(entry.default), entry.metadata["help"])
-        )
+        rows.append((f"{name}{symbol}", plain(value), plain(entry.default), entry.metadata["help"]))
     table = rows_table(("", "here", "default", "what it is"), rows, kind="words")
     return f"<section><h2>Parameters other than the defaults</h2>{table}</section>"
-
-
-def _plain(value: object) -> str:
-    return "auto" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def pictures_row(row: Row) -> str:
@@ -376,23 +365,27 @@ def rows_table(
     groups: Sequence[tuple[str, int]] = (),
 ) -> str:
     """Write a table, with a line of heads for groups of so many columns where these are given."""
-    head = "".join(f"<th>{escape(each)}</th>" for each in heads)
-    if groups:
-        wide = (f'<th colspan="{n}">{escape(name)}</th>' for name, n in groups)
-        head = f"{''.join(wide)}</tr><tr>{head}"
     lines = []
     for number, row in enumerate(rows):
         mark = ' class="chosen"' if number == chosen else ""
         cells = "".join(f"<td>{escape(cell)}</td>" for cell in row)
         lines.append(f"<tr{mark}>{cells}</tr>")
-    return (
-        f'<table class="{kind}"><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table>"
-    )
+    return table(heads, lines, kind, groups)
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
+def table(
+    heads: Iterable[str],
+    lines: Iterable[str],
+    kind: str,
+    groups: Sequence[tuple[str, int]] = (),
+) -> str:
+    """Write a table of lines that are HTML already."""
+    head = "".join(f"<th>{escape(each)}</th>" for each in heads)
+    if groups:
+        wide = (f'<th colspan="{n}">{escape(name)}</th>' for name, n in groups)
+        head = f"{''.join(wide)}</tr><tr>{head}"
+    body = "".join(lines)
+    return f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
 
 
 def percent(share: float) -> str:

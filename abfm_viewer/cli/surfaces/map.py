@@ -99,24 +99,30 @@ def run(arguments: argparse.Namespace) -> int:
         write_values(out, _table(arguments, match, points, time))
     if quality.warning:
         print(f"warning: {quality.warning}", file=sys.stderr)
-    distortion = quality.distortion
-    told: dict[str, Any] = {
-        "log2_area": distortion.log2_area._asdict(),
-        "log2_shape": distortion.log2_shape._asdict(),
-        "folded": distortion.folded,
-        "faces": len(distortion.flipped),
+    facts = {
+        **results.distortion_facts(quality.distortion),
         "there_and_back": quality.there_and_back._asdict(),
         "warning": quality.warning,
         "report": quality.report(),
     }
-    told = {"time": time, "quality": told}
-    lines = [quality.report()]
-    if accuracy:
+    told = {"time": time, "quality": facts}
+    return _report(arguments, told, [quality.report()], accuracy)
+
+
+def _report(
+    arguments: argparse.Namespace,
+    told: dict[str, Any],
+    lines: list[str],
+    accuracy: MapAccuracy | None,
+) -> int:
+    """Print what a map does, how near it is to a known one, and where it was written."""
+    out = arguments.out
+    if accuracy is not None:
         lines.append(accuracy.report())
         told["accuracy"] = _accuracy_facts(accuracy)
-    if out:
+    if out is not None:
         lines.append(f"wrote {printable(out)}")
-    told["output"] = str(out) if out else None
+    told["output"] = None if out is None else str(out)
     print(json.dumps(told) if arguments.json else "\n".join(lines))
     return 0
 
@@ -128,23 +134,16 @@ def _of_two_surfaces(arguments: argparse.Namespace) -> int:
             "--time, --carry and --functional-map are for results on one surface; "
             "for a registration see abfm apply"
         )
-    found = load_correspondence(arguments.input)
+    found, accuracy = load_correspondence(arguments.input), None
     if isinstance(found, Registration):
         warn_of_doubt(arguments.input, found.match)
     way = found.inverse() if arguments.inverse else found
-    told: dict[str, Any] = {"map": results.map_facts(way)}
-    lines = results.map_lines(way)
     if arguments.truth:
         same = arguments.truth == "identity"
         accuracy = way.accuracy(None if same else _true_vertices(way, arguments.truth))
-        lines.append(accuracy.report())
-        told["accuracy"] = _accuracy_facts(accuracy)
     if arguments.out is not None:
         write_values(arguments.out, outputs.vertex_numbers(way.points))
-        lines.append(f"wrote {printable(arguments.out)}")
-    told["output"] = str(arguments.out) if arguments.out else None
-    print(json.dumps(told) if arguments.json else "\n".join(lines))
-    return 0
+    return _report(arguments, {"map": results.map_facts(way)}, results.map_lines(way), accuracy)
 
 
 def _true_vertices(way: Correspondence, path: str) -> IntArray:

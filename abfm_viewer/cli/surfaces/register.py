@@ -1,25 +1,17 @@
 """`abfm register`: two surfaces, and what leads from the one to the other."""
 
 import argparse
-import json
 import sys
-import time
-from contextlib import nullcontext
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import abfm
-from abfm import Control, Match, Parameters, Registration
-from abfm.errors import printable
+from abfm import Parameters
 from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
-from abfm.registration import MEASURED, prepare, within
+from abfm.registration import MEASURED, prepare
 from abfm.registration.initial import WORDS, read_landmarks
-from abfm.workers.progress import telling
 from abfm_viewer.cli import options, results
-from abfm_viewer.cli.match import cancelled_by_signals, status_of, warn_if_foreseen
-from abfm_viewer.cli.progress import print_long, progress
-from abfm_viewer.document import verdict_words
+from abfm_viewer.cli.match import Outputs, solve
+from abfm_viewer.cli.progress import long_steps
 from abfm_viewer.files import outputs
 
 SUMMARY = "register one surface to another by functions on both"
@@ -80,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--one-based", "vertex numbers of --landmarks count from 1, not from 0")
     add("--initial", "the initial map, see above", "WORD[:...]")
-    options.add_parameters(parser, options.UNSET)
+    options.add_parameters(parser)
     add = options.adder(parser.add_argument_group("output"))
     add(
         "--out",
@@ -108,13 +100,9 @@ def run(arguments: argparse.Namespace) -> int:
     for path in arguments.out:
         outputs.check_registered(path)
         outputs.check_not_read(path, read)
-    changed = {
-        entry.name: value
-        for entry in fields(Parameters)
-        if (value := getattr(arguments, entry.name)) is not options.UNSET
-    }
+    changed = options.given_parameters(arguments)
     Parameters(**changed)  # refused before an initial map is looked for
-    with nullcontext() if arguments.quiet else telling(print_long):
+    with long_steps(arguments.quiet):
         a, b = (options.mesh(arguments, path) for path in (arguments.a, arguments.b))
         prepared = prepare(
             a,
@@ -128,67 +116,12 @@ def run(arguments: argparse.Namespace) -> int:
             mask_b=options.weight(b, arguments.mask_b),
             weights=weights or None,
         )
-    for note in prepared.notes:
-        print(f"note: {note}", file=sys.stderr)
+    results.print_notes(prepared.notes)
     for warning in prepared.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     parameters = prepared.problem.parameters
     problem = prepared.problem.with_parameters(replace(parameters, **changed))
-    warn_if_foreseen(problem, arguments.quiet)
-    control, start = Control(), time.perf_counter()
-    with cancelled_by_signals(control) as kept:
-        with progress(problem.parameters.iterations, arguments.quiet) as report:
-            match = abfm.match(problem, on_iteration=report, control=control)
-        found = prepared.matched_by(match)
-        with nullcontext() if arguments.quiet else telling(print_long):
-            if arguments.max_distortion is not None:
-                found = within(found, arguments.max_distortion, control)
-        results.print_notes(found.notes[len(prepared.notes) :])
-        results.print_notes(outputs.write_registrations(arguments.out, found, arguments.up))
-    seconds = time.perf_counter() - start
-    outcome = FinishedRegistration(found, seconds, arguments.out, kept.number)
-    if arguments.json:
-        print(json.dumps({"a": arguments.a, "b": arguments.b, **outcome.to_dict()}))
-    else:
-        print(outcome.summary())
+    out = Outputs(arguments.out, up=arguments.up)
+    outcome = solve(problem, out, arguments.quiet, arguments.max_distortion, prepared)
+    outcome.print(arguments, "a", "b")
     return outcome.status
-
-
-@dataclass(frozen=True)
-class FinishedRegistration:
-    registration: Registration
-    seconds: float
-    outputs: list[Path]
-    signal: int | None
-
-    @property
-    def match(self) -> Match:
-        return self.registration.match
-
-    @property
-    def status(self) -> int:
-        return status_of(self.registration.facts, self.signal)
-
-    def summary(self) -> str:
-        """Say for a person how well it went, what the map does, and what to try."""
-        names, advice = (
-            map(printable, self.outputs),
-            verdict_words.advice_in_options(self.registration),
-        )
-        lines = [
-            *results.told_lines(self.registration, self.seconds, list(names)),
-            *results.map_lines(self.registration),
-            *results.landmark_lines(self.registration),
-            *([f"to try: {advice}"] if advice else []),
-        ]
-        return "\n".join(lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            **results.facts(self.registration),
-            "map": results.map_facts(self.registration),
-            **results.initial_facts(self.registration.initial),
-            "notes": list(self.registration.notes),
-            "seconds": self.seconds,
-            "outputs": list(map(str, self.outputs)),
-        }

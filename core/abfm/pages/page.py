@@ -179,7 +179,7 @@ class Page:
         store = Store()
         script = "\n".join(_text(name) for name in _SCRIPTS)
         script, style = f'"use strict";\n{script}', _text("page.css")
-        told = _in_script(_Told(self, store).page())
+        told = in_script(_Told(self, store).page())
         titles = [escape(panel.title) for panel in self.panels]
         figure = '<figure><figcaption>{}</figcaption><div class="view"></div></figure>'
         return Template(_text("page.html")).substitute(
@@ -346,7 +346,7 @@ def _text(name: str) -> str:
     return (_TEMPLATE / name).read_text(encoding="utf-8")
 
 
-def _in_script(told: Any) -> str:
+def in_script(told: Any) -> str:
     """Write JSON that no HTML parser takes for a tag."""
     text = json.dumps(told, allow_nan=False, separators=(",", ":"))
     for sign in "<>&":

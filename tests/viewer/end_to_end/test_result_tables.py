@@ -92,7 +92,7 @@ def test_a_folder_of_results_opens_as_a_table_with_its_worst_row(opened, folder)
     best = [row for row in tables.rows if row.path is not None]
     assert tables.chosen == best[0]
     assert opened.session.document.name == best[0].name
-    assert opened.session.result.worse_residual == max(best[0].left, best[0].verified)
+    assert opened.session.result.worse_residual == best[0].facts.worse_residual
     assert opened.errors == {}
 
 
@@ -133,9 +133,13 @@ def test_the_table_goes_with_its_rows_and_comes_back_with_undo(opened, tmp_path)
 def test_heads_sort_and_words_are_searched_for(opened, monkeypatch):
     lines = heard(opened, monkeypatch, "line")
     tables = opened.window.files.tables
-    for head, name in (("left", "left"), ("by flow lines", "verified"), ("|log2 J|", "log2_area")):
+    for head, name in (
+        ("left", "residual"),
+        ("by flow lines", "verified_residual"),
+        ("|log2 J|", "log2_area"),
+    ):
         opened.click(head, "rows")
-        known = [getattr(row, name) for row in tables.rows if row.path is not None]
+        known = [row.facts.number(name) for row in tables.rows if row.path is not None]
         assert known == sorted(known, reverse=True)
     for head in ("name", "why", "folded"):
         opened.click(head, "rows")

@@ -126,7 +126,7 @@ def test_both_cortices_open_ready_to_match_and_without_nilearn_say_how_to_get_th
     assert np.corrcoef(left, right)[0, 1] > 0.85
     assert np.corrcoef(session.values("source"), right)[0, 1] < 0.5
     assert not session.saves.unsaved
-    monkeypatch.setattr("abfm_viewer.window.samples.find_spec", lambda name: None)
+    monkeypatch.setattr("abfm_viewer.window.wave.find_spec", lambda name: None)
     samples.menu("Samples", PAIR)
     wait(samples, lambda s: s.document.name == PAIR and not s.obstacle)
     samples.menu("Samples", CORTEX)

@@ -107,7 +107,7 @@ def test_the_initial_map_is_chosen_and_seen(gui, files, notes):
     gui.wait(lambda s: not s.obstacle)
     gui.choose("color by", "checker")
     on_b = gui.window.shown.flow.coordinates()
-    assert_array_equal(on_b, session.prepared.correspondence.points.positions)
+    assert_array_equal(on_b, session.prepared.initial.correspondence.points.positions)
     gui.frames(2)
     assert gui.window.scene.paints["advected"].title == "checker of A, on B"
     gui.check("lines from A to B")
@@ -127,12 +127,12 @@ def test_the_initial_map_is_chosen_and_seen(gui, files, notes):
     gui.choose("initial map", "map from a file...")
     gui.double_click("map.txt")
     gui.wait(lambda s: not s.obstacle)
-    assert_array_equal(session.prepared.correspondence.to_vertices(), opposite)
+    assert_array_equal(session.prepared.initial.correspondence.to_vertices(), opposite)
     gui.choose("initial map", "ends of limbs")
     gui.wait(lambda s: "ends of limbs" in s.obstacle)
     gui.choose("initial map", "automatic")
     gui.wait(lambda s: not s.obstacle)
-    assert session.prepared.correspondence.to_vertices()[1] == 1
+    assert session.prepared.initial.correspondence.to_vertices()[1] == 1
     gui.choose("initial map", "spheres from files...")  # and ways that take their time
     for title in ("Open the sphere of A", "Open the sphere of B"):
         gui.double_click(ball.name, title)
@@ -216,7 +216,7 @@ def test_it_is_saved_as_project_and_registration_and_opened_again(gui, tmp_path)
             assert_array_equal(*(mesh.vertices for mesh in meshes))
         places = (one.points.positions for one in (session.registration, known))
         assert_allclose(*places, atol=1e-9)
-        again = session.prepared.correspondence
+        again = session.prepared.initial.correspondence
         assert_array_equal(again.to_vertices(), known.initial.to_vertices())
         if name == "pair.abfm":
             assert (opened.channels, opened.initial) == (saved.channels, "connectivity")

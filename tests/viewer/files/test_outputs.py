@@ -114,7 +114,7 @@ def test_a_registration_is_saved_without_its_path(match, tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules["abfm.matching.match"], "path_arrays", refuse)
     same = PointMap.of_vertices(match.mesh, match.mesh, np.arange(len(match.mesh.vertices)))
     found = Registration(Correspondence(same, same), match)
-    [note] = outputs.write_registrations([tmp_path / "r.npz"], found)
+    [note] = outputs.write_all([tmp_path / "r.npz"], found)
     assert "a part cannot be made" in note
     loaded = load_registration(tmp_path / "r.npz")
     np.testing.assert_array_equal(loaded.match.velocity, match.velocity)
@@ -147,7 +147,7 @@ def test_a_registration_with_collapsed_faces_is_kept(match, tmp_path, monkeypatc
     maps = (PointMap.of_vertices(match.mesh, match.mesh, numbers // by) for by in (1, 2))
     found = Registration(Correspondence(*maps), match)
     with raises(ResultError, "x.ply", recorded=False):  # cut by the length of the path
-        outputs.write_registrations([tmp_path / "x.ply", tmp_path / "r.npz"], found)
+        outputs.write_all([tmp_path / "x.ply", tmp_path / "r.npz"], found)
     kept = load_registration(tmp_path / "r.npz")
     np.testing.assert_array_equal(kept.back.faces, found.back.faces)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from abfm.batch import Ledger, Row
-from abfm.outcome import Outcome
+from abfm.outcome import Facts, Outcome
 from abfm.population import Channel as PopulationChannel
 from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.document.result_table import ResultRow, ResultTable
@@ -16,10 +16,12 @@ from abfm_viewer.session.result_tables import document_of_row, document_of_subje
 from tests.core.sequences.turning_film import solved
 from tests.shapes import icosphere
 
+_MATCHED = Facts(Outcome.MATCHED, "matched")
+
 
 def test_a_film_is_called_by_its_row():
     path = Path("85b823f4.npz")
-    row = ResultRow(0, "f1", Outcome.MATCHED, path=path)
+    row = ResultRow(0, "f1", _MATCHED, path)
     document, _ = document_of_row(row, lambda path: (document_of_sequence(solved(), path), {}))
     assert document.name == "f1"
     assert not document.is_film_outdated
@@ -30,7 +32,7 @@ def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
     texts = _texts(Ledger(tmp_path).entry(Row("r", given)))
     assert texts == (("curvature:mean", "file:b.npy"),)
     assert _texts(Ledger(tmp_path).entry(Row("f", {"mesh": "a.off", "frames": "f.npy"}))) == ()
-    row = ResultRow(0, "r", Outcome.MATCHED, path=Path("e11a.npz"), texts=texts)
+    row = ResultRow(0, "r", _MATCHED, Path("e11a.npz"), texts)
     opened = Document((Surface(icosphere(1), "e11a.npz"),), (Channel("one", "two"),))
     document, _ = document_of_row(row, lambda _: (opened, {}))
     assert document.called == {"one": "curvature:mean", "two": "file:b.npy"}
@@ -40,8 +42,9 @@ def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
 
 def test_what_is_searched_for_is_a_phrase_or_words():
     reason = "the residual fell from 1.2 to 0.01 (0.021 by flow lines)"
+    facts = replace(_MATCHED, reason=reason)
     names = [f"alpha {a}, sigma {s}" for a in (0.01, 0.1) for s in (0.02, 0.1)]
-    rows = tuple(ResultRow(i, name, Outcome.MATCHED, reason=reason) for i, name in enumerate(names))
+    rows = tuple(ResultRow(i, name, facts) for i, name in enumerate(names))
     table = ResultTable(Path("out"), "sweep", rows)
 
     def found(search):
@@ -73,7 +76,7 @@ class _Population:
 
 def test_channels_of_a_subject_are_called_by_their_names():
     table = ResultTable(Path("pop"), "population pop", (), _Population())
-    row = ResultRow(0, "sub-0", Outcome.REGISTERED)
+    row = ResultRow(0, "sub-0", Facts(Outcome.REGISTERED, "registered"))
     document, _ = document_of_subject(table, row, "difference")
     names = [[document.called[spec] for spec in channel.specs] for channel in document.channels]
     assert names == [[name, name] for name in ("sulc", "curv", "thick")]

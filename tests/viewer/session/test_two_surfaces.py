@@ -48,7 +48,7 @@ def matched(session):
 
 def test_the_result_is_of_its_map_and_of_no_other(pair):
     matched(pair)
-    assert pair.document.initial_map.correspondence is pair.prepared.correspondence
+    assert pair.document.initial_map.correspondence is pair.prepared.initial.correspondence
     assert_array_equal(pair.result.mesh.vertices, B.vertices)
     assert not pair.outdated
     pair.editor.set_initial("spectral")
