@@ -47,7 +47,7 @@ Examples:
   abfm info match.npz
 """
 Described = tuple[dict[str, Any], list[str]]
-"""What is told of a result, to machines and to people."""
+"""Facts of a result for JSON, and lines of text."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,8 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _report(arguments: argparse.Namespace) -> str:
     name, is_table = arguments.mesh, Path(arguments.mesh, "population.npz").is_file()
     if Path(name).is_dir() and not is_table:
-        told = f"{printable(name)}: this is a folder"
-        raise UsageError(f"{told}; abfm batch --status {printable(name)} tells of a batch")
+        shown = printable(name)
+        raise UsageError(
+            f"{shown}: this is a folder; for the state of a batch: abfm batch --status {shown}"
+        )
     if is_table or name.endswith(".npz"):
         facts, (first, *others) = _of_result(name)
         own = {"result": name}
@@ -110,14 +112,14 @@ def _of_population(found: Population) -> Described:
 
 def _of_map(found: Correspondence) -> Described:
     sizes = [f"{len(mesh.faces):,}" for mesh in (found.a, found.b)]
-    told = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
-    return {"map": results.map_facts(found)}, [told, *results.map_lines(found)]
+    first = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
+    return {"map": results.map_facts(found)}, [first, *results.map_lines(found)]
 
 
 def _of_match(match: Match) -> Described:
     size = f"on a mesh of {len(match.mesh.faces):,} faces"
-    told = f"residual {verdict_words.numbers(match)}, {size}"
-    lines = [match.facts.headline, match.facts.reason, told, *results.path_lines(match)]
+    numbers = f"residual {verdict_words.numbers(match)}, {size}"
+    lines = [match.facts.headline, match.facts.reason, numbers, *results.path_lines(match)]
     return results.facts(match), lines
 
 

@@ -185,7 +185,9 @@ def _remove_abandoned(folder: Path) -> None:
             with suppress(OSError):  # another process has it, or has removed it
                 if sys.platform != "win32":
                     descriptor = _locked(path, fcntl.LOCK_NB)
-                    _remove(path)  # while it is locked: who has just made it makes it again
+                    _remove(
+                        path
+                    )  # while it is locked: a maker that waits for the lock makes it again
                     os.close(descriptor)
                 elif time.time() - path.stat().st_mtime > _DAY:
                     _remove(path)

@@ -184,9 +184,15 @@ def test_the_distortion_is_limited_and_undo_goes_back(walked):
 def test_a_search_for_less_distortion_is_stopped_or_ends_with_its_result(walked):
     session, before = walked.session, walked.session.result
     walked.type("distortion", "0.01")
-    walked.click("Limit distortion", "Match")
-    walked.click("Stop limiting", "Match")
-    assert session.result is before
+    for _ in range(5):
+        walked.click("Limit distortion", "Match")
+        walked.click("Stop limiting", "Match")
+        if session.result is before:
+            break
+        walked.key("ctrl+z")  # it had ended before the click
+    else:
+        pytest.fail("no search was stopped")
+    assert not session.bound.busy
     walked.click("Limit distortion", "Match")
     session.editor.change("clear", result=None)
     walked.frames(2)
