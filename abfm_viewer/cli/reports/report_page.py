@@ -47,7 +47,7 @@ p { margin: .3rem 0; max-width: 58rem; }
 .good { --tone: var(--good); } .ink { --tone: var(--ink); }
 .warning { --tone: #8a5300; } .failure { --tone: var(--bad); } .muted { --tone: var(--muted); }
 ul { margin: .5rem 0; padding-left: 1.2rem; } .warnings { color: var(--bad); font-weight: 600; }
-dl { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .6rem;
+dl { display: grid; grid-template-columns: repeat(auto-fill, minmax(10.5rem, 1fr)); gap: .6rem;
   margin: .8rem 0; }
 dl div { border: 1px solid var(--line); border-radius: 6px; padding: .45rem .7rem; }
 dt { font-size: .8rem; }
