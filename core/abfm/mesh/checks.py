@@ -212,10 +212,13 @@ def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
     if outside.any():
         face, corner = np.argwhere(outside)[0]
         named = one_line(f"{array[face, corner]:.0f}", 40)
+        advice = "correct the indices, or complete the vertices"
+        if array.min() == 1 and array.max() == vertex_count:
+            advice = "all indices count from 1; subtract 1"
         raise MeshError(
             f"{counted(outside.any(axis=1).sum(), 'face names', 'faces name')} a vertex that does "
             f"not exist (face {face}, counting from 0, names vertex {named} of {vertex_count} "
-            "numbered from 0): correct the indices, or complete the vertices"
+            f"numbered from 0): {advice}"
         )
     return array.astype(np.int64, copy=False)
 

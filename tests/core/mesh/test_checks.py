@@ -121,6 +121,11 @@ def test_refused(vertices, faces, named):
         check_names(remedy.keeps, len(kept.vertices), len(kept.faces))
 
 
+def test_indices_from_1_are_named():
+    with raises(MeshError, "subtract 1"):
+        TriangleMesh(SPHERE.vertices, SPHERE.faces + 1)
+
+
 def test_examples_count_as_the_input_does():
     """Neither dropped vertices nor a dropped component shift the indices that an error names."""
     vertices, faces = side_by_side(tetrahedron(), icosphere(1, radius=3))
