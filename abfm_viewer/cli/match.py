@@ -219,11 +219,11 @@ class FinishedMatch:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        found, told = self.found, results.facts(self.found)
+        found, facts = self.found, results.facts(self.found)
         if isinstance(found, Registration):
-            told |= {"map": results.map_facts(found), **results.initial_facts(found.initial)}
-            told["notes"] = list(found.notes)
-        return {**told, "seconds": self.seconds, "outputs": list(map(str, self.outputs))}
+            facts |= {"map": results.map_facts(found), **results.initial_facts(found.initial)}
+            facts["notes"] = list(found.notes)
+        return {**facts, "seconds": self.seconds, "outputs": list(map(str, self.outputs))}
 
 
 class Outputs(NamedTuple):

@@ -1,26 +1,26 @@
-"""What is told of a match, of its path and of its distortion, to people and to machines."""
+"""Facts of a match, of its path and of its distortion, for people and for machines."""
 
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 from abfm import Correspondence, Match, PathStep, Registration
 from abfm.errors import printable
 from abfm.maps import Distortion
 from abfm.matching.judging.facts import finite
+from abfm.matching.path import NUMBERS
 from abfm.mesh.subdivision import times_subdivided
 from abfm_viewer.document import verdict_words
 
 STEP_HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
 SCORE = "score"  # of steps of measured functions
-_NUMBERS = [entry.name for entry in fields(PathStep) if entry.name != "velocity"]
 
 
 def facts(found: Match | Registration) -> dict[str, Any]:
-    """Return what machines are told of a match, or of a registration: plain numbers and texts, None
-    for unknown ones.
+    """Return the facts of a match, or of a registration, for machines: plain numbers and texts,
+    None for unknown ones.
     """
     match = found.match if isinstance(found, Registration) else found
     energies = match.energy_history[-1].tolist()
@@ -63,7 +63,7 @@ def print_notes(notes: Sequence[str]) -> None:
 
 
 def _row(match: Match, step: PathStep) -> dict[str, float | None]:
-    numbers = {name: finite(getattr(step, name)) for name in _NUMBERS}
+    numbers = {name: finite(getattr(step, name)) for name in NUMBERS}
     return {**numbers, "refined": times_subdivided(step.velocity.shape[1], match.mesh)}
 
 
@@ -72,9 +72,9 @@ def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str
     return "-" if value is None or math.isnan(value) else f"{value:{digits}}{unit}"
 
 
-def percents(share: float | None) -> str:
+def percents(share: float | None, digits: str = ".2g") -> str:
     """Write a share in percent, ``-`` if it is unknown."""
-    return "-" if share is None else number_text(100 * share, ".2g", "%")
+    return "-" if share is None else number_text(100 * share, digits, "%")
 
 
 def path_lines(match: Match) -> list[str]:
@@ -103,7 +103,7 @@ def step_cells(number: int, step: Mapping[str, Any], digits: str) -> list[str]:
 
 
 def map_facts(found: Correspondence, distortion: Distortion | None = None) -> dict[str, Any]:
-    """Return what machines are told of what a map from B to A does, whose distortion may be known
+    """Return the facts of a map from B to A for machines; its distortion may be known
     already.
     """
     distortion, back = distortion or found.distortion(), found.there_and_back()
@@ -148,5 +148,5 @@ def landmark_lines(found: Registration) -> list[str]:
         return []
     if len(errors) == 1:
         return [f"the landmark is left off by {errors[0]:.2g} sqrt(area)"]
-    told = f"mean {errors.mean():.2g}, largest {errors.max():.2g} sqrt(area)"
-    return [f"{len(errors)} landmarks are left off by {told}"]
+    numbers = f"mean {errors.mean():.2g}, largest {errors.max():.2g} sqrt(area)"
+    return [f"{len(errors)} landmarks are left off by {numbers}"]

@@ -283,8 +283,8 @@ class Tables:
         """Show a row's result as its file opens: of a subject its registration."""
         if row.path is None:
             reason = row.facts.reason or "it has not been solved yet"
-            told = f"{row.name} has no result to show: {reason}"
-            self._session.notices.say(f"{told}; {self._session.document.name} is still shown")
+            text = f"{row.name} has no result to show: {reason}"
+            self._session.notices.say(f"{text}; {self._session.document.name} is still shown")
             return
         self._open(row, partial(document_of_row, row, self._read_document))
 

@@ -375,13 +375,12 @@ class Session:
         if self.obstacle:
             self.notices.say(f"no match yet: {self.obstacle}", self.problem_told != "", RUN)
             return
-        if self.document.film is None:
-            self._take_usual_parameters()
         self.notices.clear()
         self.notices.mend(RUN)
         if self.document.film is not None:
             self.film_match.start(self.document)
             return
+        self._take_usual_parameters()
         field, mesh = None, self.surface().mesh
         warm = self.solver.warm if goes_on is None else goes_on
         if warm and self.result is not None and self.result.mesh.digest == mesh.digest:

@@ -35,39 +35,39 @@ tr.odd td, tr.odd .reason { color: var(--bad); }
 """
 
 
-def page(told: Facts, pictures: PopulationPictures | None) -> str:
+def page(facts: Facts, pictures: PopulationPictures | None) -> str:
     """Return the page of facts, with pictures where there are any."""
-    title = f"Population of {told['table']}"
+    title = f"Population of {facts['table']}"
     parts = [
         f"<h1>{escape(title)}</h1>",
-        f'<p class="muted">{escape(_about(told))}</p>',
-        _summary(told),
-        _numbers(told),
-        _subjects(told),
-        _channels(told, pictures),
-        _areas(told, pictures),
-        _misfits(told, pictures),
+        f'<p class="muted">{escape(_about(facts))}</p>',
+        _summary(facts),
+        _numbers(facts),
+        _subjects(facts),
+        _channels(facts, pictures),
+        _areas(facts, pictures),
+        _misfits(facts, pictures),
         f"<footer>abfm {escape(version('abfm'))}</footer>",
-        facts_block(told),
+        facts_block(facts),
     ]
     return document(title, parts, _STYLE)
 
 
-def _about(told: Facts) -> str:
+def _about(facts: Facts) -> str:
     return (
-        f"{len(told['subjects'])} subjects on {told['template']}, {told['vertices']:,} vertices "
-        f"and {told['faces']:,} faces"
+        f"{len(facts['subjects'])} subjects on {facts['template']}, {facts['vertices']:,} vertices "
+        f"and {facts['faces']:,} faces"
     )
 
 
-def _summary(told: Facts) -> str:
-    odd = [each for each in told["subjects"] if not each["fits"]]
-    rest, rounds = told["changes"][-1] <= told["bound"], len(told["changes"])
+def _summary(facts: Facts) -> str:
+    odd = [each for each in facts["subjects"] if not each["fits"]]
+    rest, rounds = facts["changes"][-1] <= facts["bound"], len(facts["changes"])
     word = "The mean has come to rest" if rest else "The mean still changes"
     more = "" if rest else " The same command with more <code>--rounds</code> goes on from here."
     why = (
-        f"<p>It changed by {told['changes'][-1]:.2g} of its deviation over the surface in the last "
-        f"of {rounds} rounds, where {told['bound']:g} was asked for.{more}</p>"
+        f"<p>It changed by {facts['changes'][-1]:.2g} of its deviation over the surface in the "
+        f"last of {rounds} rounds, where {facts['bound']:g} was asked for.{more}</p>"
     )
     left = "".join(
         f"<li><b>{escape(each['name'])}</b>: {escape(each['reason'] or '')}.</li>" for each in odd
@@ -77,19 +77,19 @@ def _summary(told: Facts) -> str:
     return f'<div class="verdict {tone}"><strong>{word}</strong>{why}{told_odd}</div>'
 
 
-def _numbers(told: Facts) -> str:
-    fitting = sum(each["fits"] for each in told["subjects"])
-    cells = [("subjects that fit", f"{fitting} of {len(told['subjects'])}", "plain")]
-    for each in told["channels"]:
+def _numbers(facts: Facts) -> str:
+    fitting = sum(each["fits"] for each in facts["subjects"])
+    cells = [("subjects that fit", f"{fitting} of {len(facts['subjects'])}", "plain")]
+    for each in facts["channels"]:
         scores = _both((each["before"], each["after"]))
         cells.append((f"{_channel_name(each)}: like the others", scores, "plain"))
-    cells.append(("areas: deviation of log2 J", _number(told["log2_area_deviation"]), "plain"))
+    cells.append(("areas: deviation of log2 J", _number(facts["log2_area_deviation"]), "plain"))
     return numbers_list(cells)
 
 
-def _subjects(told: Facts) -> str:
-    held = [each["name"] for each in told["channels"] if each["held_out"]]
-    has_landmarks = any(each["landmarks"] is not None for each in told["subjects"])
+def _subjects(facts: Facts) -> str:
+    held = [each["name"] for each in facts["channels"] if each["held_out"]]
+    has_landmarks = any(each["landmarks"] is not None for each in facts["subjects"])
     heads = (
         "",
         "like the others",
@@ -102,7 +102,7 @@ def _subjects(told: Facts) -> str:
         *(f"{name}, held out" for name in held),
     )
     lines = []
-    for each in told["subjects"]:
+    for each in facts["subjects"]:
         words = f'<div class="name">{escape(each["name"])}</div>'
         verdict = sentence(each["verdict"] or "failed")
         weight = "" if each["weight"] == 1 else f", weight {each['weight']:g}"
@@ -128,10 +128,10 @@ def _subjects(told: Facts) -> str:
     return f'<h2>Subjects</h2><p>{text}</p><div class="wide">{found}</div>'
 
 
-def _channels(told: Facts, pictures: PopulationPictures | None) -> str:
+def _channels(facts: Facts, pictures: PopulationPictures | None) -> str:
     heads = ("", "variance", "position", "value", "C_R", "like the others, before", "after")
     rows = []
-    for each in told["channels"]:
+    for each in facts["channels"]:
         total = each["total"]
         parts = (_part(each[name], total) for name in ("phase", "amplitude"))
         numbers = (_number(each[name]) for name in ("factor", "before", "after"))
@@ -148,20 +148,20 @@ def _channels(told: Facts, pictures: PopulationPictures | None) -> str:
     return f"<h2>Channels</h2><p>{text}</p>{rows_table(heads, rows)}{drawn}"
 
 
-def _areas(told: Facts, pictures: PopulationPictures | None) -> str:
+def _areas(facts: Facts, pictures: PopulationPictures | None) -> str:
     text = (
         "J is the area of a face where it lies on a subject over its own, both surfaces scaled to "
         "one area: the mean over subjects of its logarithm, and the deviation, which is "
-        f"{_number(told['log2_area_deviation'])} on average."
+        f"{_number(facts['log2_area_deviation'])} on average."
     )
     drawn = "" if pictures is None else pictures_row(pictures.areas)
     return f"<section><h2>Areas</h2><p>{text}</p>{drawn}</section>"
 
 
-def _misfits(told: Facts, pictures: PopulationPictures | None) -> str:
+def _misfits(facts: Facts, pictures: PopulationPictures | None) -> str:
     if pictures is None or not pictures.misfits:
         return ""
-    reasons = {each["name"]: each["reason"] for each in told["subjects"]}
+    reasons = {each["name"]: each["reason"] for each in facts["subjects"]}
     sections = "".join(
         f"<section><h3>{escape(row.title)}</h3><p>{sentence(reasons[row.title] or '')}.</p>"
         f"{pictures_row(row)}</section>"
@@ -170,10 +170,10 @@ def _misfits(told: Facts, pictures: PopulationPictures | None) -> str:
     return f"<h2>Who does not fit</h2>{sections}"
 
 
-def _channel_name(told: Facts) -> str:
-    if told["held_out"]:
-        return f"{told['name']}, held out"
-    return told["name"] if told["weight"] == 1 else f"{told['name']}, weight {told['weight']:g}"
+def _channel_name(facts: Facts) -> str:
+    if facts["held_out"]:
+        return f"{facts['name']}, held out"
+    return facts["name"] if facts["weight"] == 1 else f"{facts['name']}, weight {facts['weight']:g}"
 
 
 def _both(ends: Sequence[float | None]) -> str:

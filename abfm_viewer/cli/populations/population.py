@@ -138,8 +138,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(facts | {"outputs": list(map(str, written))}))
     else:
         names = ", ".join(map(printable, written))
-        told = [*results.lines(found, facts), f"in {facts['seconds']:.1f} s; wrote {names}"]
-        print("\n".join(told))
+        lines = [*results.lines(found, facts), f"in {facts['seconds']:.1f} s; wrote {names}"]
+        print("\n".join(lines))
     if not all(found.digests):
         return FAILED
     return 0 if found.changes[-1] <= settings.bound else UNMATCHED
@@ -155,8 +155,8 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         try:
             weights[name] = float(text)
         except ValueError:
-            told = f"--weight {one_line(name, 40)}={one_line(text, 40)}"
-            raise UsageError(f"{told}: expected a number after =") from None
+            option = f"--weight {one_line(name, 40)}={one_line(text, 40)}"
+            raise UsageError(f"{option}: expected a number after =") from None
     parameters = options.given_parameters(arguments)
     chosen = {name: "auto" if value is None else value for name, value in parameters.items()}
     chosen |= options.mesh_options(arguments).given
@@ -237,7 +237,7 @@ def _write(
 
 
 def _arrays(found: Population) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what is told of vertices, (V,) each, and of faces, (F,), by names for files."""
+    """Return values at vertices, (V,) each, and at faces, (F,), by names for files."""
     on_vertices: dict[str, Any] = {}
     for c, channel in enumerate(found.channels):
         name = re.sub(r"[^A-Za-z0-9_.-]", "_", channel.name)

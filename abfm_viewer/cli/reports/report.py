@@ -24,7 +24,7 @@ from abfm.registration import is_correspondence
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, results
 from abfm_viewer.cli.progress import long_steps, share_progress
-from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page, percent
+from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page
 from abfm_viewer.files import outputs
 
 SUMMARY = "one page about a registration: pictures, distortion, path, warnings"
@@ -68,17 +68,17 @@ def run(arguments: argparse.Namespace) -> int:
         with share_progress("report", quiet) as report:
             report("measuring", 0.0)
             distortion = found.distortion()
-            told = _facts(arguments, found, results.map_facts(found, distortion))
+            facts = _facts(arguments, found, results.map_facts(found, distortion))
             drawn = pictures.registration_pictures(
                 found, distortion, arguments.width, arguments.up, report
             )
-    for warning in told["warnings"]:
+    for warning in facts["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
-    outputs.write_text(out, page(told, drawn))
+    outputs.write_text(out, page(facts, drawn))
     if arguments.json:
-        print(json.dumps(told))
+        print(json.dumps(facts))
     else:
-        print(f"{told['headline']}\nwrote {printable(out)}")
+        print(f"{facts['headline']}\nwrote {printable(out)}")
     return 0
 
 
@@ -95,7 +95,7 @@ def _facts(
 ) -> dict[str, Any]:
     """Return all that the page tells, as plain numbers and texts; None for unknown numbers."""
     name = printable(Path(arguments.input).name)
-    told: dict[str, Any] = {
+    facts: dict[str, Any] = {
         "abfm": version("abfm"),
         "file": name,
         "title": printable(arguments.title or name),
@@ -107,27 +107,25 @@ def _facts(
     if isinstance(found, Registration):
         match = found.match
         if found.a is not found.b:
-            told["initial_map"] = results.map_facts(found.initial)
-            told |= results.initial_facts(found.initial)
-        facts = found.facts
-        told |= results.facts(found) | {
-            "why": facts.reason,
-            "advice": facts.advice,
-            "tone": facts.tone,
-        }
-        told |= {
+            facts["initial_map"] = results.map_facts(found.initial)
+            facts |= results.initial_facts(found.initial)
+        facts |= results.facts(found)
+        facts |= {
+            "why": found.facts.reason,
+            "advice": found.facts.advice,
+            "tone": found.facts.tone,
             "notes": [*found.notes, *match.mesh.messages],
             "changed_parameters": changed(match.parameters),
         }
         if (errors := match.landmark_errors) is not None:
-            told["landmarks"] = {
+            facts["landmarks"] = {
                 "errors": errors.tolist(),
                 "farthest": float(errors.max()),
                 "alone": match.problem.is_of_landmarks,
             }
-        told["functions"] = list(zip(*match.problem.specs, strict=True))
-    told["warnings"] = _warnings(of_map, found)
-    return dict(_finite(told))
+        facts["functions"] = list(zip(*match.problem.specs, strict=True))
+    facts["warnings"] = _warnings(of_map, found)
+    return dict(_finite(facts))
 
 
 def _sizes(mesh: TriangleMesh) -> dict[str, int]:
@@ -148,16 +146,17 @@ def changed(parameters: Parameters) -> dict[str, Any]:
 def _warnings(of_map: dict[str, Any], found: Correspondence) -> list[str]:
     folded, collapsed, faces = (of_map[name] for name in ("folded", "collapsed", "faces"))
     apart, covered = of_map["there_and_back"]["p95"], of_map["coverage"]
-    told = list(found.facts.warnings) if isinstance(found, Registration) else []
+    texts = list(found.facts.warnings) if isinstance(found, Registration) else []
     if folded and not isinstance(found, Registration):
-        told.append(f"{folded:,} of {faces:,} faces are folded, {percent(folded / faces)}")
+        part = results.percents(folded / faces, ".3g")
+        texts.append(f"{folded:,} of {faces:,} faces are folded, {part}")
     if collapsed:
-        told.append(f"{collapsed:,} of {faces:,} faces collapse to a line or a point")
+        texts.append(f"{collapsed:,} of {faces:,} faces collapse to a line or a point")
     if covered < LEAST_COVERED:
-        told.append(f"only {percent(covered)} of A is covered")
+        texts.append(f"only {results.percents(covered, '.3g')} of A is covered")
     if apart > MOST_APART:
-        told.append(f"5% of the vertices come back {apart:.2g} edges or more from where they were")
-    return told
+        texts.append(f"5% of the vertices come back {apart:.2g} edges or more from where they were")
+    return texts
 
 
 def _finite(value: Any) -> Any:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from abfm import Parameters
 from abfm.pages.page import in_script
 from abfm.wording import share
-from abfm_viewer.cli.results import SCORE, STEP_HEADS, has_scores, number_text, step_cells
+from abfm_viewer.cli.results import SCORE, STEP_HEADS, has_scores, number_text, percents, step_cells
 from abfm_viewer.document.verdict_words import plain
 
 if TYPE_CHECKING:
@@ -85,54 +85,54 @@ footer { margin-top: 2.5rem; color: var(--muted); font-size: .85rem; }
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
-def page(told: Facts, pictures: RegistrationPictures) -> str:
+def page(facts: Facts, pictures: RegistrationPictures) -> str:
     """Return the page of facts, with pictures."""
-    title = escape(told["title"])
-    is_registration = "verdict" in told
+    title = escape(facts["title"])
+    is_registration = "verdict" in facts
     parts = [
         f"<h1>{title}</h1>",
-        f'<p class="muted">{escape(_about(told))}</p>',
-        _verdict(told),
-        _warnings(told["warnings"]),
-        _list(told.get("notes", ()), ""),
-        _numbers(told),
-        _functions(told, pictures.functions),
-        _map(told, pictures.map),
-        _distortion(told, *pictures.histograms),
-        *([_path(told, pictures.path), _parameters(told)] if is_registration else []),
-        f"<footer>abfm {escape(told['abfm'])}, of {escape(told['file'])}</footer>",
+        f'<p class="muted">{escape(_about(facts))}</p>',
+        _verdict(facts),
+        _warnings(facts["warnings"]),
+        _list(facts.get("notes", ()), ""),
+        _numbers(facts),
+        _functions(facts, pictures.functions),
+        _map(facts, pictures.map),
+        _distortion(facts, *pictures.histograms),
+        *([_path(facts, pictures.path), _parameters(facts)] if is_registration else []),
+        f"<footer>abfm {escape(facts['abfm'])}, of {escape(facts['file'])}</footer>",
     ]
-    return document(told["title"], [*parts, facts_block(told)])
+    return document(facts["title"], [*parts, facts_block(facts)])
 
 
-def facts_block(told: object) -> str:
+def facts_block(facts: object) -> str:
     """Write facts as JSON that no HTML parser takes for a tag."""
-    return f'<script type="application/json" id="facts">{in_script(told)}</script>'
+    return f'<script type="application/json" id="facts">{in_script(facts)}</script>'
 
 
-def _about(told: Facts) -> str:
-    if not _has_two(told):
-        return f"A match on a surface of {_sized(told['b'])}"
-    kind = "Registration" if "verdict" in told else "Map"
-    return f"{kind} of surface A, {_sized(told['a'])}, to surface B, {_sized(told['b'])}"
+def _about(facts: Facts) -> str:
+    if not _has_two(facts):
+        return f"A match on a surface of {_sized(facts['b'])}"
+    kind = "Registration" if "verdict" in facts else "Map"
+    return f"{kind} of surface A, {_sized(facts['a'])}, to surface B, {_sized(facts['b'])}"
 
 
-def _has_two(told: Facts) -> bool:
+def _has_two(facts: Facts) -> bool:
     """Tell whether A is another surface than B."""
-    return "initial_map" in told or "verdict" not in told
+    return "initial_map" in facts or "verdict" not in facts
 
 
 def _sized(surface: Facts) -> str:
     return f"{surface['vertices']:,} vertices and {surface['faces']:,} faces"
 
 
-def _verdict(told: Facts) -> str:
-    headline = sentence(told["headline"])
-    if "verdict" not in told:
+def _verdict(facts: Facts) -> str:
+    headline = sentence(facts["headline"])
+    if "verdict" not in facts:
         return f'<div class="verdict ink"><strong>{headline}</strong></div>'
-    reason = f"<p>{sentence(told['why'])}.</p>"
-    advice = f"<p><b>Advice:</b> {escape(told['advice'])}.</p>" if told["advice"] else ""
-    return f'<div class="verdict {told["tone"]}"><strong>{headline}</strong>{reason}{advice}</div>'
+    reason = f"<p>{sentence(facts['why'])}.</p>"
+    advice = f"<p><b>Advice:</b> {escape(facts['advice'])}.</p>" if facts["advice"] else ""
+    return f'<div class="verdict {facts["tone"]}"><strong>{headline}</strong>{reason}{advice}</div>'
 
 
 def sentence(text: str) -> str:
@@ -151,15 +151,15 @@ def _list(lines: Iterable[str], kind: str) -> str:
     return f'<ul class="{kind or "notes"}">{items}</ul>' if items else ""
 
 
-def _numbers(told: Facts) -> str:
+def _numbers(facts: Facts) -> str:
     """Write the few numbers that one looks at first, those that are warned of in red."""
-    of_map = told["map"]
+    of_map = facts["map"]
     cells = []
-    if "verdict" in told:
-        ends = (told["initial_residual"], told["worse_residual"])
+    if "verdict" in facts:
+        ends = (facts["initial_residual"], facts["worse_residual"])
         before, after = ("unknown" if end is None else share(end) for end in ends)
         cells.append(("residual", f"{before} → {after}", False))
-    if marks := told.get("landmarks"):
+    if marks := facts.get("landmarks"):
         farthest = ("farthest landmark", f"{share(marks['farthest'])} of √area", False)
         cells = [farthest] if marks["alone"] else [*cells, farthest]
     cells += [
@@ -167,8 +167,8 @@ def _numbers(told: Facts) -> str:
         ("shapes: |log2 R|, 95%", f"{of_map['log2_shape']['p95']:.2f}", False),
         ("folded faces", f"{of_map['folded']:,}", of_map["folded"] > 0),
         (
-            "A covered" if _has_two(told) else "covered",
-            percent(of_map["coverage"]),
+            "A covered" if _has_two(facts) else "covered",
+            percents(of_map["coverage"], ".3g"),
             of_map["coverage"] < LEAST_COVERED,
         ),
         (
@@ -191,18 +191,18 @@ def numbers_list(cells: Iterable[tuple[str, str, str]]) -> str:
     return f"<dl>{''.join(items)}</dl>"
 
 
-def _functions(told: Facts, rows: Sequence[Row]) -> str:
+def _functions(facts: Facts, rows: Sequence[Row]) -> str:
     if not rows:
         return ""
     text = "From the front, and below from behind."
-    if _has_two(told):
+    if _has_two(facts):
         text = (
             "A with its function, which the file keeps as the initial map brought it to B; that "
             "function on B, by the initial map and by the registration; B with its own; and what "
             "is left between them, where it counts; from the front, and below from behind. "
             "Measured functions are in standard deviations, as compared."
         )
-    specs = told["functions"]
+    specs = facts["functions"]
     if len(rows) < len(specs):
         text += f" These are the first {len(rows)} of {len(specs)} pairs of functions."
     parts = []
@@ -214,22 +214,22 @@ def _functions(told: Facts, rows: Sequence[Row]) -> str:
     return f"<h2>Functions</h2><p>{text}</p>{''.join(parts)}"
 
 
-def _map(told: Facts, row: Row) -> str:
+def _map(facts: Facts, row: Row) -> str:
     text = (
         "A checkerboard that is straight on A as seen from the front, and where it goes on B; and "
         "how much areas and shapes of B change on their way to A, see below."
-        if _has_two(told)
+        if _has_two(facts)
         else "A checkerboard, and where the flow carries it; and how much areas and shapes change "
         "on the way back, see below."
     )
     return f"<section><h2>The map seen</h2><p>{text}</p>{pictures_row(row)}</section>"
 
 
-def _distortion(told: Facts, of_areas: Image.Image, of_shapes: Image.Image) -> str:
+def _distortion(facts: Facts, of_areas: Image.Image, of_shapes: Image.Image) -> str:
     text = (
         "J is the area of a face of B where it lies on A over its own, both surfaces scaled to one "
         "area"
-        if _has_two(told)
+        if _has_two(facts)
         else "J is the area of a face where the flow brought it from over its own"
     )
     text += (
@@ -242,14 +242,14 @@ def _distortion(told: Facts, of_areas: Image.Image, of_shapes: Image.Image) -> s
     )
     return (
         f'<section><h2>Distortion</h2><p>{text}</p><div class="half">{plots}</div>'
-        f"{_distortion_table(told)}</section>"
+        f"{_distortion_table(facts)}</section>"
     )
 
 
-def _distortion_table(told: Facts) -> str:
+def _distortion_table(facts: Facts) -> str:
     """Write a row a map: what it does to areas and shapes, and how whole it is."""
-    maps = {"initial map": told["initial_map"]} if "initial_map" in told else {}
-    maps["registered" if maps else "map"] = told["map"]
+    maps = {"initial map": facts["initial_map"]} if "initial_map" in facts else {}
+    maps["registered" if maps else "map"] = facts["map"]
     groups = (
         ("", 1),
         ("|log2 J| of areas", 4),
@@ -259,13 +259,14 @@ def _distortion_table(told: Facts) -> str:
         ("there and back, edges", 2),
     )
     each = ("mean", "95%", "98%", "most")
-    covered = "A covered" if _has_two(told) else "covered"
+    covered = "A covered" if _has_two(facts) else "covered"
     heads = ("", *each, *each, "folded", "collapsed", covered, "median", "95%")
     rows = []
-    for name, facts in maps.items():
-        logs = [value for key in ("log2_area", "log2_shape") for value in facts[key].values()]
-        faults = (f"{facts['folded']:,}", f"{facts['collapsed']:,}", percent(facts["coverage"]))
-        apart = map(_edges, facts["there_and_back"].values())
+    for name, numbers in maps.items():
+        logs = [value for key in ("log2_area", "log2_shape") for value in numbers[key].values()]
+        counts = (f"{numbers[key]:,}" for key in ("folded", "collapsed"))
+        faults = (*counts, percents(numbers["coverage"], ".3g"))
+        apart = map(_edges, numbers["there_and_back"].values())
         rows.append((name, *(f"{value:.3f}" for value in logs), *faults, *apart))
     return rows_table(heads, rows, groups=groups)
 
@@ -274,27 +275,27 @@ def _edges(apart: float) -> str:
     return f"{apart:.3g}" if apart >= 0.001 else "< 0.001"
 
 
-def _path(told: Facts, picture: Image.Image | None) -> str:
-    heads, rows = [*STEP_HEADS, *([SCORE] if has_scores(told["path"]) else [])], []
-    for number, step in enumerate(told["path"]):
-        mark = "→ " if number == told["step"] else ""
+def _path(facts: Facts, picture: Image.Image | None) -> str:
+    heads, rows = [*STEP_HEADS, *([SCORE] if has_scores(facts["path"]) else [])], []
+    for number, step in enumerate(facts["path"]):
+        mark = "→ " if number == facts["step"] else ""
         first, *cells = step_cells(number, step, ".3f")
         row = [f"{mark}{first}", *cells, number_text(step[SCORE], ".4f")]
         rows.append(row[: len(heads)])
     text = (
         "The fields that were found on the way; the arrow is at the one that was chosen. "
         "Distortions here are means of the flow alone, without the initial map."
-        if _has_two(told)
+        if _has_two(facts)
         else "The fields that were found on the way; the arrow is at the one that was chosen."
     )
-    table = rows_table(heads, rows, chosen=told["step"])
+    table = rows_table(heads, rows, chosen=facts["step"])
     plot = "" if picture is None else image(picture, "Mismatch against distortion along the path")
     beside = f'<div class="half"><div>{table}</div><figure>{plot}</figure></div>' if plot else table
     return f"<section><h2>From smooth to close</h2><p>{text}</p>{beside}</section>"
 
 
-def _parameters(told: Facts) -> str:
-    changed, entries = told["changed_parameters"], {e.name: e for e in fields(Parameters)}
+def _parameters(facts: Facts) -> str:
+    changed, entries = facts["changed_parameters"], {e.name: e for e in fields(Parameters)}
     if not changed:
         return "<section><h2>Parameters</h2><p>All have their defaults.</p></section>"
     rows = []
@@ -386,7 +387,3 @@ def table(
         head = f"{''.join(wide)}</tr><tr>{head}"
     body = "".join(lines)
     return f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
-
-
-def percent(share: float) -> str:
-    return f"{100 * share:.3g}%"

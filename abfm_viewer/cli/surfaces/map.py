@@ -105,13 +105,12 @@ def run(arguments: argparse.Namespace) -> int:
         "warning": quality.warning,
         "report": quality.report(),
     }
-    told = {"time": time, "quality": facts}
-    return _report(arguments, told, [quality.report()], accuracy)
+    return _report(arguments, {"time": time, "quality": facts}, [quality.report()], accuracy)
 
 
 def _report(
     arguments: argparse.Namespace,
-    told: dict[str, Any],
+    facts: dict[str, Any],
     lines: list[str],
     accuracy: MapAccuracy | None,
 ) -> int:
@@ -119,11 +118,11 @@ def _report(
     out = arguments.out
     if accuracy is not None:
         lines.append(accuracy.report())
-        told["accuracy"] = _accuracy_facts(accuracy)
+        facts["accuracy"] = _accuracy_facts(accuracy)
     if out is not None:
         lines.append(f"wrote {printable(out)}")
-    told["output"] = None if out is None else str(out)
-    print(json.dumps(told) if arguments.json else "\n".join(lines))
+    facts["output"] = None if out is None else str(out)
+    print(json.dumps(facts) if arguments.json else "\n".join(lines))
     return 0
 
 

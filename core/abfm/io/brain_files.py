@@ -128,10 +128,10 @@ def write_values(
     values : (n,) or (n, C) array
         One row per vertex of the file that they belong to.
     names : sequence of C str, optional
-        What the columns are called, in GIFTI and .csv; others do not say it.
+        What the columns are called, in GIFTI and .csv; other formats have no names.
     times : (C,) array, optional
-        Seconds of the frames in .dtseries.nii, evenly spaced, by default 0, 1, 2, ...; others do
-        not say them.
+        Seconds of the frames in .dtseries.nii, evenly spaced, by default 0, 1, 2, ...; other
+        formats have no times.
 
     Raises
     ------

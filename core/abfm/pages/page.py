@@ -346,9 +346,9 @@ def _text(name: str) -> str:
     return (_TEMPLATE / name).read_text(encoding="utf-8")
 
 
-def in_script(told: Any) -> str:
+def in_script(data: Any) -> str:
     """Write JSON that no HTML parser takes for a tag."""
-    text = json.dumps(told, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return text

@@ -48,11 +48,11 @@ def keep_hemisphere(draft: Draft, side: str) -> str:
             "file: leave the option out, or give a file of one hemisphere"
         )
     is_left, is_by_order = found
-    place = f", the {_PLACES[side]} in the file" * is_by_order
-    convention = _CONVENTION * is_by_order
+    place = f", the {_PLACES[side]} in the file" if is_by_order else ""
+    convention = _CONVENTION if is_by_order else ""
     kept = is_left if side == "L" else ~is_left
     _keep(draft, kept, f"the {name} hemisphere{place}{convention}")
-    return place + convention * (side == "L")  # once in an advice of both
+    return place
 
 
 def hemispheres(draft: Draft) -> tuple[BoolArray, bool] | None:

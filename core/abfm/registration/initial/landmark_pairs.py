@@ -109,8 +109,7 @@ def read_landmarks(
     and x, y, z on B, in the units of the meshes, which are brought onto the surfaces. A line of
     names on top may call further columns ``name``, ``weight`` and ``curve``, and those of places in
     another order by surface and axis, such as ``b`` or ``x_b``; without it one more column of words
-    is the curve. Numbers that fit better if counted the other way
-    give a warning.
+    is the curve. Numbers that fit better if counted the other way give a warning.
 
     The lines of a curve, in their order, are points along it; A may have more of them than B or
     fewer, whose cells are empty then. Between them it goes straight, then onto the surface. Both
