@@ -397,7 +397,7 @@ class Session:
         if usual is not None and usual != self.parameters == Parameters():
             label = "parameters for measured functions"
             self.editor.set_parameter(label=label, **usual.to_dict())
-            self.notices.say(f"{label} were set, as the functions of A and B look like such")
+            self.notices.say(f"{label} were set, as the functions of A and B look measured")
 
     def remedy(self, remedy: Remedy) -> None:
         """Do what a verdict proposes: change the parameters, and start a run.
