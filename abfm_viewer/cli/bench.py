@@ -9,10 +9,9 @@ from pathlib import Path
 
 from abfm import Control, TriangleMesh
 from abfm.errors import brief
-from abfm_viewer import signals
 from abfm_viewer.cli.batches.running import add_workers, cluster_of
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.match import Kept, cancelled_by_signals
+from abfm_viewer.cli.interrupts import Interrupt, cancelled_by_signals
 from abfm_viewer.cli.options import adder, count, positive, seed
 from abfm_viewer.files import outputs
 
@@ -112,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check(arguments)
     import laboratory
 
-    kept, control = Kept(), Control()
+    interrupt, control = Interrupt(), Control()
     out = Path(arguments.json) if arguments.json else None
     if out is not None:
         outputs.check(out, [".json"])
@@ -128,7 +127,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         place = laboratory.trials.Place(arguments.out, cluster_of(arguments), control)
         meshes = _meshes(arguments)
-        with cancelled_by_signals(control, "with what was finished") as kept:
+        with cancelled_by_signals(control, "with what was finished") as interrupt:
             if arguments.success:
                 versions = {name: success.VERSIONS[name] for name in sorted(arguments.versions)}
                 report = success.run_success(meshes, tell, selection, versions, place)
@@ -149,7 +148,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out is not None:
         outputs.write_text(out, as_json)
     print(as_json if arguments.json == "" else text)
-    return 0 if kept.number is None else signals.status(kept.number)
+    return interrupt.status or 0
 
 
 def _check(arguments: argparse.Namespace) -> None:

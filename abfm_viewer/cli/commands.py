@@ -8,10 +8,9 @@ from abfm_viewer.cli.options import Parser
 
 _COMMANDS = {
     "match": "match",
-    "register": "surfaces.register",
-    "sequence": "films.sequence",
+    "register": "register",
+    "sequence": "sequence",
     "batch": "batches.batch",
-    "sweep": "batches.sweep",
     "population": "populations.population",
     "apply": "surfaces.apply",
     "demo": "demo",

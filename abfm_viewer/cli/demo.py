@@ -9,9 +9,11 @@ from abfm import Match, Parameters, Problem, load_mesh
 from abfm.assets import asset_path
 from abfm.errors import printable
 from abfm.functions import function
+from abfm.matching.task import MatchTask
 from abfm_viewer import pictures
-from abfm_viewer.cli.match import Outputs, solve
+from abfm_viewer.cli.exit_status import UNMATCHED
 from abfm_viewer.cli.options import adder
+from abfm_viewer.cli.solve import Outputs, solve
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
 from abfm_viewer.session.session_files import document_of_result
@@ -50,10 +52,10 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check(path, [path.suffix])
     mesh = load_mesh(asset_path("human_A.off"))
     problem = Problem(mesh, function(mesh, SOURCE), function(mesh, TARGET), Parameters())
-    outcome = solve(problem, Outputs([result]), quiet=arguments.quiet)
+    outcome = solve(MatchTask(problem), Outputs([result]), arguments.quiet)
     match = outcome.found
     assert isinstance(match, Match)
-    drawn = outcome.signal is None and _draw(match, *drawings)
+    drawn = outcome.status in (0, UNMATCHED) and _draw(match, *drawings)
     if arguments.json:
         picture, movie = (str(path) if drawn else None for path in drawings)
         shown = {"picture": picture, "movie": movie, "largest_residual": RESIDUAL_MAX}
@@ -61,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         more = "".join(f", {printable(path)}" for path in drawings) if drawn else ""
         print(outcome.summary() + more)
-    if outcome.signal is not None:
+    if outcome.status not in (0, UNMATCHED):
         return outcome.status
     if match.worse_residual > RESIDUAL_MAX:
         print(f"abfm: the self-test failed: residual above {RESIDUAL_MAX}", file=sys.stderr)

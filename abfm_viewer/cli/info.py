@@ -8,32 +8,15 @@ from typing import Any
 import numpy as np
 
 import abfm
-from abfm import (
-    Correspondence,
-    Match,
-    MeshError,
-    Population,
-    Registration,
-    Sequence,
-    TriangleMesh,
-    load_correspondence,
-    load_match,
-    load_mesh,
-    load_population,
-    load_sequence,
-)
+from abfm import Correspondence, MeshError, Registration, TriangleMesh, load_mesh
 from abfm.errors import printable
+from abfm.loading import task_of
 from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
-from abfm.population import is_population
-from abfm.registration import is_correspondence
-from abfm.sequences import is_sequence
-from abfm_viewer.cli import options, results
+from abfm.registration.report import map_details, map_lines
+from abfm.tasks.inputs import MESH_FORMATS
+from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.films import results as sequence_results
-from abfm_viewer.cli.populations import results as population_results
-from abfm_viewer.cli.progress import steps_progress
-from abfm_viewer.document import verdict_words
-from abfm_viewer.document.film import unit_of
+from abfm_viewer.cli.progress import task_progress
 
 SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"
 DESCRIPTION = """\
@@ -52,7 +35,7 @@ Described = tuple[dict[str, Any], list[str]]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser)
-    add("mesh", f"{options.MESH}; or a result .npz", "MESH|RESULT.npz")
+    add("mesh", f"{MESH_FORMATS}; or a result .npz", "MESH|RESULT.npz")
     options.add_mesh_options(parser)
     add("--json", "print one JSON object")
     add("--quiet", "no progress")
@@ -60,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     try:
-        with steps_progress(arguments.quiet):
+        with task_progress(arguments.quiet):
             report = _report(arguments)
     except MeshError as error:
         if arguments.json:
@@ -87,40 +70,14 @@ def _report(arguments: argparse.Namespace) -> str:
     return json.dumps(own | facts) if arguments.json else "\n".join(lines)
 
 
-def _of_result(name: str) -> Described:
-    if Path(name).is_dir() or is_population(name):
-        return _of_population(load_population(name))
-    if is_sequence(name):
-        return _of_sequence(load_sequence(name))
-    found = load_correspondence(name) if is_correspondence(name) else None
-    if found is not None and not isinstance(found, Registration):
-        return _of_map(found)
-    match = load_match(name) if found is None else found.match
-    options.warn_of_doubt(name, match)
-    return _of_match(match)
-
-
-def _of_sequence(sequence: Sequence) -> Described:
-    unit = "second" if unit_of(sequence.times) else "frame"
-    return sequence_results.facts(sequence), sequence_results.lines(sequence, unit)
-
-
-def _of_population(found: Population) -> Described:
-    facts = population_results.facts(found)
-    return facts, population_results.lines(found, facts)
-
-
-def _of_map(found: Correspondence) -> Described:
-    sizes = [f"{len(mesh.faces):,}" for mesh in (found.a, found.b)]
-    first = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
-    return {"map": results.map_facts(found)}, [first, *results.map_lines(found)]
-
-
-def _of_match(match: Match) -> Described:
-    size = f"on a mesh of {len(match.mesh.faces):,} faces"
-    numbers = f"residual {verdict_words.numbers(match)}, {size}"
-    lines = [match.facts.headline, match.facts.reason, numbers, *results.path_lines(match)]
-    return results.facts(match), lines
+def _of_result(name: str) -> tuple[dict[str, Any], list[str]]:
+    found = abfm.load(name)
+    if isinstance(found, Correspondence) and not isinstance(found, Registration):
+        sizes = [f"{len(mesh.faces):,}" for mesh in (found.a, found.b)]
+        first = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
+        return {"map": map_details(found)}, [first, *map_lines(found)]
+    task = task_of(found)
+    return task.details(found), task.lines(found)
 
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:

@@ -2,32 +2,22 @@
 
 import argparse
 import math
-import os
 import re
+import shlex
 import sys
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import fields
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
-from abfm import Match, Parameters, TriangleMesh, load_mesh
-from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
-from abfm.functions import function
-from abfm.functions.circular import split_channels
-from abfm.functions.family import quoted
+from abfm import Match, TriangleMesh, load_mesh
+from abfm.errors import ParameterError, did_you_mean, one_line, printable
 from abfm.mesh.options import MERGE, MeshOptions
-from abfm.parameters import CHOICES, is_whole
-from abfm.types import FloatArray
+from abfm.tasks.inputs import MESH_FORMATS, MESH_INPUTS, Input, by_name
+from abfm.tasks.inputs import mesh_options as options_in
 from abfm_viewer.cli.exit_status import UsageError
 
-MESH = (
-    "triangle mesh: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, or of FreeSurfer or MNI; "
-    "also compressed (.gz)"
-)
 _DISTANCE = re.compile(r"auto|[-+.\d][-+.\de]*", re.IGNORECASE)
-_UNSET = object()
-"""What an option is that was not given."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -72,154 +62,79 @@ def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
     return add
 
 
-def add_channels(parser: argparse.ArgumentParser, source: str, target: str) -> None:
-    """Declare the options that `channels` reads."""
-    add = adder(parser.add_argument_group("functions"))
-    add("--source", source, "SPEC")
-    add("--target", target, "SPEC")
-    add(
-        "--channel",
-        "one more source and target for the same flow, with the weight of its mismatch; repeatable",
-        ("SRC", "DST", "WEIGHT"),
-        nargs=3,
-        action="append",
-        default=[],
-    )
-    add_circular(add)
-
-
-def add_circular(add: Callable[..., None]) -> None:
-    """Declare the period of values."""
-    about = "values are phases, which repeat after this period, and are compared by their cosine"
-    add(
-        "--circular",
-        f"{about} and sine (without a number: 2 pi)",
-        "PERIOD",
-        type=positive,
-        nargs="?",
-        const=math.tau,
-    )
-
-
-def channels(
-    arguments: argparse.Namespace, may_lack: bool = False
-) -> tuple[list[str], list[str], list[float]]:
-    """Return sources, targets and weights; none only where they may be lacking."""
-    if (arguments.source is None) != (arguments.target is None):
-        raise UsageError("--source and --target need each other")
-    first = [] if arguments.source is None else [(arguments.source, arguments.target, "1")]
-    if not (found := [*first, *arguments.channel]) and not may_lack:
-        raise UsageError(f"give --source and --target; see {arguments.parser.prog} --help")
-    weights = []
-    for *_, word in found:
-        try:
-            weights.append(float(word))
-        except ValueError:
-            raise UsageError(
-                f"--channel: its third word is the weight, a number, not {brief(word)}"
-            ) from None
-    sources, targets = ([pair[side] for pair in found] for side in range(2))
-    return split_channels(sources, targets, weights, arguments.circular)
-
-
 def add_up(add: Callable[..., None]) -> None:
     """Declare the axis that points upwards on pictures and pages."""
     about = "axis that points upwards on pictures and pages (default: z, seen from the side, for a"
     add("--up", f"{about} cortex of known hemisphere; otherwise y)", choices=("x", "y", "z"))
 
 
-def add_max_distortion(add: Callable[..., None]) -> None:
-    add(
-        "--max-distortion",
-        "the closest field with |log2 J| of areas and |log2 R| of shapes at most N on 99%% of the "
-        "faces, and none folded",
-        "N",
-        type=bound,
-    )
-
-
-def weight(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
-    """Return how much vertices count, (V,), by a function or its file."""
-    if given is None:
-        return None
-    return function(mesh, f"file:{quoted(given)}" if os.path.isfile(given) else given)
-
-
-def add_parameters(
-    parser: argparse.ArgumentParser,
-    usual: Parameters | None = None,
-    names: Collection[str] | None = None,
-    about: Mapping[str, str] | None = None,
+def add_inputs(
+    parser: argparse.ArgumentParser, inputs: Iterable[Input], without: Iterable[str] = ()
 ) -> None:
-    """Declare an option for each parameter, or those of these names, with help and symbol of its
-    definition, for `given_parameters`. ``usual`` are the defaults that the help shows, and
-    ``about`` replaces the help of some.
-    """
-    add = adder(parser.add_argument_group("parameters (symbols of the paper in brackets)"))
-    for entry in fields(Parameters):
-        if names is not None and entry.name not in names:
+    """Declare an option, or an argument, for each input; `given_texts` returns their texts."""
+    groups: dict[str, argparse._ActionsContainer] = {"": parser}
+    for each in inputs:
+        if each.name in without:
             continue
-        told = entry.default if usual is None else getattr(usual, entry.name)
-        if entry.name in getattr(usual, "automatic", ()):  # of a sequence: chosen
-            told = None
-        symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
-        default = "auto" if told is None else told
-        what = (about or {}).get(entry.name, entry.metadata["help"])
-        if told is not None:
-            what = what.partition("; not given")[0]  # which is no choice then
-        text = f"{what}{symbol} (default: {default})".replace("%", "%%")
-        choices = CHOICES.get(entry.name)
-        kind = int if is_whole(entry) else float
-        metavar = f"{{{','.join(choices)}}}" if choices else "INT" if kind is int else "X"
-        is_optional = told is None or entry.default is None
-        read = str if choices else partial(_or_auto, kind) if is_optional else kind
-        settings = {"type": read, "choices": choices, "default": _UNSET}
-        add("--" + entry.name.replace("_", "-"), text, metavar, **settings)
+        if each.group not in groups:
+            groups[each.group] = parser.add_argument_group(each.group)
+        help = f"{each.help} (default: {each.default})" if each.default else each.help
+        help += "; repeatable" if each.repeats else ""
+        words = each.metavar.split()
+        settings: dict[str, Any] = {"help": help.replace("%", "%%")}
+        if not words:
+            settings |= {"action": "store_const", "const": "yes"}
+        elif len(words) > 1:
+            settings |= {"metavar": tuple(words), "nargs": len(words)}
+        else:
+            settings |= {"metavar": each.metavar}
+        if each.without_value:
+            settings |= {"nargs": "?", "const": each.without_value}
+        if each.repeats:
+            settings |= {"action": "append", "default": []}
+        name = each.name if each.is_argument else f"--{each.name}"
+        groups[each.group].add_argument(name, **settings)
 
 
-def given_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters that were given, by name; None is auto."""
-    found = {entry.name: getattr(arguments, entry.name, _UNSET) for entry in fields(Parameters)}
-    return {name: value for name, value in found.items() if value is not _UNSET}
+def given_texts(
+    arguments: argparse.Namespace, inputs: Iterable[Input]
+) -> Iterator[tuple[str, str]]:
+    """Yield the names and texts of the inputs that were given."""
+    for each in inputs:
+        given = getattr(arguments, each.name.replace("-", "_"), None)
+        several = given or [] if each.repeats else [] if given is None else [given]
+        for value in several:
+            text = shlex.join(value) if isinstance(value, list) else value
+            if not text.strip():
+                raise UsageError(f"{shown(each)} is empty; give a value or leave it out")
+            yield each.name, text
 
 
-def _or_auto(kind: type[int] | type[float], text: str) -> float | None:
-    try:
-        return None if text == "auto" else kind(text)
-    except ValueError:
-        noun = "whole number" if kind is int else "number"
-        told = f"{one_line(text, 40)} is no {noun}, nor auto"
-        raise argparse.ArgumentTypeError(told) from None
+def shown(each: Input) -> str:
+    """Return what an input is called on the command line."""
+    return each.metavar if each.is_argument else f"--{each.name}"
 
 
 def add_mesh(parser: argparse.ArgumentParser) -> None:
     """Declare the mesh file, as an argument of its own, and how it is read."""
-    adder(parser)("mesh", MESH, "MESH")
+    adder(parser)("mesh", MESH_FORMATS, "MESH")
     add_mesh_options(parser)
 
 
 def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     """Declare how meshes are read."""
-    add = adder(parser.add_argument_group("meshes"))
-    for entry in fields(MeshOptions):
-        metavar = entry.metadata["metavar"]
-        settings: dict[str, Any] = {"type": partial(_mesh_option, entry.name)} if metavar else {}
-        if entry.name == MERGE:
-            settings["nargs"] = "?"
-        name = f"--{entry.name.replace('_', '-')}"
-        add(name, entry.metadata["help"], metavar or None, **settings)
-
-
-def _mesh_option(name: str, text: str) -> Any:
-    try:
-        return MeshOptions.value(name, text)
-    except ParameterError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    add_inputs(parser, MESH_INPUTS)
 
 
 def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
     """Return how meshes are to be read."""
-    return MeshOptions(**{each.name: getattr(arguments, each.name) for each in fields(MeshOptions)})
+    inputs, values = by_name(MESH_INPUTS), dict[str, Any]()
+    for name, text in given_texts(arguments, MESH_INPUTS):
+        try:
+            values[name] = inputs[name].read(text)
+        except ParameterError as error:
+            raise UsageError(f"--{name}: {error}") from None
+    return options_in(values)
 
 
 def warn_of_doubt(path: str, match: Match | None) -> None:
@@ -267,10 +182,8 @@ angle = partial(_within, float, -360_000, 360_000, "an angle up to 360000 degree
 seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")
 count = partial(_within, int, 1, 1_000_000, "a whole number from 1 to 1000000")
 processes = partial(_within, int, 1, 4096, "a number of processes, 1 to 4096")
-gamma = partial(_within, float, 0, 1e6, "a number from 0 to 1000000")
 width = partial(_within, int, 32, 2000, "a whole number from 32 to 2000")
 texels = partial(_within, int, 4, 16384, "a whole number from 4 to 16384")
-_weight = partial(_within, float, 0, sys.float_info.max, "weights of channels such as 1,0.5")
 
 
 def folder(text: str) -> Path:
@@ -285,8 +198,3 @@ def address(text: str) -> str:
     if not text.strip():
         raise argparse.ArgumentTypeError(f"{text!r} is no address, such as tcp://10.0.0.1:8786")
     return text
-
-
-def weights(text: str) -> list[float]:
-    """Read weights of channels: ``1,0.5``."""
-    return [_weight(each) for each in text.split(",")]

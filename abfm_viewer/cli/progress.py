@@ -19,6 +19,7 @@ from rich.progress import (
 )
 
 from abfm import Iteration
+from abfm.errors import printable
 from abfm.workers.progress import Step, telling
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError
@@ -28,39 +29,55 @@ _LASTING = 10  # iterations: what looks wrong for less mostly passes
 _LONG = 2.0  # seconds
 _TENTHS = _LINES_EVERY = _LINES_OF_A_MOVIE = 10
 _BAR, _COUNT = BarColumn(bar_width=None), TextColumn("{task.completed}/{task.total}")
-_NUMBERS = TextColumn("energy {task.fields[energy]}  residual {task.fields[residual]}")
 
 
 @contextmanager
-def progress(iterations: int, quiet: bool) -> Iterator[Callable[[Iteration], None]]:
-    """Yield what to call after every iteration; a warning that lasts is said once, quiet or not."""
-    held = 0  # iterations in a row in which something looked wrong
+def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
+    """Show the steps of a task, and yield what to call with its partial results.
 
-    def say(place: str, completed: int, energy: str, residual: str) -> None:
-        if completed % _LINES_EVERY == 0:
-            _say(f"iteration {completed}  {place}  energy {energy}  residual {residual}")
+    A terminal has a bar; elsewhere a line is printed for each tenth of a counted step, and for each
+    tenth iteration. A warning that lasts is printed once, quiet or not.
+    """
+    printed = "", 0  # a step and its tenths
+    warned = 0  # consecutive iterations with a warning
 
-    def report(now: Iteration) -> None:
-        nonlocal held
-        numbers = {"energy": f"{now.energy:.4g}", "residual": f"{now.residual:.4f}"}
-        update(place=place(now), completed=now.iteration, **numbers)
-        if held < _LASTING:
-            held = held + 1 if now.warning else 0
-            if held == _LASTING:
-                _say(f"warning: iteration {now.iteration}: {now.warning}")
+    def say(completed: float, text: str, line: str) -> None:
+        if line:
+            _say(line)
 
     def show(step: Step | None) -> None:
-        if step:
-            update(place=step.words())
+        nonlocal printed
+        if step is not None:
+            now = step.task, int(_TENTHS * (step.done or 0.0))
+            line = _line_of(step) if now != printed else ""
+            printed = now
+            update(completed=step.done or 0.0, text=step.words(), line=line)
 
-    columns = ("{task.fields[place]}", _BAR, _COUNT, _NUMBERS, TimeElapsedColumn())
-    blank = {"place": "starting", "energy": "-", "residual": "-"}
-    tell = show if sys.stderr.isatty() else print_long
+    def report(partial: object) -> None:
+        nonlocal warned
+        if not isinstance(partial, Iteration):
+            return
+        numbers = f"energy {partial.energy:.4g}  residual {partial.residual:.4f}"
+        text = f"iteration {partial.iteration}  {place(partial)}  {numbers}"
+        line = "" if partial.iteration % _LINES_EVERY else text
+        update(completed=0.0, text=text, line=line)
+        warned = warned + 1 if partial.warning or warned >= _LASTING else 0
+        if warned == _LASTING:
+            _say(f"warning: iteration {partial.iteration}: {partial.warning}")
+
+    columns = (_BAR, "{task.fields[text]}", TimeElapsedColumn())
     with (
-        _told(quiet, say, iterations, *columns, TimeRemainingColumn(), **blank) as update,
-        nullcontext() if quiet else telling(tell),
+        _told(quiet, say, 1.0, *columns, text="starting") as update,
+        nullcontext() if quiet else telling(show),
     ):
         yield report
+
+
+def _line_of(step: Step) -> str:
+    """Return the line that is printed of a step; empty if it is short."""
+    if step.done is None:
+        return step.words() if (step.expected or 0) >= _LONG else ""
+    return f"{step.task}: {int(_TENTHS * step.done) * 100 // _TENTHS}%" if step.done > 0 else ""
 
 
 @contextmanager
@@ -116,32 +133,6 @@ def row_progress(
 
 
 @contextmanager
-def steps_progress(quiet: bool) -> Iterator[None]:
-    """Tell of the steps of work meanwhile: a bar of that which is counted, or a line a tenth."""
-    said = "", 0
-
-    def say(completed: float | None, text: str, task: str) -> None:
-        nonlocal said
-        now = task, int(_TENTHS * (completed or 0.0))
-        if now[1] and now != said:
-            said = now
-            _say(f"{task}: {100 * now[1] // _TENTHS}%")
-
-    def tell(step: Step | None) -> None:
-        if step:
-            update(completed=step.done, text=step.words(), task=step.task)
-        if not sys.stderr.isatty():
-            print_long(step)
-
-    columns = (_BAR, "{task.fields[text]}", TimeElapsedColumn())
-    with (
-        _told(quiet, say, 1.0, *columns, text="") as update,
-        nullcontext() if quiet else telling(tell),
-    ):
-        yield
-
-
-@contextmanager
 def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], None]]:
     """Yield what to call with what is being done, and the share that is behind it."""
     said = ""
@@ -179,15 +170,20 @@ def _told(
         yield say
 
 
+def print_note(text: str, kind: str = "note") -> None:
+    """Print a note, or a warning, to stderr in one line."""
+    _say(printable(f"{kind}: {text}"))
+
+
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
 def long_steps(quiet: bool) -> AbstractContextManager[None]:
     """Print the steps of work that take seconds."""
-    return nullcontext() if quiet else telling(print_long)
+    return nullcontext() if quiet else telling(_print_long)
 
 
-def print_long(step: Step | None) -> None:
+def _print_long(step: Step | None) -> None:
     if step and step.done is None and (step.expected or 0) >= _LONG:
         _say(step.words())

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import abfm
-from abfm import ParameterError, ResultError, pages
+from abfm import ParameterError, ResultError
 from abfm.errors import printable
 from abfm.pages.front import best_front
 from abfm.types import FloatArray
@@ -168,18 +168,13 @@ def _write_page(arguments: argparse.Namespace) -> None:
     _refuse_others(arguments, _OF_PAGES, "pictures and movies", "a page")
     document, _ = read_document(Path(arguments.input))
     match, initial = document.result, document.initial_map
-    if document.sequence is not None:
-        unit = "" if document.film is None else document.film.unit
-        labels = pages.Labels(unit_of_time=unit, up=arguments.up)
-        outputs.write_sequence(out, document.sequence, labels)
-    elif match is None:
+    found: Any = document.sequence or match
+    if found is None:
         raise ParameterError(f"{arguments.input} holds no result to make a page of")
-    else:
-        warn_of_doubt(arguments.input, match)
-        if document.is_pair and initial is not None:
-            outputs.write_registration(out, initial.registration(match), arguments.up)
-        else:
-            outputs.write(out, match, arguments.up)
+    warn_of_doubt(arguments.input, match)
+    if match is not None and document.is_pair and initial is not None:
+        found = initial.registration(match)
+    outputs.write(out, found, arguments.up)
     print(f"wrote {printable(out)}")
 
 

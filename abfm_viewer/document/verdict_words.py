@@ -25,53 +25,21 @@ def is_broken_off(match: abfm.Match) -> bool:
     return match.stop_reason in ("cancelled", "out of memory")
 
 
-def advice_in_options(match: abfm.Match | abfm.Registration, result: str = "") -> str:
-    """Say what to try: ``reach further (--reach 0.6 --start match.npz)``, or in words; without a
-    result to start from all begins with no motion.
-    """
-    found = []
-    for remedy in match.verdict.remedies:
-        if not (result or remedy.parameters):
-            continue
-        given = remedy.parameters.items()
-        words = [f"--{name.replace('_', '-')} {plain(value)}" for name, value in given]
-        words += [f"--start {result}"] if remedy.goes_on and result else []
-        found.append(f"{remedy.label.lower()} ({' '.join(words)})")
-    return ", or ".join(found) or match.facts.advice
-
-
 def changes(remedy: Remedy) -> str:
     """Say what a remedy does, for a tooltip: ``A larger reach: reach 1, from no motion``."""
-    changed = ", ".join(f"{name} {plain(value)}" for name, value in remedy.parameters.items())
+    changed = ", ".join(
+        f"{name} {abfm.matching.report.plain(value)}" for name, value in remedy.parameters.items()
+    )
     start = "from the present field" if remedy.goes_on else "from no motion"
     given = f", with {changed}" if changed else ""
     return f"{sentence(remedy.words)}\nStarts a run {start}{given}."
 
 
-def plain(value: object) -> str:
-    """Write the value of a parameter."""
-    return f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
-
-
 def in_numbers(match: abfm.Match) -> str:
     """``Residual 0.012, 0.03 by flow lines``; of landmarks alone, which a list has, what folds."""
     if not match.problem.is_of_landmarks:
-        return f"Residual {numbers(match)}"
+        return f"Residual {abfm.matching.report.numbers(match)}"
     return "" if math.isnan(match.folded) else f"{100 * match.folded:.2g}% folded"
-
-
-def numbers(match: abfm.Match) -> str:
-    """Write the residual and its verification: ``0.012, 0.03 by flow lines, 0.1% folded``; and how
-    many fields in a row it took, if more than one.
-    """
-    parts = [f"{match.residual:.3g}"]
-    if not math.isnan(match.verified_residual):
-        parts.append(f"{match.verified_residual:.3g} by flow lines")
-    if not math.isnan(match.folded):
-        parts.append(f"{100 * match.folded:.2g}% folded")
-    if len(match.fine_velocity) > 1:
-        parts.append(f"{len(match.fine_velocity)} fields in a row")
-    return ", ".join(parts)
 
 
 def refinement(match: abfm.Match) -> str:

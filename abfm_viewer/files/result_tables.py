@@ -99,7 +99,7 @@ class TableReader:
 
 def _texts(entry: Entry) -> tuple[tuple[str, str], ...]:
     """Return what a row says of its channels; nothing of a film."""
-    from abfm.batch.kind import channels
+    from abfm.tasks.inputs import channels
 
     try:
         sources, targets, _ = channels(entry.row.written)

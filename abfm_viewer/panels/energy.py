@@ -13,7 +13,6 @@ import polyscope.implot as implot
 import abfm
 from abfm.wording import share
 from abfm_viewer.document.document import Run
-from abfm_viewer.files import outputs
 from abfm_viewer.panels import trade_off
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
@@ -74,7 +73,7 @@ def _write_energies(run: Run | None, file: Path) -> None:
 
 def _write_path(result: abfm.Match | None, file: Path) -> None:
     if result is not None:
-        outputs.write_path(file, result)
+        abfm.loading.task_of(result).tables["path"].write(file, result)
 
 
 def _iterations(ui: Ui, session: Session, run: Run | None, previous: Sequence[Run]) -> None:

@@ -7,17 +7,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import abfm
 from abfm_viewer.document.document import Document
+from abfm_viewer.files import outputs
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_step
 from abfm_viewer.session.exporter import (
-    DATA,
     LABELS,
     MOVIES,
     PICTURES,
-    REGISTERED,
     TABLES,
     Exporter,
     Known,
@@ -75,7 +75,8 @@ def _draw_data(context: Context) -> None:
 
     def save_result(path: Path) -> None:
         if session.result is not None:
-            context.exporter.save_result(path, session.result, session.saves.exported)
+            kept = partial(session.saves.exported, session.result)
+            context.exporter.save_result(path, session.result, kept)
 
     is_there = session.result is not None
     later = "" if is_there else " There is one after a match."
@@ -89,9 +90,14 @@ def _draw_data(context: Context) -> None:
         f"browser (.html).{later}"
     )
     if ui.button("Save result...", tip, enabled=is_there):
-        ask("Save the result", DATA, "match.npz", save_result)
+        ask("Save the result", _suffixes(session.result), "match.npz", save_result)
     if session.document.labels is not None:
         _draw_labels(context, later)
+
+
+def _suffixes(found: Any) -> tuple[str, ...]:
+    """Return the suffixes of files that a result can be written to."""
+    return outputs.suffixes(abfm.loading.task_of(found))
 
 
 def _draw_film(context: Context) -> None:
@@ -101,16 +107,16 @@ def _draw_film(context: Context) -> None:
     def save(path: Path) -> None:
         if sequence is not None and film is not None:
             kept = partial(session.saves.exported_film, session.document)
-            context.exporter.save_sequence(path, sequence, film.unit, kept)
+            context.exporter.save_result(path, sequence, kept)
 
-    def save_table(export: Callable[[Path, abfm.Sequence], str | None], path: Path) -> None:
+    def save_table(name: str, path: Path) -> None:
         if sequence is not None:
-            context.exporter.save_table(path, partial(export, path, sequence))
+            context.exporter.save_table(path, sequence, name)
 
     is_there = sequence is not None
     later = "" if is_there else " There are fields after a match."
-    save_tracks = partial(save_table, abfm.sequences.export_tracks)
-    save_intervals = partial(save_table, abfm.sequences.export_intervals)
+    save_tracks = partial(save_table, "tracks")
+    save_intervals = partial(save_table, "intervals")
     for label, tip, title, suffixes, name, do in (
         ("Save sequence...", _SEQUENCE, "Save the sequence", _ENDINGS, "sequence.npz", save),
         ("Save tracks...", _TRACKS, "Save the tracks", TABLES, "tracks.csv", save_tracks),
@@ -127,11 +133,13 @@ def _draw_registration(context: Context, later: str) -> None:
 
     def save(path: Path) -> None:
         if (found := session.registration) is not None:
-            context.exporter.save_registration(path, found, session.saves.exported)
+            kept = partial(session.saves.exported, found.match)
+            context.exporter.save_result(path, found, kept)
 
     is_there = session.result is not None
     if ui.button("Save registration...", f"{_REGISTRATION}{later}", enabled=is_there):
-        context.dialogs.save("Save the registration", REGISTERED, "registration.npz", save)
+        suffixes = _suffixes(session.registration)
+        context.dialogs.save("Save the registration", suffixes, "registration.npz", save)
 
 
 def _draw_labels(context: Context, later: str) -> None:

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+import abfm
 from abfm.pages.film_motion import CRITICAL
 from abfm.wording import counted, sentence
 from abfm_viewer.document.document import CARRIED, CLICK_TOOLS, FIELD_PARTS, Coloring
-from abfm_viewer.document.verdict_words import numbers, refinement
+from abfm_viewer.document.verdict_words import refinement
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session_files import LABELS
 from abfm_viewer.widgets import plots
@@ -162,7 +163,8 @@ def _error(context: Context) -> None:
         )
     if session.result is not None and not (session.outdated or session.solver.running):
         if not session.result.problem.is_of_landmarks:
-            ui.note(f"Mismatch at τ: {numbers(session.result)}; relative to the target in L2.")
+            numbers = abfm.matching.report.numbers(session.result)
+            ui.note(f"Mismatch at τ: {numbers}; relative to the target in L2.")
         if session.result.refined:
             ui.note(f"{sentence(refinement(session.result))} View, Finer mesh shows it there.")
 

@@ -9,7 +9,7 @@ import polyscope.imgui as imgui
 
 import abfm
 from abfm.outcome import Facts, Outcome
-from abfm.pages.interval_words import of_interval
+from abfm.sequences.interval_words import of_interval
 from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.document import verdict_words

@@ -15,10 +15,10 @@ from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import abfm
-from abfm import AbfmError, pages
+from abfm import AbfmError
 from abfm.io import temporary_folder, write_atomically
 from abfm.numerics.factoring_apart import factoring_apart
 from abfm.reading import NO_LABEL
@@ -32,11 +32,8 @@ from abfm_viewer.files import outputs
 from abfm_viewer.files.project import save_project
 
 Known = Callable[[], dict[str, FloatArray]]
-Kept: TypeAlias = "Callable[[abfm.Match], None]"
-"""Is told of a result that is in a file now, from another thread."""
 RESULT = ".npz"
-PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), outputs.WRITTEN
-REGISTERED, SEQUENCES, TABLES = outputs.REGISTERED, outputs.SEQUENCES, (".csv",)
+PICTURES, MOVIES, TABLES = (".png",), tuple(outputs.FASTEST), (".csv",)
 LABELS = (".gii", ".annot", ".npy", ".csv", ".txt")
 """Suffixes."""
 
@@ -67,8 +64,8 @@ class MovieSettings:
 
 class _Export(NamedTuple):
     path: Path
-    suffixes: tuple[str, ...]
-    write: Callable[[], str | None]  # returns what is missing in the file, and why
+    check: Callable[[], object]  # refuses the path
+    write: Callable[[], object]  # returns what is missing in the file, and why
 
 
 class Exporter:
@@ -112,7 +109,11 @@ class Exporter:
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
         words = [*self.picture.words(), *(["--transparent"] if self.picture.transparent else [])]
-        self._start(path, PICTURES, partial(self._render, path, document, known, words))
+        self._start(
+            path,
+            partial(outputs.check, path, PICTURES),
+            partial(self._render, path, document, known, words),
+        )
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
         movie, start, whole = self.movie, document.start, document.last - document.start
@@ -123,30 +124,21 @@ class Exporter:
         times = [f"--from={begin}", f"--to={end}"]
         rate = [f"--seconds={movie.seconds}", f"--fps={movie.fps}"]
         words = [*self.picture.words(), *rate, *times, f"--turntable={movie.turntable}"]
-        self._start(path, MOVIES, partial(self._render, path, document, known, words))
+        self._start(
+            path,
+            partial(outputs.check, path, MOVIES),
+            partial(self._render, path, document, known, words),
+        )
 
-    def save_result(self, path: Path, match: abfm.Match, kept: Kept) -> None:
-        write = partial(outputs.write, path, match)
-        self._start(path, DATA, partial(_written, path, write, partial(kept, match)))
+    def save_result(self, path: Path, found: Any, kept: Callable[[], object]) -> None:
+        """Write a result by the suffix, and call ``kept`` if that is a result file."""
+        check = partial(outputs.check_result, path, abfm.loading.task_of(found))
+        self._start(path, check, partial(_written, path, partial(outputs.write, path, found), kept))
 
-    def save_registration(self, path: Path, found: abfm.Registration, kept: Kept) -> None:
-        def write() -> str:
-            outputs.check_registered(path)
-            return outputs.write_registration(path, found)
-
-        self._start(path, REGISTERED, partial(_written, path, write, partial(kept, found.match)))
-
-    def save_sequence(
-        self, path: Path, found: abfm.Sequence, unit: str, kept: Callable[[], None]
-    ) -> None:
-        def write() -> str:
-            outputs.check_sequence(path)
-            return outputs.write_sequence(path, found, pages.Labels(unit_of_time=unit))
-
-        self._start(path, SEQUENCES, partial(_written, path, write, kept))
-
-    def save_table(self, path: Path, write: Callable[[], str | None]) -> None:
-        self._start(path, TABLES, write)
+    def save_table(self, path: Path, found: Any, name: str) -> None:
+        """Write a table of a result by its name, see `abfm.tasks.task.Task.tables`."""
+        table = abfm.loading.task_of(found).tables[name]
+        self._start(path, partial(outputs.check, path, TABLES), partial(table.write, path, found))
 
     def save_labels(
         self, path: Path, labels: LabelMap, found: abfm.Correspondence | abfm.Match
@@ -158,7 +150,7 @@ class Exporter:
             carried = way.b.on_file(way.carry_labels(labels.values, "area"), NO_LABEL)
             abfm.io.write_labels(path, labels.labels(carried), way.b.structure)
 
-        self._start(path, LABELS, write)
+        self._start(path, partial(outputs.check, path, LABELS), write)
 
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""
@@ -177,12 +169,10 @@ class Exporter:
         self.cancel()
         self.wait()
 
-    def _start(
-        self, path: Path, suffixes: tuple[str, ...], write: Callable[[], str | None]
-    ) -> None:
+    def _start(self, path: Path, check: Callable[[], object], write: Callable[[], object]) -> None:
         """Write a file, or have it written after those that are under way."""
         with self._lock:
-            export = _Export(path, suffixes, write)
+            export = _Export(path, check, write)
             if self.running:
                 self._waiting.append(export)
             else:
@@ -208,7 +198,7 @@ class Exporter:
 
     def _write(self, export: _Export) -> None:
         try:
-            outputs.check(export.path, export.suffixes)
+            export.check()
             with telling(self._tell), controlled(self._control):
                 note = export.write()
             self.progress, self.message = 1.0, f"saved {export.path}{f'; {note}' if note else ''}"
@@ -258,7 +248,7 @@ class Exporter:
                 shutil.copyfile(drawn, temporary)
 
 
-def _written(path: Path, write: Callable[[], str], kept: Callable[[], None]) -> str:
+def _written(path: Path, write: Callable[[], str], kept: Callable[[], object]) -> str:
     """Write a file, and call ``kept`` if that is a result; return what is missing in it."""
     note = write()
     if path.suffix == RESULT:

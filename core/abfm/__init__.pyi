@@ -5,6 +5,7 @@ from . import experiments as experiments
 from . import flow as flow
 from . import functions as functions
 from . import io as io
+from . import loading as loading
 from . import maps as maps
 from . import matching as matching
 from . import pages as pages
@@ -12,6 +13,7 @@ from . import population as population
 from . import registration as registration
 from . import sequences as sequences
 from . import streaks as streaks
+from . import tasks as tasks
 from .errors import AbfmError as AbfmError
 from .errors import AdvectionError as AdvectionError
 from .errors import FunctionError as FunctionError
@@ -21,6 +23,7 @@ from .errors import ResultError as ResultError
 from .flow.flow import Flow as Flow
 from .flow.flow import advect as advect
 from .functions.spec import function as function
+from .loading import load as load
 from .maps.point_maps import PointMap as PointMap
 from .matching.judging.verification import Verification as Verification
 from .matching.judging.verification import verify as verify

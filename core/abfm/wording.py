@@ -44,3 +44,13 @@ def factor(log2: float) -> str:
 def value(number: float, span: float) -> str:
     """Return a value of a function with three digits; 0 if it is rounding beside the span."""
     return f"{0 if abs(number) < 1e-6 * span else number:.3g}"
+
+
+def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str:
+    """Write a number for people; one that is unknown as ``-``."""
+    return "-" if value is None or math.isnan(value) else f"{value:{digits}}{unit}"
+
+
+def percents(share: float | None, digits: str = ".2g") -> str:
+    """Write a share in percent, ``-`` if it is unknown."""
+    return "-" if share is None else number_text(100 * share, digits, "%")

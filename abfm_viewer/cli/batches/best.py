@@ -8,8 +8,8 @@ from dataclasses import fields
 from typing import NamedTuple
 
 from abfm import Parameters
-from abfm.batch.columns import option
 from abfm.outcome import Outcome
+from abfm.tasks.inputs import option
 from abfm_viewer.cli.batches.rows import SummaryRow
 
 _KINDS = "match", "registration"

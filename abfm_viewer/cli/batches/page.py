@@ -9,6 +9,7 @@ from importlib.metadata import version
 
 from abfm.errors import one_line
 from abfm.outcome import Outcome
+from abfm.wording import number_text, percents
 from abfm_viewer.cli.batches.best import Best, best_of
 from abfm_viewer.cli.batches.rows import ROWS_SHOWN_MAX, SummaryRow, counts, worst
 from abfm_viewer.cli.reports.report_page import (
@@ -19,7 +20,6 @@ from abfm_viewer.cli.reports.report_page import (
     sentence,
     table,
 )
-from abfm_viewer.cli.results import number_text, percents
 
 _TEXT_LENGTH_MAX = 400  # characters of a name, an option or a reason
 _STYLE = """

@@ -16,13 +16,12 @@ from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN, LostError
 from abfm.errors import one_line, printable
 from abfm.outcome import Outcome
 from abfm.wording import counted
-from abfm_viewer import signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.best import Best, best_of
 from abfm_viewer.cli.batches.rows import SummaryRow, counts, summary_row
 from abfm_viewer.cli.batches.summary import Drawing, write_summary
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
-from abfm_viewer.cli.match import cancelled_by_signals
+from abfm_viewer.cli.interrupts import cancelled_by_signals
 from abfm_viewer.cli.progress import row_progress
 
 ROWS_AFTER_SIGNAL_MAX = ROWS_READ_MIN
@@ -100,7 +99,7 @@ def solved(
         print(f"{done} are there already", file=sys.stderr)
     keys = {rows[number].key for number in left}
     with (
-        cancelled_by_signals(control, "with the rows that are done") as kept,
+        cancelled_by_signals(control, "with the rows that are done") as interrupt,
         row_progress(len(keys), arguments.quiet, reported=REPORTED_STEPS) as report,
     ):
 
@@ -116,7 +115,7 @@ def solved(
         )
     for number, entry in zip(left, found, strict=True):
         entries[number] = entry
-    return entries, signals.status(kept.number) if kept.number is not None else None
+    return entries, interrupt.status
 
 
 def report_all(

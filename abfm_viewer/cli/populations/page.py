@@ -7,6 +7,7 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from abfm.wording import number_text, percents
 from abfm_viewer.cli.reports.report_page import (
     document,
     facts_block,
@@ -16,7 +17,6 @@ from abfm_viewer.cli.reports.report_page import (
     sentence,
     table,
 )
-from abfm_viewer.cli.results import number_text, percents
 
 if TYPE_CHECKING:
     from abfm_viewer.pictures.population_pictures import PopulationPictures

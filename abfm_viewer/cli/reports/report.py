@@ -11,18 +11,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from abfm import (
-    Correspondence,
-    Parameters,
-    Registration,
-    TriangleMesh,
-    load_correspondence,
-    load_match,
-)
-from abfm.errors import printable
-from abfm.registration import is_correspondence
+import abfm
+from abfm import Correspondence, Match, Parameters, Registration, ResultError, TriangleMesh
+from abfm.errors import one_line, printable
+from abfm.registration import report
+from abfm.wording import percents
 from abfm_viewer import pictures
-from abfm_viewer.cli import options, results
+from abfm_viewer.cli import options
 from abfm_viewer.cli.progress import long_steps, share_progress
 from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page
 from abfm_viewer.files import outputs
@@ -65,12 +60,12 @@ def run(arguments: argparse.Namespace) -> int:
         found = _loaded(arguments.input)
         match = found.match if isinstance(found, Registration) else None
         options.warn_of_doubt(arguments.input, match)
-        with share_progress("report", quiet) as report:
-            report("measuring", 0.0)
+        with share_progress("report", quiet) as update:
+            update("measuring", 0.0)
             distortion = found.distortion()
-            facts = _facts(arguments, found, results.map_facts(found, distortion))
+            facts = _facts(arguments, found, report.map_details(found, distortion))
             drawn = pictures.registration_pictures(
-                found, distortion, arguments.width, arguments.up, report
+                found, distortion, arguments.width, arguments.up, update
             )
     for warning in facts["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
@@ -84,10 +79,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _loaded(path: str) -> Correspondence:
     """Return what a file holds; a match on one surface as a registration of it to itself."""
-    if is_correspondence(path):
-        return load_correspondence(path)
-    match = load_match(path)
-    return Registration(Correspondence.of_same_faces(match.mesh, match.mesh), match)
+    found = abfm.load(path)
+    if isinstance(found, Match):
+        return Registration(Correspondence.of_same_faces(found.mesh, found.mesh), found)
+    if isinstance(found, Correspondence):
+        return found
+    kind = type(found).__name__.lower()
+    raise ResultError(f"{one_line(path)} holds a {kind}; expected a registration, a match or a map")
 
 
 def _facts(
@@ -107,9 +105,9 @@ def _facts(
     if isinstance(found, Registration):
         match = found.match
         if found.a is not found.b:
-            facts["initial_map"] = results.map_facts(found.initial)
-            facts |= results.initial_facts(found.initial)
-        facts |= results.facts(found)
+            facts["initial_map"] = report.map_details(found.initial)
+            facts |= report.initial_details(found.initial)
+        facts |= abfm.loading.task_of(found).details(found)
         facts |= {
             "why": found.facts.reason,
             "advice": found.facts.advice,
@@ -148,12 +146,12 @@ def _warnings(of_map: dict[str, Any], found: Correspondence) -> list[str]:
     apart, covered = of_map["there_and_back"]["p95"], of_map["coverage"]
     texts = list(found.facts.warnings) if isinstance(found, Registration) else []
     if folded and not isinstance(found, Registration):
-        part = results.percents(folded / faces, ".3g")
+        part = percents(folded / faces, ".3g")
         texts.append(f"{folded:,} of {faces:,} faces are folded, {part}")
     if collapsed:
         texts.append(f"{collapsed:,} of {faces:,} faces collapse to a line or a point")
     if covered < LEAST_COVERED:
-        texts.append(f"only {results.percents(covered, '.3g')} of A is covered")
+        texts.append(f"only {percents(covered, '.3g')} of A is covered")
     if apart > MOST_APART:
         texts.append(f"5% of the vertices come back {apart:.2g} edges or more from where they were")
     return texts

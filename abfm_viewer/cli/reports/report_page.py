@@ -10,10 +10,9 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from abfm import Parameters
+from abfm.matching.report import SCORE, STEP_HEADS, has_scores, plain, step_cells
 from abfm.pages.page import in_script
-from abfm.wording import share
-from abfm_viewer.cli.results import SCORE, STEP_HEADS, has_scores, number_text, percents, step_cells
-from abfm_viewer.document.verdict_words import plain
+from abfm.wording import number_text, percents, share
 
 if TYPE_CHECKING:
     from PIL import Image

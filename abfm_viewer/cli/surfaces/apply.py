@@ -29,8 +29,7 @@ from abfm.workers.progress import Step, telling
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder, texels, warn_of_doubt
-from abfm_viewer.cli.progress import share_progress
-from abfm_viewer.cli.results import print_notes
+from abfm_viewer.cli.progress import print_note, share_progress
 from abfm_viewer.files import outputs
 
 SUMMARY = "carry data, labels, points or textures from surface A to B by a registration, or back"
@@ -158,7 +157,8 @@ def _read_on(way: Correspondence, read: Callable[[TriangleMesh], Columns]) -> Co
         raise FunctionError(
             f"{error}; they fit the other surface: give --inverse, or leave it out"
         ) from None
-    print_notes(found.notes)
+    for note in found.notes:
+        print_note(note)
     return found
 
 

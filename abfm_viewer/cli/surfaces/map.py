@@ -25,10 +25,10 @@ from abfm.functions import read_values, vertex_map
 from abfm.io import write_values
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import BOUNDS, MapAccuracy, map_accuracy
-from abfm.registration import is_correspondence
+from abfm.registration import is_correspondence, report
 from abfm.registration.initial import Landmarks, map_from_file
+from abfm.registration.task import vertex_numbers
 from abfm.types import IntArray
-from abfm_viewer.cli import results
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder, warn_of_doubt
 from abfm_viewer.files import outputs
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     if quality.warning:
         print(f"warning: {quality.warning}", file=sys.stderr)
     facts = {
-        **results.distortion_facts(quality.distortion),
+        **report.distortion_details(quality.distortion),
         "there_and_back": quality.there_and_back._asdict(),
         "warning": quality.warning,
         "report": quality.report(),
@@ -141,8 +141,8 @@ def _of_two_surfaces(arguments: argparse.Namespace) -> int:
         same = arguments.truth == "identity"
         accuracy = way.accuracy(None if same else _true_vertices(way, arguments.truth))
     if arguments.out is not None:
-        write_values(arguments.out, outputs.vertex_numbers(way.points))
-    return _report(arguments, {"map": results.map_facts(way)}, results.map_lines(way), accuracy)
+        write_values(arguments.out, vertex_numbers(way.points))
+    return _report(arguments, {"map": report.map_details(way)}, report.map_lines(way), accuracy)
 
 
 def _true_vertices(way: Correspondence, path: str) -> IntArray:
@@ -169,7 +169,7 @@ def _table(
         return match.functional_map(arguments.functional_map, way * time)
     if arguments.carry:
         return _carried(points, arguments.carry)
-    return outputs.vertex_numbers(points)
+    return vertex_numbers(points)
 
 
 def _carried(points: PointMap, path: str) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-from .kind import Cost as Cost
+from .cost import Cost as Cost
 from .kinds import KINDS as KINDS
 from .kinds import kind_of_columns as kind_of_columns
 from .ledger import Entry as Entry

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from abfm.batch.kind import Cost, Prepared
+from abfm.batch.cost import Cost
 from abfm.batch.ledger import Ledger, Record
 from abfm.batch.rows import Row, own_version
 from abfm.errors import AbfmError, AbfmWarning, ResultError, one_line
@@ -19,6 +19,8 @@ from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
 from abfm.outcome import Outcome
 from abfm.sequences import remove_unfinished
+from abfm.tasks.monitor import Monitor
+from abfm.tasks.task import Task as Solvable
 from abfm.workers.control import CancelledError, Control, checkpoint, present_control
 from abfm.workers.progress import step
 
@@ -76,7 +78,7 @@ def _answer(task: Task) -> Answer:
             if task.contents:
                 folder = temporary_folder()
                 row = _with_contents(row, task.contents, opened.enter_context(folder))
-            prepared = row.prepared()
+            prepared = row.task()
             digest = prepared.digest
             return _solved(task, prepared)
     except CancelledError:
@@ -91,7 +93,7 @@ def _answer(task: Task) -> Answer:
         return Answer(Record(digest, f"{type(error).__name__}: {one_line(error)}"))
 
 
-def _solved(task: Task, prepared: Prepared) -> Answer:
+def _solved(task: Task, prepared: Solvable) -> Answer:
     """Have the result in the folder; its bytes where that is not seen."""
     ledger = Ledger(task.folder)
     if ledger.is_seen(task.identity):
@@ -105,16 +107,20 @@ def _solved(task: Task, prepared: Prepared) -> Answer:
         return Answer(_save(task, prepared, path), path.read_bytes())
 
 
-def _save(task: Task, prepared: Prepared, path: Path) -> Record:
+def _save(task: Task, prepared: Solvable, path: Path) -> Record:
     """Solve, write the result, and return what it took."""
     control, cost, began = present_control() or Control(), Cost(), time.monotonic()
     _report_expected(task, prepared)
     with counted_row_products() as products:
-        found = prepared.solve(control, cost, path)
+        monitor = Monitor(control, cost.watch(prepared.goal), checkpoint=path)
+        found = prepared.solve(monitor)
     if control.cancelled:
         raise CancelledError
     row = task.row
-    if task.contents is None and type(row)(row.name, row.options, row.folder).key != row.key:
+    if (
+        task.contents is None
+        and type(row)(row.name, row.options, row.folder, row.declared).key != row.key
+    ):
         raise ResultError("a file of it changed while it was solved; run the same again")
     found.save(path)
     remove_unfinished(path)
@@ -123,11 +129,11 @@ def _save(task: Task, prepared: Prepared, path: Path) -> Record:
     return Record(prepared.digest, seconds=seconds, row_products=count, **dataclasses.asdict(cost))
 
 
-def _report_expected(task: Task, prepared: Prepared) -> None:
+def _report_expected(task: Task, prepared: Solvable) -> None:
     """Report a row that no flow can match before it is solved, which may take long: as a step, and
     in the ledger.
     """
-    facts, ledger = prepared.foreseen(), Ledger(task.folder)
+    facts, ledger = prepared.expected(), Ledger(task.folder)
     if facts is None or facts.outcome is not Outcome.IMPOSSIBLE:
         return
     if ledger.is_seen(task.identity):

@@ -85,7 +85,7 @@ class Entry:
             outcome = Outcome.FAILED if self.state == "failed" else Outcome.MISSING
             return Facts(outcome, str(outcome), self.reason or self.record.expected)
         try:
-            return self.row.declared.facts(self.path)
+            return self.row.declared.facts_of_file(self.path)
         except ResultError as error:
             return Facts(Outcome.FAILED, str(Outcome.FAILED), str(error))
 

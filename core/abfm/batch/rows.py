@@ -11,30 +11,22 @@ from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 from urllib.parse import unquote
 
-from abfm.batch.columns import absolute
-from abfm.batch.kind import Cost, Kind, Prepared
 from abfm.batch.kinds import KINDS, kind_of_columns
 from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm.matching.problem import Problem
 from abfm.reading import open_plain, referenced_file
 from abfm.sequences.reading.vtk_frames import files_of_frames
-from abfm.workers.control import Control
+from abfm.tasks.inputs import Input, absolute, by_name
+from abfm.tasks.task import Task
 
 PROBLEMS = "problems"
 """Folder, in that of results, of problems that were made in Python."""
 _BLOCK = 1 << 20
 _URI = re.compile(rb'"uri"\s*:\s*"((?!data:)[^"]{1,1000})"')
 _LARGEST_JSON = 64 << 20  # bytes of a glTF file that may name others
-
-
-class Saved(Protocol):
-    """What a row comes to: a Match, a Registration, ..."""
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the file, whole or not at all."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +46,8 @@ class Row:
         not given.
     folder : path, optional
         Where relative paths begin; by default the current folder.
+    task : type, optional
+        The kind of task; by default that of `kinds` whose columns are given.
 
     Raises
     ------
@@ -64,20 +58,21 @@ class Row:
     name: str
     options: tuple[tuple[str, str], ...]
     folder: str
-    kind: str
-    kinds: ClassVar[Mapping[str, Kind]] = KINDS
+    declared: type[Task]
+    kinds: ClassVar[Mapping[str, type[Task]]] = KINDS
 
     def __init__(
         self,
         name: str,
         options: Mapping[str, Any] | Iterable[tuple[str, Any]],
         folder: str | os.PathLike[str] = ".",
+        task: type[Task] | None = None,
     ) -> None:
         pairs = options.items() if isinstance(options, Mapping) else options
         given = tuple((column, _text(value)) for column, value in pairs)
         given = tuple((column, text) for column, text in given if text)
-        kind = kind_of_columns([column for column, _ in given], self.kinds)
-        known = self.kinds[kind].columns
+        task = task or kind_of_columns([column for column, _ in given], self.kinds)
+        kind, known = task.kind, _columns(task)
         seen = set[str]()
         for column, text in given:
             if column not in known:
@@ -91,19 +86,22 @@ class Row:
                 known[column].read(text)
             except ValueError as error:
                 raise ParameterError(f"column {column}: {error}") from None
-        missing = [column for column in self.kinds[kind].needs if column not in seen]
+        missing = [column for column in task.needs if column not in seen]
         if missing:
             raise ParameterError(f"column {missing[0]}: a {kind} needs it, and it is empty")
         folder = os.path.abspath(os.path.expanduser(folder))
         self.__dict__.update(
-            name=printable(" ".join(str(name).split())), options=given, folder=folder, kind=kind
+            name=printable(" ".join(str(name).split())),
+            options=given,
+            folder=folder,
+            declared=task,
         )
         self.declared.check(self.values())
 
     @property
-    def declared(self) -> Kind:
-        """What all rows of its kind share."""
-        return self.kinds[self.kind]
+    def kind(self) -> str:
+        """The name of its kind of task."""
+        return self.declared.kind
 
     def values(self) -> dict[str, Any]:
         """Return the options' values by column, repeated ones as lists; names of files that are in
@@ -117,7 +115,7 @@ class Row:
         is not read, such as a file that is missing, has a key, too.
         """
         told = [self.kind, own_version()]
-        columns = self.declared.columns
+        columns = _columns(self.declared)
         for column, text in sorted(self._resolved()):
             hashed = columns[column].renamed(text, _content)
             told.append(f"{column} {columns[column].read(hashed)!r}")
@@ -128,15 +126,11 @@ class Row:
         """Name of the result, in hexadecimal digits: of a match that of its `Problem`, which is
         made for it; an AbfmError tells why that cannot be.
         """
-        return self.prepared().digest
+        return self.task().digest
 
-    def prepared(self) -> Prepared:
-        """Read what it names; an AbfmError tells why that cannot be."""
-        return self.declared.prepare(self)
-
-    def solve(self, control: Control | None = None, cost: Cost | None = None) -> Saved:
-        """Solve it here and now, and tell what it costs."""
-        return self.prepared().solve(control, cost or Cost(), None)
+    def task(self) -> Task:
+        """Read the files that it names; an AbfmError reports what does not fit."""
+        return self.declared.read(self)
 
     def told(self) -> dict[str, Any]:
         """Return what it is made of, as plain lists and texts."""
@@ -146,7 +140,8 @@ class Row:
     def unreadable(cls, name: str) -> Row:
         """Return a row in place of one that cannot be read, to report it among the others."""
         row = object.__new__(cls)
-        row.__dict__.update(name=name, options=(), folder=".", kind=next(iter(cls.kinds)))
+        task = next(iter(cls.kinds.values()))
+        row.__dict__.update(name=name, options=(), folder=".", declared=task)
         return row
 
     def files(self) -> list[str]:
@@ -157,19 +152,19 @@ class Row:
             found.update(dict.fromkeys(_with_companions(path)))
             return path
 
-        columns = self.declared.columns
+        columns = _columns(self.declared)
         for column, text in self._resolved():
             columns[column].renamed(text, note)
         return list(found)
 
     def moved(self, places: Mapping[str, str]) -> Row:
         """Return the same row with files, by their absolute names, elsewhere."""
-        columns = self.declared.columns
+        columns = _columns(self.declared)
         options = [
             (column, columns[column].renamed(text, lambda path: places.get(path, path)))
             for column, text in self._resolved()
         ]
-        other = type(self)(self.name, options, self.folder)
+        other = type(self)(self.name, options, self.folder, self.declared)
         other.__dict__.update(written=self.written, key=self.key)
         return other
 
@@ -179,11 +174,11 @@ class Row:
         return self._values(self.options)
 
     def _resolved(self) -> list[tuple[str, str]]:
-        columns, rename = self.declared.columns, absolute(self.folder)
+        columns, rename = _columns(self.declared), absolute(self.folder)
         return [(column, columns[column].renamed(text, rename)) for column, text in self.options]
 
     def _values(self, options: Iterable[tuple[str, str]]) -> dict[str, Any]:
-        columns, found = self.declared.columns, dict[str, Any]()
+        columns, found = _columns(self.declared), dict[str, Any]()
         for column, text in options:
             value = columns[column].read(text)
             if columns[column].repeats:
@@ -219,6 +214,11 @@ def problem_row(
 def own_version() -> str:
     """Return the version of this abfm, which takes as long to find as to check a row."""
     return version("abfm")
+
+
+@lru_cache
+def _columns(task: type[Task]) -> dict[str, Input]:
+    return by_name(task.inputs)
 
 
 def _text(value: Any) -> str:

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any, TypeVar
 
-from abfm.batch.columns import Column
 from abfm.batch.kinds import KINDS
 from abfm.batch.rows import Row
 from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.reading import Format, decoded, open_file, rows_of
+from abfm.tasks.inputs import Input
 
 Read = TypeVar("Read")
 
@@ -20,9 +20,9 @@ NAME = "name"
 _LARGEST, _MOST_ROWS = 256 << 20, 1_000_000
 
 
-def known_columns() -> dict[str, Column]:
+def known_columns() -> dict[str, Input]:
     """Return all columns that any kind of row has, by name."""
-    return {name: column for kind in KINDS.values() for name, column in kind.columns.items()}
+    return {each.name: each for task in KINDS.values() for each in task.inputs}
 
 
 def read_table(path: str | os.PathLike[str]) -> list[Row]:

@@ -1,3 +1,4 @@
+from . import report as report
 from .bounded import SHARE as SHARE
 from .bounded import bounded as bounded
 from .bounded import check_bound as check_bound

@@ -408,7 +408,7 @@ class Match(Display):
 def match(
     problem: Problem,
     *,
-    on_iteration: Callable[[Iteration], None] | None = None,
+    on_iteration: Callable[[Iteration], object] | None = None,
     control: Control | None = None,
 ) -> Match: ...
 
@@ -423,14 +423,14 @@ def match(
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     start: ArrayLike | None = None,
-    on_iteration: Callable[[Iteration], None] | None = None,
+    on_iteration: Callable[[Iteration], object] | None = None,
     control: Control | None = None,
 ) -> Match: ...
 
 
 def match(
     *problem: Any,
-    on_iteration: Callable[[Iteration], None] | None = None,
+    on_iteration: Callable[[Iteration], object] | None = None,
     control: Control | None = None,
     **given: Any,
 ) -> Match:

@@ -26,6 +26,7 @@ from abfm.pages.page import Page
 from abfm.population import Population
 from abfm.registration import Correspondence, Registration
 from abfm.sequences import Sequence
+from abfm.sequences.report import unit_of_time
 from abfm.wording import capital
 
 VERTICES_MAX = 10_000
@@ -62,7 +63,9 @@ def page_of(what: Any, title: str = "", up: str | None = None, share: float = 1.
     if isinstance(what, Population):
         return population_page(what, title, up)
     if isinstance(what, Sequence):
-        return sequence_page(what, title, Labels(up=up, share=share))
+        return sequence_page(
+            what, title, Labels(unit_of_time=unit_of_time(what.times), up=up, share=share)
+        )
     if isinstance(what, TriangleMesh):
         return mesh_page(what, title, up)
     raise ParameterError(f"there is no page of {brief(what)}; expected a mesh or a result")

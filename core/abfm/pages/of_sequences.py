@@ -20,9 +20,9 @@ from abfm.outcome import Tone
 from abfm.pages.colormaps import ColorRange, color_range
 from abfm.pages.film_motion import CRITICAL, OPACITY_MIN, fast_in, ways_of
 from abfm.pages.front import best_front, changes_in_time
-from abfm.pages.interval_words import motion_between, of_interval, uncertainty
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 from abfm.pages.registered import MOST_CHANNELS
+from abfm.sequences.interval_words import motion_between, of_interval, uncertainty
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import share
 from abfm.workers.control import checkpoint

@@ -13,15 +13,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from abfm.batch import Row, columns
-from abfm.batch.columns import SPEC, Column, Rename
-from abfm.batch.kind import Cost, Kind, Prepared, mesh_of_row
+from abfm.batch import Row
 from abfm.errors import ParameterError, ResultError, brief
 from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.functions import parse
 from abfm.io import results
 from abfm.io.results import Entry
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.matching.task import facts_of_file
 from abfm.mesh import TriangleMesh
 from abfm.population.on_template import (
     MapFacts,
@@ -37,8 +37,14 @@ from abfm.registration import load_registration
 from abfm.registration.initial import initial_map, read_landmarks
 from abfm.registration.initial.given import Given
 from abfm.registration.initial.turned_spheres import LANDMARKS_MIN
+from abfm.registration.task import INITIAL, LANDMARKS, ONE_BASED
+from abfm.tasks import task as tasks
+from abfm.tasks.inputs import MESH_INPUTS, Input, Rename, file_input, function_input, renamed_spec
+from abfm.tasks.meshes import mesh_of
+from abfm.tasks.monitor import Monitor
+from abfm.tasks.task import Task
 from abfm.types import FloatArray
-from abfm.workers.control import Control, controlled
+from abfm.workers.control import controlled
 
 FOLDER = "carried"
 """Folder, in that of a population, of what these rows come to."""
@@ -110,29 +116,12 @@ def _functions(text: str) -> tuple[str, ...]:
     except ValueError as error:
         raise ParameterError(f"{brief(text)} are no functions in quotes: {error}") from None
     for each in filter(None, texts):
-        SPEC.read(each)
+        parse(each)
     return texts
 
 
 def _renamed_functions(text: str, rename: Rename) -> str:
-    return shlex.join(each and SPEC.renamed(each, rename) for each in _functions(text))
-
-
-def _prepare(row: Row) -> Prepared:
-    given = row.values()
-
-    def solve(control: Control | None, cost: Cost, path: Path | None) -> Carried:
-        with controlled(control or Control()):
-            template = mesh_of_row(given["template"], given)
-            own = Own.of(
-                mesh_of_row(given["surface"], given), given["functions"], given.get("mask")
-            )
-            if "registration" in given:
-                return _registered(own, template, given)
-            first = _first_points(own.mesh, template, given)
-            return Carried(carried(first, own))
-
-    return Prepared(row.key, solve)
+    return shlex.join(each and renamed_spec(each, rename) for each in _functions(text))
 
 
 def _first_points(
@@ -177,30 +166,69 @@ def _registered(own: Own, template: TriangleMesh, given: Mapping[str, Any]) -> C
     )
 
 
-class Carrying(Row):
-    """A subject that is carried to the template: by an initial map that takes no functions, or by a
+@dataclass(frozen=True)
+class CarryTask(Task):
+    """Carry a subject to the template: by an initial map that takes no functions, or by a
     registration and along the mean field, as ``drift`` has it, at vertices or in the middles of
     edges.
     """
 
-    kinds: ClassVar[Mapping[str, Kind]] = {
-        "carrying": Kind(
-            ("surface", "template", "functions"),
-            {
-                "surface": columns.FILE,
-                "template": columns.FILE,
-                **columns.MESH_OPTIONS,
-                "functions": Column("of channels, in quotes", _functions, _renamed_functions),
-                "mask": SPEC,
-                "initial": columns.INITIAL,
-                "landmarks": columns.FILE,
-                "one-based": columns.ONE_BASED,
-                "registration": columns.FILE,
-                "drift": columns.FILE,
-                "at": Column("vertices, or edges"),
-            },
-            _prepare,
-            load_carried,
-            check=lambda values: None,
-        )
-    }
+    values: Mapping[str, Any]
+    key: str
+
+    kind: ClassVar = "carrying"
+    needs: ClassVar = ("surface", "template", "functions")
+    inputs: ClassVar = (
+        file_input("surface", "the subject's mesh"),
+        file_input("template", "the template's mesh"),
+        *MESH_INPUTS,
+        Input(
+            name="functions",
+            help="of channels, in quotes",
+            read=_functions,
+            renamed=_renamed_functions,
+        ),
+        function_input("mask", "weight of each vertex"),
+        INITIAL,
+        LANDMARKS,
+        ONE_BASED,
+        file_input("registration", "the subject's registration"),
+        file_input("drift", "the mean field"),
+        Input(name="at", help="vertices, or edges"),
+    )
+    result: ClassVar = Carried
+
+    @classmethod
+    def read(cls, given: tasks.Given) -> CarryTask:
+        return cls(given.values(), given.key)
+
+    @property
+    def digest(self) -> str:
+        return self.key
+
+    def solve(self, monitor: Monitor) -> Carried:
+        given = self.values
+        with controlled(monitor.control):
+            template = mesh_of(given["template"], given)
+            surface = mesh_of(given["surface"], given)
+            own = Own.of(surface, given["functions"], given.get("mask"))
+            if "registration" in given:
+                return _registered(own, template, given)
+            return Carried(carried(_first_points(own.mesh, template, given), own))
+
+    load = staticmethod(load_carried)
+    facts_of_file = staticmethod(facts_of_file)
+
+    @staticmethod
+    def details(found: Carried) -> dict[str, Any]:
+        return {}
+
+    @staticmethod
+    def lines(found: Carried) -> list[str]:
+        return []
+
+
+class Carrying(Row):
+    """A row that carries a subject to the template."""
+
+    kinds: ClassVar[Mapping[str, type[Task]]] = {CarryTask.kind: CarryTask}

@@ -15,8 +15,10 @@ from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.io import results
 from abfm.io.results import Entry, Kind
 from abfm.mesh import TriangleMesh
+from abfm.outcome import Facts, Outcome
 from abfm.population import statistics
 from abfm.population.on_template import MapFacts
+from abfm.population.settings import BOUND
 from abfm.population.statistics import Others, Phase
 from abfm.population.subjects import Channel
 from abfm.types import BoolArray, FloatArray
@@ -49,6 +51,7 @@ POPULATION = Kind(
         "log2_area_deviation": Entry("real", ("F",), **_UNKNOWN),
         "drift": Entry("real", ("F", 3)),
         "changes": Entry("real", ("R",), low=0, **_UNKNOWN),
+        "bound": Entry("real", (), low=0),
         # the last one is required: damage to a zip's directory can hide the last entry
         "numbers": Entry("real", ("N", len(_NUMBERS)), **_UNKNOWN),
     },
@@ -98,6 +101,8 @@ class Population(Display):
         The mean field that was taken off in the last round.
     changes : (R,) array
         How much the mean changed in each round, over its deviation, in L2.
+    bound : float
+        The change of the mean at which the rounds end.
     """
 
     template: TriangleMesh
@@ -120,6 +125,7 @@ class Population(Display):
     log2_area_deviation: FloatArray = field(repr=False)
     drift: FloatArray = field(repr=False)
     changes: FloatArray = field(repr=False)
+    bound: float = BOUND
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -176,6 +182,23 @@ class Population(Display):
             f"{np.count_nonzero(self.fits)} of {len(self.names)} subjects fit; the mean changed by "
             f"{self.changes[-1]:.2g} of its deviation in the last of {len(self.changes)} rounds"
         )
+
+    @property
+    def facts(self) -> Facts:
+        """What is reported of the population: outcome, headline, reason, warnings."""
+        if not all(self.digests):
+            outcome, reason = Outcome.FAILED, "a subject could not be registered"
+        elif self.changes[-1] <= self.bound:
+            outcome, reason = Outcome.REGISTERED, "the mean hardly changed in the last round"
+        else:
+            outcome = Outcome.NOT_REACHED
+            reason = f"the mean changed by more than {self.bound:g} in the last round"
+        outliers = [
+            f"left out: {one_line(self.names[i])}: {self.reasons[i]}"
+            for i in self.worst_first()
+            if not self.fits[i]
+        ]
+        return Facts(outcome, self.headline, reason, warnings=tuple(outliers))
 
     @property
     def main_channel(self) -> int:
@@ -312,5 +335,6 @@ def _population_of(arrays: dict[str, Any]) -> Population:
         name: tuple(arrays.pop(name).tolist())
         for name in ("names", "reasons", "verdicts", "digests")
     }
+    bound = float(arrays.pop("bound"))
     weights, channels = arrays.pop("subject_weights"), tuple(Channel(*pair) for pair in pairs)
-    return Population(template, channels, weights=weights, **texts, **arrays)
+    return Population(template, channels, weights=weights, bound=bound, **texts, **arrays)

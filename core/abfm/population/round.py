@@ -90,4 +90,5 @@ class Round(NamedTuple):
             statistics.deviation(self.log2_areas, counts),
             self.drift,
             np.array(changes),
+            work.settings.bound,
         )

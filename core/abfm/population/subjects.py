@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from abfm.batch.columns import SPEC, absolute
 from abfm.batch.table import of_table, table_cells
 from abfm.errors import AbfmError, ParameterError, brief, one_line
-from abfm.functions import quoted
+from abfm.functions import parse, quoted
 from abfm.population.settings import LARGEST_WEIGHT
 from abfm.reading.text_tables import parse_number
+from abfm.tasks.inputs import absolute, renamed_spec
 
 HELD_OUT = "held-out:"
 """How the column of a channel begins that is carried, but not registered by."""
@@ -145,8 +145,8 @@ def function_text(given: str, folder: str | os.PathLike[str]) -> str:
         is_file = False
     if is_file:
         return f"file:{quoted(os.fspath(path))}"
-    SPEC.read(given)
-    return SPEC.renamed(given, absolute(os.fspath(folder)))
+    parse(given)
+    return renamed_spec(given, absolute(os.fspath(folder)))
 
 
 def _cohort(text: str, folder: str) -> Cohort:

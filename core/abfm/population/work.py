@@ -15,7 +15,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from abfm.batch import Entry, Row
-from abfm.batch.columns import MESH_OPTIONS, mesh_options
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.functions import quoted
@@ -38,6 +37,7 @@ from abfm.population.subjects import Cohort, Subject
 from abfm.population.target import Target
 from abfm.reading import side_of
 from abfm.sequences.noise import noise
+from abfm.tasks.inputs import MESH_INPUTS, by_name, mesh_options
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -48,6 +48,8 @@ _TARGETS = "targets"  # folder of templates, functions that subjects are registe
 _LOOKS = 3  # at who fits, in a round, each with the mean field of those who did before
 _LISTENED_TO = 3  # subjects, for noise
 _BY_FUNCTIONS = "embedding", "landmarks"  # initial maps of which none is found without
+
+_MESH_INPUTS = by_name(MESH_INPUTS)
 
 
 class Work:
@@ -62,7 +64,7 @@ class Work:
         self.cohort, self.settings, self._solve = cohort, settings, solve
         self.folder = Path(os.path.abspath(os.path.expanduser(folder)))
         options = {name: str(value) for name, value in settings.options.items()}
-        self.of_meshes = {name: options[name] for name in MESH_OPTIONS if name in options}
+        self.of_meshes = {name: options[name] for name in _MESH_INPUTS if name in options}
         self.path = self._file_of(template)
         self.template = self._mesh(self.path)
         names = [cohort.channels[c].name for c in cohort.registered_by]
@@ -86,7 +88,7 @@ class Work:
         self.weights = np.array([subject.weight for subject in cohort.subjects])
 
     def _options(self) -> Mapping[str, Any]:
-        values = {name: MESH_OPTIONS[name].read(text) for name, text in self.of_meshes.items()}
+        values = {name: _MESH_INPUTS[name].read(text) for name, text in self.of_meshes.items()}
         return mesh_options(values).given
 
     def _mesh(self, path: str) -> TriangleMesh:

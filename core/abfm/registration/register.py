@@ -84,7 +84,7 @@ def register(
     weights: ArrayLike | None = None,
     max_distortion: float | None = None,
     circular: bool | float = False,
-    on_iteration: Callable[[Iteration], None] | None = None,
+    on_iteration: Callable[[Iteration], object] | None = None,
     control: Control | None = None,
 ) -> Registration:
     """Find where on surface A each point of surface B lies, so that functions f of A, carried to B,

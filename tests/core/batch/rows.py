@@ -6,10 +6,10 @@ import warnings
 from unittest.mock import Mock
 
 import numpy as np
+from abfm.batch.kind import Prepared
 
 from abfm.assets import asset_path
 from abfm.batch import Cluster, Row
-from abfm.batch.kind import Prepared
 from abfm.errors import AbfmWarning
 
 ONE = Cluster(jobs=1)

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas
 import pytest
+from abfm.batch.kind import facts_of_match
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +17,6 @@ from abfm import (
     load_registration,
     register,
 )
-from abfm.batch.kind import facts_of_match
 from abfm.errors import AbfmError, FunctionError, MeshError, ParameterError, ResultError
 from abfm.io.exports import export_ply
 from abfm.maps.spherical import SphereLayout

@@ -10,6 +10,8 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from abfm_viewer.cli.films import sequence
+from abfm_viewer.cli.films.results import facts, lines
 from PIL import Image
 
 import abfm as library
@@ -18,8 +20,6 @@ from abfm.io import export_ply
 from abfm.reading import read_collection, read_stc
 from abfm.sequences import defaults, vertex_speed
 from abfm.sequences.verdicts import verdict_of
-from abfm_viewer.cli.films import sequence
-from abfm_viewer.cli.films.results import facts, lines
 from tests.core.sequences.turning_film import MESH, TIMES, film
 from tests.messages import check_message, check_names, line_with
 from tests.viewer.cli.test_signals import ended, start

@@ -185,7 +185,7 @@ class CallerError(Exception):
 
 
 class Record:
-    def __init__(self, on_iteration: Callable[[Iteration], None] | None) -> None:
+    def __init__(self, on_iteration: Callable[[Iteration], object] | None) -> None:
         self.history: list[tuple[float, float, float]] = []
         self.stage_of: list[int] = []
         self.schedule: list[Stage] = []

@@ -44,7 +44,7 @@ class Solver:
     """Finds the fields of a problem; ``way`` has its steps, ``step`` says which is the end."""
 
     def __init__(
-        self, energy: MatchingEnergy, on_iteration: Callable[[Iteration], None] | None
+        self, energy: MatchingEnergy, on_iteration: Callable[[Iteration], object] | None
     ) -> None:
         self.energy, self.record = energy, Record(on_iteration)
         self.way: list[Mark] = []

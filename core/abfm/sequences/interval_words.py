@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from abfm.matching.judging.facts import headline_of
 from abfm.outcome import worse_residual
+from abfm.sequences.sequence import Sequence
 from abfm.wording import share
-
-if TYPE_CHECKING:
-    from abfm.sequences import Sequence
 
 
 def of_interval(sequence: Sequence, interval: int) -> str:
     """Return the headline of an interval of a sequence, such as ``matched to 0.7%``."""
-    from abfm.matching.judging.facts import headline_of  # with all that it loads
-
     residual = worse_residual(
         float(sequence.residual[interval]), float(sequence.verified_residual[interval])
     )

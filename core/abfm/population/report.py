@@ -1,19 +1,24 @@
-"""What is told of a population, to people and to machines."""
+"""The report of a population: numbers for programs, lines for people."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from abfm import Population
 from abfm.errors import printable
+from abfm.io import export_vtu, write_csv, write_values
 from abfm.matching.judging.facts import finite
+from abfm.population.population import Population
 
 
-def facts(found: Population) -> dict[str, Any]:
-    """Return all that is told, as plain numbers and texts; None for unknown numbers."""
+def details(found: Population) -> dict[str, Any]:
+    """Return all that is reported of a population as plain numbers and texts, None for unknown
+    ones.
+    """
     scores = [found.scores(c) for c in range(len(found.channels))]
     channels = []
     for c, channel in enumerate(found.channels):
@@ -60,6 +65,7 @@ def facts(found: Population) -> dict[str, Any]:
     return {
         "vertices": len(found.template.vertices),
         "faces": len(found.template.faces),
+        "bound": finite(found.bound),
         "changes": list(map(finite, found.changes)),
         "log2_area_deviation": _mean(found.log2_area_deviation),
         "channels": channels,
@@ -67,13 +73,14 @@ def facts(found: Population) -> dict[str, Any]:
     }
 
 
-def lines(population: Population, facts: Mapping[str, Any]) -> list[str]:
-    """Return the same for people."""
+def lines(population: Population) -> list[str]:
+    """Return the report of a population for people."""
+    facts = details(population)
     found = [population.headline]
     for each in facts["channels"]:
         parts = [
-            f"correlation with the mean of the others {_told(each['before'])} before, "
-            f"{_told(each['after'])} after"
+            f"correlation with the mean of the others {_known(each['before'])} before, "
+            f"{_known(each['after'])} after"
         ]
         if each["total"]:
             share = each["phase"] / each["total"]
@@ -88,10 +95,56 @@ def lines(population: Population, facts: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def _told(value: float | None) -> str:
+def _known(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.3f}"
 
 
 def _mean(values: Any) -> float | None:
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else None
+
+
+def export_mean_vtu(path: Path, found: Population) -> None:
+    """Write the template with the means and deviations of all channels, and those of log2 J."""
+    export_vtu(path, found.template, *_arrays(found))
+
+
+def export_mean_values(path: Path, found: Population) -> None:
+    """Write the means and deviations at the vertices of the template's file."""
+    on_vertices, _ = _arrays(found)
+    values = found.template.on_file(np.stack(list(on_vertices.values()), axis=1))
+    write_values(path, values, found.template.structure, list(on_vertices))
+
+
+def export_subjects(path: Path, found: Population) -> None:
+    """Write the table of subjects, the worst first."""
+    write_csv(path, _table(details(found)))
+
+
+def _arrays(found: Population) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return values at vertices, (V,) each, and at faces, (F,), by names for files."""
+    on_vertices: dict[str, Any] = {}
+    for c, channel in enumerate(found.channels):
+        name = re.sub(r"[^A-Za-z0-9_.-]", "_", channel.name)
+        if f"mean_{name}" in on_vertices:
+            name = f"{name}_{c}"
+        on_vertices[f"mean_{name}"] = found.mean(c)
+        on_vertices[f"deviation_{name}"] = found.deviation(c)
+        on_vertices[f"plain_mean_{name}"] = found.plain_mean(c)
+    on_faces = {
+        "log2_area_mean": found.log2_area_mean,
+        "log2_area_deviation": found.log2_area_deviation,
+    }
+    return on_vertices, on_faces
+
+
+def _table(facts: Mapping[str, Any]) -> list[list[Any]]:
+    """Return the rows of a table of subjects, the worst first."""
+    names = [each["name"] for each in facts["channels"]]
+    own = [name for name in facts["subjects"][0] if name != "scores"]
+    ends = ("before", "after")
+    rows = [[*own, *(f"{name} {end}" for name in names for end in ends)]]
+    for subject in facts["subjects"]:
+        scores = [value for name in names for value in subject["scores"][name]]
+        rows.append([*(subject[name] for name in own), *scores])
+    return rows

@@ -1,4 +1,4 @@
-"""What is told of a sequence, to people and to machines."""
+"""The report of a sequence: numbers for programs, lines for people."""
 
 from __future__ import annotations
 
@@ -8,19 +8,23 @@ from typing import Any
 
 import numpy as np
 
-import abfm
-from abfm import Sequence
+from abfm.calculus.operators import face_areas, gradient
 from abfm.matching.judging.facts import finite
-from abfm.pages.interval_words import motion_between, uncertainty
-from abfm.sequences import KINDS, is_unsolved
+from abfm.sequences.interval_words import motion_between, uncertainty
+from abfm.sequences.sequence import Sequence
+from abfm.sequences.tracking.critical_points import KINDS
+from abfm.sequences.verdicts import is_unsolved
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import counted
 
-_LEAST = 3  # intervals that a track has
+TRACK_INTERVALS_MIN = 3
+EPISODES_SHOWN_MAX = 8
 
 
-def facts(sequence: Sequence) -> dict[str, Any]:
-    """Return what machines are told: plain numbers and texts, None for unknown ones."""
+def details(sequence: Sequence) -> dict[str, Any]:
+    """Return all that is reported of a sequence as plain numbers and texts, None for unknown
+    ones.
+    """
     speed, steep = _speeds(sequence), _steep(sequence)
     return {
         "vertices": len(sequence.mesh.vertices),
@@ -56,8 +60,14 @@ def facts(sequence: Sequence) -> dict[str, Any]:
     }
 
 
-def lines(sequence: Sequence, unit: str) -> list[str]:
-    """Return the same for people; ``unit`` is that of time: ``second``, or another word."""
+def unit_of_time(times: FloatArray) -> str:
+    """Return the unit of times of frames, (T,): ``s``; empty if they are numbers of frames."""
+    return "" if np.array_equal(times, np.arange(len(times))) else "s"
+
+
+def lines(sequence: Sequence) -> list[str]:
+    """Return the report of a sequence for people."""
+    unit = "second" if unit_of_time(sequence.times) else "frame"
     times, speed, steep = sequence.times, _speeds(sequence), _steep(sequence)
     seen = f"{np.median(speed[steep]):.3g} where frames are steep, " if steep.any() else ""
     others = Counter(
@@ -75,14 +85,15 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
         f"mesh's unit per {unit}"
         if speed.size
         else "speed: not known, as no interval was solved",
-        f"tracks through {_LEAST} intervals or more: {', '.join(tracks) or 'none'}",
+        f"tracks through {TRACK_INTERVALS_MIN} intervals or more: {', '.join(tracks) or 'none'}",
         *([f"uncertainty: {uncertainty(sequence)}"] if speed.size else []),
         f"frames in between: {motion_between(sequence)}",
     ]
     if episodes := sequence.episodes():
-        told = [f"{each.kind} from {each.start:.4g} to {each.end:.4g}" for each in episodes[:8]]
-        more = [f"{len(episodes) - 8} more"] if len(episodes) > 8 else []
-        found.append(f"episodes: {', '.join([*told, *more])}")
+        shown = episodes[:EPISODES_SHOWN_MAX]
+        parts = [f"{each.kind} from {each.start:.4g} to {each.end:.4g}" for each in shown]
+        omitted = len(episodes) - len(shown)
+        found.append(f"episodes: {', '.join([*parts, *([f'{omitted} more'] if omitted else [])])}")
     return found
 
 
@@ -96,7 +107,7 @@ def _steep(sequence: Sequence) -> BoolArray:
     those that were solved, (S, F): elsewhere a field is what is smooth beside it.
     """
     mesh = sequence.mesh
-    areas, derive = abfm.calculus.face_areas(mesh), abfm.calculus.gradient(mesh)
+    areas, derive = face_areas(mesh), gradient(mesh)
     found = []
     for frame in sequence.frames[:-1][sequence.solved]:
         squares = ((derive @ frame).reshape(len(mesh.faces), -1) ** 2).sum(axis=1)
@@ -105,5 +116,5 @@ def _steep(sequence: Sequence) -> BoolArray:
 
 
 def _tracks(sequence: Sequence) -> dict[str, int]:
-    counts = Counter(track.kind for track in sequence.tracks(_LEAST))
+    counts = Counter(track.kind for track in sequence.tracks(TRACK_INTERVALS_MIN))
     return {kind: counts[kind] for kind in KINDS}

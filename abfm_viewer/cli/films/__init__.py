@@ -1,1 +1,0 @@
-"""The command for films of functions, and what is told of them."""

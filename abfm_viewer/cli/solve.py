@@ -1,0 +1,177 @@
+"""Commands that solve one task: options from its inputs, progress, files, and the report."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import signal
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from abfm.batch import Row
+from abfm.errors import ParameterError, printable
+from abfm.outcome import Outcome
+from abfm.tasks import Monitor, Task
+from abfm.workers.control import CancelledError
+from abfm_viewer import signals
+from abfm_viewer.cli import options
+from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
+from abfm_viewer.cli.interrupts import cancelled_by_signals
+from abfm_viewer.cli.progress import long_steps, print_note, task_progress
+from abfm_viewer.files import outputs
+
+OUTPUT = "output"
+
+
+def add_arguments(parser: argparse.ArgumentParser, task: type[Task], out: str) -> None:
+    """Declare the inputs of a kind of task, and its outputs; ``out`` is the help of --out."""
+    options.add_inputs(parser, task.inputs)
+    add = options.adder(parser.add_argument_group(OUTPUT))
+    add("--out", f"{out}; repeatable", "FILE", type=Path, action="append", required=True)
+    for name, table in task.tables.items():
+        add(f"--{name}", table.help, "FILE.csv", type=Path)
+    options.add_up(add)
+    add("--json", "print one JSON object about the result")
+    add("--quiet", "no progress")
+
+
+def row_of(arguments: argparse.Namespace, task: type[Task], name: str = "") -> Row:
+    """Return the inputs that were given, checked, with paths that begin at the current folder."""
+    try:
+        return Row(name, options.given_texts(arguments, task.inputs), task=task)
+    except ParameterError as error:
+        text = re.sub(r"^column ([\w-]+)", _named_as_option(task), str(error))
+        raise UsageError(f"{text}; see {arguments.parser.prog} --help") from error
+
+
+def _named_as_option(task: type[Task]) -> Callable[[re.Match[str]], str]:
+    shown = {each.name: options.shown(each) for each in task.inputs}
+    return lambda found: shown.get(found[1], found[1])
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The files of a result, its tables by name, and the axis that points upwards on pages."""
+
+    files: list[Path]
+    tables: Mapping[str, Path] = field(default_factory=dict)
+    up: str | None = None
+
+    @property
+    def all(self) -> list[Path]:
+        return [*self.files, *self.tables.values()]
+
+    def check(self, task: type[Task], read: Iterable[str]) -> None:
+        """Refuse files that could not be written, that are read, or have the same name."""
+        for path in self.files:
+            outputs.check_result(path, task)
+        for path in self.tables.values():
+            outputs.check(path, (".csv",))
+        for path in self.all:
+            outputs.check_not_read(path, read)
+        if len(set(self.all)) < len(self.all):
+            raise UsageError("two outputs have the same name; give each its own")
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A result that was written to files."""
+
+    task: type[Task]
+    found: Any
+    seconds: float
+    outputs: list[Path]
+    status: int
+    checkpoints: list[Path]  # of a run that a signal ended
+
+    def summary(self) -> str:
+        """Return the report for people, with what to try next."""
+        names = list(map(printable, self.outputs))
+        lines = [*self.task.lines(self.found), f"in {self.seconds:.1f} s; wrote {', '.join(names)}"]
+        if self.checkpoints:
+            lines.append(f"the same command resumes from {printable(self.checkpoints[0])}")
+        result = next((name for name in names if name.endswith(".npz")), "RESULT.npz")
+        if advice := self.task.advice(self.found, result):
+            lines.append(f"to try: {advice}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        details = self.task.details(self.found)
+        return {**details, "seconds": self.seconds, "outputs": list(map(str, self.outputs))}
+
+
+def run(arguments: argparse.Namespace, task: type[Task]) -> int:
+    """Solve the task of the arguments, write and print the result; return the exit status.
+
+    It is 3 when the target was not reached, and 128 and its number after a signal.
+    """
+    row = row_of(arguments, task)
+    tables = {name: getattr(arguments, name) for name in task.tables}
+    out = Outputs(
+        arguments.out,
+        {name: path for name, path in tables.items() if path is not None},
+        arguments.up,
+    )
+    out.check(task, row.files())
+    with long_steps(arguments.quiet):
+        ready = row.task()
+    for path in out.files:
+        ready.check_export(path)
+    solved = solve(ready, out, arguments.quiet)
+    if not arguments.json:
+        print(solved.summary())
+        return solved.status
+    facts = solved.to_dict()
+    given = {each.name: getattr(arguments, each.name) for each in task.inputs if each.is_argument}
+    files = {f"{name}_file" if name in facts else name: text for name, text in given.items()}
+    print(json.dumps(files | facts))
+    return solved.status
+
+
+def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None = None) -> Solved:
+    """Solve a task with progress on stderr and write the result, also after a signal.
+
+    ``checkpoint`` is that of the monitor; by default the first output.
+    """
+    for note in task.notes():
+        print_note(note)
+    expected = task.expected()
+    if expected is not None and not (quiet and expected.outcome.is_good):
+        text = f"{expected.headline}: {expected.reason}; {expected.advice}"
+        print_note(text, "note" if expected.outcome.is_good else "warning")
+    start = time.perf_counter()
+    with task_progress(quiet) as report:
+        monitor = Monitor(
+            on_partial=report, on_note=print_note, checkpoint=checkpoint or out.files[0]
+        )
+        with cancelled_by_signals(monitor.control) as interrupt:
+            try:
+                found = task.solve(monitor)
+            except CancelledError:  # a task that has no result before its end
+                print_note("run the same command to resume, finished rows are kept")
+                raise signals.EndedBySignal(interrupt.number or signal.SIGINT) from None
+            seconds = time.perf_counter() - start
+            is_kept = True
+            try:
+                with long_steps(quiet):
+                    for note in outputs.write_all(out.files, found, out.up, out.tables):
+                        print_note(note)
+            except outputs.LostResultError:
+                is_kept = False
+                raise
+            finally:
+                if is_kept and interrupt.number is None:
+                    for path in monitor.checkpoints:
+                        with suppress(OSError):
+                            path.unlink()
+    status = interrupt.status
+    if status is None:
+        outcome = found.facts.outcome
+        status = 0 if outcome.is_good else FAILED if outcome is Outcome.FAILED else UNMATCHED
+    left = [path for path in monitor.checkpoints if path.is_file()]
+    return Solved(type(task), found, seconds, out.all, status, left)

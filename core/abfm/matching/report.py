@@ -1,0 +1,123 @@
+"""The report of a match and of its path: numbers for programs, lines for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+from abfm.matching.judging.facts import finite
+from abfm.matching.judging.verdict import Verdict
+from abfm.matching.match import Match
+from abfm.matching.path import NUMBERS, PathStep
+from abfm.mesh.subdivision import times_subdivided
+from abfm.outcome import Facts
+from abfm.wording import number_text, percents
+
+STEP_HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
+SCORE = "score"  # of steps of measured functions
+
+
+def details(
+    match: Match, facts: Facts | None = None, verdict: Verdict | None = None
+) -> dict[str, Any]:
+    """Return all that is reported of a match as plain numbers and texts, None for unknown ones;
+    facts and verdict may be those of a registration.
+    """
+    facts, energies = facts or match.facts, match.energy_history[-1].tolist()
+    return {
+        **facts.numbers,
+        "headline": facts.headline,
+        "warnings": list(facts.warnings),
+        "verdict": asdict(verdict or match.verdict),
+        "energy": dict(zip(("total", "regularity", "mismatch"), energies, strict=True)),
+        "iterations": len(match.energy_history) - 1,
+        "stop_reason": match.stop_reason,
+        "vertices": len(match.mesh.vertices),
+        "faces": len(match.mesh.faces),
+        "refined": match.refined,
+        "fields": len(match.fine_velocity),
+        "path": [_row(match, each) for each in match.path],
+        "step": match.step,
+        "messages": list(match.mesh.messages),
+        "parameters": match.parameters.to_dict(),
+    }
+
+
+def lines(match: Match, facts: Facts | None = None) -> list[str]:
+    """Return the report of a match for people: how well it matches, why it stopped, the numbers,
+    and the path; facts may be those of a registration.
+    """
+    facts, iterations = facts or match.facts, len(match.energy_history) - 1
+    return [
+        facts.headline,
+        facts.reason,
+        *(f"warning: {warning}" for warning in facts.warnings),
+        f"residual {numbers(match)}, after {iterations} iterations",
+        *(path_lines(match) if len(match.path) > 1 else []),
+    ]
+
+
+def numbers(match: Match) -> str:
+    """Write the residual and its verification: ``0.012, 0.03 by flow lines, 0.1% folded``; and how
+    many fields in a row it took, if more than one.
+    """
+    parts = [f"{match.residual:.3g}"]
+    if not math.isnan(match.verified_residual):
+        parts.append(f"{match.verified_residual:.3g} by flow lines")
+    if not math.isnan(match.folded):
+        parts.append(f"{100 * match.folded:.2g}% folded")
+    if len(match.fine_velocity) > 1:
+        parts.append(f"{len(match.fine_velocity)} fields in a row")
+    return ", ".join(parts)
+
+
+def plain(value: object) -> str:
+    """Write the value of a parameter."""
+    return f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
+
+
+def advice_in_options(verdict: Verdict, facts: Facts, result: str = "") -> str:
+    """Return what to try as options, such as ``reach further (--reach 0.6 --start match.npz)``, or
+    in words; without a result file to start from, remedies start with no motion.
+    """
+    found = []
+    for remedy in verdict.remedies:
+        if not (result or remedy.parameters):
+            continue
+        given = remedy.parameters.items()
+        words = [f"--{name.replace('_', '-')} {plain(value)}" for name, value in given]
+        words += [f"--start {result}"] if remedy.goes_on and result else []
+        found.append(f"{remedy.label.lower()} ({' '.join(words)})")
+    return ", or ".join(found) or facts.advice
+
+
+def _row(match: Match, step: PathStep) -> dict[str, float | None]:
+    numbers = {name: finite(getattr(step, name)) for name in NUMBERS}
+    return {**numbers, "refined": times_subdivided(step.velocity.shape[1], match.mesh)}
+
+
+def path_lines(match: Match) -> list[str]:
+    """Return the path as a table of a line a step, a star before the one that the match is."""
+    steps = [_row(match, step) for step in match.path]
+    heads = [*STEP_HEADS, "refined", *([SCORE] if has_scores(steps) else [])]
+    rows = [heads]
+    for number, step in enumerate(steps):
+        cells = [*step_cells(number, step, ".3g"), str(step["refined"])]
+        rows.append([*cells, number_text(step[SCORE], ".4f")][: len(heads)])
+    pairs = [zip(row, heads, strict=True) for row in rows]
+    lines = ["".join(f"{cell:>{len(head) + 3}}" for cell, head in each) for each in pairs]
+    lines[match.step + 1] = lines[match.step + 1].replace(" ", "*", 1)
+    return lines
+
+
+def has_scores(steps: Iterable[Mapping[str, float | None]]) -> bool:
+    return any(step[SCORE] is not None for step in steps)
+
+
+def step_cells(number: int, step: Mapping[str, Any], digits: str) -> list[str]:
+    """Return the texts below `STEP_HEADS` of a step of a path, by its facts."""
+    left = [number_text(step[name], digits) for name in ("residual", "verified_residual")]
+    cost = [number_text(step[name], digits) for name in ("log2_area", "log2_shape")]
+    return [str(number + 1), f"{step['sigma']:.3g}", *left, percents(step["folded"]), *cost]

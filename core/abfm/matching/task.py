@@ -1,0 +1,249 @@
+"""The task of a match on one surface."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from abfm.errors import AbfmWarning, ParameterError, ResultError, one_line
+from abfm.io import export_energy_csv, export_ply, export_vtu, results, write_csv
+from abfm.matching import report
+from abfm.matching.bounded import bounded
+from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
+from abfm.matching.judging.obstacles import foreseen
+from abfm.matching.judging.verdict import Verdict
+from abfm.matching.match import Match, load_match, match
+from abfm.matching.path import NUMBERS, path_table
+from abfm.matching.problem import Problem, load_problem
+from abfm.outcome import Facts, worse_residual
+from abfm.parameters import Parameters
+from abfm.tasks.inputs import (
+    MESH_FORMATS,
+    MESH_INPUTS,
+    channel_inputs,
+    channels,
+    file_input,
+    number_input,
+    parameter_inputs,
+    parameters_in,
+    weight_input,
+)
+from abfm.tasks.meshes import mesh_notes, mesh_of
+from abfm.tasks.monitor import Monitor
+from abfm.tasks.task import Export, Given, Table, Task
+from abfm.types import FloatArray, IntArray
+
+_RESIDUALS = {"residual", "verified_residual", "folded"}
+
+MAX_DISTORTION = number_input(
+    "max-distortion",
+    "the closest field with |log2 J| of areas and |log2 R| of shapes at most N on 99% of the "
+    "faces, and none folded",
+    "N",
+    "above 0 and at most 1000",
+    lambda bound: 1e-9 <= bound <= 1000,
+    group="parameters (symbols of the paper in brackets)",
+)
+
+
+def facts_of_file(path: Path) -> Facts:
+    """Return the facts that the file of a match or a registration holds.
+
+    Raises
+    ------
+    ResultError
+        If the file is missing or damaged, or holds values that no match has.
+    """
+    entries = results.RESULT.entries
+    with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
+        numbers = dict.fromkeys(_RESIDUALS, math.nan)
+        for name in _RESIDUALS & archive.keys():
+            numbers[name] = float(entries[name].check(name, archive[name], {}))
+        # of a registration, which may be worse than that of its match
+        name = "registration_verdict" if "registration_verdict" in archive else "verdict"
+        texts = entries["verdict"].check(name, archive[name], {})
+        warnings = list[str]()
+        if "warnings" in archive:
+            entry = results.REGISTRATION.entries["warnings"]
+            warnings = entry.check("warnings", archive["warnings"], {}).tolist()
+        verdict = Verdict.of_texts(texts.tolist())
+        numbers |= _distortion(archive)
+    worse = worse_residual(numbers["residual"], numbers["verified_residual"])
+    return Facts(
+        verdict.kind,
+        headline_of(verdict.kind, worse),
+        verdict.reason,
+        verdict.advice,
+        known_numbers(numbers),
+        (
+            *distortion_warnings(verdict.kind, numbers.get("log2_area_95", math.nan)),
+            *warnings,
+        ),
+    )
+
+
+def _distortion(archive: Mapping[str, Any]) -> dict[str, float]:
+    """Return how much the step of the path that the match is changes areas; empty if unknown."""
+    if "path_steps" not in archive or "path_step" not in archive:
+        return {}
+    entries = results.RESULT.entries
+    steps = entries["path_steps"].check("path_steps", archive["path_steps"], {})
+    step = int(entries["path_step"].check("path_step", archive["path_step"], {}))
+    return {name: float(steps[step][NUMBERS.index(name)]) for name in ("log2_area", "log2_area_95")}
+
+
+def _export_arrays(export: Callable[..., None], path: Path, found: Match) -> None:
+    functions = {"source": found.source, "target": found.target, "advected": found.advected}
+    on_points = {name: f if f.shape[1] > 1 else f[:, 0] for name, f in functions.items()}
+    is_one = len(found.velocity) == 1
+    names = ["velocity" if is_one else f"velocity_segment_{i}" for i in range(len(found.velocity))]
+    export(path, found.mesh, on_points, dict(zip(names, found.velocity, strict=True)))
+
+
+def _export_energy(path: Path, found: Match) -> None:
+    export_energy_csv(path, found.energy_history, found.stages)
+
+
+def _export_path(path: Path, found: Match) -> None:
+    write_csv(path, [line.split(",") for line in path_table(found.path, found.mesh)])
+
+
+@dataclass(frozen=True)
+class MatchTask(Task):
+    """Find the field whose flow carries a source to a target.
+
+    Attributes
+    ----------
+    problem : Problem
+    max_distortion : float, optional
+        See `abfm.matching.bounded`.
+    """
+
+    problem: Problem
+    max_distortion: float | None = None
+
+    kind: ClassVar = "match"
+    needs: ClassVar = ("mesh",)
+    inputs: ClassVar = (
+        file_input("mesh", MESH_FORMATS, "MESH", is_argument=True),
+        *channel_inputs("function to carry along the flow", "function that it should become"),
+        weight_input("mask", "weight of the mismatch at each vertex"),
+        file_input(
+            "start",
+            "start from the field of an earlier result",
+            "RESULT.npz",
+            group="weights and start",
+        ),
+        *parameter_inputs(),
+        MAX_DISTORTION,
+        *MESH_INPUTS,
+    )
+    result: ClassVar = Match
+    exports: ClassVar = {
+        ".ply": Export(partial(_export_arrays, export_ply)),
+        ".vtu": Export(partial(_export_arrays, export_vtu)),
+        ".csv": Export(_export_energy),
+    }
+    tables: ClassVar = {"path": Table("table of the path, a step a line", _export_path)}
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any]) -> None:
+        """Refuse a match without functions, and parameters that do not fit each other."""
+        Parameters(**parameters_in(values))
+        if not channels(values)[0]:
+            raise ParameterError("a match needs source and target")
+
+    @classmethod
+    def read(cls, given: Given) -> MatchTask:
+        values = given.values()
+        mesh = mesh_of(values["mesh"], values)
+        sources, targets, weights = channels(values)
+        parameters = Parameters(**parameters_in(values))
+        problem = Problem(
+            mesh,
+            sources if len(sources) > 1 else sources[0],
+            targets if len(targets) > 1 else targets[0],
+            parameters,
+            mask=values.get("mask"),
+            weights=weights,
+            start=_start(values.get("start"), mesh.faces, parameters),
+        )
+        # results keep functions as they were written
+        problem = problem.with_specs(*channels(given.written)[:2])
+        return cls(problem, values.get("max-distortion"))
+
+    @property
+    def digest(self) -> str:
+        """Name of the result: that of the problem, unless its distortion is bounded."""
+        if self.max_distortion is None:
+            return self.problem.digest
+        named = f"{self.problem.digest} max-distortion {self.max_distortion!r}"
+        return hashlib.sha256(named.encode()).hexdigest()
+
+    def solve(self, monitor: Monitor) -> Match:
+        control = monitor.control
+        found = match(self.problem, on_iteration=monitor.on_partial, control=control)
+        if self.max_distortion is None:
+            return found
+        return bounded(found, self.max_distortion, control=control)
+
+    def expected(self) -> Facts | None:
+        return foreseen(self.problem)
+
+    @property
+    def goal(self) -> float:
+        return self.problem.parameters.goal
+
+    def notes(self) -> list[str]:
+        return mesh_notes(self.problem.mesh)
+
+    load = staticmethod(load_match)
+
+    facts_of_file = staticmethod(facts_of_file)
+    details = staticmethod(report.details)
+    lines = staticmethod(report.lines)
+
+    @staticmethod
+    def advice(found: Match, result: str) -> str:
+        return report.advice_in_options(found.verdict, found.facts, result)
+
+
+class ProblemTask(MatchTask):
+    """Match what `abfm.Problem.save` wrote."""
+
+    kind: ClassVar = "problem"
+    needs: ClassVar = ("problem",)
+    inputs: ClassVar = (file_input("problem", "a file of `abfm.Problem.save`"), MAX_DISTORTION)
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any]) -> None:
+        """Accept all values."""
+
+    @classmethod
+    def read(cls, given: Given) -> ProblemTask:
+        values = given.values()
+        return cls(load_problem(values["problem"]), values.get("max-distortion"))
+
+
+def _start(path: str | None, faces: IntArray, parameters: Parameters) -> FloatArray | None:
+    """Return the field of an earlier result on the same faces, if there is one."""
+    if path is None:
+        return None
+    earlier = load_match(path)
+    if earlier.doubt:
+        text = f"{one_line(path)}: its stored values were recomputed: {earlier.doubt}"
+        warnings.warn(text, AbfmWarning, stacklevel=2)
+    if not np.array_equal(earlier.mesh.faces, faces):
+        raise ResultError(
+            f"start {one_line(path)} is a result on another mesh; give one on a mesh with the same "
+            "faces"
+        )
+    return earlier.start_for(parameters)

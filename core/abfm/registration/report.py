@@ -1,0 +1,77 @@
+"""The report of a registration: numbers for programs, lines for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from abfm.maps.distortion import Distortion
+from abfm.matching import report
+from abfm.matching.judging.facts import finite
+from abfm.registration.correspondence import Correspondence
+from abfm.registration.registration import Registration
+
+
+def details(found: Registration) -> dict[str, Any]:
+    """Return all that is reported of a registration as plain numbers and texts, None for unknown
+    ones.
+    """
+    return {
+        **report.details(found.match, found.facts, found.verdict),
+        "map": map_details(found),
+        **initial_details(found.initial),
+        "notes": list(found.notes),
+    }
+
+
+def lines(found: Registration) -> list[str]:
+    """Return the report of a registration for people."""
+    return [*report.lines(found.match, found.facts), *map_lines(found), *landmark_lines(found)]
+
+
+def map_details(found: Correspondence, distortion: Distortion | None = None) -> dict[str, Any]:
+    """Return what is reported of a map from B to A; its distortion may be known already."""
+    distortion, back = distortion or found.distortion(), found.there_and_back()
+    return {
+        **distortion_details(distortion),
+        "collapsed": distortion.collapsed,
+        "coverage": found.coverage(),
+        "there_and_back": back._asdict(),
+    }
+
+
+def distortion_details(distortion: Distortion) -> dict[str, Any]:
+    """Return what is reported of a distortion."""
+    return {
+        "log2_area": distortion.log2_area._asdict(),
+        "log2_shape": distortion.log2_shape._asdict(),
+        "folded": distortion.folded,
+        "faces": len(distortion.flipped),
+    }
+
+
+def initial_details(initial: Correspondence) -> dict[str, Any]:
+    """Return which initial map was chosen, and the cost of each one that was tried."""
+    tried = initial.candidates
+    return {
+        "initial": tried[0].name if tried else "given",
+        "initial_candidates": [{"name": each.name, "cost": finite(each.cost)} for each in tried],
+    }
+
+
+def map_lines(found: Correspondence) -> list[str]:
+    """Return the report of a map from B to A for people."""
+    return [
+        found.distortion().report(),
+        f"{found.there_and_back().report()}; {100 * found.coverage():.1f}% of A is covered",
+    ]
+
+
+def landmark_lines(found: Registration) -> list[str]:
+    """Return the errors of landmarks in a line, if there are any."""
+    errors = found.landmark_errors
+    if errors is None:
+        return []
+    if len(errors) == 1:
+        return [f"the landmark has an error of {errors[0]:.2g} sqrt(area)"]
+    numbers = f"mean {errors.mean():.2g}, largest {errors.max():.2g} sqrt(area)"
+    return [f"errors of {len(errors)} landmarks: {numbers}"]

@@ -1,0 +1,220 @@
+"""The task of registering one surface to another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from abfm.errors import AbfmError, ParameterError, ResultError, one_line
+from abfm.io import check_surface_name, write_surface, write_values
+from abfm.maps.point_maps import PointMap
+from abfm.matching import report as match_report
+from abfm.matching.match import match
+from abfm.matching.task import MAX_DISTORTION, facts_of_file
+from abfm.mesh import TriangleMesh
+from abfm.mesh.options import read_flag
+from abfm.parameters import Parameters
+from abfm.registration import report
+from abfm.registration.files import load_registration
+from abfm.registration.initial import read_landmarks, word_of
+from abfm.registration.register import prepare, within
+from abfm.registration.registration import Registration
+from abfm.tasks.inputs import (
+    MESH_FORMATS,
+    MESH_INPUTS,
+    Input,
+    Rename,
+    channel_inputs,
+    channels,
+    file_input,
+    parameter_inputs,
+    parameters_in,
+    weight_input,
+)
+from abfm.tasks.meshes import mesh_notes, mesh_of
+from abfm.tasks.monitor import Monitor
+from abfm.tasks.task import Export, Given, Task
+from abfm.types import IntArray
+
+_START = "weights and start"
+
+
+def _initial(text: str) -> str:
+    word_of(text)
+    return text
+
+
+def _renamed_initial(text: str, rename: Rename) -> str:
+    """Rename in ``file:MAP`` and ``sphere:mirror,A,B``."""
+    name, _, rest = text.partition(":")
+    if name not in ("file", "sphere") or not rest:
+        return text
+    if name == "file":
+        return f"file:{rename(rest)}"
+    words = [word.strip() for word in rest.split(",")]
+    return f"sphere:{','.join(word if word == 'mirror' else rename(word) for word in words)}"
+
+
+INITIAL = Input(
+    name="initial",
+    help="the initial map, see above",
+    read=_initial,
+    metavar="WORD[:...]",
+    group=_START,
+    renamed=_renamed_initial,
+)
+LANDMARKS = file_input(
+    "landmarks",
+    "pairs of vertices of A and of B, counted from 0, or of x, y, z on both, a pair a line; alone "
+    "or with functions",
+    "FILE.csv",
+    group=_START,
+)
+ONE_BASED = Input(
+    name="one-based",
+    help="vertex numbers of the landmarks count from 1, not from 0",
+    read=read_flag,
+    group=_START,
+)
+
+
+def _export_numbers(path: Path, found: Registration) -> None:
+    """Write A's vertex for each vertex of B."""
+    write_values(path, vertex_numbers(found.points))
+
+
+def _export_surface(path: Path, found: Registration) -> None:
+    """Write A's faces where they lie on B."""
+    left_out = found.a.file_vertex_count - len(found.a.vertices)
+    if left_out:
+        raise ResultError(
+            f"cannot write {path}: {left_out} vertices of A's file were left out or merged, so "
+            "that rows would not be those of the file; write a .npz, or give A without them"
+        )
+    try:
+        positions, structure = found.back.positions, found.a.structure
+        placed = TriangleMesh(positions, found.a.faces, structure=structure)
+    except AbfmError as error:
+        raise ResultError(f"cannot write {path}: where A lies on B {one_line(error)}") from None
+    write_surface(path, placed)
+
+
+def vertex_numbers(points: PointMap) -> IntArray:
+    """Return the nearest vertex for each vertex of the domain, both counted as the mesh files do;
+    -1 for vertices that no face uses.
+    """
+    return points.domain.on_file(points.codomain.vertex_ids[points.nearest_vertices()], -1)
+
+
+@dataclass(frozen=True)
+class RegistrationTask(Task):
+    """Find where on surface A each point of surface B lies.
+
+    Attributes
+    ----------
+    a, b : TriangleMesh
+    key : str
+        Name of the result: the problem that is matched on B is known only once there is an initial
+        map.
+    options : mapping of str
+        Further inputs of `abfm.registration.prepare`.
+    parameters : mapping of str
+        Those that are given; the others depend on the functions.
+    max_distortion : float, optional
+        See `abfm.registration.within`.
+    """
+
+    a: TriangleMesh
+    b: TriangleMesh
+    key: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    max_distortion: float | None = None
+
+    kind: ClassVar = "registration"
+    needs: ClassVar = ("a", "b")
+    inputs: ClassVar = (
+        file_input("a", f"surface A, a {MESH_FORMATS}", "A", is_argument=True),
+        file_input("b", "surface B, on which the flow is", "B", is_argument=True),
+        *channel_inputs("function on A to bring to B", "function on B that it should become"),
+        weight_input("mask-a", "weight of each vertex of A"),
+        weight_input("mask-b", "weight of each vertex of B"),
+        LANDMARKS,
+        ONE_BASED,
+        INITIAL,
+        *parameter_inputs(),
+        MAX_DISTORTION,
+        *MESH_INPUTS,
+    )
+    result: ClassVar = Registration
+    exports: ClassVar = {
+        **dict.fromkeys((".gii", ".ply", ".reg"), Export(_export_surface, check_surface_name)),
+        **dict.fromkeys((".txt", ".csv", ".npy"), Export(_export_numbers)),
+    }
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any]) -> None:
+        """Refuse one without functions and landmarks, and parameters that do not fit each other."""
+        Parameters(**parameters_in(values))
+        if not channels(values)[0] and "landmarks" not in values:
+            raise ParameterError("a registration needs source and target, or landmarks")
+
+    @classmethod
+    def read(cls, given: Given) -> RegistrationTask:
+        values = given.values()
+        a, b = (mesh_of(values[side], values) for side in "ab")
+        sources, targets, weights = channels(values)
+        landmarks = None
+        if "landmarks" in values:
+            is_one_based = values.get("one-based", False)
+            landmarks = read_landmarks(a, b, values["landmarks"], is_one_based)
+        options = {
+            "f": sources or None,
+            "g": targets or None,
+            "initial": values.get("initial"),
+            "landmarks": landmarks,
+            "mask_a": values.get("mask-a"),
+            "mask_b": values.get("mask-b"),
+            "weights": weights or None,
+        }
+        return cls(a, b, given.key, options, parameters_in(values), values.get("max-distortion"))
+
+    @property
+    def digest(self) -> str:
+        return self.key
+
+    def solve(self, monitor: Monitor) -> Registration:
+        prepared = prepare(self.a, self.b, **self.options)
+        for note in (*prepared.notes, *(f"warning: {text}" for text in prepared.warnings)):
+            monitor.on_note(note)
+        parameters = replace(prepared.problem.parameters, **self.parameters)
+        problem = prepared.problem.with_parameters(parameters)
+        control = monitor.control
+        found = prepared.matched_by(
+            match(problem, on_iteration=monitor.on_partial, control=control)
+        )
+        if self.max_distortion is None:
+            return found
+        bounded = within(found, self.max_distortion, control)
+        for note in bounded.notes[len(found.notes) :]:
+            monitor.on_note(note)
+        return bounded
+
+    @property
+    def goal(self) -> float:
+        return Parameters(**self.parameters).goal
+
+    def notes(self) -> list[str]:
+        return mesh_notes(self.a, self.b)
+
+    load = staticmethod(load_registration)
+    facts_of_file = staticmethod(facts_of_file)
+    details = staticmethod(report.details)
+    lines = staticmethod(report.lines)
+
+    @staticmethod
+    def advice(found: Registration, result: str) -> str:
+        # no registration starts from an earlier one
+        return match_report.advice_in_options(found.verdict, found.facts)

@@ -1,0 +1,229 @@
+"""The task of finding the fields between the frames of a sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from abfm.io import check_stc_name, check_values_name, even_step, results
+from abfm.matching.judging.verdict import Verdict
+from abfm.mesh import TriangleMesh
+from abfm.outcome import Facts
+from abfm.sequences import report
+from abfm.sequences.exports import (
+    check_pvd,
+    export_intervals,
+    export_pvd,
+    export_speed,
+    export_stc,
+    export_tracks,
+)
+from abfm.sequences.files import load_sequence
+from abfm.sequences.parameters import TAKEN, defaults
+from abfm.sequences.reading.frames_file import FramesFile
+from abfm.sequences.reading.reading_frames import ENDINGS, read_frames
+from abfm.sequences.sequence import GAMMA, Sequence, sequence
+from abfm.sequences.unfinished import Unfinished
+from abfm.sequences.verdicts import NUMBERS, facts_of_intervals
+from abfm.tasks.inputs import (
+    CIRCULAR,
+    MESH_FORMATS,
+    MESH_INPUTS,
+    Input,
+    file_input,
+    number_input,
+    parameter_inputs,
+    parameters_in,
+    read_number,
+    weight_input,
+)
+from abfm.tasks.meshes import mesh_notes, mesh_of
+from abfm.tasks.monitor import Monitor
+from abfm.tasks.task import Export, Given, Table, Task
+from abfm.types import FloatArray
+
+SECONDS_MAX = 86400.0
+GAMMA_MAX = 1e6
+_FRAMES = "frames"
+_PARAMETER_HELP = {
+    "alpha": "smoothness of the fields: weight of their Hodge Laplacian; not given, chosen by "
+    "held-out patches of a few intervals",
+    "order": "order of the norm of the fields: 1, the paper's, or 2, which is smoother; not given, "
+    "chosen by held-out patches",
+    "sigma": "weight of the match against the smoothness, in deviations of the frames: smaller "
+    "matches closer; not given, the largest that predicts held-out patches nearly as well as any",
+    "sigma_unit": "sigma in deviations of the frames from their mean in L2, or as in the paper",
+}
+
+
+def _weights(text: str) -> list[float]:
+    parts = text.replace(",", " ").split()
+    return [read_number(each, "of at least 0", lambda number: number >= 0) for each in parts]
+
+
+@dataclass(frozen=True)
+class SequenceTask(Task):
+    """Find the fields whose flows carry each frame of a sequence to the next.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+    frames : FramesFile
+    key : str
+        Name of the result.
+    dt : float, optional
+        Time between two frames, whatever the file says.
+    options : mapping of str
+        Further arguments of `abfm.sequence`.
+    """
+
+    mesh: TriangleMesh
+    frames: FramesFile
+    key: str
+    dt: float | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    kind: ClassVar = "sequence"
+    needs: ClassVar = ("frames", "mesh")
+    inputs: ClassVar = (
+        file_input("mesh", MESH_FORMATS, "MESH", is_argument=True),
+        file_input("frames", f"the frames: {', '.join(ENDINGS)}", "FRAMES", is_argument=True),
+        number_input(
+            "dt",
+            "seconds between two frames, whatever the file says (default: as in the file, or 1)",
+            "SECONDS",
+            f"above 0 and at most {SECONDS_MAX:g}",
+            lambda seconds: 0 < seconds <= SECONDS_MAX,
+            group=_FRAMES,
+        ),
+        CIRCULAR,
+        Input(
+            name="array",
+            help="which array of a .npz, .mat or .ply, or of VTK's point data",
+            metavar="NAME",
+            group=_FRAMES,
+        ),
+        weight_input(
+            "mask", "weight of the mismatch at each vertex, 0 where values are unknown", _FRAMES
+        ),
+        Input(
+            name="weights",
+            help="weight of each channel, not negative",
+            read=_weights,
+            metavar="W,W,...",
+            group=_FRAMES,
+            default="1 each",
+        ),
+        number_input(
+            "gamma",
+            "weight of the difference between the fields of neighbouring intervals; 0 solves each "
+            "interval alone",
+            "X",
+            f"from 0 to {GAMMA_MAX:g}",
+            lambda gamma: 0 <= gamma <= GAMMA_MAX,
+            group="smoothness in time",
+            default=f"{GAMMA:g}",
+        ),
+        *parameter_inputs(defaults(), TAKEN, _PARAMETER_HELP),
+        *MESH_INPUTS,
+    )
+    result: ClassVar = Sequence
+    exports: ClassVar = {
+        ".pvd": Export(export_pvd, check_pvd),
+        ".stc": Export(export_stc, check_stc_name),
+        ".gii": Export(export_speed, check_values_name),
+    }
+    tables: ClassVar = {
+        "tracks": Table("table of critical points through time", export_tracks),
+        "intervals": Table(
+            "table of the intervals: speed, its uncertainty, residuals and verdict",
+            export_intervals,
+        ),
+    }
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any]) -> None:
+        """Refuse parameters that sequences do not take, or that do not fit each other."""
+        defaults(**parameters_in(values))
+
+    @classmethod
+    def read(cls, given: Given) -> SequenceTask:
+        values = given.values()
+        mesh = mesh_of(values["mesh"], values)
+        options = {
+            "parameters": defaults(**parameters_in(values)),
+            "gamma": values.get("gamma", GAMMA),
+            "mask": values.get("mask"),
+            "weights": values.get("weights"),
+            "circular": values.get("circular", False),
+        }
+        frames = read_frames(values["frames"], mesh, values.get("array"))
+        return cls(mesh, frames, given.key, values.get("dt"), options)
+
+    @property
+    def digest(self) -> str:
+        return self.key
+
+    @property
+    def times(self) -> FloatArray | None:
+        """Times of the frames, (T,); None if they are unknown."""
+        if self.dt is None:
+            return self.frames.times
+        return self.dt * np.arange(len(self.frames.values), dtype=np.float64)
+
+    def solve(self, monitor: Monitor) -> Sequence:
+        count = len(self.frames.values) - 1
+        checkpoint = Unfinished(
+            monitor.checkpoint,
+            lambda found: monitor.on_note(
+                f"resuming after {found} of {count} intervals, which an earlier run solved"
+            ),
+        )
+        found = sequence(
+            self.mesh,
+            self.frames.values,
+            self.times,
+            **self.options,
+            unfinished=checkpoint,
+            on_field=lambda interval, field: monitor.on_partial((interval, field)),
+            control=monitor.control,
+        )
+        if checkpoint.path is not None:
+            monitor.checkpoints.append(checkpoint.path)
+        return found
+
+    def notes(self) -> list[str]:
+        notes = [*mesh_notes(self.mesh), *self.frames.notes]
+        if self.times is None:
+            notes.append("the file has no times: frames count as 1 apart; --dt gives seconds")
+        return notes
+
+    def check_export(self, path: Path) -> None:
+        if path.suffix == ".stc" and self.times is not None:
+            even_step(path, (self.times[1:] + self.times[:-1]) / 2)
+
+    load = staticmethod(load_sequence)
+
+    @staticmethod
+    def facts_of_file(path: Path) -> Facts:
+        """Return the facts that the file of a sequence holds, as `abfm.Sequence.facts`.
+
+        Raises
+        ------
+        ResultError
+            If the file is missing or damaged, or holds values that no sequence has.
+        """
+        entries = results.SEQUENCE.entries
+        with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
+            sizes = dict[str, int]()
+            texts, *numbers = (
+                entries[name].check(name, archive[name], sizes) for name in ("verdicts", *NUMBERS)
+            )
+            return facts_of_intervals(list(map(Verdict.of_texts, texts.tolist())), *numbers)
+
+    details = staticmethod(report.details)
+    lines = staticmethod(report.lines)

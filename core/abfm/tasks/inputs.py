@@ -1,0 +1,324 @@
+"""Inputs of tasks: how a text becomes a value, which files it names, and what help says of it."""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import Field, dataclass, fields, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+from abfm.errors import FunctionError, ParameterError, brief
+from abfm.functions import Circular, Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
+from abfm.functions.circular import checked_period, split_channels
+from abfm.mesh.options import MERGE, MeshOptions, read_flag
+from abfm.parameters import CHOICES, Parameters, is_whole
+from abfm.reading.text_tables import parse_number
+
+MESH_FORMATS = (
+    "triangle mesh: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, or of FreeSurfer or MNI; "
+    "also compressed (.gz)"
+)
+Rename = Callable[[str], str]
+"""A function from the name of a file to another name of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Input:
+    """An input of a task: a column of tables, and an option of the task's command.
+
+    Attributes
+    ----------
+    name : str
+        Of the column, and of the option after ``--``.
+    help : str
+        One line for ``--help``.
+    read : callable
+        Returns the value of a text, or raises an AbfmError.
+    metavar : str
+        What ``--help`` calls the value, one word for each that the option takes; empty for a flag,
+        whose text is "yes".
+    group : str
+        Heading in ``--help``.
+    default : str
+        The value if none is given, as ``--help`` shows it; empty if there is none to show.
+    without_value : str
+        The text that an option without a value stands for; empty if it needs one.
+    renamed : callable
+        Returns a text with other names of files.
+    repeats : bool
+        Whether it may be given several times.
+    is_argument : bool
+        Whether the command takes it by its place, without a name.
+    """
+
+    name: str
+    help: str
+    read: Callable[[str], Any] = str
+    metavar: str = ""
+    group: str = ""
+    default: str = ""
+    without_value: str = ""
+    renamed: Callable[[str, Rename], str] = lambda text, rename: text
+    repeats: bool = False
+    is_argument: bool = False
+
+
+def by_name(inputs: Iterable[Input]) -> dict[str, Input]:
+    """Return inputs by their names."""
+    return {each.name: each for each in inputs}
+
+
+def option(name: str) -> str:
+    """Return the name of an option, or a column, by the name of its value in Python."""
+    return name.replace("_", "-")
+
+
+def parameter_inputs(
+    usual: Parameters | None = None,
+    names: Collection[str] | None = None,
+    help: Mapping[str, str] | None = None,
+) -> tuple[Input, ...]:
+    """Return an input for each of `abfm.Parameters`; "auto" is also read for those that are chosen
+    by default.
+
+    Parameters
+    ----------
+    usual : Parameters, optional
+        The defaults that the help shows.
+    names : collection of str, optional
+        Of some parameters; by default of all.
+    help : mapping of str, optional
+        Help in place of that of their definition.
+    """
+    return tuple(
+        _parameter_input(entry, usual or Parameters(), (help or {}).get(entry.name))
+        for entry in fields(Parameters)
+        if names is None or entry.name in names
+    )
+
+
+def _parameter_input(entry: Field[Any], usual: Parameters, help: str | None) -> Input:
+    name, choices = entry.name, CHOICES.get(entry.name)
+    # of a sequence: chosen unless given
+    value = None if name in getattr(usual, "automatic", ()) else getattr(usual, name)
+    text = help or entry.metadata["help"]
+    if value is not None:
+        text = text.partition("; not given")[0]
+    symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
+    metavar = f"{{{','.join(choices)}}}" if choices else "INT" if is_whole(entry) else "X"
+    return Input(
+        name=option(name),
+        help=f"{text}{symbol}",
+        read=_parameter_reader(name, value is None or entry.default is None),
+        metavar=metavar,
+        group="parameters (symbols of the paper in brackets)",
+        default="auto" if value is None else str(value),
+    )
+
+
+def parameters_in(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those values that are of `abfm.Parameters`, by their names there."""
+    names = {option(entry.name): entry.name for entry in fields(Parameters)}
+    return {names[column]: value for column, value in values.items() if column in names}
+
+
+def _parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
+    entry = next(entry for entry in fields(Parameters) if entry.name == name)
+
+    @lru_cache(maxsize=1000)  # of a column's cells, most are alike
+    def read(text: str) -> Any:
+        value: Any = text
+        if is_optional and text == "auto":
+            return None
+        if name not in CHOICES:
+            try:
+                value = int(text) if is_whole(entry) else parse_number(text)
+            except ValueError:
+                noun = "whole number" if is_whole(entry) else "number"
+                raise ParameterError(_not_a(noun, text)) from None
+        # what does not fit alone; what does not fit the others is reported of all together
+        alone: dict[str, Any] = {name: value}
+        if name == "stage_iterations":
+            alone["cooling_stages"] = 1
+        Parameters(**alone)
+        return value
+
+    return read
+
+
+def _not_a(noun: str, text: str) -> str:
+    hint = ": write a decimal point, and no signs between thousands" if "," in text else ""
+    return f"{brief(text)} is not a {noun}{hint}"
+
+
+def number_input(
+    name: str,
+    help: str,
+    metavar: str,
+    expected: str,
+    holds: Callable[[float], bool],
+    **settings: Any,
+) -> Input:
+    """Return the input of a finite number that ``holds``; ``expected`` describes it."""
+    read = partial(read_number, expected=expected, holds=holds)
+    return Input(name=name, help=help, read=read, metavar=metavar, **settings)
+
+
+def read_number(text: str, expected: str, holds: Callable[[float], bool]) -> float:
+    """Return a finite number that ``holds``; a ParameterError reports what is ``expected``."""
+    try:
+        number: float = parse_number(text)
+    except ValueError:
+        raise ParameterError(_not_a("number", text)) from None
+    if not (math.isfinite(number) and holds(number)):
+        raise ParameterError(f"{brief(text)} is not a number {expected}")
+    return number
+
+
+def _circular(text: str) -> bool | float:
+    try:
+        period: float = parse_number(text)
+    except ValueError:
+        return read_flag(text)
+    return period if checked_period(period) is not None else False
+
+
+@lru_cache(maxsize=1000)  # many rows of a table have the same functions
+def _spec(text: str) -> str:
+    parse(text)
+    return text
+
+
+def renamed_spec(text: str, rename: Rename) -> str:
+    renamed = _with_files(parse(text), rename)
+    return text if renamed == parse(text) else str(renamed)
+
+
+def _with_files(spec: Spec, rename: Rename) -> Spec:
+    if isinstance(spec, Sum):
+        return Sum(tuple(_with_files(term, rename) for term in spec.terms))
+    if isinstance(spec, ValuesFile):
+        return replace(spec, path=rename(spec.path))
+    if isinstance(spec, Scaled | Circular):
+        return replace(spec, function=_with_files(spec.function, rename))
+    if isinstance(spec, Permuted):
+        path = spec.path if spec.is_detected or "." not in spec.path else rename(spec.path)
+        return replace(spec, path=path, function=_with_files(spec.function, rename))
+    return spec
+
+
+def _renamed_weight(text: str, rename: Rename) -> str:
+    """Rename in a function, or in the name of a file, which is no function."""
+    try:
+        parse(text)
+    except FunctionError:
+        return f"file:{quoted(rename(text))}"
+    return renamed_spec(text, rename)
+
+
+def _channel(text: str) -> tuple[str, str, float]:
+    try:
+        source, target, weight = shlex.split(text)
+        return _spec(source), _spec(target), parse_number(weight)
+    except ValueError as error:
+        if isinstance(error, FunctionError):
+            raise
+        raise ParameterError(
+            f"{brief(text)} is no channel: expected source, target and weight with blanks between"
+        ) from None
+
+
+def _renamed_channel(text: str, rename: Rename) -> str:
+    source, target, weight = _channel(text)
+    return shlex.join((renamed_spec(source, rename), renamed_spec(target, rename), repr(weight)))
+
+
+def _renamed_file(text: str, rename: Rename) -> str:
+    return rename(text)
+
+
+def file_input(name: str, help: str, metavar: str = "FILE", **settings: Any) -> Input:
+    """Return the input of a file."""
+    return Input(name=name, help=help, metavar=metavar, renamed=_renamed_file, **settings)
+
+
+def function_input(name: str, help: str, group: str = "functions") -> Input:
+    """Return the input of a function, see `abfm.function`."""
+    return Input(
+        name=name, help=help, read=_spec, metavar="SPEC", group=group, renamed=renamed_spec
+    )
+
+
+def weight_input(name: str, help: str, group: str = "weights and start") -> Input:
+    """Return the input of a weight at each vertex."""
+    text = f"{help}: not negative, a function or its file"
+    return Input(name=name, help=text, metavar="SPEC", group=group, renamed=_renamed_weight)
+
+
+CIRCULAR = Input(
+    name="circular",
+    help="values are phases, which repeat after this period, and are compared by their cosine and "
+    "sine (without a number: 2 pi)",
+    read=_circular,
+    metavar="PERIOD",
+    group="functions",
+    without_value="yes",
+)
+
+
+def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
+    """Return the inputs that `channels` reads, with the help of the first two."""
+    return (
+        function_input("source", source),
+        function_input("target", target),
+        Input(
+            name="channel",
+            help="another source and target for the same flow, with the weight of its mismatch",
+            read=_channel,
+            metavar="SRC DST WEIGHT",
+            group="functions",
+            renamed=_renamed_channel,
+            repeats=True,
+        ),
+        CIRCULAR,
+    )
+
+
+def channels(values: Mapping[str, Any]) -> tuple[list[str], list[str], list[float]]:
+    """Return sources, targets and weights, (C,) each; a ParameterError reports a missing one."""
+    if ("source" in values) != ("target" in values):
+        raise ParameterError("source and target need each other")
+    first = [(values["source"], values["target"], 1.0)] if "source" in values else []
+    found = [*first, *values.get("channel", ())]
+    sources, targets, weights = ([each[part] for each in found] for part in range(3))
+    period = checked_period(values.get("circular", False))
+    return split_channels(sources, targets, weights, period)
+
+
+MESH_INPUTS = tuple(
+    Input(
+        name=option(entry.name),
+        help=entry.metadata["help"],
+        read=partial(MeshOptions.value, entry.name),
+        metavar=entry.metadata["metavar"],
+        group="meshes",
+        without_value="auto" if entry.name == MERGE else "",
+    )
+    for entry in fields(MeshOptions)
+)
+"""How the meshes of a task are read."""
+
+
+def mesh_options(values: Mapping[str, Any]) -> MeshOptions:
+    """Return the options of reading meshes that are among values by name."""
+    names = {option(entry.name): entry.name for entry in fields(MeshOptions)}
+    return MeshOptions(**{names[name]: values[name] for name in names if name in values})
+
+
+def absolute(folder: str) -> Rename:
+    """Return a function that makes names of files absolute which begin at a folder."""
+    return lambda path: os.fspath(Path(folder, Path(os.path.expanduser(path))))

@@ -1,0 +1,149 @@
+"""Tasks: each kind of problem is declared once, for the command line, tables, files and views."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
+
+from abfm.outcome import Facts
+from abfm.tasks.inputs import Input
+from abfm.tasks.monitor import Monitor
+
+
+class Result(Protocol):
+    """What solving a task gives."""
+
+    @property
+    def facts(self) -> Facts:
+        """Return what every view reports of it."""
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the file, completely or not at all."""
+
+    def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """Write what can be written of a result that `save` refuses; return what is missing."""
+
+
+class Export(NamedTuple):
+    """A format of data files that a result can be written to."""
+
+    write: Callable[[Path, Any], object]
+    """Write a result. A returned text reports what the file lacks."""
+    check: Callable[[Path], object] = lambda path: None
+    """Refuse a path before anything is solved, by an AbfmError."""
+
+
+class Table(NamedTuple):
+    """A table of a result as a CSV file."""
+
+    help: str
+    write: Callable[[Path, Any], object]
+
+
+class Given(Protocol):
+    """The inputs of a task, as read from a row of a table or from a command line."""
+
+    def values(self) -> dict[str, Any]:
+        """Return values by name, repeated ones as lists; names of files are absolute."""
+
+    @property
+    def written(self) -> Mapping[str, Any]:
+        """The same with names of files as they were written."""
+
+    @property
+    def key(self) -> str:
+        """Name by values and contents of files, in hexadecimal digits."""
+
+
+class Task(ABC):
+    """A problem with all of its inputs: immutable, and can be pickled.
+
+    A subclass declares a kind of task. Its inputs become options of its command and columns of
+    tables, its exports formats of files; no view needs to know which kind it shows.
+
+    Attributes
+    ----------
+    kind : str
+        Name of the kind.
+    inputs : tuple of Input
+        In the order of ``--help``.
+    needs : tuple of str
+        Names of the inputs that must be given; the first tells which kind a row is of.
+    result : type
+        Of its results.
+    exports : mapping of str to Export
+        Formats of data files by their suffix, besides ``.npz``.
+    tables : mapping of str to Table
+        Tables of a result by the option that names their file.
+    """
+
+    kind: ClassVar[str]
+    inputs: ClassVar[tuple[Input, ...]]
+    needs: ClassVar[tuple[str, ...]]
+    result: ClassVar[type[Any]]
+    exports: ClassVar[Mapping[str, Export]] = {}
+    tables: ClassVar[Mapping[str, Table]] = {}
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any]) -> None:
+        """Refuse values that do not fit together, by an AbfmError, before files are read."""
+        return
+
+    @classmethod
+    @abstractmethod
+    def read(cls, given: Given) -> Self:
+        """Return the task of given inputs; an AbfmError reports what does not fit."""
+
+    @property
+    @abstractmethod
+    def digest(self) -> str:
+        """Name of the result by the content of the task, in hexadecimal digits."""
+
+    @abstractmethod
+    def solve(self, monitor: Monitor) -> Any:
+        """Return the result; an AbfmError reports what does not fit."""
+
+    def expected(self) -> Facts | None:
+        """Return what the inputs alone say of the result; None if they say nothing."""
+        return None
+
+    @property
+    def goal(self) -> float | None:
+        """The residual that counts as matched; None for tasks without one."""
+        return None
+
+    def notes(self) -> list[str]:
+        """Return what the caller should know of the inputs, one line each."""
+        return []
+
+    def check_export(self, path: Path) -> None:
+        """Refuse a file of the result that the task rules out, by an AbfmError."""
+        return
+
+    @staticmethod
+    @abstractmethod
+    def load(path: Path, /) -> Any:
+        """Read a result; ResultError if it is missing, damaged or of another kind."""
+
+    @staticmethod
+    @abstractmethod
+    def facts_of_file(path: Path, /) -> Facts:
+        """Return the facts that the file of a result holds, without reading all of it."""
+
+    @staticmethod
+    @abstractmethod
+    def details(found: Any, /) -> dict[str, Any]:
+        """Return all that is reported of a result as plain numbers and texts; None for unknown."""
+
+    @staticmethod
+    @abstractmethod
+    def lines(found: Any, /) -> list[str]:
+        """Return the report of a result for people, a line each."""
+
+    @staticmethod
+    def advice(found: Any, result: str) -> str:
+        """Return what to try next; ``result`` is the file of the result, empty without one."""
+        return str(found.facts.advice)
