@@ -15,7 +15,7 @@ from typing import Any
 
 from abfm.batch import Row
 from abfm.errors import ParameterError, printable
-from abfm.outcome import Outcome
+from abfm.outcome import Facts, Outcome
 from abfm.tasks import Monitor, Task
 from abfm.workers.control import CancelledError
 from abfm_viewer import signals
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser, task: type[Task], out: str) -
 def row_of(arguments: argparse.Namespace, task: type[Task], name: str = "") -> Row:
     """Return the inputs that were given, checked, with paths that begin at the current folder."""
     try:
-        return Row(name, options.given_texts(arguments, task.inputs), task=task)
+        return Row(name, options.given_texts(arguments, task.inputs), "", task)
     except ParameterError as error:
         text = re.sub(r"^column ([\w-]+)", _named_as_option(task), str(error))
         raise UsageError(f"{text}; see {arguments.parser.prog} --help") from error
@@ -133,6 +133,13 @@ def run(arguments: argparse.Namespace, task: type[Task]) -> int:
     return solved.status
 
 
+def status_of(facts: Facts) -> int:
+    """Return the exit status of a result."""
+    if facts.outcome.is_good:
+        return 0
+    return FAILED if facts.outcome is Outcome.FAILED else UNMATCHED
+
+
 def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None = None) -> Solved:
     """Solve a task with progress on stderr and write the result, also after a signal.
 
@@ -169,9 +176,6 @@ def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None
                     for path in monitor.checkpoints:
                         with suppress(OSError):
                             path.unlink()
-    status = interrupt.status
-    if status is None:
-        outcome = found.facts.outcome
-        status = 0 if outcome.is_good else FAILED if outcome is Outcome.FAILED else UNMATCHED
+    status = interrupt.status or status_of(found.facts)
     left = [path for path in monitor.checkpoints if path.is_file()]
     return Solved(type(task), found, seconds, out.all, status, left)

@@ -19,7 +19,7 @@ from abfm_viewer.window.actions import Action, Actions
 UI_SCALES = (1.0, 1.25, 1.5, 2.0)
 _LONGEST_PATH = 60
 _TABLES = (
-    "What abfm batch, sweep or population wrote, as a table: choose population.npz, subjects.csv, "
+    "What abfm batch or population wrote, as a table: choose population.npz, subjects.csv, "
     "summary.csv, or rows.json in the folder ledger. A folder can be dropped on the window, too."
 )
 _FINER = (

@@ -45,7 +45,8 @@ class Row:
         ``channel`` several times. Numbers and paths become texts; what is None or empty counts as
         not given.
     folder : path, optional
-        Where relative paths begin; by default the current folder.
+        Where relative paths begin; by default the current folder. If it is empty, paths stay as
+        they are.
     task : type, optional
         The kind of task; by default that of `kinds` whose columns are given.
 
@@ -89,7 +90,7 @@ class Row:
         missing = [column for column in task.needs if column not in seen]
         if missing:
             raise ParameterError(f"column {missing[0]}: a {kind} needs it, and it is empty")
-        folder = os.path.abspath(os.path.expanduser(folder))
+        folder = os.path.abspath(os.path.expanduser(folder)) if folder else ""
         self.__dict__.update(
             name=printable(" ".join(str(name).split())),
             options=given,

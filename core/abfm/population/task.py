@@ -156,7 +156,8 @@ class PopulationTask(Task):
             names = [name for name, _ in values.get(option, ())]
             for name in names:
                 if names.count(name) > 1:
-                    raise ParameterError(f"{option} {one_line(name, 40)}: it is given twice")
+                    text = f"{one_line(name, 40)} is given twice"
+                    raise ParameterError(f"column {option}: {text}")
 
     @classmethod
     def read(cls, given: Given) -> PopulationTask:

@@ -75,7 +75,9 @@ def lines(sequence: Sequence) -> list[str]:
     )
     kinds = ", ".join(f"{count} {kind}" for kind, count in others.most_common())
     tracks = [counted(count, kind) for kind, count in _tracks(sequence).items() if count]
+    is_cancelled = not sequence.facts.is_complete
     found = [
+        *(["cancelled: intervals that were not solved have no motion"] if is_cancelled else []),
         f"{sequence.confirmed} of {counted(len(sequence), 'interval')} confirmed by flow lines: "
         f"{kinds}",
         f"{counted(len(times), 'frame')} from {times[0]:.6g} to {times[-1]:.6g}, on a mesh of "

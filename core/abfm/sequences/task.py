@@ -62,7 +62,8 @@ _PARAMETER_HELP = {
 
 def _weights(text: str) -> list[float]:
     parts = text.replace(",", " ").split()
-    return [read_number(each, "of at least 0", lambda number: number >= 0) for each in parts]
+    expected = "of at least 0, in weights such as 1,0.5"
+    return [read_number(each, expected, lambda number: number >= 0) for each in parts]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import warnings
 from unittest.mock import Mock
 
 import numpy as np
-from abfm.batch.kind import Prepared
 
 from abfm.assets import asset_path
 from abfm.batch import Cluster, Row
@@ -33,31 +32,31 @@ def results(folder):
 class Quick(Row):
     """A row that is solved at once."""
 
-    def prepared(self):
+    def task(self):
         found = Mock(save=lambda path: np.savez(path, one=1))
-        return Prepared("0a", lambda *given: found)
+        return Mock(digest="0a", goal=None, expected=lambda: None, solve=lambda monitor: found)
 
 
 class Warned(Quick):
     """A row that is solved with a warning."""
 
-    def prepared(self):
+    def task(self):
         warnings.warn("no value", AbfmWarning, stacklevel=2)
-        return super().prepared()
+        return super().task()
 
 
 class Deadly(Row):
     """A row that kills who solves it."""
 
-    def prepared(self):
+    def task(self):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
 class Mortal(Row):
     """A row that kills who solves it first, which it knows by a file."""
 
-    def prepared(self):
+    def task(self):
         if not os.path.exists(self.folder):
             os.mkdir(self.folder)
             os.kill(os.getpid(), signal.SIGKILL)
-        return super().prepared()
+        return super().task()

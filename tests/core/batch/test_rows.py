@@ -57,7 +57,7 @@ def test_a_match_is_named_by_its_problem_as_it_would_be_in_the_tables_folder(fol
     )
     monkeypatch.chdir("/")
     assert row.digest == problem.digest
-    assert Row("one", OPTIONS, folder).prepared().digest == problem.digest
+    assert Row("one", OPTIONS, folder).task().digest == problem.digest
     alone = pair(alpha=0.1)
     f, g = (f"gaussian:vertex={i},width=0.3" for i in (0, 9))
     brief = {name.replace("-", "_"): value for name, value in BRIEF.items()}
@@ -98,7 +98,7 @@ def test_files_are_known_and_a_row_whose_files_moved_is_the_same_problem(folder,
     moved = row.moved(places)
     assert (moved.digest, moved.key) == (digest, row.key)
     with raises(abfm.AbfmError):
-        row.prepared()
+        row.task()
 
 
 def test_files_beside_a_file_belong_to_it(tmp_path):

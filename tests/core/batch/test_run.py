@@ -11,12 +11,14 @@ import pytest
 
 import abfm
 from abfm.assets import asset_path
-from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, matches, run
+from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, run
 from abfm.batch.attempt import EXPECTED, Task, attempt
 from abfm.batch.run import ENDED, seen_here
 from abfm.errors import AbfmWarning, ParameterError, ResultError
 from abfm.flow.exponential import counted_row_products
+from abfm.matching import task
 from abfm.outcome import Outcome
+from abfm.tasks import Monitor
 from abfm.workers.progress import telling
 from abfm.workers.worker import WorkerEndedError
 from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, Warned, pair, results
@@ -210,7 +212,8 @@ def test_what_it_cost_is_known_beside_the_result(done):
     assert match.residual > match.parameters.goal
     assert cost.seconds_to_goal is None
     easy = Cost()
-    pair(target=1, goal=1).solve(cost=easy)  # beside the source
+    near = pair(target=1, goal=1).task()
+    near.solve(Monitor(on_partial=easy.watch(near.goal)))
     assert easy.seconds_to_goal > 0
 
 
@@ -340,13 +343,13 @@ def test_damaged_result_is_a_failed_row(done, tmp_path, damage):
 def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
     row, ledger, seen = pair(target=5, source=4), Ledger(tmp_path), []
     impossible = Row("sub-01", dict(row.options) | {"source": "expression:1"})
-    solve = matches.match
+    solve = task.match
 
     def solving(*given, **named):
         seen.append(ledger.entry(impossible))
         return solve(*given, **named)
 
-    monkeypatch.setattr(matches, "match", solving)
+    monkeypatch.setattr(task, "match", solving)
     steps = []
     with telling(lambda step: steps.append(step and step.task)):
         attempt(Task(impossible, str(tmp_path), ledger.make()))
@@ -426,7 +429,7 @@ def test_a_bug_in_a_row_is_its_own(monkeypatch, tmp_path):
     def fail(row):
         raise KeyError("two\nlines")
 
-    monkeypatch.setattr(Row, "prepared", fail)
+    monkeypatch.setattr(Row, "task", fail)
     record = attempt(Task(pair(), str(tmp_path), "")).record
     assert record.reason == "KeyError: 'two\\nlines'"
 
@@ -449,9 +452,9 @@ def test_a_cluster_is_one_thing():
 
 
 def test_a_row_is_of_the_kind_whose_columns_it_fills():
-    assert kind_of_columns(["mesh", "a"]) == "match"
-    assert kind_of_columns(["a"]) == "registration"
-    assert kind_of_columns(["problem"]) == "problem"
+    assert kind_of_columns(["mesh", "a"]).kind == "match"
+    assert kind_of_columns(["a"]).kind == "registration"
+    assert kind_of_columns(["problem"]).kind == "problem"
 
 
 def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):

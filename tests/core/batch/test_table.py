@@ -144,11 +144,13 @@ def test_what_is_no_text_is_refused(content, tmp_path):
         read_table(path)
 
 
-def test_every_kind_tells_what_its_columns_hold():
-    for kind in KINDS.values():
-        assert all(column.about for column in kind.columns.values())
-        assert kind.columns.keys() <= known_columns().keys()
-        assert set(kind.needs) <= kind.columns.keys()
+def test_every_kind_has_help_of_its_inputs():
+    for task in KINDS.values():
+        names = [each.name for each in task.inputs]
+        assert all(each.help for each in task.inputs)
+        assert len(set(names)) == len(names)
+        assert set(task.needs) <= set(names)
+        assert set(names) <= known_columns().keys()
 
 
 def test_combinations_are_all_there_are_once_the_last_option_first():

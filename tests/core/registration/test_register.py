@@ -3,7 +3,6 @@
 import numpy as np
 import pandas
 import pytest
-from abfm.batch.kind import facts_of_match
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +20,7 @@ from abfm.errors import AbfmError, FunctionError, MeshError, ParameterError, Res
 from abfm.io.exports import export_ply
 from abfm.maps.spherical import SphereLayout
 from abfm.matching import Cause
+from abfm.matching.task import facts_of_file
 from abfm.mesh.shapes import even_sphere
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.spheres import (
@@ -167,7 +167,7 @@ def test_a_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
         assert each.verdict.why == "it may be wrong"
         assert "it may be wrong" in each.facts.warnings
         assert each.facts.outcome == "not reached"
-    told = facts_of_match(tmp_path / "r.npz")
+    told = facts_of_file(tmp_path / "r.npz")
     assert told.outcome == "not reached"
     assert "it may be wrong" in told.warnings
 

@@ -1,4 +1,4 @@
-"""`abfm batch` and `abfm sweep`: tables are solved, told and gone on with."""
+"""`abfm batch`, also with --over: tables are solved, told and gone on with."""
 
 import csv
 import json
@@ -168,7 +168,7 @@ def test_run_again_it_does_what_is_missing_and_says_so(solved, abfm):
 def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(EIGHT.parent)
     words = [
-        "sweep",
+        "batch",
         "eight.off",
         f"--source={NEAR}",
         "--channel",
@@ -206,7 +206,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
         assert float(row["log2_area"]) == match.path[match.step].log2_area
     assert "Best" not in text  # targets are no ways to solve one problem
     again = abfm(
-        "sweep",
+        "batch",
         "eight.off",
         f"--source={NEAR}",
         f"--target={NEAR}",
@@ -242,7 +242,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
         ),
         (
             ["batch", "{t}/bad.csv", "--out", "{t}/out"],
-            "bad.csv: row 1, column alpha: 'much' is no number",
+            "bad.csv: row 1, column alpha: 'much' is not a number",
         ),
         (["batch", "{t}/good.csv", "--out", "{t}/out", "--jobs", "0"], "a number of processes"),
         (
@@ -265,7 +265,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
         (["batch", "{t}/good.csv", "--out={t}/a", "--status", "{t}/b"], "name two folders"),
         (
             [
-                "sweep",
+                "batch",
                 "{t}/m.off",
                 "--source=curvature:mean",
                 "--target=curvature:mean",
@@ -274,31 +274,31 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
             "--over",
         ),
         (
-            ["sweep", "m.off", "--source=curvature:mean", "--out=out", "--over=target=a"],
+            ["batch", "m.off", "--source=curvature:mean", "--out=out", "--over=target=a"],
             "unknown function",
         ),
         (
-            ["sweep", "m.off", "--source=curvature:mean", "--out=out", "--over=alpha=1"],
+            ["batch", "m.off", "--source=curvature:mean", "--out=out", "--over=alpha=1"],
             "need each other",
         ),
-        (["sweep", "m.off", "--out", "out", "--over", "alpa=1"], "did you mean 'alpha'"),
-        (["sweep", "m.off", "--out", "out", "--over", "alpha"], "is not NAME=A,B"),
-        (["sweep", "m.off", "--out", "out", "--over", "=1"], "is not NAME=A,B"),
+        (["batch", "m.off", "--out", "out", "--over", "alpa=1"], "did you mean 'alpha'"),
+        (["batch", "m.off", "--out", "out", "--over", "alpha"], "is not NAME=A,B"),
+        (["batch", "m.off", "--out", "out", "--over", "=1"], "is not NAME=A,B"),
         (
-            ["sweep", "m.off", "--source=curvature:mean", "--out=out", "--over=alpha=x"],
+            ["batch", "m.off", "--source=curvature:mean", "--out=out", "--over=alpha=x"],
             "--alpha: 'x' is no",
         ),
-        (["sweep", "m.off", "--out", "out", "--over", "alpha=1,,2"], "expected values with commas"),
-        (["sweep", "m.off", "--out", "out", "--over", "alpha=1,1"], "has a value twice"),
-        (["sweep", "m.off", "--out=out", "--over=alpha=1", "--over=alpha=2"], "is given twice"),
+        (["batch", "m.off", "--out", "out", "--over", "alpha=1,,2"], "expected values with commas"),
+        (["batch", "m.off", "--out", "out", "--over", "alpha=1,1"], "has a value twice"),
+        (["batch", "m.off", "--out=out", "--over=alpha=1", "--over=alpha=2"], "is given twice"),
         (
-            ["sweep", "m.off", "--out=out", "--over=alpha=1", "--alpha=2"],
+            ["batch", "m.off", "--out=out", "--over=alpha=1", "--alpha=2"],
             "alpha is given, and swept over",
         ),
-        (["sweep", "m.off", "--over", "alpha=1"], "--out is missing"),
+        (["batch", "m.off", "--over", "alpha=1"], "--out is missing"),
         (
             shlex.split(
-                "sweep {t}/m.off --source=coordinate:x --target=coordinate:y --out={t}/out "
+                "batch {t}/m.off --source=coordinate:x --target=coordinate:y --out={t}/out "
                 "--over=alpha=1,2"
             ),
             "m.off",

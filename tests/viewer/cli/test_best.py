@@ -3,9 +3,9 @@
 import math
 
 import pytest
-from abfm.batch.kind import known_numbers
 
 from abfm.batch import Entry, Row, combinations
+from abfm.matching.judging.facts import known_numbers
 from abfm.outcome import Facts, Outcome
 from abfm_viewer.cli.batches.best import best_of
 from abfm_viewer.cli.batches.page import page

@@ -20,12 +20,11 @@ from abfm import Parameters, load_match
 from abfm.assets import asset_path
 from abfm.io import write_values
 from abfm.matching.judging.cause import Cause
+from abfm.matching.report import path_lines
+from abfm.matching.task import MatchTask
 from abfm.workers import progress
 from abfm_viewer.cli import main
-from abfm_viewer.cli.match import FinishedMatch
 from abfm_viewer.cli.options import Parser
-from abfm_viewer.cli.results import path_lines
-from abfm_viewer.document import verdict_words
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.pictures.sheets import DEFAULT_WIDTH
@@ -100,7 +99,7 @@ def test_without_words_all_commands_are_shown_and_argparse_reaches_their_parsers
         (["info", "missing.off"], ("missing.off",)),
         (["info", __file__], ()),
         (["match", EIGHT, *PAIR], ("--out",)),
-        (["match", EIGHT, "--out", "m.npz"], ("--source", "--target")),
+        (["match", EIGHT, "--out", "m.npz"], ("source", "target")),
         (["match", EIGHT, "--source", "coordinate:x", "--out", "m.npz"], ()),
         (["match", EIGHT, *PAIR, "--out", "m.txt"], (".npz", ".ply", ".vtu", ".csv")),
         (["match", EIGHT, *PAIR, "--out", "none/m.npz"], ("none",)),
@@ -265,14 +264,14 @@ def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     told = abfm(*MATCH, out, status=UNREACHED)
     match = load_match(out)
     assert told.err == ""
-    said, why, numbers, *table, advice = told.out.splitlines()
+    said, why, numbers, *table, wrote, advice = told.out.splitlines()
     assert said == match.facts.headline
     assert why == match.facts.reason
     known = f"residual {match.residual:.3g}, {match.verified_residual:.3g} by flow lines, "
     assert numbers.startswith(known)
-    assert numbers.endswith(f" s; wrote {out}")
+    assert wrote.endswith(f" s; wrote {out}")
     assert table == (path_lines(match) if len(match.path) > 1 else [])
-    assert verdict_words.advice_in_options(match, str(out)) in advice
+    assert MatchTask.advice(match, str(out)) in advice
     said = abfm(*MATCH, tmp_path / "m.npz", "--source", "expression:1", status=UNREACHED).out
     said, why, *_, advice = said.splitlines()
     assert said.startswith("impossible")
@@ -372,9 +371,9 @@ def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(res
     assert match.weights == pytest.approx([1, 0.01])
     assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
     match = replace(match, verified_residual=float("nan"), folded=float("nan"))
-    outcome = FinishedMatch(match, 1.0, [], None)
-    assert outcome.to_dict()["verified_residual"] is outcome.to_dict()["folded"] is None
-    assert "flow lines" not in outcome.summary().splitlines()[0]
+    details = MatchTask.details(match)
+    assert details["verified_residual"] is details["folded"] is None
+    assert "flow lines" not in MatchTask.lines(match)[0]
 
 
 @pytest.mark.parametrize("as_file", [False, True])

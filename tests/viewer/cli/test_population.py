@@ -59,7 +59,7 @@ def told(folder):
     with pytest.MonkeyPatch.context() as patch:
         said = []
         patch.setattr("builtins.print", lambda text, **where: said.append(text))
-        patch.setattr(population, "_WIDTH", 48)
+        patch.setattr(population, "_PICTURE_WIDTH", 48)
         more = ["--out", folder / "out", "--json", *BRIEF]
         status = main([*map(str, words), *map(str, more)])
     return json.loads(said[-1]), status

@@ -294,7 +294,7 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
             ],
             ("~-/a",),
         ),
-        (["register", "{a}", "{b}", "--out", "{t}/r.npz"], ("--source", "--target")),
+        (["register", "{a}", "{b}", "--out", "{t}/r.npz"], ("source", "target")),
         (
             ["register", "{a}", "{b}", "--source={x}", "--target={x}", "--out={b}"],
             ("b.ply",),

@@ -110,9 +110,9 @@ def test_a_signal_ends_a_benchmark_with_what_was_finished():
 
 def test_an_interrupt_before_the_solve_writes_nothing(tmp_path):
     script = (
-        "import sys, abfm_viewer.cli.options as o\n"
-        "def interrupted(_): raise KeyboardInterrupt\n"
-        "o.mesh = interrupted\n"
+        "import sys, abfm.matching.task as task\n"
+        "def interrupted(*_): raise KeyboardInterrupt\n"
+        "task.mesh_of = interrupted\n"
         "from abfm_viewer.cli import main; sys.exit(main())"
     )
     done = python(script, *LONG, str(tmp_path / "m.npz"))

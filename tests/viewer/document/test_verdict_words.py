@@ -17,7 +17,7 @@ from abfm.matching.judging.cause import Cause
 from abfm.outcome import VERDICTS, Outcome, outcome_of
 from abfm.sequences.interval_words import of_interval
 from abfm.wording import capital, counted, sentence, share
-from abfm_viewer.cli.match import status_of
+from abfm_viewer.cli.solve import status_of
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.verdict_words import numbers, place
 from tests.viewer.sessions import SPHERE
@@ -113,7 +113,7 @@ def test_a_smaller_share_never_has_a_worse_word_nor_a_worse_exit_status(found, p
     better, worse = sorted(matches, key=shown_share)
     if shown_share(better) < shown_share(worse):
         assert better.verdict.kind.rank <= worse.verdict.kind.rank
-        assert status_of(better.facts, None) <= status_of(worse.facts, None)
+        assert status_of(better.facts) <= status_of(worse.facts)
 
 
 @settings(deadline=None)

@@ -18,6 +18,8 @@ from abfm import (
     load_match,
     load_registration,
 )
+from abfm.matching.task import MatchTask
+from abfm.tasks import Export
 from abfm_viewer.files import outputs
 from tests.messages import raises
 from tests.shapes import icosphere, with_loose_vertex
@@ -123,7 +125,7 @@ def test_a_registration_is_saved_without_its_path(match, tmp_path, monkeypatch):
 def test_a_sequence_is_saved_without_its_numbers(match, tmp_path):
     found = abfm.sequence(match.mesh, np.stack([match.source[:, 0], match.target[:, 0]]))
     wrong = dataclasses.replace(found, residual=-found.residual, verdicts=())
-    [note] = outputs.write_sequences([tmp_path / "s.npz"], wrong)
+    [note] = outputs.write_all([tmp_path / "s.npz"], wrong)
     assert "residual" in note
     assert "verdicts" in note
     loaded = abfm.load_sequence(tmp_path / "s.npz")
@@ -134,7 +136,7 @@ def test_a_sequence_is_saved_without_its_numbers(match, tmp_path):
 
 def test_a_writer_that_fails_in_any_way_loses_no_result(match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("abfm.io.export_ply", refuse)
+    monkeypatch.setitem(MatchTask.exports, ".ply", Export(refuse))
     with pytest.raises(ResultError, match="a part cannot be made") as told:
         outputs.write_all([tmp_path / "m.ply"], match)
     kept = Path(str(told.value).rpartition("the result is in ")[2])
@@ -171,5 +173,5 @@ def test_a_surface_whose_rows_would_not_be_those_of_its_file_is_refused(tmp_path
     loose = with_loose_vertex(icosphere(1))
     found = abfm.register(loose, loose, "coordinate:x", "coordinate:x")
     with raises(ResultError, 1):
-        outputs.write_registration(tmp_path / "lh.sphere.reg", found)
+        outputs.write(tmp_path / "lh.sphere.reg", found)
     assert list(tmp_path.iterdir()) == []

@@ -122,25 +122,25 @@ def test_what_goes_wrong_in_the_process_is_told_and_what_would_is_refused_before
 def test_exports_factor_large_systems_apart(exporter, document, out, monkeypatch):
     asked = []
     monkeypatch.setattr(outputs, "write", lambda *_: asked.append(is_factored_apart(10**9)))
-    exporter.save_result(out / "a.npz", document.result, lambda result: None)
+    exporter.save_result(out / "a.npz", document.result, lambda: None)
     exporter.wait()
     assert asked == [True]
 
 
-def test_writing_tells_what_it_is_at_and_ends_when_it_is_cancelled(exporter, out, monkeypatch):
+def test_writing_reports_its_step_and_can_be_cancelled(exporter, document, out, monkeypatch):
     goes_on, written = threading.Event(), []
 
-    def write(path, found, unit):
+    def write(path, found):
         with step("path lines") as tell:
             tell(0.25)
             assert goes_on.wait(60)
             checkpoint()
         written.append(path)
 
-    monkeypatch.setattr(outputs, "write_sequence", write)
+    monkeypatch.setattr(outputs, "write", write)
     for is_cancelled in (False, True):
         goes_on.clear()
-        exporter.save_sequence(out / "a.html", None, "s", lambda: None)
+        exporter.save_result(out / "a.html", document.result, lambda: None)
         until(lambda: exporter.step.done == 0.25)
         assert exporter.step.task == "writing a.html: path lines"
         if is_cancelled:
@@ -151,25 +151,25 @@ def test_writing_tells_what_it_is_at_and_ends_when_it_is_cancelled(exporter, out
     assert written == [out / "a.html"]
 
 
-def test_what_is_saved_meanwhile_is_written_after_it(exporter, out, monkeypatch):
+def test_saves_wait_for_the_save_before(exporter, document, out, monkeypatch):
     may_write, written = threading.Event(), []
 
-    def write(path, found, unit):
+    def write(path, found):
         assert may_write.wait(60)
         checkpoint()
         written.append(path.name)
 
-    monkeypatch.setattr(outputs, "write_sequence", write)
+    monkeypatch.setattr(outputs, "write", write)
 
     def save(*names):
         for name in names:
-            exporter.save_sequence(out / name, None, "s", lambda: None)
+            exporter.save_result(out / name, document.result, lambda: None)
 
-    save("a.html", "b.pvd", "c.npz")
+    save("a.html", "b.ply", "c.npz")
     assert exporter.step.task == "writing a.html, 2 more after it"
     may_write.set()
     exporter.wait()
-    assert written == ["a.html", "b.pvd", "c.npz"]
+    assert written == ["a.html", "b.ply", "c.npz"]
     assert [text for text, _ in exporter.said] == [f"saved {out / name}" for name in written]
     assert not exporter.running
     may_write.clear()

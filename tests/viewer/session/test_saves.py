@@ -28,7 +28,7 @@ def exported(film, path):
     told = []
     exporter = Exporter(lambda text, failed: told.append((text, failed)))
     document, saves = film.document, film.saves
-    exporter.save_sequence(path, document.sequence, "s", partial(saves.exported_film, document))
+    exporter.save_result(path, document.sequence, partial(saves.exported_film, document))
     exporter.wait()
     assert told == [(f"saved {path}", False)]
 
