@@ -1,6 +1,5 @@
 """Facts of a match, of its path and of its distortion, for people and for machines."""
 
-import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -12,6 +11,7 @@ from abfm.maps import Distortion
 from abfm.matching.judging.facts import finite
 from abfm.matching.path import NUMBERS
 from abfm.mesh.subdivision import times_subdivided
+from abfm.wording import number_text, percents
 from abfm_viewer.document import verdict_words
 
 STEP_HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
@@ -65,16 +65,6 @@ def print_notes(notes: Sequence[str]) -> None:
 def _row(match: Match, step: PathStep) -> dict[str, float | None]:
     numbers = {name: finite(getattr(step, name)) for name in NUMBERS}
     return {**numbers, "refined": times_subdivided(step.velocity.shape[1], match.mesh)}
-
-
-def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str:
-    """Write a number for people; one that is unknown as ``-``."""
-    return "-" if value is None or math.isnan(value) else f"{value:{digits}}{unit}"
-
-
-def percents(share: float | None, digits: str = ".2g") -> str:
-    """Write a share in percent, ``-`` if it is unknown."""
-    return "-" if share is None else number_text(100 * share, digits, "%")
 
 
 def path_lines(match: Match) -> list[str]:

@@ -29,10 +29,10 @@ from abfm_viewer.cli.batches.running import add_workers, cluster_of
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.populations import results
-from abfm_viewer.cli.populations.page import page
 from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
+from abfm_viewer.reports.pages import population_page
 
 SUMMARY = "register subjects to a template, again and again, and tell their mean and who is odd"
 DESCRIPTION = f"""\
@@ -232,7 +232,7 @@ def _write(
         except DrawingError as error:
             print(f"note: the page has no pictures: {error}", file=sys.stderr)
     written.append(folder / "population.html")
-    outputs.write_text(written[-1], page(facts, drawn))
+    outputs.write_text(written[-1], population_page(facts, drawn))
     return written
 
 
