@@ -46,7 +46,9 @@ def test_the_wheel_holds_both_packages_and_every_asset(wheel):
     assert {f"abfm/assets/{asset.name}" for asset in (ROOT / "assets").iterdir()} <= names
     assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/match.py"} <= names
     assert "abfm/pages/colormaps.csv" in names
-    assert {f"abfm/pages/template/page.{kind}" for kind in ("html", "css", "js")} <= names
+    for folder in ("core/abfm/pages/template", "abfm_viewer/reports/templates"):
+        place = folder.removeprefix("core/")
+        assert {f"{place}/{path.name}" for path in (ROOT / folder).iterdir()} <= names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert {name.split("/")[0].split("-")[0] for name in names} == {"abfm", "abfm_viewer"}
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from html import escape
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,15 +16,15 @@ from abfm import AbfmError, Match, TriangleMesh, experiments
 from abfm.batch import Row
 from abfm.errors import printable
 from abfm.experiments import Findings, Measure, Script, Sought
-from abfm.parameters import FIGURES, NOTE, TABLE_1, TITLES
+from abfm.parameters import FIGURES, TITLES
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_workers, solved
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.progress import share_progress
-from abfm_viewer.cli.reports.report_page import document, png, rows_table, table
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
+from abfm_viewer.reports.pages import figures_page
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -49,25 +47,6 @@ Examples:
   abfm figure all --out figures --jobs 2
   abfm figure 1 --mesh bunny.obj --out figures
 """
-_STYLE = """
-h1 { font-size: 1.9rem; } h2 { margin-top: 3.5rem; border: 0; }
-nav { columns: 16rem; } nav a { display: block; } a { color: #2455c3; text-decoration: none; }
-figure img { width: auto; max-width: 100%; max-height: 60rem; border: 1px solid var(--line);
-  border-radius: 6px; }
-table { display: block; overflow-x: auto; }
-table.figures th, table.figures td { text-align: left; padding: .3rem 1rem .3rem 0; }
-td.number { white-space: nowrap; } .good { color: var(--good); } .bad { color: var(--bad); }
-"""
-_TABLE_1 = {
-    "tau": "τ",
-    "alpha": "α",
-    "beta": "β",
-    "sigma": "last σ",
-    "segments": "N",
-    "substeps": "n",
-    "cooling_stages": "stages",
-}
-"""The columns of the paper's Table 1: parameters and their titles."""
 _WORDS = {True: "yes", False: "no"}
 _MATCHES = "matches"
 
@@ -124,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
             _print(entry)
         entries.append(entry)
     if all_wanted:
-        outputs.write_text(index, page(entries))
+        outputs.write_text(index, figures_page(entries))
     if arguments.json:
         print(json.dumps({"figures": [_described(entry) for entry in entries]}))
     elif all_wanted:
@@ -240,61 +219,3 @@ def _print(entry: Entry) -> None:
     for note in (*entry.notes, *filter(None, [entry.problem])):
         print(f"note: figure {entry.number}: {note}", file=sys.stderr)
     sys.stdout.flush()
-
-
-def page(entries: Sequence[Entry]) -> str:
-    links = "".join(
-        f'<a href="#figure-{e.number}">Figure {e.number}: {escape(e.title)}</a>' for e in entries
-    )
-    parts = [
-        "<h1>Advection-Based Function Matching on Surfaces: the figures, measured</h1>",
-        "<p>Azencot, Vantzos and Ben-Chen, 2016. Each figure was set up again, computed and "
-        "measured by abfm. Blue frames hold the source, red ones the target, black ones the "
-        f'result.</p><nav>{links}<a href="#table-1">Table 1: parameters</a></nav>',
-        *map(_section, entries),
-        _table_1(),
-    ]
-    return document("The figures of the paper, measured", parts, _STYLE)
-
-
-def _section(entry: Entry) -> str:
-    title = escape(f"Figure {entry.number}: {entry.title}")
-    bad = filter(None, [entry.problem, *entry.notes])
-    parts = [
-        f'<h2 id="figure-{entry.number}">{title}</h2>',
-        f"<p><b>The paper:</b> {escape(entry.claim)}</p>",
-        f'<p class="muted"><b>Here:</b> {escape(entry.setting)}</p>' if entry.setting else "",
-        *(f'<p class="bad">{escape(note)}</p>' for note in bad),
-    ]
-    if entry.picture is not None:
-        stream = io.BytesIO()
-        entry.picture.save(stream, "PNG", optimize=True)
-        shown = png(stream.getvalue(), f"Figure {entry.number}: {entry.title}")
-        parts.append(f"<figure>{shown}</figure>")
-    if entry.measures:
-        titles = ("measured", "value", "at most", "the paper's claim", "reproduces")
-        parts.append(table(titles, map(_row, entry.measures), "figures"))
-    return "".join(parts)
-
-
-def _row(measure: Measure) -> str:
-    bound = "" if measure.bound is None else f"{measure.bound:g} {_mark(measure.passes)}"
-    cells = (f'<td class="number">{measure.value:.4g}</td>', f'<td class="number">{bound}</td>')
-    claim = f"<td>{escape(measure.claim)}</td><td>{_mark(measure.reproduces)}</td>"
-    return f"<tr><td>{escape(measure.name)}</td>{''.join(cells)}{claim}</tr>"
-
-
-def _mark(holds: bool | None) -> str:
-    if holds is None:
-        return ""
-    return f'<span class="{"good" if holds else "bad"}">{_WORDS[holds]}</span>'
-
-
-def _table_1() -> str:
-    rows = []
-    for row in TABLE_1.values():
-        left_out = "substeps" if row.values["method"] == "linearised" else "segments"
-        shown = ["-" if name == left_out else f"{row.values[name]:g}" for name in _TABLE_1]
-        rows.append([f"Figure {row.figure}", *shown])
-    found = rows_table(["", *_TABLE_1.values()], rows, kind="figures")
-    return f'<h2 id="table-1">Table 1: parameters</h2><p class="muted">{escape(NOTE)}</p>{found}'

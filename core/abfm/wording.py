@@ -36,6 +36,16 @@ def share(value: float) -> str:
     return f"{100 * digit * math.ceil(round(value / digit, 6)):.6g}%"
 
 
+def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str:
+    """Return a number as text; ``-`` if it is unknown."""
+    return "-" if value is None or math.isnan(value) else f"{value:{digits}}{unit}"
+
+
+def percents(share: float | None, digits: str = ".2g") -> str:
+    """Return a share in percent; ``-`` if it is unknown."""
+    return "-" if share is None else number_text(100 * share, digits, "%")
+
+
 def factor(log2: float) -> str:
     """Return two to the power of a number with two digits: ``1.2``, ``10``, ``330``."""
     return f"{float(f'{2 ** min(log2, _LOG2_MAX):.2g}'):g}"
@@ -44,13 +54,3 @@ def factor(log2: float) -> str:
 def value(number: float, span: float) -> str:
     """Return a value of a function with three digits; 0 if it is rounding beside the span."""
     return f"{0 if abs(number) < 1e-6 * span else number:.3g}"
-
-
-def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str:
-    """Write a number for people; one that is unknown as ``-``."""
-    return "-" if value is None or math.isnan(value) else f"{value:{digits}}{unit}"
-
-
-def percents(share: float | None, digits: str = ".2g") -> str:
-    """Write a share in percent, ``-`` if it is unknown."""
-    return "-" if share is None else number_text(100 * share, digits, "%")

@@ -13,11 +13,11 @@ from abfm_viewer import pictures
 from abfm_viewer.cli import options, solve
 from abfm_viewer.cli.batches.running import add_workers, cluster_of
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.populations.page import page
 from abfm_viewer.cli.progress import print_note, share_progress
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
 from abfm_viewer.pictures.population_pictures import PopulationPictures
+from abfm_viewer.reports.pages import population_page
 
 SUMMARY = "iteratively register subjects to a template; report the mean and the outliers"
 DESCRIPTION = f"""\
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
         **solved.to_dict(),
     }
     written = [*solved.outputs, folder / "population.html"]
-    outputs.write_text(written[-1], page(facts, _drawn(solved.found, arguments)))
+    outputs.write_text(written[-1], population_page(facts, _drawn(solved.found, arguments)))
     if arguments.json:
         print(json.dumps(facts | {"outputs": list(map(str, written))}))
     else:

@@ -19,8 +19,8 @@ from abfm.wording import percents
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.progress import long_steps, share_progress
-from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page
 from abfm_viewer.files import outputs
+from abfm_viewer.reports.pages import COVERAGE_MIN, RETURN_EDGES_MAX, report_page
 
 SUMMARY = "one page about a registration: pictures, distortion, path, warnings"
 DESCRIPTION = f"""\
@@ -29,8 +29,8 @@ well it went, both surfaces and their functions from two sides, what the map doe
 to areas and to shapes, its path from smooth to close, and its parameters. All numbers are in it,
 too, as JSON in the element with the id "facts".
 
-It warns of folded faces, of less than {100 * LEAST_COVERED:g}% of A that is covered, and where
-5% of the vertices come back more than {MOST_APART:g} edges from where they were.
+It warns of folded faces, of less than {100 * COVERAGE_MIN:g}% of A that is covered, and where
+5% of the vertices come back more than {RETURN_EDGES_MAX:g} edges from where they were.
 
 Also of maps without functions (`Correspondence.save`), and of results of `abfm match`.
 
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
     for warning in facts["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
-    outputs.write_text(out, page(facts, drawn))
+    outputs.write_text(out, report_page(facts, drawn))
     if arguments.json:
         print(json.dumps(facts))
     else:
@@ -150,9 +150,9 @@ def _warnings(of_map: dict[str, Any], found: Correspondence) -> list[str]:
         texts.append(f"{folded:,} of {faces:,} faces are folded, {part}")
     if collapsed:
         texts.append(f"{collapsed:,} of {faces:,} faces collapse to a line or a point")
-    if covered < LEAST_COVERED:
+    if covered < COVERAGE_MIN:
         texts.append(f"only {percents(covered, '.3g')} of A is covered")
-    if apart > MOST_APART:
+    if apart > RETURN_EDGES_MAX:
         texts.append(f"5% of the vertices come back {apart:.2g} edges or more from where they were")
     return texts
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import tempfile
 import webbrowser
-from collections.abc import Iterable
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from abfm.errors import AbfmError, ParameterError, brief, one_line, printable
 from abfm.matching import Match
 from abfm.mesh import TriangleMesh
+from abfm.pages.html import environment
 from abfm.pages.of_meshes import coarser, mesh_page
 from abfm.pages.of_populations import population_page, population_tone
 from abfm.pages.of_results import (
@@ -27,7 +26,6 @@ from abfm.population import Population
 from abfm.registration import Correspondence, Registration
 from abfm.sequences import Sequence
 from abfm.sequences.report import unit_of_time
-from abfm.wording import capital
 
 VERTICES_MAX = 10_000
 """Vertices of a surface in a notebook; finer ones are coarsened."""
@@ -84,17 +82,13 @@ def embedded(what: Any) -> str:
         return _about(f"{_kind(what)}: {headline}", tone, [note])
     try:
         page = coarser(page_of(what, share=SHARE), VERTICES_MAX)
-        frame = escape(page.html(is_embedded=True))
+        frame = page.html(is_embedded=True)
     except AbfmError as error:
         return _about(one_line(error), "failure", [])
-    facts = " \u00b7 ".join(f"{name}: {value}" for name, value in page.facts.items())
-    about = _about(f"{page.title}: {page.headline}", page.tone, [facts, *page.notes])
+    notes = [" \u00b7 ".join(f"{name}: {value}" for name, value in page.facts.items()), *page.notes]
     if len(frame) > BYTES_MAX:
-        return about + _about("", "muted", [_see_browser("so many values")])
-    return (
-        f'{about}<iframe srcdoc="{frame}" title="{escape(page.title)}" sandbox="allow-scripts" '
-        f'style="width: 100%; height: {_HEIGHT}px; border: 0"></iframe>'
-    )
+        notes, frame = [*notes, _see_browser("so many values")], ""
+    return _about(f"{page.title}: {page.headline}", page.tone, notes, page.title, frame)
 
 
 def show(what: Any, path: str | os.PathLike[str] | None, up: str | None) -> Path:
@@ -136,8 +130,17 @@ def _see_browser(why: str) -> str:
     return f"It is not drawn here, as it has {why}; its show() opens a page in a browser"
 
 
-def _about(headline: str, tone: str, notes: Iterable[str]) -> str:
-    dot = f'<span style="color: {_COLORS[tone]}">\u25cf</span> ' if tone in _COLORS else ""
-    strong = f"<strong>{escape(capital(headline))}</strong>" if headline else ""
-    rest = "".join(f"<div>{escape(capital(note))}</div>" for note in notes if note)
-    return f'<div style="margin: 0.4em 0">{dot}{strong}{rest}</div>'
+def _about(headline: str, tone: str, notes: list[str], title: str = "", frame: str = "") -> str:
+    """Return a headline with notes, and a page in a frame if there is one."""
+    return (
+        environment()
+        .get_template("notebook.html")
+        .render(
+            color=_COLORS.get(tone),
+            headline=headline,
+            notes=notes,
+            title=title,
+            frame=frame,
+            height=_HEIGHT,
+        )
+    )

@@ -8,15 +8,11 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from html import escape
 from importlib.metadata import version
-from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -29,12 +25,11 @@ from abfm.outcome import Tone
 from abfm.pages.colormaps import ColorRange, table
 from abfm.pages.creases import drawn_mesh
 from abfm.pages.front import Front
+from abfm.pages.html import TEMPLATES, environment, stylesheet
 from abfm.pages.packing import Store, quantised, quantised_places
 from abfm.types import FloatArray, IntArray
-from abfm.wording import capital
 from abfm.workers.progress import step
 
-_TEMPLATE = Path(__file__).parent / "template"
 _SCRIPTS = ("packing.js", "drawing.js", "camera.js", "player.js", "values.js", "page.js")
 _STOPS = 16  # of the colour bar's gradient
 _COLORS = 256  # of a colour map
@@ -178,23 +173,17 @@ class Page:
         """Return the whole page; one that is embedded has neither title nor text below."""
         store = Store()
         script = "\n".join(_text(name) for name in _SCRIPTS)
-        script, style = f'"use strict";\n{script}', _text("page.css")
-        told = in_script(_Told(self, store).page())
-        titles = [escape(panel.title) for panel in self.panels]
-        figure = '<figure><figcaption>{}</figcaption><div class="view"></div></figure>'
-        return Template(_text("page.html")).substitute(
+        script, style = f'"use strict";\n{script}', stylesheet(TEMPLATES / "page.css")
+        template = environment().get_template("page.html")
+        return template.render(
             policy=_policy(script, style),
-            title=escape(self.title),
+            title=self.title,
             style=style,
-            tone=self.tone,
-            kind="embedded" if is_embedded else "",
-            headline=escape(capital(self.headline)),
-            about=escape(self.about),
-            label=", ".join(titles),
-            views="".join(map(figure.format, titles)),
+            page=self,
+            is_embedded=is_embedded,
             moving="hidden" if self.clock is None else "",
-            below="" if is_embedded else self._below(),
-            page=told,
+            version=version("abfm"),
+            told=_Told(self, store).page(),
             data=store.text(),
             script=script,
         )
@@ -205,22 +194,6 @@ class Page:
             text = self.html()
         with write_atomically(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
-
-    def _below(self) -> str:
-        facts = "".join(
-            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
-            for name, value in self.facts.items()
-        )
-        notes = "".join(f"<li>{escape(capital(note))}.</li>" for note in self.notes)
-        keys = (
-            "Drag to turn, wheel or pinch to zoom, right button or two fingers to move, double "
-            "click to see all again; a click shows how a value goes on; space plays, ← and → step, "
-            "L loops."
-        )
-        return (
-            f"{f'<dl>{facts}</dl>' if facts else ''}{f'<ul>{notes}</ul>' if notes else ''}"
-            f"<footer>{keys} abfm {escape(version('abfm'))}.</footer>"
-        )
 
 
 class _Told:
@@ -343,15 +316,7 @@ def _gradient(colormap: str) -> list[str]:
 
 
 def _text(name: str) -> str:
-    return (_TEMPLATE / name).read_text(encoding="utf-8")
-
-
-def in_script(data: Any) -> str:
-    """Write JSON that no HTML parser takes for a tag."""
-    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
-    for sign in "<>&":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return text
+    return (TEMPLATES / name).read_text(encoding="utf-8")
 
 
 def _policy(script: str, style: str) -> str:

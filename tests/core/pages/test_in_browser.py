@@ -8,6 +8,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from abfm_viewer.cli.populations.results import facts as population_facts
 
 from abfm import TriangleMesh
 from abfm.batch import Entry, Row
@@ -17,8 +18,9 @@ from abfm.pages.colormaps import ColorRange, linear_table
 from abfm.pages.front import Front
 from abfm_viewer.cli.batches.page import page as batch_page
 from abfm_viewer.cli.batches.rows import SummaryRow
-from abfm_viewer.cli.reports.report_page import document, rows_table
+from abfm_viewer.reports.pages import population_page
 from tests.core.pages.browser import SIZE, ActionChains, Keys, Shown, browser
+from tests.core.pages.test_notebook import small_population
 from tests.shapes import hemisphere, icosphere
 
 FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
@@ -496,13 +498,14 @@ def test_panels_stand_where_there_is_room_and_all_is_in_view(open_page, size):
         np.testing.assert_allclose(shown.middle(number), told(0.7), atol=4)
 
 
-def test_tables_of_reports_and_batches_stay_on_a_phone(driver, tmp_path):
-    numbers = rows_table([f"head {k}" for k in range(12)], [["0.123456"] * 12] * 3)
+def test_static_pages_fit_a_phone(driver, tmp_path):
+    """Wide tables, long names and long reasons do not widen a page."""
     row = Row("one", {"mesh": "a" * 60 + ".off", "source": "file:f.npy", "target": "file:g.npy"})
     reason = "a/" * 60 + "b.off: there is no such file"
     failed = SummaryRow(Entry(row, "failed"), Facts(Outcome.FAILED, "failed", reason))
-    of_batch = batch_page("t.csv", [failed] * 2, {}, "")
-    for text in (document("a report", [numbers]), of_batch):
+    names = {"table": "t" * 60, "template": "mean.gii", "bound": 0.01}
+    of_population = population_page(names | population_facts(small_population()), None)
+    for text in (of_population, batch_page("t.csv", [failed] * 2, {}, "")):
         (tmp_path / "static.html").write_text(text, encoding="utf-8")
         shown = Shown(driver, (tmp_path / "static.html").as_uri(), ready="true")
         shown.resize(390, 844, touch=True)

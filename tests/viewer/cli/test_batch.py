@@ -466,7 +466,7 @@ _CLI = "abfm_viewer.cli.batches"
         ("abfm.batch.ledger:Ledger", "record", ["{t}/table.csv", "--out={t}/new", "--jobs=1"]),
         (f"{_CLI}.running", "summary_row", ["--status", "{t}/out"]),
         (f"{_CLI}.rows:SummaryRow", "to_dict", ["--status", "{t}/out"]),
-        (f"{_CLI}.page", "_line", ["--status", "{t}/out"]),
+        ("abfm_viewer.reports.pages", "cut", ["--status", "{t}/out"]),
     ],
 )
 def test_signal_ends_a_large_batch_before_it_is_complete(place, name, words, tmp_path):

@@ -15,8 +15,9 @@ from abfm import MeshError, experiments
 from abfm.experiments import Measure
 from abfm.parameters import TABLE_1, TITLES
 from abfm_viewer import pictures
-from abfm_viewer.cli.figure import Entry, page
+from abfm_viewer.cli.figure import Entry
 from abfm_viewer.errors import DrawingError
+from abfm_viewer.reports.pages import figures_page
 from tests.core.experiments.small import ran
 from tests.messages import check_message, check_names, line_with
 
@@ -164,7 +165,7 @@ def test_the_page_has_everything_and_says_what_fails():
         Entry(1, "two & more", "f < g", "a <sphere>", measures, picture),
         Entry(9, "a symmetry", "it works", problem=problem, notes=("beyond <colours>",)),
     ]
-    parsed = Balanced(page(entries))
+    parsed = Balanced(figures_page(entries))
     shown = ("two & more", "f < g", "a <sphere>", "0.0123", "0.05 yes", "drift")
     for text in (*shown, problem, "beyond <colours>"):
         assert text in parsed.text
@@ -172,8 +173,10 @@ def test_the_page_has_everything_and_says_what_fails():
     assert {link[1:] for link in parsed.links if link.startswith("#")} <= set(parsed.ids)
     [picture] = [link for link in parsed.links if link.startswith("data:")]
     assert base64.b64decode(picture.partition(",")[2]).startswith(b"\x89PNG")
-    text = page([Entry(3, "t", "c", measures=(Measure("mismatch", 0.2, "matches", False, 0.05),))])
+    text = figures_page(
+        [Entry(3, "t", "c", measures=(Measure("mismatch", 0.2, "matches", False, 0.05),))]
+    )
     assert re.search(r"0\.05 <span class=\"bad\">no</span>", text)
     assert text.count('class="bad">no') == 2
-    text = Balanced(page([])).text
+    text = Balanced(figures_page([])).text
     assert all(f"Figure {row.figure}" in text for row in TABLE_1.values())

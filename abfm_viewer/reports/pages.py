@@ -1,0 +1,114 @@
+"""Pages about results in one file each: templates filled with facts and pictures."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from abfm import Parameters
+from abfm.errors import one_line
+from abfm.matching.report import plain
+from abfm.pages.html import environment, stylesheet
+from abfm.parameters import NOTE, TABLE_1
+from abfm.wording import number_text, percents, share
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from PIL import Image
+
+    from abfm_viewer.pictures.population_pictures import PopulationPictures
+    from abfm_viewer.pictures.registration_pictures import RegistrationPictures
+
+COVERAGE_MIN = 0.98
+"""Share of A that a map covers, below which a report warns."""
+RETURN_EDGES_MAX = 0.1
+"""Edges from the start at which 5% of the vertices may return without a warning."""
+TEXT_LENGTH_MAX = 400
+"""Characters of a name, an option or a reason on the page of a batch."""
+_PICTURE_COLORS = 256  # a third of the bytes, and the eye sees no difference
+_TABLE_1_COLUMNS = {
+    "tau": "τ",
+    "alpha": "α",
+    "beta": "β",
+    "sigma": "last σ",
+    "segments": "N",
+    "substeps": "n",
+    "cooling_stages": "stages",
+}
+_TEMPLATES = Path(__file__).parent / "templates"
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def report_page(facts: Mapping[str, Any], pictures: RegistrationPictures) -> str:
+    """Return the page about a map between surfaces, or about a match."""
+    changed = [
+        (each, facts["changed_parameters"][each.name])
+        for each in fields(Parameters)
+        if each.name in facts.get("changed_parameters", {})
+    ]
+    return render(
+        "report.html",
+        facts=facts,
+        pictures=pictures,
+        changed=changed,
+        coverage_min=COVERAGE_MIN,
+        return_edges_max=RETURN_EDGES_MAX,
+    )
+
+
+def population_page(facts: Mapping[str, Any], pictures: PopulationPictures | None) -> str:
+    """Return the page about a population, with pictures if there are any."""
+    return render("population.html", facts=facts, pictures=pictures)
+
+
+def figures_page(entries: Sequence[Any]) -> str:
+    """Return the page about the figures of the paper."""
+    columns = _TABLE_1_COLUMNS
+    table = [(row, _unused(row.values["method"])) for row in TABLE_1.values()]
+    return render("figures.html", entries=entries, table=table, columns=columns, note=NOTE)
+
+
+def _unused(method: object) -> str:
+    """Return the parameter of Table 1 that a method does not have."""
+    return "substeps" if method == "linearised" else "segments"
+
+
+def render(template: str, **values: Any) -> str:
+    """Return the page of a template in `abfm_viewer/reports/templates`."""
+    page = _environment().get_template(template)
+    style = stylesheet(_TEMPLATES / "style.css")
+    return page.render(policy=_POLICY, style=style, version=version("abfm"), **values)
+
+
+@cache
+def _environment() -> Environment:
+    found = environment(_TEMPLATES)
+    found.filters |= {
+        "cut": cut,
+        "number": number_text,
+        "percents": percents,
+        "plain": plain,
+        "png": _png,
+        "share": share,
+    }
+    return found
+
+
+def cut(text: str) -> str:
+    """Return a text in one line of bounded length."""
+    return one_line(text, TEXT_LENGTH_MAX)
+
+
+def _png(picture: Image.Image | bytes, colors: int | None = _PICTURE_COLORS) -> str:
+    """Return the address of a picture that the page contains."""
+    if not isinstance(picture, bytes):
+        stream = io.BytesIO()
+        (picture.quantize(colors) if colors else picture).save(stream, "PNG", optimize=True)
+        picture = stream.getvalue()
+    return f"data:image/png;base64,{base64.b64encode(picture).decode()}"
