@@ -11,6 +11,7 @@ import numpy as np
 
 from abfm.io import check_stc_name, check_values_name, even_step, results
 from abfm.matching.judging.verdict import Verdict
+from abfm.matching.terms.functions import given_mask
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
 from abfm.sequences import report
@@ -158,7 +159,7 @@ class SequenceTask(Task):
         options = {
             "parameters": defaults(**parameters_in(values)),
             "gamma": values.get("gamma", GAMMA),
-            "mask": values.get("mask"),
+            "mask": given_mask(mesh, values.get("mask")),
             "weights": values.get("weights"),
             "circular": values.get("circular", False),
         }
