@@ -19,6 +19,7 @@ from abfm.pages.front import best_front
 from abfm.sequences import is_sequence
 from abfm.types import FloatArray
 from abfm_viewer.pictures.panels import panel_pictures
+from abfm_viewer.pictures.rows import side_by_side
 from abfm_viewer.scene.surfaces import Camera, fitted
 
 SIZE = 132, 110
@@ -65,7 +66,7 @@ def row_pictures(
             ranges = dict(zip(bars, colors, strict=True))
             drawn = iter(panel_pictures(Sheet((every,)), [SIZE] * len(every), ranges, cameras))
             for one in read:
-                yield one.path, _side_by_side([next(drawn) for _ in one.labels])
+                yield one.path, side_by_side([next(drawn) for _ in one.labels])
         if len(seen) > _KEPT:
             seen.clear()
             cameras.clear()
@@ -84,10 +85,3 @@ def _read(path: Path, seen: dict[str, TriangleMesh]) -> _Shown:
     except ValueError as error:
         raise ResultError(f"{one_line(path)}: {one_line(error)}; {MEND}") from error
     return _Shown(path, seen.setdefault(mesh.digest, mesh), functions, labels)
-
-
-def _side_by_side(pictures: Sequence[Image.Image]) -> Image.Image:
-    whole = Image.new("RGB", (len(pictures) * SIZE[0], SIZE[1]), "white")
-    for number, picture in enumerate(pictures):
-        whole.paste(picture, (number * SIZE[0], 0), picture)
-    return whole

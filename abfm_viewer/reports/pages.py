@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from abfm import Parameters
 from abfm.errors import one_line
+from abfm.pages.colormaps import gradient
 from abfm.pages.html import environment, stylesheet
 from abfm.parameters import NOTE, TABLE_1
 from abfm.wording import number_text, percents, share
@@ -91,6 +92,7 @@ def _environment() -> Environment:
     found = environment(_TEMPLATES)
     found.filters |= {
         "cut": cut,
+        "gradient": gradient,
         "number": number_text,
         "percents": percents,
         "plain": plain,

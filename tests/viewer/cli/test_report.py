@@ -129,7 +129,7 @@ def test_pictures_show_both_surfaces_from_both_sides(page):
         assert picture.shape[1] == 40
         assert picture.min() < 240
         assert picture.std() > 5
-    assert len(shown) == len(views) + 5 + 3  # bars and plots
+    assert len(shown) == len(views) + 3  # plots
     assert all(picture.std() > 5 for picture in shown.values())
     for row in list(rows)[:2]:
         before, after, wanted = (shown[f"{row}, {each}, front"] for each in columns[1:4])
