@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from abfm.batch.columns import Column, mesh_options, parameters_in
-from abfm.errors import ParameterError
+from abfm.errors import ParameterError, ResultError, one_line
 from abfm.functions.circular import checked_period, split_channels
 from abfm.io import results
 from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
@@ -23,6 +23,7 @@ from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.options import MeshOptions
 from abfm.outcome import Facts, worse_residual
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 from abfm.workers.control import Control
 
 if TYPE_CHECKING:
@@ -100,6 +101,37 @@ def facts_of_match(path: Path) -> Facts:
     )
 
 
+class Preview(NamedTuple):
+    """Functions (V,) on a surface that a small picture of a result shows."""
+
+    mesh: TriangleMesh
+    functions: list[FloatArray]
+
+
+def preview_of(
+    path: Path, file: results.Kind, functions: Callable[..., list[FloatArray]]
+) -> Preview:
+    """Return the functions that are made of the arrays of a file, and its surface.
+
+    Raises
+    ------
+    ResultError
+        If the file is missing or damaged.
+    """
+    arrays = results.load_arrays(path, file)
+    try:
+        mesh = results.mesh_of(arrays)
+    except ValueError as error:
+        raise ResultError(f"{one_line(path)}: {one_line(error)}; {results.MEND}") from error
+    return Preview(mesh, functions(arrays))
+
+
+def preview_of_match(path: Path) -> Preview:
+    """Return the first pair of functions of a match, or of the match on B of a registration."""
+    names = ("source", "advected", "target")
+    return preview_of(path, results.RESULT, lambda arrays: [arrays[name][:, 0] for name in names])
+
+
 def _distortion(archive: Mapping[str, Any]) -> dict[str, float]:
     """Return how much the step of the path that the match is changes areas; empty if unknown."""
     if "path_steps" not in archive or "path_step" not in archive:
@@ -123,6 +155,8 @@ class Kind(NamedTuple):
         **parameters_in(values)
     )
     """Refuses, by an AbfmError, values that do not fit together."""
+    preview: Callable[[Path], Preview] = preview_of_match
+    preview_labels: tuple[str, ...] = ("source", "carried", "target")
 
 
 def channels(given: Mapping[str, Any]) -> tuple[list[str], list[str], list[float]]:

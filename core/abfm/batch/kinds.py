@@ -15,6 +15,7 @@ from abfm.batch.sequences import (
     not_negative,
     positive,
     prepare_sequence,
+    preview_of_sequence,
     weights,
 )
 from abfm.errors import ParameterError
@@ -52,6 +53,8 @@ KINDS: Mapping[str, Kind] = {
         load_sequence,
         facts_of_sequence,
         check_sequence,
+        preview_of_sequence,
+        ("first frame", "middle frame", "last frame"),
     ),
     "match": Kind(
         ("mesh",),

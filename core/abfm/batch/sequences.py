@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm.batch.columns import parameters_in
-from abfm.batch.kind import Cost, Prepared, mesh_of_row
+from abfm.batch.kind import Cost, Prepared, Preview, mesh_of_row, preview_of
 from abfm.errors import ParameterError, brief
 from abfm.io import results
 from abfm.matching.judging.verdict import Verdict
@@ -67,6 +67,15 @@ def facts_of_sequence(path: Path) -> Facts:
             entries[name].check(name, archive[name], sizes) for name in ("verdicts", *NUMBERS)
         )
         return facts_of_intervals(list(map(Verdict.of_texts, texts.tolist())), *numbers)
+
+
+def preview_of_sequence(path: Path) -> Preview:
+    """Return the first, the middle and the last frame of a sequence."""
+    return preview_of(
+        path,
+        results.SEQUENCE,
+        lambda arrays: [arrays["frames"][i, :, 0] for i in (0, len(arrays["frames"]) // 2, -1)],
+    )
 
 
 def positive(text: str) -> float:

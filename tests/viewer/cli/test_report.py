@@ -201,7 +201,7 @@ def test_a_map_without_functions_is_told_with_its_faults(abfm, tmp_path):
     assert f"Warning: {warning}" in page.text
     assert "A map without functions" in page.text
     check_names(told.err, f"{100 * found.coverage():.3g}%")
-    assert len(page.pictures) == 4 * 2 + 1 + 2
+    assert len(page.pictures) == 4 * 2 + 2
     assert json.loads(page.facts)["map"]["folded"] == folded
 
 
