@@ -48,16 +48,13 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 def report_page(facts: Mapping[str, Any], pictures: RegistrationPictures) -> str:
     """Return the page about a map between surfaces, or about a match."""
-    changed = [
-        (each, facts["changed_parameters"][each.name])
-        for each in fields(Parameters)
-        if each.name in facts.get("changed_parameters", {})
-    ]
+    declared = {each.name: each for each in fields(Parameters)}
+    changed = facts.get("changed_parameters", {})
     return render(
         "report.html",
         facts=facts,
         pictures=pictures,
-        changed=changed,
+        changed=[(declared[name], value) for name, value in changed.items()],
         coverage_min=COVERAGE_MIN,
         return_edges_max=RETURN_EDGES_MAX,
     )
