@@ -7,18 +7,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from abfm import Population
-from abfm.io.sheets import Panel, Up, Values
-from abfm.pages.colormaps import ColorRange, color_range, without_extremes
+from abfm.io.sheets import Up
+from abfm.pages.colormaps import ColorRange, typical_range, without_extremes
 from abfm.pages.front import best_front
+from abfm.pages.registered import MOST_CHANNELS
 from abfm.types import FloatArray
-from abfm_viewer.pictures.registration_pictures import Planned, Row, both_sides, drawn_rows
+from abfm_viewer.pictures.rows import Row, drawn, panels_of
 
-MOST_CHANNELS = 4
-"""The most channels that are drawn."""
 MOST_MISFITS = 4
 """The most subjects that are drawn by themselves."""
 _SHOWN_FACES = 98  # percent whose areas are between the ends of the colours: tiny faces vary most
@@ -45,77 +45,70 @@ def population_pictures(
     ``report`` is called with what is drawn and the share that is behind. A `DrawingError` says why
     the machine cannot draw.
     """
-    mesh = found.template
-    views, aspect = both_sides(
-        {mesh: best_front(mesh, _known(found.mean(found.main_channel)), up=up)}
-    )
-    size = width, max(round(width / aspect), 1)
+    mesh, shown = found.template, _known(found.mean(found.main_channel))
     channels = [_channel(found, c) for c in range(min(len(found.channels), MOST_CHANNELS))]
     tried = (_misfit(found, i) for i in found.worst_first() if not found.fits[i])
     misfits = [row for row in tried if row is not None][:MOST_MISFITS]
-    rows = drawn_rows([*channels, _areas(found), *misfits], views, size, report)
+    planned = [*channels, _areas(found), *misfits]
+    rows = drawn(planned, {mesh: best_front(mesh, shown, up=up)}, width, report)
     count = len(channels)
     return PopulationPictures(tuple(rows[:count]), rows[count], tuple(rows[count + 1 :]))
 
 
-def _channel(found: Population, c: int) -> Planned:
+def _channel(found: Population, c: int) -> Row:
     """Plan the mean of a channel by the initial maps, registered, and the deviation."""
     name = found.channels[c].name
     spread = f"deviation of {name}"
-    plain, mean, deviation = (
-        _known(each) for each in (found.plain_mean(c), found.mean(c), found.deviation(c))
-    )
+    means = {
+        "mean, at first": _known(found.plain_mean(c)),
+        "mean, registered": _known(found.mean(c)),
+    }
+    deviation = _known(found.deviation(c))
     panels = (
-        Panel(found.template, Values(plain, name), "mean, at first"),
-        Panel(found.template, Values(mean, name), "mean, registered"),
-        Panel(found.template, Values(deviation, spread), "deviation"),
+        *panels_of(found.template, name, means),
+        *panels_of(found.template, spread, {"deviation": deviation}),
     )
     top = float(np.max(without_extremes(deviation)))
     ranges = {
-        name: color_range(*map(without_extremes, (plain, mean))),
+        name: typical_range(*means.values()),
         spread: ColorRange("abfm sequential", 0.0, top or 1.0),
     }
-    return Planned(name, panels, ranges)
+    return Row(name, panels, ranges)
 
 
-def _areas(found: Population) -> Planned:
-    mean, deviation = (
-        np.nan_to_num(each) for each in (found.log2_area_mean, found.log2_area_deviation)
-    )
-    titles = "mean of log2 J", "deviation of log2 J"
-    panels = tuple(
-        Panel(found.template, Values(each, title), title)
-        for each, title in zip((mean, deviation), titles, strict=True)
-    )
-    ends = [
-        max(math.ceil(4 * float(np.percentile(np.abs(each), _SHOWN_FACES))) / 4, _LEAST_RANGE)
-        for each in (mean, deviation)
-    ]
-    ranges = {
-        titles[0]: ColorRange("abfm diverging", -ends[0], ends[0]),
-        titles[1]: ColorRange("abfm sequential", 0.0, ends[1]),
+def _areas(found: Population) -> Row:
+    mean, deviation = "mean of log2 J", "deviation of log2 J"
+    values = {
+        mean: np.nan_to_num(found.log2_area_mean),
+        deviation: np.nan_to_num(found.log2_area_deviation),
     }
-    return Planned("areas", panels, ranges)
+    ends = {
+        name: max(math.ceil(4 * float(np.percentile(np.abs(each), _SHOWN_FACES))) / 4, _LEAST_RANGE)
+        for name, each in values.items()
+    }
+    panels = (panels_of(found.template, name, {name: each}) for name, each in values.items())
+    ranges = {
+        mean: ColorRange("abfm diverging", -ends[mean], ends[mean]),
+        deviation: ColorRange("abfm sequential", 0.0, ends[deviation]),
+    }
+    return Row("areas", tuple(chain.from_iterable(panels)), ranges)
 
 
-def _misfit(found: Population, i: int) -> Planned | None:
-    """Plan a subject beside the others' mean, by the first channel that it was registered by; None
-    where it has no map.
+def _misfit(found: Population, i: int) -> Row | None:
+    """Plan a subject next to the mean of the others, by the first channel that it was registered
+    by; None if it has no map.
     """
     c = found.main_channel
-    name = found.channels[c].name
-    before, after = found.before[i, :, c], found.values[i, :, c]
-    if not np.isfinite(after).any():
+    if not np.isfinite(found.values[i, :, c]).any():
         return None
-    others = found.mean_of_others(i, c)
-    shown = [_known(each) for each in (before, after, others)]
-    titles = "at first", "registered", "mean of the others"
-    panels = tuple(
-        Panel(found.template, Values(each, name), title)
-        for each, title in zip(shown, titles, strict=True)
-    )
-    ranges = {name: color_range(*map(without_extremes, shown))}
-    return Planned(found.names[i], panels, ranges)
+    functions = {
+        "at first": _known(found.before[i, :, c]),
+        "registered": _known(found.values[i, :, c]),
+        "mean of the others": _known(found.mean_of_others(i, c)),
+    }
+    name = found.channels[c].name
+    panels = panels_of(found.template, name, functions)
+    return Row(found.names[i], panels, {name: typical_range(*functions.values())})
 
 
 def _known(values: FloatArray) -> FloatArray:

@@ -5,17 +5,17 @@ checkerboard, and what it does to areas and shapes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image
 
-from abfm import Correspondence, Match, PathStep, Registration, TriangleMesh
-from abfm.io.sheets import Checker, Panel, Sheet, Up, Values
+from abfm import Correspondence, Match, PathStep, Registration
+from abfm.io.sheets import Checker, Panel, Up
 from abfm.maps import Distortion
-from abfm.pages.colormaps import ColorRange, table
-from abfm.pages.front import Front, triple
+from abfm.pages.colormaps import ColorRange
+from abfm.pages.front import Front
 from abfm.pages.registered import (
     MOST_CHANNELS,
     compared_colors,
@@ -24,51 +24,14 @@ from abfm.pages.registered import (
     functions_on_a,
 )
 from abfm.types import FloatArray
-from abfm_viewer.pictures.panels import panel_pictures
 from abfm_viewer.pictures.report_plots import histogram_picture, path_picture
-from abfm_viewer.scene.surfaces import Camera, fitted
+from abfm_viewer.pictures.rows import Row, drawn, panels_of
 
 _LOG2 = "log2 J and log2 R"
-_ASPECTS = 0.5, 1.5  # least and greatest width over height of all pictures
+_ON_B = ("A on B, at first", "registered", "B")
 _FIELDS = 16  # of the checkerboard, along A's larger side
 _LEAST = 1e-6  # of a stretch, as `Distortion.log2_area` has it
 _LEAST_RANGE = 0.5  # of logarithms: less hardly shows anywhere else
-
-
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """A surface from the front and from the back."""
-
-    title: str
-    sides: tuple[Image.Image, Image.Image]
-
-
-@dataclass(frozen=True, eq=False)
-class Bar:
-    """What colours mean: a strip from the low to the high end."""
-
-    title: str
-    low: float
-    high: float
-    strip: Image.Image
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """Drawings that are compared, and what their colours mean."""
-
-    title: str
-    drawings: tuple[Drawing, ...]
-    bars: tuple[Bar, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Planned:
-    """A row before it is drawn."""
-
-    title: str
-    panels: tuple[Panel, ...]
-    ranges: Mapping[str, ColorRange]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +54,13 @@ def registration_pictures(
     """Draw a registration, or a map without functions, in pictures of a width in pixels.
 
     ``distortion`` is the map's, and ``report`` is called with what is drawn and the share that is
-    behind. A `DrawingError` says why the machine cannot draw.
+    done. A `DrawingError` says why the machine cannot draw.
     """
-    of_a, of_b = fronts(found, up)
-    views, aspect = both_sides({found.a: of_a, found.b: of_b})
+    front_of_a, front_of_b = fronts(found, up)
+    seen_from = {found.a: front_of_a, found.b: front_of_b}
     functions = _functions(found) if isinstance(found, Registration) else []
-    planned = [*functions, _map(found, distortion, views[0][found.a].front)]
-    rows = drawn_rows(planned, views, (width, max(round(width / aspect), 1)), report)
+    planned = [*functions, _map(found, distortion, seen_from[found.a])]
+    rows = drawn(planned, seen_from, width, report)
     report("drawing plots", 1.0)
     path = _path(found.match, width) if isinstance(found, Registration) else None
     return RegistrationPictures(tuple(rows[:-1]), rows[-1], _histograms(distortion, width), path)
@@ -108,64 +71,36 @@ def log2_of(ratios: FloatArray) -> FloatArray:
     return np.asarray(np.log2(np.clip(ratios, _LEAST, 1 / _LEAST)))
 
 
-def drawn_rows(
-    planned: Sequence[Planned],
-    views: tuple[dict[TriangleMesh, Camera], ...],
-    size: tuple[int, int],
-    report: Callable[[str, float], None],
-) -> list[Row]:
-    """Draw rows from two sides; ``report`` is called with each and the share that is behind."""
-    rows = []
-    for number, row in enumerate(planned):
-        report(f"drawing {row.title}", number / len(planned))
-        sheet, sizes = Sheet((row.panels,)), [size] * len(row.panels)
-        front, back = (panel_pictures(sheet, sizes, row.ranges, view) for view in views)
-        drawings = (
-            Drawing(panel.label, (_on_white(one), _on_white(other)))
-            for panel, one, other in zip(row.panels, front, back, strict=True)
-        )
-        bars = []
-        for title, colors in row.ranges.items():
-            shades = np.round(255 * table(colors.colormap, 256)).astype(np.uint8)
-            bars.append(Bar(title, colors.low, colors.high, Image.fromarray(shades[None])))
-        rows.append(Row(row.title, tuple(drawings), tuple(bars)))
-    return rows
-
-
-def _on_white(picture: Image.Image) -> Image.Image:
-    ground = Image.new("RGB", picture.size, "white")
-    ground.paste(picture, (0, 0), picture)
-    return ground
-
-
-def _functions(found: Registration) -> list[Planned]:
+def _functions(found: Registration) -> list[Row]:
     match, rows = found.match, []
     if match.problem.is_of_landmarks:
         return []
-    on_a, counted = functions_on_a(found), counts(match)
-    channels = zip(on_a.T, match.source.T, match.advected.T, match.target.T, strict=True)
-    is_one_surface = found.a is found.b
-    for c, (own, before, after, target) in enumerate(channels):
-        if c == MOST_CHANNELS:
-            break
+    counted, is_one_surface = counts(match), found.a is found.b
+    channels = zip(
+        range(MOST_CHANNELS),
+        functions_on_a(found).T,
+        match.source.T,
+        match.advected.T,
+        match.target.T,
+        strict=False,
+    )
+    names = ("source", "carried", "target") if is_one_surface else _ON_B
+    for c, own, *on_b in channels:
         bar, off = f"function {c + 1}", f"difference {c + 1}"
         colors = compared_colors(match, c)
         half = (colors.high - colors.low) / 2
-        ranges = {bar: colors, off: ColorRange("abfm diverging", -half, half)}
-        of_a = Panel(found.a, Values(own, bar), "A")
-        names = ("source", "carried") if is_one_surface else ("A on B, at first", "registered")
-        others = (
-            Panel(found.b, Values(before, bar), names[0]),
-            Panel(found.b, Values(after, bar), names[1]),
-            Panel(found.b, Values(target, bar), "target" if is_one_surface else "B"),
-            Panel(found.b, Values(counted * (after - target), off), "difference"),
+        _, after, target = on_b
+        panels = (
+            *(() if is_one_surface else panels_of(found.a, bar, {"A": own})),
+            *panels_of(found.b, bar, dict(zip(names, on_b, strict=True))),
+            *panels_of(found.b, off, {"difference": counted * (after - target)}),
         )
-        panels = others if is_one_surface else (of_a, *others)
-        rows.append(Planned(bar, panels, ranges))
+        ranges = {bar: colors, off: ColorRange("abfm diverging", -half, half)}
+        rows.append(Row(bar, panels, ranges))
     return rows
 
 
-def _map(found: Correspondence, distortion: Distortion, front: Front) -> Planned:
+def _map(found: Correspondence, distortion: Distortion, front: Front) -> Row:
     """Plan a checkerboard, straight as A is seen from the front, where it goes on B, and what the
     map does to B's faces.
     """
@@ -181,11 +116,12 @@ def _map(found: Correspondence, distortion: Distortion, front: Front) -> Planned
         boards.append((found.b, found.initial.carry(board), "on B, at first"))
         boards.append((found.b, found.carry(board), "on B, registered"))
     panels = [Panel(mesh, Checker(each), title) for mesh, each, title in boards]
-    values = (("areas: log2 J", distortion.area), ("shapes: log2 R", distortion.conformal))
-    panels += [Panel(found.b, Values(log2_of(each), _LOG2), title) for title, each in values]
+    changed = {"areas: log2 J": distortion.area, "shapes: log2 R": distortion.conformal}
+    logs = {title: log2_of(each) for title, each in changed.items()}
+    changes = panels_of(found.b, _LOG2, logs)
     most = max(distortion.log2_area.p98, distortion.log2_shape.p98)
     end = max(math.ceil(2 * most) / 2, _LEAST_RANGE)
-    return Planned("the map", tuple(panels), {_LOG2: ColorRange("abfm diverging", -end, end)})
+    return Row("the map", (*panels, *changes), {_LOG2: ColorRange("abfm diverging", -end, end)})
 
 
 def _histograms(distortion: Distortion, width: int) -> tuple[Image.Image, Image.Image]:
@@ -218,17 +154,3 @@ def _verified(step: PathStep) -> float:
 
 def _plot_size(width: int) -> tuple[int, int]:
     return 2 * width, round(1.1 * width)
-
-
-def both_sides(
-    seen_from: Mapping[TriangleMesh, Front],
-) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
-    """Return cameras of surfaces before and behind them, and the aspect of all pictures."""
-    free = (fitted(mesh.vertices, front).aspect for mesh, front in seen_from.items())
-    aspect = min(max(*free, _ASPECTS[0]), _ASPECTS[1])
-    before, behind = dict[TriangleMesh, Camera](), dict[TriangleMesh, Camera]()
-    for mesh, front in seen_from.items():
-        back = replace(front, direction=triple(-np.array(front.direction)))
-        before[mesh] = fitted(mesh.vertices, front, aspect)
-        behind[mesh] = fitted(mesh.vertices, back, aspect)
-    return (before, behind), aspect

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from abfm import Parameters
 from abfm.errors import one_line
 from abfm.matching.report import plain
+from abfm.pages.colormaps import gradient
 from abfm.pages.html import environment, stylesheet
 from abfm.parameters import NOTE, TABLE_1
 from abfm.wording import number_text, percents, share
@@ -47,16 +48,13 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 def report_page(facts: Mapping[str, Any], pictures: RegistrationPictures) -> str:
     """Return the page about a map between surfaces, or about a match."""
-    changed = [
-        (each, facts["changed_parameters"][each.name])
-        for each in fields(Parameters)
-        if each.name in facts.get("changed_parameters", {})
-    ]
+    declared = {each.name: each for each in fields(Parameters)}
+    changed = facts.get("changed_parameters", {})
     return render(
         "report.html",
         facts=facts,
         pictures=pictures,
-        changed=changed,
+        changed=[(declared[name], value) for name, value in changed.items()],
         coverage_min=COVERAGE_MIN,
         return_edges_max=RETURN_EDGES_MAX,
     )
@@ -91,6 +89,7 @@ def _environment() -> Environment:
     found = environment(_TEMPLATES)
     found.filters |= {
         "cut": cut,
+        "gradient": gradient,
         "number": number_text,
         "percents": percents,
         "plain": plain,

@@ -6,15 +6,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from abfm.batch.kinds import KINDS
 from abfm_viewer.cli.batches.best import best_of
 from abfm_viewer.cli.batches.rows import SummaryRow, counts, worst
 from abfm_viewer.reports.pages import cut, render
 
-_PICTURES = {"sequence": "first, middle, last frame"}
-_HEADS = (
-    *("source, carried, target", "", "residual", "by flow lines", "folded", "|log2\u00a0J|"),
-    "seconds",
-)
+_HEADS = ("", "residual", "by flow lines", "folded", "|log2\u00a0J|", "seconds")
 
 
 class Grid(NamedTuple):
@@ -37,7 +34,7 @@ def page(
     """
     shown = worst(rows)
     kinds = Counter(row.entry.row.kind for row in rows)
-    labels = {kind: _PICTURES.get(kind, _HEADS[0]) for kind in kinds}
+    labels = {kind: ", ".join(KINDS[kind].preview_labels) for kind in kinds}
     heads = sorted({labels[row.entry.row.kind] for row in shown}, reverse=True)
     return render(
         "batch.html",
@@ -48,7 +45,7 @@ def page(
         shared=_shared(rows),
         best=best_of(rows),
         grid=_grid(rows) if len(shown) == len(rows) else None,
-        heads=("; ".join(heads), *_HEADS[1:]),
+        heads=("; ".join(heads), *_HEADS),
         labels=labels,
         rows=shown,
         count=len(rows),

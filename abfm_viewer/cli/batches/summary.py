@@ -84,18 +84,17 @@ def _draw(
     drawing: Drawing,
 ) -> str:
     """Draw the pictures that are missing; return why not, if the machine cannot."""
-    paths = {row.entry.path: row.entry.digest for row in rows if row.entry.path}
-    left = [
-        path for path, digest in paths.items() if not _picture(folder, digest, drawing.up).is_file()
-    ]
-    if not left:
+    entries = {row.entry.path: row.entry for row in rows if row.entry.path}
+    files = {path: _picture(folder, entry.digest, drawing.up) for path, entry in entries.items()}
+    missing = [(path, entries[path].row.declared) for path in files if not files[path].is_file()]
+    if not missing:
         return ""
     try:
         (folder / _PICTURES).mkdir(exist_ok=True)
-        for number, (path, drawn) in enumerate(pictures.row_pictures(left, drawing.up), 1):
-            drawing.report(number, len(left))
+        for number, (path, drawn) in enumerate(pictures.row_pictures(missing, drawing.up), 1):
+            drawing.report(number, len(missing))
             if not isinstance(drawn, AbfmError):
-                with write_atomically(_picture(folder, paths[path], drawing.up)) as temporary:
+                with write_atomically(files[path]) as temporary:
                     drawn.quantize(_COLORS).save(temporary, "PNG", optimize=True)
     except (AbfmError, OSError) as error:
         return one_line(error, 300)

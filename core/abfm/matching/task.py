@@ -38,6 +38,7 @@ from abfm.tasks.inputs import (
 )
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
+from abfm.tasks.preview import Preview, preview_of
 from abfm.tasks.task import Export, Given, Table, Task
 from abfm.types import FloatArray, IntArray
 
@@ -88,6 +89,12 @@ def facts_of_file(path: Path) -> Facts:
             *warnings,
         ),
     )
+
+
+def preview(path: Path) -> Preview:
+    """Return the first pair of functions of a match, or of the match on B of a registration."""
+    names = ("source", "advected", "target")
+    return preview_of(path, results.RESULT, lambda arrays: [arrays[name][:, 0] for name in names])
 
 
 def _distortion(archive: Mapping[str, Any]) -> dict[str, float]:
@@ -208,6 +215,7 @@ class MatchTask(Task):
     load = staticmethod(load_match)
 
     facts_of_file = staticmethod(facts_of_file)
+    preview = staticmethod(preview)
     details = staticmethod(report.details)
     lines = staticmethod(report.lines)
 

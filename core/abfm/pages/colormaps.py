@@ -16,6 +16,7 @@ NAMES = ("abfm sequential", "abfm diverging", "viridis", "magma", "coolwarm", "g
 _DARK = {name: f"{name} dark" for name in NAMES[:2]}
 # evenly spaced colours (101, 3) in linear light: a few stops in Oklab, joined by SciPy, which takes
 # longer to load than all of polyscope
+_STOPS = 16  # of a gradient
 _FINE = 1024  # entries of a table that nobody sees
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
 _TABLES = dict(zip((*NAMES, *_DARK.values()), np.split(_ROWS, 8, axis=1), strict=True))
@@ -61,6 +62,11 @@ def without_extremes(values: FloatArray) -> FloatArray:
     return np.clip(known, *np.percentile(known, _SHOWN)) if known.size else known
 
 
+def typical_range(*functions: FloatArray) -> ColorRange:
+    """Return one range of functions without their extreme values."""
+    return color_range(*map(without_extremes, functions))
+
+
 def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:
     """Return places (V, 3) in the vertices' bounding box as colours in linear light."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -79,6 +85,12 @@ def linear_table(colormap: str, size: int) -> FloatArray:
     rows = _TABLES[colormap]
     place = np.linspace(0, len(rows) - 1, size)
     return np.stack([np.interp(place, np.arange(len(rows)), channel) for channel in rows.T], axis=1)
+
+
+def gradient(colormap: str) -> list[str]:
+    """Return the colours of a map from its low to its high end, for CSS."""
+    colors = np.round(255 * table(colormap, _STOPS)).astype(int)
+    return [f"rgb({red} {green} {blue})" for red, green, blue in colors.tolist()]
 
 
 def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abfm.errors import one_line
 from abfm.outcome import Tone
-from abfm.pages.colormaps import ColorRange, color_range, without_extremes
+from abfm.pages.colormaps import ColorRange, typical_range, without_extremes
 from abfm.pages.front import best_front
 from abfm.pages.page import Layer, Page, Panel
 from abfm.pages.registered import MOST_CHANNELS
@@ -48,7 +48,7 @@ def _layers(found: Population, c: int) -> list[Layer]:
     """Return the two means of a channel, in one range of colours, and its deviation."""
     means, deviation = (found.plain_mean(c), found.mean(c)), found.deviation(c)
     name = one_line(found.channels[c].name, _NAME_LENGTH_MAX)
-    of_means = color_range(*map(without_extremes, means))
+    of_means = typical_range(*means)
     largest = max(without_extremes(deviation), default=0.0)
     of_deviation = ColorRange("abfm sequential", 0.0, float(largest) or 1.0)
     return [

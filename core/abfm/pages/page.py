@@ -22,7 +22,7 @@ from abfm.errors import ParameterError
 from abfm.io import write_atomically
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Tone
-from abfm.pages.colormaps import ColorRange, table
+from abfm.pages.colormaps import ColorRange, gradient, table
 from abfm.pages.creases import drawn_mesh
 from abfm.pages.front import Front
 from abfm.pages.html import TEMPLATES, environment, stylesheet
@@ -31,7 +31,6 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import step
 
 _SCRIPTS = ("packing.js", "drawing.js", "camera.js", "player.js", "values.js", "page.js")
-_STOPS = 16  # of the colour bar's gradient
 _COLORS = 256  # of a colour map
 _SECONDS = (0.1, 3600.0)  # that playing may take
 _FULL_TAIL = 1e30
@@ -211,7 +210,7 @@ class _Told:
             "panels": panels,
             "meshes": [self._mesh(mesh) for mesh in self._meshes],
             "colormaps": [self._store.add(_bytes(name)) for name in self._colormaps],
-            "gradients": [_gradient(name) for name in self._colormaps],
+            "gradients": [gradient(name) for name in self._colormaps],
             "clock": _clock(self._clock),
         }
 
@@ -308,11 +307,6 @@ def _bytes(colormap: str) -> Any:
     colors = np.full((_COLORS, 4), 255, dtype=np.uint8)
     colors[:, :3] = np.round(255 * table(colormap, _COLORS))
     return colors.reshape(1, -1)
-
-
-def _gradient(colormap: str) -> list[str]:
-    colors = np.round(255 * table(colormap, _STOPS)).astype(int)
-    return [f"rgb({red} {green} {blue})" for red, green, blue in colors.tolist()]
 
 
 def _text(name: str) -> str:

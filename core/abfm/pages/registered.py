@@ -4,7 +4,7 @@ import numpy as np
 
 from abfm.calculus.operators import vertex_areas
 from abfm.matching import Match
-from abfm.pages.colormaps import ColorRange, color_range, without_extremes
+from abfm.pages.colormaps import ColorRange, typical_range
 from abfm.pages.front import Front, best_front, triple
 from abfm.registration import Correspondence, Registration
 from abfm.types import FloatArray
@@ -61,4 +61,4 @@ def compared_colors(match: Match, channel: int) -> ColorRange:
     """Return one range for source and target of a channel, where they count, but for extremes."""
     shown = counts(match) > 0
     pair = match.source[shown, channel], match.target[shown, channel]
-    return color_range(*map(without_extremes, pair))
+    return typical_range(*pair)

@@ -42,6 +42,7 @@ from abfm.tasks import task as tasks
 from abfm.tasks.inputs import MESH_INPUTS, Input, Rename, file_input, function_input, renamed_spec
 from abfm.tasks.meshes import mesh_of
 from abfm.tasks.monitor import Monitor
+from abfm.tasks.preview import Preview
 from abfm.tasks.task import Task
 from abfm.types import FloatArray
 from abfm.workers.control import controlled
@@ -218,6 +219,10 @@ class CarryTask(Task):
 
     load = staticmethod(load_carried)
     facts_of_file = staticmethod(facts_of_file)
+
+    @staticmethod
+    def preview(path: Path) -> Preview:
+        raise ResultError("a carried subject has no picture of its own")
 
     @staticmethod
     def details(found: Carried) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from abfm.tasks.inputs import (
     weight_input,
 )
 from abfm.tasks.monitor import Monitor
+from abfm.tasks.preview import Preview
 from abfm.tasks.task import Export, Given, Table, Task
 
 ROUNDS_MAX = 1000
@@ -142,6 +143,7 @@ class PopulationTask(Task):
         *parameter_inputs(),
     )
     result: ClassVar = Population
+    preview_labels: ClassVar = ("mean", "deviation")
     exports: ClassVar = {
         ".vtu": Export(report.export_mean_vtu),
         ".gii": Export(report.export_mean_values, check_values_name),
@@ -206,6 +208,12 @@ class PopulationTask(Task):
     @staticmethod
     def facts_of_file(path: Path) -> Facts:
         return load_population(path).facts
+
+    @staticmethod
+    def preview(path: Path) -> Preview:
+        """Return the mean and the deviation of the first channel on the template."""
+        found = load_population(path)
+        return Preview(found.template, [found.mean(), found.deviation()])
 
     details = staticmethod(report.details)
     lines = staticmethod(report.lines)

@@ -12,7 +12,7 @@ from abfm.io import check_surface_name, write_surface, write_values
 from abfm.maps.point_maps import PointMap
 from abfm.matching import report as match_report
 from abfm.matching.match import match
-from abfm.matching.task import MAX_DISTORTION, facts_of_file
+from abfm.matching.task import MAX_DISTORTION, facts_of_file, preview
 from abfm.mesh import TriangleMesh
 from abfm.mesh.options import read_flag
 from abfm.parameters import Parameters
@@ -211,6 +211,7 @@ class RegistrationTask(Task):
 
     load = staticmethod(load_registration)
     facts_of_file = staticmethod(facts_of_file)
+    preview = staticmethod(preview)
     details = staticmethod(report.details)
     lines = staticmethod(report.lines)
 

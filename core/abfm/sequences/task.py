@@ -44,6 +44,7 @@ from abfm.tasks.inputs import (
 )
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
+from abfm.tasks.preview import Preview, preview_of
 from abfm.tasks.task import Export, Given, Table, Task
 from abfm.types import FloatArray
 
@@ -134,6 +135,7 @@ class SequenceTask(Task):
         *MESH_INPUTS,
     )
     result: ClassVar = Sequence
+    preview_labels: ClassVar = ("first frame", "middle frame", "last frame")
     exports: ClassVar = {
         ".pvd": Export(export_pvd, check_pvd),
         ".stc": Export(export_stc, check_stc_name),
@@ -226,6 +228,15 @@ class SequenceTask(Task):
                 entries[name].check(name, archive[name], sizes) for name in ("verdicts", *NUMBERS)
             )
             return facts_of_intervals(list(map(Verdict.of_texts, texts.tolist())), *numbers)
+
+    @staticmethod
+    def preview(path: Path) -> Preview:
+        """Return the first, the middle and the last frame of a sequence."""
+        return preview_of(
+            path,
+            results.SEQUENCE,
+            lambda arrays: [arrays["frames"][i, :, 0] for i in (0, len(arrays["frames"]) // 2, -1)],
+        )
 
     details = staticmethod(report.details)
     lines = staticmethod(report.lines)

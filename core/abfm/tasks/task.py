@@ -11,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self
 from abfm.outcome import Facts
 from abfm.tasks.inputs import Input
 from abfm.tasks.monitor import Monitor
+from abfm.tasks.preview import Preview
 
 
 class Result(Protocol):
@@ -78,6 +79,8 @@ class Task(ABC):
         Formats of data files by their suffix, besides ``.npz``.
     tables : mapping of str to Table
         Tables of a result by the option that names their file.
+    preview_labels : tuple of str
+        Names of the functions in a small picture of a result.
     """
 
     kind: ClassVar[str]
@@ -86,6 +89,7 @@ class Task(ABC):
     result: ClassVar[type[Any]]
     exports: ClassVar[Mapping[str, Export]] = {}
     tables: ClassVar[Mapping[str, Table]] = {}
+    preview_labels: ClassVar[tuple[str, ...]] = ("source", "carried", "target")
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
@@ -132,6 +136,11 @@ class Task(ABC):
     @abstractmethod
     def facts_of_file(path: Path, /) -> Facts:
         """Return the facts that the file of a result holds, without reading all of it."""
+
+    @staticmethod
+    @abstractmethod
+    def preview(path: Path, /) -> Preview:
+        """Read the functions of a small picture of a result, named by `preview_labels`."""
 
     @staticmethod
     @abstractmethod

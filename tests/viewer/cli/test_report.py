@@ -129,7 +129,7 @@ def test_pictures_show_both_surfaces_from_both_sides(page):
         assert picture.shape[1] == 40
         assert picture.min() < 240
         assert picture.std() > 5
-    assert len(shown) == len(views) + 5 + 3  # bars and plots
+    assert len(shown) == len(views) + 3  # plots
     assert all(picture.std() > 5 for picture in shown.values())
     for row in list(rows)[:2]:
         before, after, wanted = (shown[f"{row}, {each}, front"] for each in columns[1:4])
@@ -201,7 +201,7 @@ def test_a_map_without_functions_is_told_with_its_faults(abfm, tmp_path):
     assert f"Warning: {warning}" in page.text
     assert "A map without functions" in page.text
     check_names(told.err, f"{100 * found.coverage():.3g}%")
-    assert len(page.pictures) == 4 * 2 + 1 + 2
+    assert len(page.pictures) == 4 * 2 + 2
     assert json.loads(page.facts)["map"]["folded"] == folded
 
 
