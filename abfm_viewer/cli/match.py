@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_not_read(arguments.path, read)
         if arguments.path in arguments.out:
             raise UsageError("--path and --out name the same file; give each its own")
-    parameters = Parameters(**options.given_parameters(arguments))
+    parameters = Parameters.of(**options.given_parameters(arguments))
     with long_steps(arguments.quiet):
         mesh = options.mesh(arguments)
         problem = Problem(
@@ -250,7 +250,7 @@ def solve(
     control = Control()
     start = time.perf_counter()
     with cancelled_by_signals(control) as kept:
-        with progress(problem.parameters.iterations, quiet) as report:
+        with progress(problem.parameters.solver.iterations, quiet) as report:
             match = abfm.match(problem, on_iteration=report, control=control)
         found = match if prepared is None else prepared.matched_by(match)
         if max_distortion is not None:

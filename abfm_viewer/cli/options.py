@@ -17,7 +17,8 @@ from abfm.functions import function
 from abfm.functions.circular import split_channels
 from abfm.functions.family import quoted
 from abfm.mesh.options import MERGE, MeshOptions
-from abfm.parameters import CHOICES, is_whole
+from abfm.parameters import FIELDS, MAIN_FIELDS, is_whole, option
+from abfm.reading.parameters import parameter_reader
 from abfm.types import FloatArray
 from abfm_viewer.cli.exit_status import UsageError
 
@@ -48,8 +49,11 @@ class Parser(argparse.ArgumentParser):
         if unknown:
             command: Parser = arguments.parser
             name = unknown[0].partition("=")[0]
-            nearest = did_you_mean(name, command._option_string_actions)
-            command.error(f"{unknown[0]!r} is not understood{nearest}")
+            hint = did_you_mean(name, command._option_string_actions)
+            setting = name.removeprefix("--").replace("-", "_")
+            if setting in FIELDS and "--set" in command._option_string_actions:
+                hint = f"; write --set {setting}=VALUE"
+            command.error(f"{unknown[0]!r} is not understood{hint}")
         return arguments
 
 
@@ -148,48 +152,55 @@ def weight(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
 def add_parameters(
     parser: argparse.ArgumentParser,
     usual: Parameters | None = None,
-    names: Collection[str] | None = None,
+    names: Collection[str] = tuple(FIELDS),
     about: Mapping[str, str] | None = None,
 ) -> None:
-    """Declare an option for each parameter, or those of these names, with help and symbol of its
+    """Declare the parameters, or those of these names, with the help and symbol of their
     definition, for `given_parameters`. ``usual`` are the defaults that the help shows, and
     ``about`` replaces the help of some.
     """
     add = adder(parser.add_argument_group("parameters (symbols of the paper in brackets)"))
-    for entry in fields(Parameters):
-        if names is not None and entry.name not in names:
-            continue
-        told = entry.default if usual is None else getattr(usual, entry.name)
-        if entry.name in getattr(usual, "automatic", ()):  # of a sequence: chosen
-            told = None
+    defaults, chosen = (usual or Parameters()).to_dict(), getattr(usual, "automatic", ())
+    readers = {name: partial(_parameter, parameter_reader(name, chosen)) for name in names}
+    for name in (name for name in names if name in MAIN_FIELDS):
+        entry = FIELDS[name]
+        value = None if name in chosen else defaults[name]
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
-        default = "auto" if told is None else told
-        what = (about or {}).get(entry.name, entry.metadata["help"])
-        if told is not None:
+        what = (about or {}).get(name, entry.metadata["help"])
+        if value is not None:
             what = what.partition("; not given")[0]  # which is no choice then
+        default = "auto" if value is None else value
         text = f"{what}{symbol} (default: {default})".replace("%", "%%")
-        choices = CHOICES.get(entry.name)
-        kind = int if is_whole(entry) else float
-        metavar = f"{{{','.join(choices)}}}" if choices else "INT" if kind is int else "X"
-        is_optional = told is None or entry.default is None
-        read = str if choices else partial(_or_auto, kind) if is_optional else kind
-        settings = {"type": read, "choices": choices, "default": _UNSET}
-        add("--" + entry.name.replace("_", "-"), text, metavar, **settings)
+        metavar = "INT" if is_whole(entry) else "X"
+        add(f"--{option(name)}", text, metavar, type=readers.pop(name), default=_UNSET)
+    text = f"set one of {', '.join(readers)}, which the README describes; repeatable"
+    add("--set", text, "NAME=VALUE", type=partial(_setting, readers), action="append", default=[])
+
+
+def _parameter(read: Callable[[str], Any], text: str) -> Any:
+    try:
+        return read(text)
+    except ParameterError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _setting(readers: Mapping[str, Callable[[str], Any]], word: str) -> tuple[str, Any]:
+    """Read ``NAME=VALUE``."""
+    name, sign, text = word.partition("=")
+    name = name.strip().replace("-", "_")
+    if name in MAIN_FIELDS:
+        raise argparse.ArgumentTypeError(f"{name} has its own option, --{option(name)}")
+    if not sign or name not in readers:
+        nearest = did_you_mean(name, readers) or f": expected one of {', '.join(readers)}"
+        raise argparse.ArgumentTypeError(f"{brief(word)} is not NAME=VALUE{nearest}")
+    return name, readers[name](text.strip())
 
 
 def given_parameters(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the parameters that were given, by name; None is auto."""
-    found = {entry.name: getattr(arguments, entry.name, _UNSET) for entry in fields(Parameters)}
-    return {name: value for name, value in found.items() if value is not _UNSET}
-
-
-def _or_auto(kind: type[int] | type[float], text: str) -> float | None:
-    try:
-        return None if text == "auto" else kind(text)
-    except ValueError:
-        noun = "whole number" if kind is int else "number"
-        told = f"{one_line(text, 40)} is no {noun}, nor auto"
-        raise argparse.ArgumentTypeError(told) from None
+    found = {name: getattr(arguments, name, _UNSET) for name in MAIN_FIELDS}
+    own = {name: value for name, value in found.items() if value is not _UNSET}
+    return own | dict(arguments.set)
 
 
 def add_mesh(parser: argparse.ArgumentParser) -> None:

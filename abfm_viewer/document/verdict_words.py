@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 import abfm
+from abfm.parameters import as_option
 from abfm.wording import counted, sentence, share
 
 if TYPE_CHECKING:
@@ -33,8 +34,7 @@ def advice_in_options(match: abfm.Match | abfm.Registration, result: str = "") -
     for remedy in match.verdict.remedies:
         if not (result or remedy.parameters):
             continue
-        given = remedy.parameters.items()
-        words = [f"--{name.replace('_', '-')} {plain(value)}" for name, value in given]
+        words = [as_option(name, value) for name, value in remedy.parameters.items()]
         words += [f"--start {result}"] if remedy.goes_on and result else []
         found.append(f"{remedy.label.lower()} ({' '.join(words)})")
     return ", or ".join(found) or match.facts.advice

@@ -4,14 +4,13 @@ import argparse
 import csv
 import re
 import shlex
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from abfm import Parameters
 from abfm.batch import combinations
-from abfm.batch.columns import MESH_OPTIONS, option
+from abfm.batch.columns import MESH_OPTIONS
 from abfm.errors import ParameterError, brief, did_you_mean, printable
+from abfm.parameters import FIELDS, option
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_cluster, solve
 from abfm_viewer.cli.exit_status import UsageError
@@ -79,7 +78,7 @@ def _fixed(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
 
 def _swept(word: str) -> tuple[str, list[str]]:
     """Read ``NAME=A,B,...``."""
-    names = [*_OWN, *(option(entry.name) for entry in fields(Parameters))]
+    names = [*_OWN, *map(option, FIELDS)]
     name, sign, text = word.partition("=")
     name = option(name.strip().lower().removeprefix("--"))
     if not (sign and name):

@@ -5,12 +5,11 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from abfm import Parameters
 from abfm.pages.page import in_script
+from abfm.parameters import FIELDS
 from abfm.wording import share
 from abfm_viewer.cli.results import SCORE, STEP_HEADS, has_scores, number_text, percents, step_cells
 from abfm_viewer.document.verdict_words import plain
@@ -295,12 +294,11 @@ def _path(facts: Facts, picture: Image.Image | None) -> str:
 
 
 def _parameters(facts: Facts) -> str:
-    changed, entries = facts["changed_parameters"], {e.name: e for e in fields(Parameters)}
-    if not changed:
+    if not (changed := facts["changed_parameters"]):
         return "<section><h2>Parameters</h2><p>All have their defaults.</p></section>"
     rows = []
     for name, value in changed.items():
-        entry = entries[name]
+        entry = FIELDS[name]
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
         rows.append((f"{name}{symbol}", plain(value), plain(entry.default), entry.metadata["help"]))
     table = rows_table(("", "here", "default", "what it is"), rows, kind="words")

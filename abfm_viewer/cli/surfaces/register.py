@@ -2,11 +2,11 @@
 
 import argparse
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 from abfm import Parameters
 from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
+from abfm.parameters import as_option
 from abfm.registration import MEASURED, prepare
 from abfm.registration.initial import WORDS, read_landmarks
 from abfm_viewer.cli import options, results
@@ -16,11 +16,7 @@ from abfm_viewer.files import outputs
 
 SUMMARY = "register one surface to another by functions on both"
 _WORDS = "\n".join(f"  {word.form}\n      {word.about}" for word in WORDS)
-_MEASURED = ", ".join(
-    f"--{name} {value:g}"
-    for name, value in MEASURED.to_dict().items()
-    if value != getattr(Parameters(), name)
-)
+_MEASURED = ", ".join(as_option(name, value) for name, value in MEASURED.changed().items())
 DESCRIPTION = f"""\
 Find where on surface A each point of surface B lies, so that the functions of A (--source), carried
 to B, are as near to those of B (--target) as they can be: by an initial map, and then by the flow
@@ -101,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_registered(path)
         outputs.check_not_read(path, read)
     changed = options.given_parameters(arguments)
-    Parameters(**changed)  # refused before an initial map is looked for
+    Parameters.of(**changed)  # refused before an initial map is looked for
     with long_steps(arguments.quiet):
         a, b = (options.mesh(arguments, path) for path in (arguments.a, arguments.b))
         prepared = prepare(
@@ -120,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
     for warning in prepared.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     parameters = prepared.problem.parameters
-    problem = prepared.problem.with_parameters(replace(parameters, **changed))
+    problem = prepared.problem.with_parameters(parameters.with_values(**changed))
     out = Outputs(arguments.out, up=arguments.up)
     outcome = solve(problem, out, arguments.quiet, arguments.max_distortion, prepared)
     outcome.print(arguments, "a", "b")

@@ -15,7 +15,8 @@ from abfm.functions import Circular, Permuted, Scaled, Spec, Sum, ValuesFile, pa
 from abfm.functions.circular import checked_period
 from abfm.matching.bounded import check_bound
 from abfm.mesh.options import MeshOptions, read_flag
-from abfm.parameters import CHOICES, Parameters, is_whole
+from abfm.parameters import FIELDS, option
+from abfm.reading.parameters import hint, parameter_reader
 from abfm.reading.text_tables import parse_number
 from abfm.registration import initial
 
@@ -40,58 +41,22 @@ def parameter_columns(chosen: Collection[str] = ()) -> dict[str, Column]:
     accepted for those that are chosen by default.
     """
     return {
-        option(entry.name): Column(
-            entry.metadata["help"],
-            _reader(entry.name, entry.default is None or entry.name in chosen),
-        )
-        for entry in fields(Parameters)
+        option(name): Column(entry.metadata["help"], parameter_reader(name, chosen))
+        for name, entry in FIELDS.items()
     }
-
-
-def option(name: str) -> str:
-    """Return what an option is called whose value has a name in Python."""
-    return name.replace("_", "-")
 
 
 def parameters_in(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return those values that are of `abfm.Parameters`, by their names there."""
-    names = {option(entry.name): entry.name for entry in fields(Parameters)}
+    names = {option(name): name for name in FIELDS}
     return {names[column]: value for column, value in values.items() if column in names}
-
-
-def _reader(name: str, is_optional: bool) -> Callable[[str], Any]:
-    entry = next(entry for entry in fields(Parameters) if entry.name == name)
-
-    @lru_cache(maxsize=1000)  # of a column's cells, most are alike
-    def read(text: str) -> Any:
-        value: Any = text
-        if is_optional and text == "auto":
-            return None
-        if name not in CHOICES:
-            try:
-                value = int(text) if is_whole(entry) else parse_number(text)
-            except ValueError:
-                noun = "whole number" if is_whole(entry) else "number"
-                raise ParameterError(f"{brief(text)} is no {noun}{_hint(text)}") from None
-        # what does not fit alone; what does not fit the others is told of the row
-        alone: dict[str, Any] = {name: value}
-        if name == "stage_iterations":
-            alone["cooling_stages"] = 1
-        Parameters(**alone)
-        return value
-
-    return read
-
-
-def _hint(text: str) -> str:
-    return ": write a decimal point, and no signs between thousands" if "," in text else ""
 
 
 def _bound(text: str) -> float:
     try:
         bound = parse_number(text)
     except ValueError:
-        raise ParameterError(f"{brief(text)} is no number{_hint(text)}") from None
+        raise ParameterError(f"{brief(text)} is no number{hint(text)}") from None
     check_bound(bound)
     return bound
 

@@ -119,7 +119,7 @@ class Kind(NamedTuple):
     prepare: Callable[[Row], Prepared]
     load: Callable[[Path], Any]
     facts: Callable[[Path], Facts] = facts_of_match
-    check: Callable[[Mapping[str, Any]], object] = lambda values: Parameters(
+    check: Callable[[Mapping[str, Any]], object] = lambda values: Parameters.of(
         **parameters_in(values)
     )
     """Refuses, by an AbfmError, values that do not fit together."""

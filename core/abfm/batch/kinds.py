@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from abfm.batch import columns
-from abfm.batch.columns import Column, option, parameter_columns
+from abfm.batch.columns import Column, parameter_columns
 from abfm.batch.kind import Kind
 from abfm.batch.matches import check_match, prepare_match, prepare_problem
 from abfm.batch.registrations import check_registration, prepare_registration
@@ -19,6 +19,7 @@ from abfm.batch.sequences import (
 )
 from abfm.errors import ParameterError
 from abfm.matching import load_match
+from abfm.parameters import option
 from abfm.registration import load_registration
 from abfm.sequences import CHOSEN, TAKEN, load_sequence
 

@@ -29,7 +29,7 @@ def prepare_match(row: Row) -> Prepared:
     mesh = mesh_of_row(given["mesh"], given)
     sources, targets, weights = channels(given)
     start = load_match(given["start"]) if "start" in given else None
-    parameters = Parameters(**parameters_in(given))
+    parameters = Parameters.of(**parameters_in(given))
     if start is not None and not np.array_equal(start.mesh.faces, mesh.faces):
         raise ResultError(
             f"start {one_line(given['start'])} is a result on another mesh; give one on a mesh "
@@ -55,7 +55,7 @@ def prepare_problem(row: Row) -> Prepared:
 
 def check_match(given: Mapping[str, Any]) -> None:
     """Refuse a match without functions, and parameters that do not fit each other."""
-    Parameters(**parameters_in(given))
+    Parameters.of(**parameters_in(given))
     if not channels(given)[0]:
         raise ParameterError("a match needs source and target")
 

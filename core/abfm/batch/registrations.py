@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +40,7 @@ def prepare_registration(row: Row) -> Prepared:
             mask_b=given.get("mask-b"),
             weights=weights or None,
         )
-        parameters = replace(prepared.problem.parameters, **parameters_in(given))
+        parameters = prepared.problem.parameters.with_values(**parameters_in(given))
         watch, problem = cost.watch(parameters.goal), prepared.problem.with_parameters(parameters)
         found = match(problem, on_iteration=watch, control=control)
         registration = prepared.matched_by(found)
@@ -59,6 +58,6 @@ def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Mapping[str, Any]) -> La
 
 def check_registration(given: Mapping[str, Any]) -> None:
     """Refuse one without functions and landmarks, and parameters that do not fit each other."""
-    Parameters(**parameters_in(given))
+    Parameters.of(**parameters_in(given))
     if not channels(given)[0] and "landmarks" not in given:
         raise ParameterError("a registration needs source and target, or landmarks")
