@@ -3,7 +3,7 @@ size, and how far the paper's gradient is from the exact one.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import median
 from time import perf_counter
 from typing import Any
@@ -20,10 +20,10 @@ from laboratory.paper_algorithm import PaperDescent, PaperEnergy, minimise
 Progress = Callable[[str], None]
 Report = dict[str, Any]
 
-SOLVER = replace(PARAMETERS, iterations=10**9, levels=3, reach=1.0)
+SOLVER = PARAMETERS.with_values(iterations=10**9, levels=3, reach=1.0)
 """The paper's energy, on coarser meshes first, where the target is looked for from afar; only
 iterates on the mesh itself count, whose energy is the paper's."""
-PLAIN = replace(PARAMETERS, iterations=10**9, preconditioner="none")
+PLAIN = PARAMETERS.with_values(iterations=10**9, preconditioner="none")
 SUBSTEPS = (1, 10, 40)
 _COLUMNS = {
     "substeps": "n",
@@ -75,7 +75,7 @@ def run(tell: Progress, settings: Settings) -> Report:
     _add_race(report, settings, tell)
     _add_mesh_sizes(report, settings, tell)
     tell("cosines of the bracket gradient")
-    parameters = replace(PARAMETERS, iterations=settings.cosine_iterations)
+    parameters = PARAMETERS.with_values(iterations=settings.cosine_iterations)
     problem = sphere_problem(settings.subdivision, parameters)
     report["bracket_gradient"] = cosines(problem, watched_match(problem).found.velocity[0])
     report["settings"] = {
@@ -99,7 +99,7 @@ def race(settings: Settings, tell: Progress) -> tuple[PaperDescent, FloatArray, 
     """
     size, seconds, repeats = settings.subdivision, settings.seconds, settings.repeats
     for parameters in (SOLVER, PLAIN):  # compiles and loads what is needed
-        watched_match(sphere_problem(3, replace(parameters, iterations=40)))
+        watched_match(sphere_problem(3, parameters.with_values(iterations=40)))
     tell(f"the paper's algorithm, {seconds:g} s")
     problem = sphere_problem(size)
     paper = minimise(problem.mesh, problem.source, problem.target, PARAMETERS, seconds)
@@ -152,7 +152,9 @@ def _add_mesh_sizes(report: Report, settings: Settings, tell: Progress) -> None:
     report["energy_after_iterations"] = energies = {}
     report["seconds"]["by_vertices"] = seconds = {}
     for subdivision in settings.subdivisions:
-        problem = sphere_problem(subdivision, replace(PARAMETERS, iterations=settings.iterations))
+        problem = sphere_problem(
+            subdivision, PARAMETERS.with_values(iterations=settings.iterations)
+        )
         size = str(len(problem.mesh.vertices))
         tell(f"iterations and cost of the gradient at {size} vertices")
         constant = watched_match(problem)
@@ -211,7 +213,7 @@ def cosines(
 
     rows = []
     for n in substeps:
-        stated = problem.mesh, problem.source, problem.target, replace(PARAMETERS, substeps=n)
+        stated = problem.mesh, problem.source, problem.target, PARAMETERS.with_values(substeps=n)
         printed, completed = (
             PaperEnergy(*stated, as_printed)(fields.ravel())[1] for as_printed in (True, False)
         )
@@ -231,7 +233,7 @@ def cosine_table(
     subdivision: int = 5, iterations: int = 300, substeps: Sequence[int] = SUBSTEPS
 ) -> str:
     """Return the rows of `cosines` at a field of the solver's, as a table in Markdown."""
-    problem = sphere_problem(subdivision, replace(PARAMETERS, iterations=iterations))
+    problem = sphere_problem(subdivision, PARAMETERS.with_values(iterations=iterations))
     found = cosines(problem, watched_match(problem).found.velocity[0], substeps)
     rows = [[f"{row[key]:.3g}" for key in _COLUMNS] for row in found]
     return "\n".join(common.markdown([list(_COLUMNS.values()), *rows]))

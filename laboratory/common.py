@@ -5,7 +5,7 @@ import platform
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from math import inf
 from multiprocessing import get_context
@@ -22,7 +22,7 @@ from abfm.types import FloatArray
 
 LEVEL = Parameters.goal
 """Relative mismatch to reach."""
-PARAMETERS = Parameters(
+PARAMETERS = Parameters.of(
     **PAPER,
     tau=2.0,
     alpha=1e3,
@@ -35,7 +35,7 @@ PARAMETERS = Parameters(
     tolerance=0.0,
 )
 """The row of Fig. 3 in Table 1, sigma constant, and no end but the iteration limit."""
-COOLED = replace(PARAMETERS, cooling_stages=3, iterations=500)
+COOLED = PARAMETERS.with_values(cooling_stages=3, iterations=500)
 
 _SOURCE_WIDTH, _TARGET_WIDTH = 0.12, 0.06  # standard deviations as fractions of sqrt(area)
 _LINUX = Path("/proc/cpuinfo")

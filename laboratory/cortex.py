@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
@@ -230,12 +230,12 @@ def norm_rows(subject: Side, template: Side) -> Iterator[list[str]]:
             subject.depth,
             template.depth,
             mask_b=cortex,
-            parameters=replace(MEASURED, **changes),
+            parameters=MEASURED.with_values(**changes),
         )
         p = found.match.parameters
         sigma = found.match.path[found.match.step].sigma
         given = "" if p.sigma is None else " (given)"
-        name = f"order {p.order}, α = {p.alpha:g}, divergence {p.divergence:g}, "
+        name = f"order {p.solver.order}, α = {p.alpha:g}, divergence {p.divergence:g}, "
         yield judge.row(f"{name}σ = {sigma:.2g}{given}", found)[:-1]
 
 

@@ -70,7 +70,7 @@ class PaperEnergy:
         self.mesh = mesh.normalized()
         self.source, self.target = channels(mesh, f, "source")[0], channels(mesh, g, "target")[0]
         self.parameters = parameters
-        self.dropped = 1 if as_printed and parameters.substeps > 1 else 0
+        self.dropped = 1 if as_printed and parameters.paper.substeps > 1 else 0
         self.field_norm = op.vector_norm_matrix(self.mesh, parameters.alpha)
         self.function_norm = op.function_norm_matrix(self.mesh, parameters.beta)
 
@@ -81,7 +81,7 @@ class PaperEnergy:
         """
         p = self.parameters
         derivative = directional_derivative(self.mesh, v.reshape(-1, 2))
-        states = exponential_span(-derivative, self.source, p.tau, p.substeps)
+        states = exponential_span(-derivative, self.source, p.tau, p.paper.substeps)
         momentum = p.tau * (self.field_norm @ v)
         with np.errstate(all="ignore"):
             difference = states[-1] - self.target
@@ -90,7 +90,7 @@ class PaperEnergy:
         if not np.isfinite(energy):
             return np.inf, np.zeros_like(v)
         # sum_r D̄_{f_(r-1)}^T exp(-(n - r + 1) dtau D_v)^T mu, less what is dropped in print
-        n, dt = p.substeps, p.tau / p.substeps
+        n, dt = p.paper.substeps, p.tau / p.paper.substeps
         steps = n - self.dropped
         backward = Matrix(-derivative.T)
         momenta = exponential_span(backward, mu, steps * p.tau / n, steps)[::-1][:n]
@@ -98,8 +98,8 @@ class PaperEnergy:
         weights = op.averaging(self.mesh).T @ momenta.T
         sources = np.asarray(np.einsum("fxr,fr->fx", slopes, weights)).ravel()
         bracket = lie_bracket(self.mesh, v.reshape(-1, 2))
-        transported = exponential_span(Matrix(bracket.T), sources, dt, p.quadrature)
-        slope = momentum - dt / (p.quadrature + 1) * transported.sum(axis=0)
+        transported = exponential_span(Matrix(bracket.T), sources, dt, p.paper.quadrature)
+        slope = momentum - dt / (p.paper.quadrature + 1) * transported.sum(axis=0)
         return (energy, slope) if np.isfinite(slope).all() else (np.inf, np.zeros_like(v))
 
 

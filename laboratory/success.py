@@ -27,7 +27,7 @@ from abfm.types import FloatArray
 from laboratory.common import LEVEL, aligned, in_words, machine, markdown
 from laboratory.trials import Place, Posed, Row, Tell, by_batch
 
-BEFORE = Parameters(
+BEFORE = Parameters.of(
     reach=0.0,
     order=1,
     levels=1,

@@ -193,7 +193,7 @@ class Case(NamedTuple):
         linear = tuned(mesh, moving.frames, moving.errors)
         errors = np.array([linear, *(moving.errors(0, f.velocity[0]) for f in (old, new))])
         head = [f"{len(mesh.vertices):,}", *self[:2], f"{100 * self.noise:g}%"]
-        chosen = f"{new.parameters.order}, {new.parameters.alpha:g}, {new.sigma:.1g}"
+        chosen = f"{new.parameters.solver.order}, {new.parameters.alpha:g}, {new.sigma:.1g}"
         return [*head, f"{self.displacement:g}", *cells(errors), chosen]
 
 

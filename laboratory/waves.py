@@ -198,7 +198,7 @@ def film_row(given: tuple[str, str, str, Path | None]) -> list[str]:
     return [
         Path(frames_path).stem,
         f"{len(frames)} of {len(mesh.vertices):,}",
-        f"{found.parameters.order}",
+        f"{found.parameters.solver.order}",
         f"{found.parameters.alpha:g}",
         f"{found.sigma:g}",
         f"{found.confirmed} of {len(found)}",

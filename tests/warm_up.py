@@ -16,7 +16,7 @@ from abfm.mesh.shapes import even_sphere, five_limbs
 from abfm.registration.initial.spheres import OnSphere, rotation_by_functions
 from abfm_viewer.window import warm_up
 
-_FEW = abfm.Parameters(iterations=2, refine=0)
+_FEW = abfm.Parameters.of(iterations=2, refine=0)
 _CONCAVE = "OFF\n6 6 0\n0 0 0\n2 0 0\n2 2 0\n1 1 0\n0 2 0\n1 1 2\n5 4 3 2 1 0\n" + "".join(
     f"3 {a} {(a + 1) % 5} 5\n" for a in range(5)
 )

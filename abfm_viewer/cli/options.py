@@ -5,14 +5,15 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
 from abfm import Match, TriangleMesh, load_mesh
-from abfm.errors import ParameterError, did_you_mean, one_line, printable
+from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
 from abfm.mesh.options import MERGE, MeshOptions
+from abfm.parameters import FIELDS, MAIN_FIELDS, option
 from abfm.tasks.inputs import MESH_FORMATS, MESH_INPUTS, Input, by_name
 from abfm.tasks.inputs import mesh_options as options_in
 from abfm_viewer.cli.exit_status import UsageError
@@ -38,8 +39,11 @@ class Parser(argparse.ArgumentParser):
         if unknown:
             command: Parser = arguments.parser
             name = unknown[0].partition("=")[0]
-            nearest = did_you_mean(name, command._option_string_actions)
-            command.error(f"{unknown[0]!r} is not understood{nearest}")
+            hint = did_you_mean(name, command._option_string_actions)
+            setting = name.removeprefix("--").replace("-", "_")
+            if setting in FIELDS and "--set" in command._option_string_actions:
+                hint = f"; write --set {setting}=VALUE"
+            command.error(f"{unknown[0]!r} is not understood{hint}")
         return arguments
 
 
@@ -69,12 +73,13 @@ def add_up(add: Callable[..., None]) -> None:
 
 
 def add_inputs(
-    parser: argparse.ArgumentParser, inputs: Iterable[Input], without: Iterable[str] = ()
+    parser: argparse.ArgumentParser, inputs: Sequence[Input], without: Iterable[str] = ()
 ) -> None:
     """Declare an option, or an argument, for each input; `given_texts` returns their texts."""
     groups: dict[str, argparse._ActionsContainer] = {"": parser}
+    rare = [each for each in inputs if each.is_rare]
     for each in inputs:
-        if each.name in without:
+        if each.name in without or each.is_rare:
             continue
         if each.group not in groups:
             groups[each.group] = parser.add_argument_group(each.group)
@@ -94,13 +99,30 @@ def add_inputs(
             settings |= {"action": "append", "default": []}
         name = each.name if each.is_argument else f"--{each.name}"
         groups[each.group].add_argument(name, **settings)
+    if rare:
+        names = ", ".join(each.name for each in rare)
+        text = f"set one of {names}, which the README describes; repeatable"
+        add = adder(groups[rare[0].group])
+        add("--set", text, "NAME=VALUE", action="append", default=[])
 
 
 def given_texts(
-    arguments: argparse.Namespace, inputs: Iterable[Input]
+    arguments: argparse.Namespace, inputs: Sequence[Input]
 ) -> Iterator[tuple[str, str]]:
     """Yield the names and texts of the inputs that were given."""
+    rare = by_name(each for each in inputs if each.is_rare)
+    for word in arguments.set if rare else ():
+        name, sign, text = word.partition("=")
+        name = option(name.strip())
+        if name in map(option, MAIN_FIELDS):
+            raise UsageError(f"--set {brief(word)}: {name} has its own option, --{name}")
+        if not sign or name not in rare:
+            nearest = did_you_mean(name, rare) or f": expected one of {', '.join(rare)}"
+            raise UsageError(f"--set {brief(word)} is not NAME=VALUE{nearest}")
+        yield name, text.strip()
     for each in inputs:
+        if each.is_rare:
+            continue
         given = getattr(arguments, each.name.replace("-", "_"), None)
         several = given or [] if each.repeats else [] if given is None else [given]
         for value in several:

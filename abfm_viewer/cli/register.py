@@ -2,8 +2,8 @@
 
 import argparse
 
-from abfm import Parameters
 from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
+from abfm.parameters import as_option
 from abfm.registration import MEASURED
 from abfm.registration.initial import WORDS
 from abfm.registration.task import RegistrationTask
@@ -11,11 +11,7 @@ from abfm_viewer.cli import solve
 
 SUMMARY = "register one surface to another by functions on both"
 _WORDS = "\n".join(f"  {word.form}\n      {word.about}" for word in WORDS)
-_MEASURED = ", ".join(
-    f"--{name} {value:g}"
-    for name, value in MEASURED.to_dict().items()
-    if value != getattr(Parameters(), name)
-)
+_MEASURED = ", ".join(as_option(name, value) for name, value in MEASURED.changed().items())
 DESCRIPTION = f"""\
 Find where on surface A each point of surface B lies, so that the functions of A (--source), carried
 to B, are as near to those of B (--target) as they can be: by an initial map, and then by the flow

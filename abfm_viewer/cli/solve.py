@@ -50,7 +50,10 @@ def row_of(arguments: argparse.Namespace, task: type[Task], name: str = "") -> R
 
 
 def _named_as_option(task: type[Task]) -> Callable[[re.Match[str]], str]:
-    shown = {each.name: options.shown(each) for each in task.inputs}
+    shown = {
+        each.name: f"--set {each.name}" if each.is_rare else options.shown(each)
+        for each in task.inputs
+    }
     return lambda found: shown.get(found[1], found[1])
 
 

@@ -520,14 +520,15 @@ def _require(fits: bool, problem: str) -> None:
 
 def to_plain(value: Any, without: Collection[str] = ()) -> dict[str, Any]:
     """Return the fields of a dataclass but for some; JSON writes those in it by this, too."""
+    if isinstance(value, Parameters):
+        return value.to_dict()
     return {e.name: getattr(value, e.name) for e in fields(value) if e.name not in without}
 
 
 def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
     """Return what JSON was made of, for a type hint; a `ValueError` says where it does not fit.
 
-    Missing fields take their defaults, and given ones are not looked for. A dataclass that has a
-    `from_dict` is made by that.
+    Missing fields take their defaults, and given ones are not looked for.
     """
     origin, options = get_origin(hint), get_args(hint)
     if origin is Literal:
@@ -543,6 +544,8 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
         return tuple(from_plain(kind, value[i], f"{where}[{i}]") for i, kind in enumerate(kinds))
     if origin is dict or is_dataclass(hint):
         _expect(isinstance(value, dict), where, value, "an object")
+        if hint is Parameters:
+            return Parameters.of(**value)
         return value if origin is dict else _dataclass(hint, value, where, given)
     if isinstance(hint, type) and issubclass(hint, StrEnum):
         _expect(value in list(hint), where, value, f"one of {', '.join(hint)}")
@@ -569,7 +572,7 @@ def _dataclass(hint: Any, value: dict[str, Any], where: str, given: dict[str, An
     missing = sorted(required - value.keys())
     _expect(not missing, where, value, f"also {', '.join(missing)}")
     parts = {name: from_plain(hints[name], part, f"{where}.{name}") for name, part in value.items()}
-    return hint.from_dict(parts) if hasattr(hint, "from_dict") else hint(**parts, **given)
+    return hint(**parts, **given)
 
 
 def _expect(fits: bool, where: str, value: Any, expected: str) -> None:

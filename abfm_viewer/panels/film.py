@@ -142,7 +142,7 @@ def _chosen(document: Document) -> str:
     words = [
         f"{word} {value:.3g}"
         for word, given, value in (
-            ("order", settings.order, used.order),
+            ("order", settings.order, used.solver.order),
             ("α", settings.alpha, used.alpha),
             ("σ", settings.sigma, sequence.sigma),
         )

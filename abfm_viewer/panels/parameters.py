@@ -1,11 +1,21 @@
 """Parameters of the match."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, KEEPING_AREAS, LAST, NOTE, TABLE_1, TITLES, is_whole, row_of
+from abfm.parameters import (
+    CHOICES,
+    FIELDS,
+    KEEPING_AREAS,
+    LAST,
+    NOTE,
+    TABLE_1,
+    TITLES,
+    is_whole,
+    row_of,
+)
 from abfm.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
@@ -16,7 +26,6 @@ from abfm_viewer.widgets.widget_record import Range
 
 _OWN, _DEFAULTS = "own values", "defaults"
 _INITIAL = Parameters()
-_FIELDS = {entry.name: entry for entry in fields(Parameters)}
 
 
 class _About(NamedTuple):
@@ -118,8 +127,10 @@ def draw(context: Context) -> None:
     draw_switches(ui, session)
     with section(ui, "Advanced", False) as is_open:
         if is_open:
-            useless = {"substeps", "quadrature"} if parameters.gradient == "adjoint" else set()
-            if parameters.method == "linearised":
+            useless = (
+                {"substeps", "quadrature"} if parameters.paper.gradient == "adjoint" else set()
+            )
+            if parameters.paper.method == "linearised":
                 useless = {"gradient", "substeps", "quadrature"}
             for name in [name for name in _ABOUT if name not in _MAIN]:
                 with ui.disabled(name in useless):
@@ -152,8 +163,8 @@ def _preset(ui: Ui, session: Session) -> None:
 
 
 def _control(ui: Ui, session: Session, name: str) -> None:
-    about, value = _ABOUT[name], getattr(session.parameters, name)
-    label, whole = f"{about.label}##{name}", is_whole(_FIELDS[name])
+    about, value = _ABOUT[name], session.parameters.to_dict()[name]
+    label, whole = f"{about.label}##{name}", is_whole(FIELDS[name])
     ends, tip = replace(about.slider, whole=whole), _tip(name)
     new: Any
     if name in _CHOICES:
@@ -175,8 +186,8 @@ def _control(ui: Ui, session: Session, name: str) -> None:
 
 @cache
 def _tip(name: str) -> str:
-    help, symbol = _FIELDS[name].metadata["help"], _FIELDS[name].metadata["symbol"]
-    default, about = getattr(_INITIAL, name), _ABOUT[name]
+    help, symbol = FIELDS[name].metadata["help"], FIELDS[name].metadata["symbol"]
+    default, about = FIELDS[name].default, _ABOUT[name]
     shown = f"{default:g}" if isinstance(default, int | float) else default or AUTO
     in_paper = ", ".join(filter(None, [symbol.strip("*"), about.place])) or "not there"
     return (

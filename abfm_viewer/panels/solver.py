@@ -112,7 +112,7 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     if snapshot is None:
         draw_step(ui, step or Step("starting the solver"))
         return
-    now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
+    now, limit = snapshot.iteration, snapshot.problem.parameters.solver.iterations
     imgui.ProgressBar(now.iteration / max(limit, 1), (-1, ui.px(_BAR)), "")
     each = None if step else solver.seconds_each
     left = limit - now.iteration

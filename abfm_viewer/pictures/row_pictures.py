@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from abfm.batch.kind import Kind, Preview
 from PIL import Image
 
 from abfm import ResultError, TriangleMesh
 from abfm.io.sheets import Panel, Sheet, Up, Values
 from abfm.pages.colormaps import color_range
 from abfm.pages.front import best_front
+from abfm.tasks.preview import Preview
+from abfm.tasks.task import Task
 from abfm_viewer.pictures.panels import panel_pictures
 from abfm_viewer.pictures.rows import side_by_side
 from abfm_viewer.scene.surfaces import Camera, fitted
@@ -23,7 +24,7 @@ _KEPT = 50  # meshes whose cameras are known
 
 
 def row_pictures(
-    results: Sequence[tuple[Path, Kind]], up: Up | None = None
+    results: Sequence[tuple[Path, type[Task]]], up: Up | None = None
 ) -> Iterator[tuple[Path, Image.Image | ResultError]]:
     """Yield the picture of each result, a file and its kind, on white, or why there is none.
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abfm import Parameters
 from abfm.errors import one_line
 from abfm.matching.report import plain
 from abfm.pages.colormaps import gradient
 from abfm.pages.html import environment, stylesheet
-from abfm.parameters import NOTE, TABLE_1
+from abfm.parameters import FIELDS, NOTE, TABLE_1
 from abfm.wording import number_text, percents, share
 
 if TYPE_CHECKING:
@@ -48,7 +46,7 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 def report_page(facts: Mapping[str, Any], pictures: RegistrationPictures) -> str:
     """Return the page about a map between surfaces, or about a match."""
-    declared = {each.name: each for each in fields(Parameters)}
+    declared = FIELDS
     changed = facts.get("changed_parameters", {})
     return render(
         "report.html",

@@ -226,7 +226,7 @@ class Editor:
         before = self.document.parameters
         if "method" in values and "segments" not in values:
             values["segments"] = 0
-        parameters = Parameters(**(before.to_dict() | values))
+        parameters = before.with_values(**values)
         if parameters != before:
             label = label or f"change {', '.join(values)}"
             time = self.document.time

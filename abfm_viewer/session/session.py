@@ -437,7 +437,7 @@ class Session:
             # a match that begins earlier waits for its coarse meshes
             mesh, parameters = self.surface().mesh, self.parameters
             prepare = partial(self.solver.prepare, mesh, parameters)
-            self._coarse_meshes.ask((mesh, parameters.levels), prepare)
+            self._coarse_meshes.ask((mesh, parameters.solver.levels), prepare)
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
         if self.view.animate:

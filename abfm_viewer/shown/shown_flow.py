@@ -57,7 +57,7 @@ class FlowState:
     def flow(self) -> abfm.Flow:
         """The flow; not to be asked for in the frame loop."""
         found = self.found() if callable(self.found) else self.found
-        return abfm.Flow(self.mesh, found, self.parameters.tau, self.parameters.method)
+        return abfm.Flow(self.mesh, found, self.parameters.tau, self.parameters.paper.method)
 
     @property
     def duration(self) -> float:

@@ -28,7 +28,7 @@ def _match_something() -> None:
     with suppress(Exception):
         mesh = subdivided(subdivided(abfm.TriangleMesh(corners, np.array(faces))))
         source, target, _ = mesh.vertices.T
-        result = abfm.match(mesh, source, target, abfm.Parameters(iterations=8, levels=2))
+        result = abfm.match(mesh, source, target, abfm.Parameters.of(iterations=8, levels=2))
         result.advect([0.0, 0.5])
         atlas, image = abfm.streaks.line_integral_convolution(mesh, result.velocity[0], size=64)
         shown.streak_texture(atlas, (255 * image).astype(np.uint8))

@@ -42,7 +42,9 @@ from .mesh import TriangleMesh as TriangleMesh
 from .mesh import load_mesh as load_mesh
 from .outcome import Facts as Facts
 from .outcome import Outcome as Outcome
+from .parameters import PaperSettings as PaperSettings
 from .parameters import Parameters as Parameters
+from .parameters import SolverSettings as SolverSettings
 from .population.population import Population as Population
 from .population.population import load_population as load_population
 from .population.rounds import register_population as register_population

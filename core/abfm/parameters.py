@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import Field, asdict, dataclass, field, fields
+from dataclasses import Field, asdict, dataclass, field, fields, replace
 from typing import Any, Literal, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 from abfm.errors import ParameterError, brief
@@ -64,34 +64,34 @@ alpha: smoothness of the field: weight of its Hodge Laplacian; lowered where tha
 beta: weight of the mismatch's gradient: above 0, slopes must match as well
 divergence: times the weight of the curl that the field's divergence has: 1 as the paper, more to
   keep areas; not given, 10 where functions match exactly and 1 where they were measured
-order: order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as
-  computed
 sigma: weight of the match against the smoothness, the last of its path: smaller matches closer; not
   given, as close as can be certified
-sigma_unit: sigma as a fraction of the functions' deviation from their mean in L2, or as the paper
-  has it
 landmark_sigma: weight of landmarks against the smoothness, the last of its path: how far one may be
   left, as a fraction of sqrt(area), where moving it costs as much as that; smaller is closer
-reach: how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper
 goal: residual that counts as matched, by the discrete flow and by flow lines
 refine: how often the mesh may be subdivided where it is too coarse; 0 never, not given by its
   resolution
+order: order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as
+  computed
+reach: how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper
 levels: meshes from coarse to fine; 1 only the mesh itself, 0 by its size
-method: exponential flow, or the first two terms of the exponential
 segments: number of fields in a row; 0 means one, or two where one is not confirmed (linearised: 10)
+iterations: iterations at most, over all cooling stages together
+memory: pairs that L-BFGS remembers
+max_displacement: most that one iteration may change tau |v|, as a fraction of sqrt(area)
+tolerance: converged when the gradient's norm is this fraction of its first one
+sigma_unit: sigma as a fraction of the functions' deviation from their mean in L2, or as the paper
+  has it
+method: exponential flow, or the first two terms of the exponential
 gradient: exact derivative of the discrete energy, or the paper's by brackets
 substeps: sub-steps of the bracket gradient (the adjoint is exact for any number)
 quadrature: intervals of the time integral in the bracket gradient
-iterations: iterations at most, over all cooling stages together
 cooling_stages: stages of sigma, the last one at its value; 1 for no cooling, 0 for as many as lead
   there from a warm one
 cooling_factor: sigma is divided by this from stage to stage
 stage_iterations: iterations of each stage before the last; 0: as long as they pay (paper: share
   half of all)
 preconditioner: exact inverse of the field's norm, or none (the paper's plain L-BFGS)
-memory: pairs that L-BFGS remembers
-max_displacement: most that one iteration may change tau |v|, as a fraction of sqrt(area)
-tolerance: converged when the gradient's norm is this fraction of its first one
 """
 _ABOUT = dict(line.split(": ", 1) for line in _HELP.replace("\n  ", " ").strip().splitlines())
 _ABOVE_0, _FROM_0, _WHOLE_FROM_0 = Range(0, without_low=True), Range(0), Range(0, MANY)
@@ -103,114 +103,62 @@ def _of(name: str, default: Any, symbol: str = "", range: Range | None = None) -
 
 
 @dataclass(frozen=True)
-class Parameters:
-    """Parameters of a match; lengths and areas are those of the mesh scaled to unit area.
+class SolverSettings:
+    """Settings of the minimisation and of its continuation; see `Parameters` for their fields."""
 
-    Every field's metadata has its ``symbol`` in the paper, a ``help`` text and, for numbers, their
-    `Range`. Numbers whose default is None may be None: they are chosen then.
-
-    Raises
-    ------
-    ParameterError
-        If a value is out of range, not a number, or not one of the choices.
-    """
-
-    tau: float = _of("tau", 1.0, "τ", _ABOVE_0)
-    alpha: float = _of("alpha", 0.01, "α", Range(0, LARGEST_ALPHA))  # beyond, rounding swamps it
-    beta: float = _of("beta", 0.0, "β", _FROM_0)
-    divergence: float | None = _of("divergence", None, "", Range(0, LARGEST_ALPHA, True))
     order: int = _of("order", 2, "", Range(1, 2))
-    sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
-    sigma_unit: Literal["relative", "absolute"] = _of("sigma_unit", "relative")
-    landmark_sigma: float = _of("landmark_sigma", 0.01, "", _ABOVE_0)
     reach: float = _of("reach", 1.0, "", Range(0, LONGEST))
-    goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
-    refine: int | None = _of("refine", None, "", Range(0, MOST_REFINED))
     levels: int = _of("levels", 0, "", Range(0, 10))
-    method: Method = _of("method", "nonlinear")
     segments: int = _of("segments", 0, "N", Range(0, 1000))
-    gradient: Literal["adjoint", "bracket"] = _of("gradient", "adjoint")
-    substeps: int = _of("substeps", 10, "n", Range(1, 10_000))
-    quadrature: int = _of("quadrature", 10, "k", Range(1, 10_000))
     iterations: int = _of("iterations", 1000, "", _WHOLE_FROM_0)
-    cooling_stages: int = _of("cooling_stages", 0, "*", Range(0, _MOST_STAGES))
-    cooling_factor: float = _of("cooling_factor", 3.0, "*", Range(1, without_low=True))
-    stage_iterations: int = _of("stage_iterations", 0, "*", _WHOLE_FROM_0)
-    preconditioner: Literal["hodge", "none"] = _of("preconditioner", "hodge")
     memory: int = _of("memory", 30, "", Range(1, 10_000))
     max_displacement: float = _of("max_displacement", 0.1, "", _ABOVE_0)
     tolerance: float = _of("tolerance", 1e-4, "", _FROM_0)
 
     def __post_init__(self) -> None:
-        for entry in fields(Parameters):  # other classes check what they add
-            check = _checked_choice if entry.name in CHOICES else _checked_number
-            object.__setattr__(self, entry.name, check(entry, getattr(self, entry.name)))
-        if self.segments == 0 and self.method == "linearised":
-            object.__setattr__(self, "segments", 10)
-        try:
-            hottest = self.stage_sigmas()[0]
-        except OverflowError:
-            hottest = math.inf
-        if not hottest < 1e150:
-            raise ParameterError(
-                f"cooling_stages is {self.cooling_stages} and cooling_factor "
-                f"{self.cooling_factor:g}: sigma would start beyond all numbers; use fewer stages "
-                "or a smaller factor"
-            )
-        early = self.cooling_stages - 1
-        if self.iterations and self.stage_iterations * early > self.iterations:
-            raise ParameterError(
-                f"stage_iterations is {self.stage_iterations} for each of {early} stages; expected "
-                f"no more than the {self.iterations} iterations in all, or the last stage is never "
-                "reached"
-            )
+        _check(self)
 
-    @property
-    def last_sigma(self) -> float:
-        """Sigma as given, or `LAST`: where a path ends at the latest."""
-        return LAST if self.sigma is None else self.sigma
 
-    def stage_sigmas(self) -> list[float]:
-        """Return sigma in each cooling stage, from `WARMEST` at most if none are given."""
-        stages = self.cooling_stages
-        if not stages:
-            steps = math.log(WARMEST / self.last_sigma, self.cooling_factor) + _ROUNDING
-            stages = 1 + min(max(0, math.floor(steps)), _MOST_STAGES - 1)
-        return [self.last_sigma * self.cooling_factor**left for left in reversed(range(stages))]
+@dataclass(frozen=True)
+class PaperSettings:
+    """Settings that reproduce the paper's scheme; see `Parameters` for their fields."""
 
-    def stage_limits(self) -> list[int]:
-        """Return iterations at most in each stage; the last also has what is left over."""
-        early = len(self.stage_sigmas()) - 1
-        most = self.iterations // max(early, 1)
-        return [min(self.stage_iterations or most // 2, most)] * early + [self.iterations]
+    sigma_unit: Literal["relative", "absolute"] = _of("sigma_unit", "relative")
+    method: Method = _of("method", "nonlinear")
+    gradient: Literal["adjoint", "bracket"] = _of("gradient", "adjoint")
+    substeps: int = _of("substeps", 10, "n", Range(1, 10_000))
+    quadrature: int = _of("quadrature", 10, "k", Range(1, 10_000))
+    cooling_stages: int = _of("cooling_stages", 0, "*", Range(0, _MOST_STAGES))
+    cooling_factor: float = _of("cooling_factor", 3.0, "*", Range(1, without_low=True))
+    stage_iterations: int = _of("stage_iterations", 0, "*", _WHOLE_FROM_0)
+    preconditioner: Literal["hodge", "none"] = _of("preconditioner", "hodge")
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all fields as plain numbers and strings."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Return the parameters that `to_dict` wrote; those that are missing take their defaults.
-
-        Raises
-        ------
-        ParameterError
-            If a name is unknown, or a value does not fit.
-        """
-        known = {entry.name for entry in fields(cls)}
-        unknown = sorted(set(values) - known)
-        if unknown:
-            raise ParameterError(
-                f"unknown parameter {brief(unknown[0])}; expected one of {', '.join(sorted(known))}"
-            )
-        return cls(**values)
+    def __post_init__(self) -> None:
+        _check(self)
 
 
 CHOICES: dict[str, tuple[str, ...]] = {
     name: get_args(hint)
-    for name, hint in get_type_hints(Parameters).items()
+    for name, hint in get_type_hints(PaperSettings).items()
     if get_origin(hint) is Literal
 }
+
+
+def is_whole(entry: Field[Any]) -> bool:
+    """Return whether a parameter is a whole number, or None."""
+    return str(entry.type).startswith("int")
+
+
+def _check(settings: Any) -> None:
+    """Set the fields of settings to their checked values."""
+    for entry in fields(settings):
+        if entry.metadata:
+            object.__setattr__(settings, entry.name, checked(entry, getattr(settings, entry.name)))
+
+
+def checked(entry: Field[Any], value: Any) -> Any:
+    """Return the value of a parameter alone, or raise a ParameterError."""
+    return (_checked_choice if entry.name in CHOICES else _checked_number)(entry, value)
 
 
 def _checked_choice(entry: Field[Any], value: Any) -> str:
@@ -218,11 +166,6 @@ def _checked_choice(entry: Field[Any], value: Any) -> str:
         return value
     expected = " or ".join(map(repr, CHOICES[entry.name]))
     raise ParameterError(f"{entry.name} is {brief(value)}; expected {expected}")
-
-
-def is_whole(entry: Field[Any]) -> bool:
-    """Tell whether a field of `Parameters` holds whole numbers, or None besides."""
-    return str(entry.type).startswith("int")
 
 
 def _checked_number(entry: Field[Any], value: Any) -> float | None:
@@ -240,6 +183,139 @@ def _checked_number(entry: Field[Any], value: Any) -> float | None:
         name = "a whole number" if kind is int else "a number"
         raise ParameterError(f"{entry.name} is {brief(value)}; expected {name} {range}")
     return number
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters of a match; lengths and areas are those of the mesh scaled to unit area.
+
+    The metadata of each field, of `SolverSettings` and `PaperSettings` as well, has its ``symbol``
+    in the paper, a ``help`` text and, for numbers, their `Range`. Numbers whose default is None may
+    be None: they are chosen then.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of range, not a number, or not one of the choices.
+    """
+
+    tau: float = _of("tau", 1.0, "τ", _ABOVE_0)
+    alpha: float = _of("alpha", 0.01, "α", Range(0, LARGEST_ALPHA))  # beyond, rounding swamps it
+    beta: float = _of("beta", 0.0, "β", _FROM_0)
+    divergence: float | None = _of("divergence", None, "", Range(0, LARGEST_ALPHA, True))
+    sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
+    landmark_sigma: float = _of("landmark_sigma", 0.01, "", _ABOVE_0)
+    goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
+    refine: int | None = _of("refine", None, "", Range(0, MOST_REFINED))
+    solver: SolverSettings = SolverSettings()
+    paper: PaperSettings = PaperSettings()
+
+    def __post_init__(self) -> None:
+        _check(self)
+        for name, kind in NESTED.items():
+            if not isinstance(value := getattr(self, name), kind):
+                raise ParameterError(f"{name} is {brief(value)}; expected abfm.{kind.__name__}()")
+        if self.solver.segments == 0 and self.paper.method == "linearised":
+            object.__setattr__(self, "solver", replace(self.solver, segments=10))
+        stages, factor = self.paper.cooling_stages, self.paper.cooling_factor
+        try:
+            hottest = self.stage_sigmas()[0]
+        except OverflowError:
+            hottest = math.inf
+        if not hottest < 1e150:
+            raise ParameterError(
+                f"cooling_stages is {stages} and cooling_factor {factor:g}: sigma would start "
+                "beyond all numbers; use fewer stages or a smaller factor"
+            )
+        most, each = self.solver.iterations, self.paper.stage_iterations
+        if most and each * (stages - 1) > most:
+            raise ParameterError(
+                f"stage_iterations is {each} for each of {stages - 1} stages; expected no more "
+                f"than the {most} iterations in all, or the last stage is never reached"
+            )
+
+    @property
+    def last_sigma(self) -> float:
+        """Sigma as given, or `LAST`: where a path ends at the latest."""
+        return LAST if self.sigma is None else self.sigma
+
+    def stage_sigmas(self) -> list[float]:
+        """Return sigma in each cooling stage, from `WARMEST` at most if none are given."""
+        stages, factor = self.paper.cooling_stages, self.paper.cooling_factor
+        if not stages:
+            steps = math.log(WARMEST / self.last_sigma, factor) + _ROUNDING
+            stages = 1 + min(max(0, math.floor(steps)), _MOST_STAGES - 1)
+        return [self.last_sigma * factor**left for left in reversed(range(stages))]
+
+    def stage_limits(self) -> list[int]:
+        """Return iterations at most in each stage; the last also has what is left over."""
+        iterations = self.solver.iterations
+        early = len(self.stage_sigmas()) - 1
+        most = iterations // max(early, 1)
+        return [min(self.paper.stage_iterations or most // 2, most)] * early + [iterations]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all parameters by name, nested ones among the others."""
+        found = asdict(self)
+        for name in NESTED:
+            found |= found.pop(name)
+        return found
+
+    def changed(self) -> dict[str, Any]:
+        """Return the parameters that differ from their defaults, by name."""
+        usual = Parameters().to_dict()
+        return {name: value for name, value in self.to_dict().items() if value != usual[name]}
+
+    def with_values(self, **values: Any) -> Self:
+        """Return the same with other values of some parameters, by the names of `to_dict`.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or a value does not fit.
+        """
+        known = self.to_dict()
+        if unknown := sorted(values.keys() - known.keys()):
+            raise ParameterError(
+                f"unknown parameter {brief(unknown[0])}; expected one of {', '.join(sorted(known))}"
+            )
+        parts = {}
+        for name, kind in NESTED.items():
+            own = {each.name: values.pop(each.name) for each in fields(kind) if each.name in values}
+            parts[name] = replace(getattr(self, name), **own)
+        return replace(self, **values, **parts)
+
+    @classmethod
+    def of(cls, **values: Any) -> Self:
+        """Return parameters by the names of `to_dict`; missing ones take their defaults.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or a value does not fit.
+        """
+        return cls().with_values(**values)
+
+
+NESTED: dict[str, type[SolverSettings | PaperSettings]] = {
+    "solver": SolverSettings,
+    "paper": PaperSettings,
+}
+MAIN_FIELDS = {entry.name: entry for entry in fields(Parameters) if entry.name not in NESTED}
+"""The declarations of the parameters that most users set."""
+FIELDS = MAIN_FIELDS | {entry.name: entry for kind in NESTED.values() for entry in fields(kind)}
+"""The declarations of all parameters, by name, in the order of `Parameters.to_dict`."""
+
+
+def option(name: str) -> str:
+    """Return the name of an option or a column, for a name in Python."""
+    return name.replace("_", "-")
+
+
+def as_option(name: str, value: object) -> str:
+    """Return a parameter as on the command line: ``--sigma 0.1`` or ``--set levels=2``."""
+    text = f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
+    return f"--{option(name)} {text}" if name in MAIN_FIELDS else f"--set {name}={text}"
 
 
 TITLES = {
@@ -299,11 +375,11 @@ class Row:
 
     def holds(self, parameters: Parameters) -> bool:
         """Tell whether these parameters are the row's."""
-        return all(getattr(parameters, name) == value for name, value in self.values.items())
+        return parameters.with_values(**self.values) == parameters
 
     def parameters(self, **others: Any) -> Parameters:
         """Make parameters with the row's values; `others` sets what the row leaves open."""
-        return Parameters(**{**self.values, **others})
+        return Parameters.of(**self.values | others)
 
 
 TABLE_1 = {

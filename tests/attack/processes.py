@@ -38,9 +38,9 @@ _PATIENCE = 60.0  # seconds after which a process does not end
 _ROWS, _KILLS, _SECONDS_MAX = 12, 3, 4.0  # of a batch
 
 _PAIR = ("--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2")
-_LONG = ("--iterations=1000000", "--tolerance=0", "--sigma=1e-6", "--out=m.npz")
+_LONG = ("--set=iterations=1000000", "--set=tolerance=0", "--sigma=1e-6", "--out=m.npz")
 _MOVIE = ("--out=m.mp4", "--size=320x240", "--seconds=0.3", "--quiet")
-_BRIEF = ("--iterations=3", "--out=m.npz", "--out=m.vtu", "--quiet")
+_BRIEF = ("--set=iterations=3", "--out=m.npz", "--out=m.vtu", "--quiet")
 COMMANDS = {  # words, seconds in which a signal comes, files that may be left
     "match": (("match", "MESH", *_PAIR, *_LONG), 4.0, {"m.npz"}),
     "short match": (("match", "MESH", *_PAIR, *_BRIEF), 3.0, {"m.npz", "m.vtu"}),
@@ -157,7 +157,7 @@ class Kills:
         mesh = icosphere(2)
         x, y, _ = mesh.vertices.T
         self._matches = [
-            abfm.match(mesh, x, y, Parameters(iterations=2 + 2 * k, levels=1)) for k in range(2)
+            abfm.match(mesh, x, y, Parameters.of(iterations=2 + 2 * k, levels=1)) for k in range(2)
         ]
         self._documents = [document_of_result(each, folder / "m.npz")[0] for each in self._matches]
         self._folder = folder
@@ -215,7 +215,7 @@ def lack_memory(chance):
     megabytes = chance.randint(250, 1400)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "m.npz")
-        words = ["match", mesh, *_PAIR, "--iterations=15", "--out", out, "--quiet"]
+        words = ["match", mesh, *_PAIR, "--set=iterations=15", "--out", out, "--quiet"]
         limit = partial(resource.setrlimit, resource.RLIMIT_AS, 2 * (megabytes << 20,))
         child = python(MAIN, *words, preexec_fn=limit)
         faults = [f"{path.name} is left" for path in Path(folder).iterdir() if path != out]

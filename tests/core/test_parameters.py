@@ -1,7 +1,6 @@
 """Parameters are checked when they are made, and Table 1."""
 
 import json
-from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abfm import ParameterError, Parameters
+from abfm import ParameterError, Parameters, SolverSettings
 from abfm.matching import Remedy
-from abfm.parameters import LAST, TABLE_1, WARMEST, row_of
+from abfm.parameters import FIELDS, LAST, TABLE_1, WARMEST, row_of
 from tests.messages import raises
 
 
 def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
-    assert Parameters().segments == 0
-    assert Parameters(method="linearised").segments == 10
-    assert Parameters(method="linearised", segments=3).segments == 3
-    assert all(entry.metadata["help"] for entry in fields(Parameters))
+    assert Parameters().solver.segments == 0
+    assert Parameters.of(method="linearised").solver.segments == 10
+    assert Parameters.of(method="linearised", segments=3).solver.segments == 3
+    assert all(entry.metadata["help"] for entry in FIELDS.values())
 
 
 @pytest.mark.parametrize(
@@ -56,29 +55,32 @@ def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
 )
 def test_bad_values_are_refused_in_words(changes, named):
     with raises(ParameterError, *named):
-        Parameters(**changes)
+        Parameters.of(**changes)
 
 
 def test_round_trip_unknown_names_and_plain_numbers():
-    for p in (Parameters(alpha=3.0, method="linearised", segments=4), Parameters(sigma=0.3)):
-        assert Parameters.from_dict(json.loads(json.dumps(p.to_dict()))) == p
+    for p in (Parameters.of(alpha=3.0, method="linearised", segments=4), Parameters(sigma=0.3)):
+        assert Parameters.of(**json.loads(json.dumps(p.to_dict()))) == p
     with raises(ParameterError, "aplha"):
-        Parameters.from_dict({"aplha": 1})
-    p = Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
-    kinds = [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)]
+        Parameters.of(aplha=1)
+    p = Parameters.of(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
+    kinds = [
+        type(value) for value in (p.tau, p.solver.memory, p.solver.segments, p.solver.iterations)
+    ]
     assert kinds == [float, int, int, int]
 
 
 def test_values_that_are_missing_take_their_defaults():
     given = {"tau": 2.0, "alpha": 0.02, "iterations": 150}
-    assert Parameters.from_dict(given) == Parameters(**given)
+    parts = Parameters(tau=2.0, alpha=0.02, solver=SolverSettings(iterations=150))
+    assert Parameters.of(**given) == parts
     with raises(ParameterError, "sigmma"):
         Remedy("Smoother", "a smoother field", {"order": 2, "sigmma": 0.5})
 
 
 @given(sigma=st.floats(1e-8, 1e3), stages=st.integers(1, 6), iterations=st.integers(0, 1000))
 def test_cooling_ends_at_sigma_within_the_iterations(sigma, stages, iterations):
-    p = Parameters(sigma=sigma, cooling_stages=stages, iterations=iterations)
+    p = Parameters.of(sigma=sigma, cooling_stages=stages, iterations=iterations)
     assert len(p.stage_sigmas()) == len(p.stage_limits()) == stages
     assert p.stage_sigmas()[-1] == sigma
     assert p.stage_sigmas() == sorted(p.stage_sigmas(), reverse=True)
@@ -87,23 +89,23 @@ def test_cooling_ends_at_sigma_within_the_iterations(sigma, stages, iterations):
 
 @given(sigma=st.none() | st.floats(1e-8, 1e3), factor=st.floats(1.5, 100))
 def test_a_path_leads_from_the_warmest_sigma_to_the_one_that_is_given(sigma, factor):
-    p = Parameters(sigma=sigma, cooling_factor=factor)
+    p = Parameters.of(sigma=sigma, cooling_factor=factor)
     sigmas = p.stage_sigmas()
     assert sigmas[-1] == p.last_sigma == (sigma or LAST)
     assert all(warm / cold == pytest.approx(factor) for warm, cold in pairwise(sigmas))
     assert len(sigmas) == 1 or sigmas[0] <= WARMEST * (1 + 1e-8)
     assert sigmas[0] * factor > WARMEST
-    limits = replace(p, stage_iterations=200).stage_limits()
+    limits = p.with_values(stage_iterations=200).stage_limits()
     assert len(limits) == len(sigmas)
-    assert sum(limits[:-1]) <= p.iterations
+    assert sum(limits[:-1]) <= p.solver.iterations
 
 
 def test_what_is_not_given_is_chosen_and_its_path_has_an_end():
     p = Parameters()
-    assert (p.sigma, p.refine, p.cooling_stages) == (None, None, 0)
+    assert (p.sigma, p.refine, p.paper.cooling_stages) == (None, None, 0)
     assert Parameters(sigma=2.0).stage_sigmas() == [18.0, 6.0, 2.0]
     assert Parameters(sigma=20.0).stage_sigmas() == [20.0]
-    assert len(Parameters(cooling_factor=1 + 1e-15).stage_sigmas()) == 1000
+    assert len(Parameters.of(cooling_factor=1 + 1e-15).stage_sigmas()) == 1000
 
 
 PRINTED = """
@@ -125,22 +127,27 @@ def test_a_row_is_as_printed(row, printed):
     name, tau, alpha, beta, sigma, N, n = (cell.strip() for cell in printed.split("|"))
     parameters = row.parameters(iterations=7)
     assert row.name == name
-    assert parameters.iterations == 7
+    assert parameters.solver.iterations == 7
     found = (parameters.tau, parameters.alpha, parameters.beta)
     assert found == (float(tau), float(alpha), float(beta))
     assert parameters.stage_sigmas()[0] == pytest.approx(float(sigma.strip("*")))
-    assert parameters.cooling_stages == (3 if sigma.endswith("*") else 1)
+    assert parameters.paper.cooling_stages == (3 if sigma.endswith("*") else 1)
     if n == "-":
-        assert (parameters.method, parameters.segments) == ("linearised", int(N))
+        assert (parameters.paper.method, parameters.solver.segments) == ("linearised", int(N))
     else:
-        found = (parameters.method, parameters.segments, parameters.substeps)
+        found = (parameters.paper.method, parameters.solver.segments, parameters.paper.substeps)
         assert found == ("nonlinear", 1, int(n))
 
 
 @pytest.mark.parametrize("row", TABLE_1.values())
 def test_a_row_has_the_energy_of_the_paper_and_is_recognised_until_a_value_changes(row):
     p = row.parameters(iterations=7)
-    assert (p.order, p.sigma_unit, p.reach, p.levels) == (1, "absolute", 0, 1)
+    assert (p.solver.order, p.paper.sigma_unit, p.solver.reach, p.solver.levels) == (
+        1,
+        "absolute",
+        0,
+        1,
+    )
     assert row_of(p).values == row.values
     for other in (row.parameters(order=2), row.parameters(alpha=2.0), Parameters()):
         assert row_of(other) is None

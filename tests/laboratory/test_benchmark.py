@@ -137,7 +137,7 @@ def test_the_level_is_met_before_the_end_and_a_solver_that_is_cancelled_did_not_
 
 def test_the_windows_benchmark(monkeypatch):
     monkeypatch.setattr(laboratory.window, "_SIZE", (320, 240))
-    quick = Parameters(iterations=10, refine=0)
+    quick = Parameters.of(iterations=10, refine=0)
     report = laboratory.window.run(lambda line: None, (3,), parameters=quick, long=20, repeats=1)
     assert list(report) == ["launch", "throughput", "frames", "settings"]
     assert survives_json(report)

@@ -2,8 +2,6 @@
 for whose bracket gradient it is a witness.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -21,7 +19,7 @@ from abfm.parameters import PAPER, Parameters
 from laboratory.paper_algorithm import PaperEnergy, exponential_span, minimise
 from tests.shapes import icosphere
 
-PARAMETERS = Parameters(
+PARAMETERS = Parameters.of(
     **PAPER,
     tau=1.5,
     alpha=0.3,
@@ -55,7 +53,7 @@ V = some_field(SPHERE)
 @pytest.mark.parametrize(("f", "g"), [(F, G), (G, F)], ids=["there", "back"])
 @pytest.mark.parametrize("substeps", [1, 4])
 def test_energy_and_gradient_are_those_of_the_bracket_option(f, g, substeps):
-    p = replace(PARAMETERS, substeps=substeps)
+    p = PARAMETERS.with_values(substeps=substeps)
     expected = MatchingEnergy(SPHERE, f, g, p).objective(p.sigma).evaluate(V[None])
     energy, gradient = PaperEnergy(SPHERE, f, g, p)(V.ravel())
     assert_allclose(energy, expected.energy, rtol=1e-8)
@@ -69,8 +67,8 @@ def test_gradient_is_the_printed_formula(substeps, as_printed):
     mesh = icosphere(1).normalized()
     f, g = bumps(mesh)
     v = some_field(mesh)
-    p = replace(PARAMETERS, substeps=substeps)
-    dt, k = p.tau / substeps, p.quadrature
+    p = PARAMETERS.with_values(substeps=substeps)
+    dt, k = p.tau / substeps, p.paper.quadrature
     derivative, bracket = directional_derivative(mesh, v).toarray(), lie_bracket(mesh, v).toarray()
     average = sum(expm(s * dt / k * bracket) for s in range(k + 1)) / (k + 1)
     jacobian = np.zeros((len(mesh.vertices), v.size))
@@ -89,7 +87,7 @@ def test_gradient_is_the_printed_formula(substeps, as_printed):
 
 
 def test_the_dropped_factor_brings_the_gradient_closer_to_the_exact_one():
-    energy = MatchingEnergy(SPHERE, F, G, replace(PARAMETERS, gradient="adjoint"))
+    energy = MatchingEnergy(SPHERE, F, G, PARAMETERS.with_values(gradient="adjoint"))
     exact = energy.objective(PARAMETERS.sigma).evaluate(V[None]).gradient.ravel()
     printed, completed = (
         PaperEnergy(SPHERE, F, G, PARAMETERS, as_printed)(V.ravel())[1]

@@ -26,7 +26,7 @@ from laboratory.trials import Place
 from tests.messages import raises
 from tests.shapes import icosphere, square
 
-SHORT = {name: replace(each, iterations=15, refine=0) for name, each in VERSIONS.items()}
+SHORT = {name: each.with_values(iterations=15, refine=0) for name, each in VERSIONS.items()}
 BALL = icosphere(2)
 
 
@@ -120,7 +120,7 @@ def test_record_says_what_came_out_and_what_it_cost(tmp_path):
 
 
 def test_solvable_problems_alone_may_be_selected(tmp_path):
-    at_rest = {"now": Parameters(iterations=0, refine=0)}
+    at_rest = {"now": Parameters.of(iterations=0, refine=0)}
     selections = (success.Selection(count=9, solvable=wanted) for wanted in (False, True))
     whole, some = (
         [row["problem"] for row in run_success({"ball": BALL}, print, *given)["rows"]]

@@ -16,8 +16,8 @@ SPHERE = icosphere(3)
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)
 SIZE = (560, 400)  # of windows: drawing takes as long as there are pixels
 PAIR = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=1,z=0,width=0.15")
-QUICK = Parameters(iterations=20, refine=0)
-ENDLESS = Parameters(
+QUICK = Parameters.of(iterations=20, refine=0)
+ENDLESS = Parameters.of(
     **PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1
 )
 """One stage with so small steps that a run goes on until it is told otherwise."""

@@ -12,7 +12,8 @@ from abfm.batch.table import known_columns
 from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm.matching.task import MatchTask
 from abfm.mesh import load_mesh
-from abfm.tasks.inputs import MESH_INPUTS, mesh_options, option
+from abfm.parameters import option
+from abfm.tasks.inputs import MESH_INPUTS, mesh_options
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.rows import ROWS_SHOWN_MAX
 from abfm_viewer.cli.batches.running import (

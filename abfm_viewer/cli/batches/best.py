@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import NamedTuple
 
-from abfm import Parameters
 from abfm.outcome import Outcome
-from abfm.tasks.inputs import option
+from abfm.parameters import FIELDS, option
 from abfm_viewer.cli.batches.rows import SummaryRow
 
 _KINDS = "match", "registration"
-_WAYS = {*(option(each.name) for each in fields(Parameters)), "start", "initial", "max-distortion"}
+_WAYS = {*map(option, FIELDS), "start", "initial", "max-distortion"}
 """Options that say how a problem is solved, not which."""
 
 

@@ -6,13 +6,12 @@ import argparse
 import json
 import math
 import sys
-from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import abfm
-from abfm import Correspondence, Match, Parameters, Registration, ResultError, TriangleMesh
+from abfm import Correspondence, Match, Registration, ResultError, TriangleMesh
 from abfm.errors import one_line, printable
 from abfm.registration import report
 from abfm.wording import percents
@@ -113,7 +112,7 @@ def _facts(
             "advice": found.facts.advice,
             "tone": found.facts.tone,
             "notes": [*found.notes, *match.mesh.messages],
-            "changed_parameters": changed(match.parameters),
+            "changed_parameters": match.parameters.changed(),
         }
         if (errors := match.landmark_errors) is not None:
             facts["landmarks"] = {
@@ -128,17 +127,6 @@ def _facts(
 
 def _sizes(mesh: TriangleMesh) -> dict[str, int]:
     return {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
-
-
-def changed(parameters: Parameters) -> dict[str, Any]:
-    """Return the parameters that differ from their defaults."""
-    usual = Parameters()
-    names = (entry.name for entry in fields(Parameters))
-    return {
-        name: value
-        for name in names
-        if (value := getattr(parameters, name)) != getattr(usual, name)
-    }
 
 
 def _warnings(of_map: dict[str, Any], found: Correspondence) -> list[str]:

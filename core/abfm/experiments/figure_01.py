@@ -136,7 +136,7 @@ def one_to_two(
     ]
     setting = (
         f"{words.sized(name, mesh)}: a Gaussian and two others of the same mass in all, "
-        f"{distance:.2f} sqrt(area) away; {p.iterations} iterations, sigma "
+        f"{distance:.2f} sqrt(area) away; {p.solver.iterations} iterations, sigma "
         f"{', '.join(format(sigma, 'g') for sigma in p.stage_sigmas())}.{note}"
     )
     return Findings(measures, Sheet((panels, *rows)), setting)

@@ -39,7 +39,7 @@ def figure_7(stage: Stage) -> Script:
     [found] = yield [Sought(problem)]
     stage.report("verifying", 0.95)
     witnesses, label, note = witnessed(found)
-    path = found.advect(np.linspace(0, p.tau, p.segments + 1))
+    path = found.advect(np.linspace(0, p.tau, p.solver.segments + 1))
     between = found.advect(np.array(_SHOWN) * p.tau)
     panels = (
         Panel(mesh, Values(path[0]), "eigenfunction 7", "source"),
@@ -55,7 +55,7 @@ def figure_7(stage: Stage) -> Script:
     )
     setting = (
         f"{sized(name, mesh)}; eigenfunction 7 to {sign}eigenfunction 8, "
-        f"{p.segments} linearised steps, {p.iterations} iterations.{note}"
+        f"{p.solver.segments} linearised steps, {p.solver.iterations} iterations.{note}"
     )
     return Findings(measures, Sheet((panels,)), setting)
 

@@ -1,7 +1,7 @@
 """Figures 9 and 10: one field whose flow is a symmetry, the rotation of a shape by 180 degrees."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -41,12 +41,12 @@ def figure_9(stage: Stage) -> Script:
     sought = [Sought(example.problem, share=0.3)]
     if scene.rotates:
         alone = scene.problem([scene.bump(scene.marks[0])], p)
-        uncooled = replace(p, cooling_stages=1, iterations=min(p.iterations, 150))
+        uncooled = p.with_values(cooling_stages=1, iterations=min(p.solver.iterations, 150))
         hotter = scene.problem(scene.places(), uncooled)
         sought += [Sought(alone, "one function", 0.2), Sought(hotter, "without cooling", 0.25)]
     if stage.mesh is None:
         # a function and its mirror image, and the mirror as a map, which is out of reach
-        short = replace(p, iterations=15) if stage.small else p
+        short = p.with_values(iterations=15) if stage.small else p
         human = words.bundled("human_A.off")
         mirror = Symmetric(human, "human_A.off", maps.detect_symmetry(human, "mirror"))
         mirrored = mirror.problem(mirror.places(), short)

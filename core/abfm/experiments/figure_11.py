@@ -237,7 +237,7 @@ class Poses:
             f"{', '.join('xyz'[x] for x in axes)} of A in units of sqrt(area); start: by the "
             f"nearest neighbour in the spectral embedding, {_FEW} eigenfunctions; targets: by the "
             f"true functional map, {k} x {k}. Parameters of Table 1, "
-            f"{problem.parameters.iterations} iterations"
+            f"{problem.parameters.solver.iterations} iterations"
         )
 
     def checker(self, functions: FloatArray) -> Checker:

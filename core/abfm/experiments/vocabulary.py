@@ -56,7 +56,7 @@ class Stage:
         return found
 
     def _heard(self, sought: Sought, begin: float) -> Callable[[Iteration], None]:
-        limit = max(sought.problem.parameters.iterations, 1)
+        limit = max(sought.problem.parameters.solver.iterations, 1)
         return lambda now: self.report(sought.text, begin + sought.share * now.iteration / limit)
 
 

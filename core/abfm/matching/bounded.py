@@ -210,7 +210,7 @@ class _Search:
 
     def _at(self, weights: _Weights) -> Parameters:
         found = self._found
-        changed = replace(found.parameters, sigma=weights.sigma, cooling_stages=1)
+        changed = found.parameters.with_values(sigma=weights.sigma, cooling_stages=1)
         if found.problem.landmarks is None:
             return changed
         return replace(changed, landmark_sigma=weights.landmark_sigma)

@@ -110,7 +110,7 @@ class Match(Display):
         if not self.path or self.path[self.step].velocity is not self.fine_velocity:
             p = self.parameters
             known = self.fine_velocity, self.residual, self.verified_residual, self.folded
-            alone = PathStep(p.last_sigma, p.alpha, p.reach, *known)
+            alone = PathStep(p.last_sigma, p.alpha, p.solver.reach, *known)
             self.__dict__.update(path=(alone,), step=0, bound=None)
 
     @property
@@ -151,7 +151,9 @@ class Match(Display):
     @cached_property
     def flow(self) -> Flow:
         """The flow of the fields."""
-        return Flow(self.mesh, self.fine_velocity, self.parameters.tau, self.parameters.method)
+        return Flow(
+            self.mesh, self.fine_velocity, self.parameters.tau, self.parameters.paper.method
+        )
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -544,7 +546,7 @@ def _landmarks(problem: Problem, errors: FloatArray | None) -> tuple[FloatArray,
 def _carried(problem: Problem, velocity: FloatArray) -> FloatArray:
     """Return the source of a problem at tau, (V, C), carried along fields (N, F, 3)."""
     p = problem.parameters
-    return Flow(problem.mesh, velocity, p.tau, p.method).push(problem.source)
+    return Flow(problem.mesh, velocity, p.tau, p.paper.method).push(problem.source)
 
 
 def _problem_of(*problem: Any, **given: Any) -> Problem:
@@ -652,8 +654,8 @@ def match_of(
         if name not in (*results.PROBLEM_ENTRIES, "landmark_errors", "remedies")
     }
     velocity = parts.pop("velocity")
-    if parameters.segments not in (0, len(velocity)):
-        raise ValueError(f"{len(velocity)} fields, but parameters say {parameters.segments}")
+    if parameters.solver.segments not in (0, len(velocity)):
+        raise ValueError(f"{len(velocity)} fields, but parameters say {parameters.solver.segments}")
     parts.setdefault("fine_velocity", velocity)
     if "bound" in parts:
         parts["bound"] = Bound.of(parts["bound"])
@@ -688,7 +690,7 @@ def load_match(path: str | os.PathLike[str]) -> Match:
 def loaded_match(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
     """Return the match of a file's arrays, as it was saved; any error if they do not fit."""
     own = {name: array for name, array in arrays.items() if name not in results.MESH_ENTRIES}
-    parameters = Parameters.from_dict(from_json(str(own["parameters"])))
+    parameters = Parameters.of(**from_json(str(own["parameters"])))
     return match_of(mesh, own, parameters)
 
 

@@ -391,7 +391,7 @@ def load_problem(path: str | os.PathLike[str]) -> Problem:
     """Read a file of `Problem.save`; ResultError if it is missing, damaged, or no problem."""
 
     def made(arrays: dict[str, NDArray[Any]]) -> Problem:
-        parameters = Parameters.from_dict(from_json(str(arrays.pop("parameters"))))
+        parameters = Parameters.of(**from_json(str(arrays.pop("parameters"))))
         return problem_of(results.mesh_of(arrays), arrays, parameters)
 
     return results.loaded(path, results.PROBLEM, made)

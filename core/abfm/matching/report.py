@@ -13,6 +13,7 @@ from abfm.matching.match import Match
 from abfm.matching.path import NUMBERS, PathStep
 from abfm.mesh.subdivision import times_subdivided
 from abfm.outcome import Facts
+from abfm.parameters import as_option
 from abfm.wording import number_text, percents
 
 STEP_HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
@@ -86,8 +87,7 @@ def advice_in_options(verdict: Verdict, facts: Facts, result: str = "") -> str:
     for remedy in verdict.remedies:
         if not (result or remedy.parameters):
             continue
-        given = remedy.parameters.items()
-        words = [f"--{name.replace('_', '-')} {plain(value)}" for name, value in given]
+        words = [as_option(name, value) for name, value in remedy.parameters.items()]
         words += [f"--start {result}"] if remedy.goes_on and result else []
         found.append(f"{remedy.label.lower()} ({' '.join(words)})")
     return ", or ".join(found) or facts.advice

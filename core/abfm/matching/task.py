@@ -164,7 +164,7 @@ class MatchTask(Task):
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
         """Refuse a match without functions, and parameters that do not fit each other."""
-        Parameters(**parameters_in(values))
+        Parameters.of(**parameters_in(values))
         if not channels(values)[0]:
             raise ParameterError("a match needs source and target")
 
@@ -173,7 +173,7 @@ class MatchTask(Task):
         values = given.values()
         mesh = mesh_of(values["mesh"], values)
         sources, targets, weights = channels(values)
-        parameters = Parameters(**parameters_in(values))
+        parameters = Parameters.of(**parameters_in(values))
         problem = Problem(
             mesh,
             sources if len(sources) > 1 else sources[0],

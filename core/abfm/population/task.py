@@ -153,7 +153,7 @@ class PopulationTask(Task):
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
         """Refuse parameters that do not fit each other, and names that are given twice."""
-        Parameters(**parameters_in(values))
+        Parameters.of(**parameters_in(values))
         for option in ("function", "weight"):
             names = [name for name, _ in values.get(option, ())]
             for name in names:

@@ -44,7 +44,7 @@ from abfm.workers.control import Control
 
 Functions: TypeAlias = ArrayLike | str | Sequence[str]
 Pairs: TypeAlias = ArrayLike | tuple[SurfacePoints, SurfacePoints] | Landmarks
-MEASURED = Parameters(order=1, alpha=0.03, divergence=1.5)
+MEASURED = Parameters.of(order=1, alpha=0.03, divergence=1.5)
 """Parameters for measured functions of two surfaces, which are only as alike as two people are.
 
 On a human's cortex and fsaverage5, compared with the norm of second order at about the same change

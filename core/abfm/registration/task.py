@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -157,7 +157,7 @@ class RegistrationTask(Task):
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
         """Refuse one without functions and landmarks, and parameters that do not fit each other."""
-        Parameters(**parameters_in(values))
+        Parameters.of(**parameters_in(values))
         if not channels(values)[0] and "landmarks" not in values:
             raise ParameterError("a registration needs source and target, or landmarks")
 
@@ -189,7 +189,7 @@ class RegistrationTask(Task):
         prepared = prepare(self.a, self.b, **self.options)
         for note in (*prepared.notes, *(f"warning: {text}" for text in prepared.warnings)):
             monitor.on_note(note)
-        parameters = replace(prepared.problem.parameters, **self.parameters)
+        parameters = prepared.problem.parameters.with_values(**self.parameters)
         problem = prepared.problem.with_parameters(parameters)
         control = monitor.control
         found = prepared.matched_by(
@@ -204,7 +204,7 @@ class RegistrationTask(Task):
 
     @property
     def goal(self) -> float:
-        return Parameters(**self.parameters).goal
+        return Parameters.of(**self.parameters).goal
 
     def notes(self) -> list[str]:
         return mesh_notes(self.a, self.b)

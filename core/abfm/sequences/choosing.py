@@ -41,7 +41,7 @@ _RESIDUAL_LARGE = 0.6  # of what was held out: where any sigma leaves more, a ma
 _RESIDUAL_RATIO_MAX = (
     1.05  # times the least residual, within which a norm is worth more than one sigma
 )
-_LONG_RANGE = Parameters(sigma=0.3, segments=1, refine=0)  # of a match that looks further
+_LONG_RANGE = Parameters.of(sigma=0.3, segments=1, refine=0)  # of a match that looks further
 
 
 class Norm(NamedTuple):
@@ -68,7 +68,7 @@ def norms(given: SequenceParameters) -> list[Norm]:
     found = [
         Norm(norm.order, norm.alpha if is_free["alpha"] else given.alpha)
         for norm in NORMS
-        if is_free["order"] or norm.order == given.order
+        if is_free["order"] or norm.order == given.solver.order
     ]
     return list(dict.fromkeys(found))
 
@@ -83,7 +83,7 @@ def chosen(solver: Solver) -> Choice:
         If there are too few vertices to hold any out, and sigma is not given.
     """
     given, candidates = solver.given, norms(solver.given)
-    usual = Norm(given.order, given.alpha)
+    usual = Norm(given.solver.order, given.alpha)
     if given.sigma is not None and len(candidates) == 1:
         return Choice(candidates[0], given.sigma)
     sigmas = cooling(given.sigma or SIGMA_MIN, SIGMA_MAX)

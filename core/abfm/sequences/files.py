@@ -119,7 +119,7 @@ def sequence_of(arrays: results.Arrays, mesh: TriangleMesh | None = None) -> Seq
     names = ("velocity", "energies", "residual", "verified_residual", "folded")
     return Sequence(
         _frames=frames,
-        parameters=SequenceParameters.from_dict(from_json(str(arrays["parameters"]))),
+        parameters=SequenceParameters.of(**from_json(str(arrays["parameters"]))),
         gamma=float(arrays["gamma"]),
         sigma=float(arrays["sigma"]),
         noise=float(arrays["noise"]),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from abfm.errors import ParameterError, brief
-from abfm.parameters import Parameters
+from abfm.parameters import FIELDS, Parameters
 
 DEFAULTS: dict[str, Any] = {
     "alpha": 1.0,
@@ -49,7 +49,7 @@ class SequenceParameters(Parameters):
     def of_match(self, **changes: Any) -> Parameters:
         """Return the parameters of an ordinary match, with changes."""
         own = {entry.name: getattr(self, entry.name) for entry in fields(Parameters)}
-        return Parameters(**(own | changes))
+        return Parameters(**own).with_values(**changes)
 
 
 def defaults(**changes: Any) -> SequenceParameters:
@@ -69,7 +69,7 @@ def defaults(**changes: Any) -> SequenceParameters:
         )
     automatic = tuple(name for name in CHOSEN if changes.get(name) is None)
     given = {name: value for name, value in changes.items() if name not in automatic}
-    return SequenceParameters(**(DEFAULTS | given), automatic=automatic)
+    return SequenceParameters.of(**DEFAULTS | given, automatic=automatic)
 
 
 def checked_parameters(parameters: Parameters | None) -> SequenceParameters:
@@ -82,14 +82,14 @@ def checked_parameters(parameters: Parameters | None) -> SequenceParameters:
     """
     if parameters is None:
         return defaults()
-    usual, of_match = Parameters(**DEFAULTS), Parameters()
-    for entry in fields(Parameters):
-        name, value = entry.name, getattr(parameters, entry.name)
-        if name not in TAKEN and value not in (getattr(usual, name), getattr(of_match, name)):
+    usual, of_match = Parameters.of(**DEFAULTS).to_dict(), Parameters().to_dict()
+    given = parameters.to_dict()
+    for name, value in given.items():
+        if name in FIELDS and name not in TAKEN and value not in (usual[name], of_match[name]):
             raise ParameterError(
                 f"a sequence does not take {name}; expected changes of {', '.join(TAKEN)} alone, "
                 "see abfm.sequences.defaults"
             )
-    taken = {name: getattr(parameters, name) for name in TAKEN}
+    taken = {name: given[name] for name in TAKEN}
     automatic = parameters.automatic if isinstance(parameters, SequenceParameters) else ()
-    return SequenceParameters(**(DEFAULTS | taken), automatic=automatic)
+    return SequenceParameters.of(**DEFAULTS | taken, automatic=automatic)

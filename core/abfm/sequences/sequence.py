@@ -153,7 +153,7 @@ class Sequence(Display):
         chosen = [*given.automatic, *(["sigma"] if given.sigma is None else [])]
         how = f" (chosen by held-out data: {', '.join(chosen)})" if chosen else ""
         numbers = f"alpha {given.alpha:.3g}, sigma {self.sigma:.3g}, gamma {self.gamma:.3g}"
-        return f"norm of order {given.order}, {numbers}{how}"
+        return f"norm of order {given.solver.order}, {numbers}{how}"
 
     @property
     def solved(self) -> BoolArray:
@@ -554,7 +554,7 @@ def _refuse_extremes(film: Frames, given: SequenceParameters) -> None:
     largest = float(np.abs(film.values).max())
     with np.errstate(over="ignore"):
         _ = film.deviation  # which refuses masks
-    relative = replace(given, sigma_unit="relative")
+    relative = given.with_values(sigma_unit="relative")
     sigmas = {SIGMA_MIN, SIGMA_MAX, given.sigma if given == relative and given.sigma else SIGMA_MIN}
     shortest, longest = int(film.durations.argmin()), int(film.durations.argmax())
     try:

@@ -5,7 +5,7 @@ search where frames are far apart.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -47,7 +47,7 @@ def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: 
     """Return the absolute sigma of an interval of that duration, by which the balance of both terms
     is the same for all durations.
     """
-    unit = frames.deviation if given.sigma_unit == "relative" else 1.0
+    unit = frames.deviation if given.paper.sigma_unit == "relative" else 1.0
     return float(sigma * unit * np.sqrt(duration))
 
 
@@ -111,7 +111,7 @@ class Solver:
 
     def choose(self, norm: Norm, sigma: float) -> None:
         """Solve with a norm of fields and a sigma from now on."""
-        self.given = replace(self.given, order=norm.order, alpha=norm.alpha)
+        self.given = self.given.with_values(order=norm.order, alpha=norm.alpha)
         self.sigma, self.is_chosen = sigma, True
 
     def _is_no_motion(self, energy: MatchingEnergy, found: Point) -> bool:
@@ -253,7 +253,7 @@ class Solver:
         """Return the energy of an interval, with another norm of fields if one is given."""
         parameters = self.parameters(interval)
         if norm is not None:
-            parameters = replace(parameters, order=norm.order, alpha=norm.alpha)
+            parameters = parameters.with_values(order=norm.order, alpha=norm.alpha)
         return MatchingEnergy(self.frames.problem(interval, parameters))
 
     def _interval(

@@ -6,7 +6,7 @@ import math
 import os
 import shlex
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import Field, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,8 @@ from abfm.errors import FunctionError, ParameterError, brief
 from abfm.functions import Circular, Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
 from abfm.functions.circular import checked_period, split_channels
 from abfm.mesh.options import MERGE, MeshOptions, read_flag
-from abfm.parameters import CHOICES, Parameters, is_whole
+from abfm.parameters import CHOICES, FIELDS, MAIN_FIELDS, Parameters, is_whole, option
+from abfm.reading.parameters import hint, parameter_reader
 from abfm.reading.text_tables import parse_number
 
 MESH_FORMATS = (
@@ -53,6 +54,8 @@ class Input:
         Whether it may be given several times.
     is_argument : bool
         Whether the command takes it by its place, without a name.
+    is_rare : bool
+        Whether the command takes it by ``--set NAME=VALUE``.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Input:
     renamed: Callable[[str, Rename], str] = lambda text, rename: text
     repeats: bool = False
     is_argument: bool = False
+    is_rare: bool = False
 
 
 def by_name(inputs: Iterable[Input]) -> dict[str, Input]:
@@ -72,87 +76,50 @@ def by_name(inputs: Iterable[Input]) -> dict[str, Input]:
     return {each.name: each for each in inputs}
 
 
-def option(name: str) -> str:
-    """Return the name of an option, or a column, by the name of its value in Python."""
-    return name.replace("_", "-")
-
-
 def parameter_inputs(
     usual: Parameters | None = None,
-    names: Collection[str] | None = None,
+    names: Collection[str] = tuple(FIELDS),
     help: Mapping[str, str] | None = None,
 ) -> tuple[Input, ...]:
-    """Return an input for each of `abfm.Parameters`; "auto" is also read for those that are chosen
-    by default.
+    """Return an input for each parameter; "auto" is also read for those that are chosen by default.
 
     Parameters
     ----------
     usual : Parameters, optional
         The defaults that the help shows.
-    names : collection of str, optional
-        Of some parameters; by default of all.
+    names : collection of str
+        Of all parameters, or of some.
     help : mapping of str, optional
         Help in place of that of their definition.
     """
-    return tuple(
-        _parameter_input(entry, usual or Parameters(), (help or {}).get(entry.name))
-        for entry in fields(Parameters)
-        if names is None or entry.name in names
-    )
-
-
-def _parameter_input(entry: Field[Any], usual: Parameters, help: str | None) -> Input:
-    name, choices = entry.name, CHOICES.get(entry.name)
-    # of a sequence: chosen unless given
-    value = None if name in getattr(usual, "automatic", ()) else getattr(usual, name)
-    text = help or entry.metadata["help"]
-    if value is not None:
-        text = text.partition("; not given")[0]
-    symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
-    metavar = f"{{{','.join(choices)}}}" if choices else "INT" if is_whole(entry) else "X"
-    return Input(
-        name=option(name),
-        help=f"{text}{symbol}",
-        read=_parameter_reader(name, value is None or entry.default is None),
-        metavar=metavar,
-        group="parameters (symbols of the paper in brackets)",
-        default="auto" if value is None else str(value),
-    )
+    defaults, chosen = (usual or Parameters()).to_dict(), getattr(usual, "automatic", ())
+    inputs = []
+    for name in names:
+        entry, choices = FIELDS[name], CHOICES.get(name)
+        value = None if name in chosen else defaults[name]
+        text = (help or {}).get(name, entry.metadata["help"])
+        if value is not None:
+            text = text.partition("; not given")[0]
+        symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
+        number = "INT" if is_whole(entry) else "X"
+        inputs.append(
+            Input(
+                name=option(name),
+                help=f"{text}{symbol}",
+                read=parameter_reader(name, chosen),
+                metavar=f"{{{','.join(choices)}}}" if choices else number,
+                group="parameters (symbols of the paper in brackets)",
+                default="auto" if value is None else str(value),
+                is_rare=name not in MAIN_FIELDS,
+            )
+        )
+    return tuple(inputs)
 
 
 def parameters_in(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return those values that are of `abfm.Parameters`, by their names there."""
-    names = {option(entry.name): entry.name for entry in fields(Parameters)}
+    names = {option(name): name for name in FIELDS}
     return {names[column]: value for column, value in values.items() if column in names}
-
-
-def _parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
-    entry = next(entry for entry in fields(Parameters) if entry.name == name)
-
-    @lru_cache(maxsize=1000)  # of a column's cells, most are alike
-    def read(text: str) -> Any:
-        value: Any = text
-        if is_optional and text == "auto":
-            return None
-        if name not in CHOICES:
-            try:
-                value = int(text) if is_whole(entry) else parse_number(text)
-            except ValueError:
-                noun = "whole number" if is_whole(entry) else "number"
-                raise ParameterError(_not_a(noun, text)) from None
-        # what does not fit alone; what does not fit the others is reported of all together
-        alone: dict[str, Any] = {name: value}
-        if name == "stage_iterations":
-            alone["cooling_stages"] = 1
-        Parameters(**alone)
-        return value
-
-    return read
-
-
-def _not_a(noun: str, text: str) -> str:
-    hint = ": write a decimal point, and no signs between thousands" if "," in text else ""
-    return f"{brief(text)} is not a {noun}{hint}"
 
 
 def number_input(
@@ -173,7 +140,7 @@ def read_number(text: str, expected: str, holds: Callable[[float], bool]) -> flo
     try:
         number: float = parse_number(text)
     except ValueError:
-        raise ParameterError(_not_a("number", text)) from None
+        raise ParameterError(f"{brief(text)} is not a number{hint(text)}") from None
     if not (math.isfinite(number) and holds(number)):
         raise ParameterError(f"{brief(text)} is not a number {expected}")
     return number

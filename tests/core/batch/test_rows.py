@@ -61,7 +61,7 @@ def test_a_match_is_named_by_its_problem_as_it_would_be_in_the_tables_folder(fol
     alone = pair(alpha=0.1)
     f, g = (f"gaussian:vertex={i},width=0.3" for i in (0, 9))
     brief = {name.replace("-", "_"): value for name, value in BRIEF.items()}
-    assert alone.digest == abfm.Problem(EIGHT, f, g, abfm.Parameters(alpha=0.1, **brief)).digest
+    assert alone.digest == abfm.Problem(EIGHT, f, g, abfm.Parameters.of(alpha=0.1, **brief)).digest
 
 
 def test_the_bound_of_distortion_is_part_of_the_name():

@@ -223,7 +223,7 @@ def test_a_registration_is_what_register_finds(done, tmp_path):
     assert isinstance(entry.load(), abfm.Registration)
     values = entry.row.values()
     a, b = abfm.load_mesh(values["a"]), abfm.load_mesh(values["b"])
-    parameters = abfm.Parameters(refine=0, iterations=4, levels=1, cooling_stages=2)
+    parameters = abfm.Parameters.of(refine=0, iterations=4, levels=1, cooling_stages=2)
     found = abfm.register(a, b, values["source"], values["target"], parameters=parameters)
     found.save(tmp_path / "alone.npz")
     assert entry.path.read_bytes() == (tmp_path / "alone.npz").read_bytes()

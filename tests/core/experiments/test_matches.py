@@ -46,7 +46,7 @@ class TestFigures1And3:
         assert high[0] > 0.8
         assert high[2] <= 0.5
         assert measured(findings, "folded faces") < 0.2
-        cooled = example.problem.parameters.cooling_stages > 1
+        cooled = example.problem.parameters.paper.cooling_stages > 1
         last = "drift of the mass at tau" + (", with the last" if cooled else "")
         assert measured(findings, "largest drift of the mass") > measured(findings, last)
 
@@ -168,7 +168,7 @@ SPHERE = icosphere(2)
 @pytest.fixture(scope="module")
 def found():
     x, y, _ = SPHERE.vertices.T
-    return match(SPHERE, x, y, Parameters(iterations=3))
+    return match(SPHERE, x, y, Parameters.of(iterations=3))
 
 
 def test_numbers_are_those_of_the_verification_and_what_overflows_is_told(found, monkeypatch):

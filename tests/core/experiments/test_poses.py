@@ -1,7 +1,6 @@
 """Figures 11 to 13, small: maps between two poses, improved by flows."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -111,8 +110,8 @@ def test_what_needs_no_flow_is_read_off_the_targets_and_the_start(poses):
 
 def test_a_flow_that_stands_still_reads_as_no_flow(poses):
     problem = ran(13)[0].problem
-    parameters = replace(problem.parameters, iterations=0)
-    still = np.zeros((parameters.segments, len(poses.b.faces), 3))
+    parameters = problem.parameters.with_values(iterations=0)
+    still = np.zeros((parameters.solver.segments, len(poses.b.faces), 3))
     found = match(poses.b, problem.source, problem.target, parameters, start=still)
     read = maps.by_flow(poses.start, len(poses.wanted), "still", found)
     expected = maps.without_flow(poses, problem.target)[maps.NO_FLOW + maps.NEIGHBOURS]

@@ -214,7 +214,7 @@ def energy(mesh, channels=1, **changes):
     at = np.array([0, 40, 80])[:channels]
     f, g = (np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in at + k], axis=1) for k in (0, 17))
     usual = {**PAPER, "alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3}
-    p = abfm.Parameters(**{**usual, **changes})
+    p = abfm.Parameters.of(**{**usual, **changes})
     if channels == 1:
         return MatchingEnergy(mesh, f, g, p)
     mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices))
@@ -278,7 +278,7 @@ def matched(end=None, **changes):
         if i.iteration == end:
             control.cancel()
 
-    p = abfm.Parameters(**changes)
+    p = abfm.Parameters.of(**changes)
     with counted_row_products() as products:
         found = abfm.match(KNOTS, F, G, p, on_iteration=note, control=control)
     return found, seen, products.count
@@ -312,7 +312,7 @@ def test_some_matches_have_no_clusters(changes):
 
 def test_clusters_come_between_coarser_meshes_and_the_mesh_itself():
     """They have the same fields; what is spent last costs about twice what was before."""
-    E, x = MatchingEnergy(KNOTS, F, G, abfm.Parameters(levels=2)), fields(KNOTS, 1)
+    E, x = MatchingEnergy(KNOTS, F, G, abfm.Parameters.of(levels=2)), fields(KNOTS, 1)
     found = levels(on_the_mesh(E))
     assert [level.energy.discretisation.size for level in found] == [MANY // 4, FEW, MANY]
     assert found[1].fields_to_finer(x) is x

@@ -55,7 +55,7 @@ def test_match_of_phases_has_two_channels():
     assert found.weights.tolist() == [2, 2]
     speed = np.linalg.norm(found.velocity[0], axis=1)
     assert_allclose(speed, TURN, rtol=0.05)
-    assert len(warnings_of(abfm.match, RING, f, g, abfm.Parameters(iterations=1))[1]) == 1
+    assert len(warnings_of(abfm.match, RING, f, g, abfm.Parameters.of(iterations=1))[1]) == 1
 
 
 def test_texts_are_circular_by_themselves(tmp_path):

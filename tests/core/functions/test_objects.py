@@ -236,7 +236,7 @@ def test_entries_place_values_alike():
     assert_array_equal(made.source[:, 0], X)
     assert_array_equal(made.target[:, 0], np.float32(Y))
     assert_array_equal(made.mask, np.where(X > 0, 2.0, 1.0))
-    quick = abfm.Parameters(iterations=1, refine=0)
+    quick = abfm.Parameters.of(iterations=1, refine=0)
     registered = abfm.register(BALL, BALL, f, f, mask_a=mask, mask_b=mask, parameters=quick)
     assert_allclose(registered.functions[:, 0], X)
     still = np.zeros((len(BALL.faces), 3))

@@ -17,7 +17,7 @@ COUNT = len(MESH.vertices)
 HIDDEN = MESH.vertices[:, 0] < -0.4
 MASK = np.where(HIDDEN, 0.0, 1.0)
 F, G = (bump(MESH, place, 0.25) for place in ([0, 0, 1], [0, 0.6, 0.8]))
-BRIEF = Parameters(iterations=25, refine=0, levels=1)
+BRIEF = Parameters.of(iterations=25, refine=0, levels=1)
 
 
 def noise(size, seed=0):
@@ -58,7 +58,7 @@ def test_match(matched, kind):
 
 def test_match_by_default_with_coarser_and_finer_meshes():
     one, other = (
-        abfm.match(MESH, *pair, Parameters(iterations=60), mask=MASK)
+        abfm.match(MESH, *pair, Parameters.of(iterations=60), mask=MASK)
         for pair in ((F, G), (spoiled(F, "noise"), spoiled(G, "large noise")))
     )
     assert_same(one, other)

@@ -218,7 +218,7 @@ def test_matches(changes, name, move):
     """Rounding grows from iteration to iteration: so few are compared."""
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     f, g = bump(mesh, mesh.vertices[3], 0.3), bump(mesh, mesh.vertices[20], 0.3)
-    parameters = abfm.Parameters(iterations=4, **changes)
+    parameters = abfm.Parameters.of(iterations=4, **changes)
     expected = abfm.match(mesh, f, g, parameters)
     found = abfm.match(other, move.function(mesh, f), move.function(mesh, g), parameters)
     assert_alike(found.velocity[0], move.field(mesh, expected.velocity[0]), SOLVES)

@@ -193,7 +193,7 @@ match_error = partial(refusal, load_match)
 
 @pytest.fixture(scope="module")
 def result():
-    return match(SPHERE, X, Y, Parameters(iterations=2, levels=1, refine=0), mask=np.ones(V))
+    return match(SPHERE, X, Y, Parameters.of(iterations=2, levels=1, refine=0), mask=np.ones(V))
 
 
 @pytest.fixture
@@ -382,7 +382,7 @@ MESH = icosphere(2)
 @pytest.fixture(scope="module")
 def whole():
     f, g = bump(MESH, [0, 0, 1], 0.2), bump(MESH, [0, 0.8, 0.6], 0.2)
-    return match(MESH, f, g, Parameters(iterations=60, levels=2, segments=2, refine=0))
+    return match(MESH, f, g, Parameters.of(iterations=60, levels=2, segments=2, refine=0))
 
 
 @pytest.fixture
@@ -406,7 +406,7 @@ def test_everything_comes_back(whole, file):
 
 
 def test_a_match_goes_to_another_process_without_what_was_computed_from_it(whole):
-    prepare(whole.mesh, Parameters(levels=2))  # keeps a coarser mesh and a lock
+    prepare(whole.mesh, Parameters.of(levels=2))  # keeps a coarser mesh and a lock
     there = whole.advect([-0.5, 0.5, 1.0])
     sent = pickle.dumps(whole)
     assert len(sent) < 200_000  # the memory that flows work in alone is larger

@@ -140,7 +140,7 @@ def test_zoom_out_is_what_going_to_points_and_back_by_hand_gives():
 
 def match_of(mesh, axis, tau):
     f, velocity = mesh.vertices[:, 0], np.cross(axis, mesh.vertices[mesh.faces].mean(axis=1))
-    return abfm.match(mesh, f, f, abfm.Parameters(tau=tau, iterations=0), start=velocity)
+    return abfm.match(mesh, f, f, abfm.Parameters.of(tau=tau, iterations=0), start=velocity)
 
 
 def test_flow_of_a_rotation_has_the_characters_of_the_rotation_group():

@@ -21,7 +21,7 @@ PROBLEM = Problem(BALL, *(bump(BALL, BALL.vertices[i], 0.25) for i in (3, 20)))
 
 @pytest.fixture(scope="module", params=[0, 1], ids=["as it is", "refined"])
 def found(request):
-    one = match(PROBLEM.refined(request.param).with_parameters(Parameters(iterations=40)))
+    one = match(PROBLEM.refined(request.param).with_parameters(Parameters.of(iterations=40)))
     head = one.advected[: len(BALL.vertices)]
     problem = PROBLEM.with_parameters(one.parameters)
     one = replace(one, problem=problem, advected=head, path=())
@@ -85,7 +85,7 @@ def test_other_changes_are_told_where_they_are_larger_than_rounding(
 
 
 def test_a_word_that_is_better_than_its_numbers_is_not_believed(found, tmp_path):
-    still = match(PROBLEM.with_parameters(Parameters(iterations=1, cooling_stages=1)))
+    still = match(PROBLEM.with_parameters(Parameters.of(iterations=1, cooling_stages=1)))
     assert still.verdict.kind == "not reached"
     praised = replace(still, verdict=Verdict(Outcome.MATCHED, "so it is", ""))
     loaded = reloaded(praised, tmp_path / "m.npz")

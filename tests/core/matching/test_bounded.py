@@ -67,15 +67,15 @@ def match_of(name):
     """Return short matches of several kinds, some of which fail."""
     sphere = icosphere(2)
     x, y, z = sphere.vertices.T
-    short = Parameters(iterations=40, refine=0)
+    short = Parameters.of(iterations=40, refine=0)
     problems = {
         "far": (np.exp(-((x - 1) ** 2) / 0.2), np.exp(-((x + 1) ** 2) / 0.2), short),
         "near": (np.exp(-((x - 1) ** 2) / 0.3), np.exp(-((y - 0.2) ** 2 + z**2) / 0.3), short),
         "turned": (x * y, y * z, short),
-        "two fields": (x, y, Parameters(iterations=30, refine=0, segments=2)),
-        "paper": (x, z, Parameters(iterations=30, refine=0, reach=0, levels=1, sigma=0.1)),
+        "two fields": (x, y, Parameters.of(iterations=30, refine=0, segments=2)),
+        "paper": (x, z, Parameters.of(iterations=30, refine=0, reach=0, levels=1, sigma=0.1)),
         "smaller": (np.exp(-((z - 1) ** 2) / 0.9), np.exp(-((z - 1) ** 2) / 0.2), short),
-        "linearised": (x, y, Parameters(iterations=20, method="linearised", refine=0)),
+        "linearised": (x, y, Parameters.of(iterations=20, method="linearised", refine=0)),
     }
     return match(Problem(sphere, *problems[name]))
 

@@ -21,7 +21,7 @@ from tests.core.surfaces import moved, relative_error, renumbered
 from tests.shapes import hemisphere, icosphere
 
 SPHERE, SMALL = icosphere(4), icosphere(3)
-QUICK = Parameters(iterations=60, refine=0)
+QUICK = Parameters.of(iterations=60, refine=0)
 
 
 def at(degrees, mesh=SPHERE, width=0.1):
@@ -45,7 +45,7 @@ def body(name, a, b, width):
 @pytest.mark.parametrize("degrees", [90, 135])
 def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees):
     (far, _), (blind, _) = (
-        matched(degrees, Parameters(reach=reach, refine=refine), width=0.05)
+        matched(degrees, Parameters.of(reach=reach, refine=refine), width=0.05)
         for reach, refine in ((1.0, 1), (0.0, 0))
     )
     assert far.residual < 0.05
@@ -57,9 +57,9 @@ def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degr
 
 def test_a_far_target_on_a_body():
     given = body("human_A.off", 7, 300, 0.08)
-    p = Parameters(iterations=120, alpha=0.003, divergence=1.0, refine=0)
+    p = Parameters.of(iterations=120, alpha=0.003, divergence=1.0, refine=0)
     assert abfm.match(*given, p).residual < 0.3
-    assert abfm.match(*given, replace(p, reach=0.0)).residual > 0.6
+    assert abfm.match(*given, p.with_values(reach=0.0)).residual > 0.6
     close = abfm.match(*given, Parameters(refine=0, divergence=1.0, sigma=0.003))
     assert close.residual < 0.05
     assert close.worse_residual < 0.5
@@ -80,7 +80,7 @@ def test_the_field_that_is_found_carries_as_a_rotation_does():
 @pytest.mark.parametrize("levels", [2, 3])
 def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
     # with weight on divergence more iterations are needed on meshes so coarse
-    match, seen = matched(80, replace(QUICK, levels=levels, divergence=1.0))
+    match, seen = matched(80, QUICK.with_values(levels=levels, divergence=1.0))
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert match.advected.shape == (len(SPHERE.vertices), 1)
     assert match.residual < 0.15
@@ -105,7 +105,7 @@ def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
     "changes", [{}, {"levels": 3, "refine": 0}, PAPER, {"cooling_stages": 1, "refine": 0}]
 )
 def test_few_iterations_are_not_exceeded(iterations, changes):
-    match, _ = matched(50, Parameters(**changes, iterations=iterations), SMALL)
+    match, _ = matched(50, Parameters.of(**changes, iterations=iterations), SMALL)
     assert 1 <= len(match.energy_history) <= iterations + 1
     assert match.velocity.shape == (1, len(SMALL.faces), 3)
     if iterations == 0:
@@ -115,7 +115,7 @@ def test_few_iterations_are_not_exceeded(iterations, changes):
 
 
 def test_linearised_steps_over_several_meshes():
-    p = Parameters(iterations=40, levels=2, method="linearised", segments=8)
+    p = Parameters.of(iterations=40, levels=2, method="linearised", segments=8)
     match, _ = matched(40, p, SMALL, 0.2)
     assert match.velocity.shape == (8, len(SMALL.faces), 3)
     assert match.residual < 0.4 * match.initial_residual
@@ -123,7 +123,7 @@ def test_linearised_steps_over_several_meshes():
 
 def test_a_mask_comes_to_coarser_meshes():
     """Where it is zero the target may be anything, on all of them."""
-    seen, f, g, p = SPHERE.vertices[:, 0] > -0.3, at(0), at(60), replace(QUICK, levels=2)
+    seen, f, g, p = SPHERE.vertices[:, 0] > -0.3, at(0), at(60), QUICK.with_values(levels=2)
     assert abfm.match(SPHERE, f, g, p, mask=seen).residual < 0.15
     assert abfm.match(SPHERE, f, np.where(seen, g, 7.0), p, mask=seen).residual < 0.3
 
@@ -142,7 +142,7 @@ def test_cancelled_on_a_coarse_mesh_it_comes_back_on_the_mesh_itself(iteration, 
         if one.iteration == iteration:
             control.cancel()
 
-    match, _ = matched(80, replace(QUICK, levels=3), on_iteration=stop, control=control)
+    match, _ = matched(80, QUICK.with_values(levels=3), on_iteration=stop, control=control)
     assert match.stop_reason == "cancelled"
     assert seen[-1].level == 0
     assert len(match.energy_history) == iteration + 1
@@ -171,7 +171,7 @@ def test_cancelled_between_two_meshes(calming, control, monkeypatch):
         monkeypatch.setattr(Objective, "evaluate", overflowing)
     else:
         monkeypatch.setattr(Level, "fields_to_finer", cancelling)
-    match, seen = matched(60, replace(QUICK, levels=2), control=control)
+    match, seen = matched(60, QUICK.with_values(levels=2), control=control)
     assert match.stop_reason == "cancelled"
     assert {one.level for one in seen} == {0}
     assert match.velocity.any()
@@ -188,7 +188,7 @@ def test_cancelled_on_a_second_way_it_keeps_the_first_where_that_is_better(contr
         if len(begun) > after:
             control.cancel()
 
-    p = Parameters(levels=1, refine=0)
+    p = Parameters.of(levels=1, refine=0)
     match, _ = matched(120, p, SMALL, 0.07, on_iteration=stop, control=control)
     left = [max(step.residual, step.verified_residual) for step in match.path]
     assert begun[0].residual > 0.8 > 0.4 > match.worse_residual == min(left)
@@ -204,7 +204,7 @@ def test_cancelled_from_another_thread_also_while_paused(control):
             reached.set()
 
     def solve():
-        p = replace(QUICK, levels=2)
+        p = QUICK.with_values(levels=2)
         results.append(matched(80, p, on_iteration=hold, control=control)[0])
 
     thread = threading.Thread(target=solve)
@@ -219,17 +219,20 @@ def test_cancelled_from_another_thread_also_while_paused(control):
 
 
 def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_again():
-    p, field = replace(QUICK, levels=2, sigma=0.02), rotation_field(SPHERE, [-np.deg2rad(60), 0, 0])
+    p, field = (
+        QUICK.with_values(levels=2, sigma=0.02),
+        rotation_field(SPHERE, [-np.deg2rad(60), 0, 0]),
+    )
     match, seen = matched(60, p, start=field)
     assert {one.level for one in seen} == {0}
     assert {one.levels for one in seen} == {1}
     assert_allclose(seen[0].velocity[0], field, atol=1e-12)
     assert seen[0].sigma == p.last_sigma
     assert match.residual <= seen[0].residual
-    p, field = replace(QUICK, levels=2), rotation_field(SPHERE, [np.deg2rad(60), 0, 0])
+    p, field = QUICK.with_values(levels=2), rotation_field(SPHERE, [np.deg2rad(60), 0, 0])
     match, seen = matched(60, p, start=field)
     assert {one.level for one in seen} == {0, 1}
-    assert seen[0].reach == p.reach
+    assert seen[0].reach == p.solver.reach
     # it begins where the start leads
     assert relative_error(SPHERE, seen[0].advected[:, 0], at(-60)) < 0.4
     assert match.residual < 0.15
@@ -238,19 +241,19 @@ def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_
 @pytest.mark.parametrize("levels", [1, 2])
 def test_a_start_whose_flow_is_worse_than_none_is_as_good_as_none(levels):
     """Noise so fast that the discrete flow grows beyond bounds."""
-    p = replace(QUICK, iterations=20, levels=levels)
+    p = QUICK.with_values(iterations=20, levels=levels)
     noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
     astray, fresh = (matched(60, p, SMALL, start=start)[0] for start in (noise, None))
     assert_array_equal(astray.velocity, fresh.velocity)
-    kept, _ = matched(60, replace(p, iterations=0, levels=1), SMALL, start=noise)
+    kept, _ = matched(60, p.with_values(iterations=0, levels=1), SMALL, start=noise)
     assert kept.velocity.any()  # where nothing is searched, it is what was given
 
 
 def test_without_reach_any_start_is_gone_on_from_also_one_too_fast_for_flow_lines():
-    p = replace(QUICK, iterations=3, reach=0, levels=2)
+    p = QUICK.with_values(iterations=3, reach=0, levels=2)
     _, seen = matched(60, p, start=wavy_field(SPHERE, 1))
     assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
-    p = replace(QUICK, iterations=2, reach=0)
+    p = QUICK.with_values(iterations=2, reach=0)
     match, _ = matched(60, p, SMALL, start=rotation_field(SMALL, [0, 0, 900]))
     assert np.isfinite(match.residual)
     assert np.isnan(match.verified_residual)
@@ -263,17 +266,17 @@ def test_beside_a_needle_nothing_is_found_that_is_worse_than_not_moving(tip, sta
     corners = [[0, 0, 0], [1, 0, 0], [0.3, 0.9, 0], [tip, -1e-10, 0]]
     mesh = TriangleMesh(np.array(corners), [[0, 1, 2], [1, 0, 3]])
     given = None if start is None else start * wavy_field(mesh, 0)
-    p = Parameters(iterations=8, refine=1)
+    p = Parameters.of(iterations=8, refine=1)
     for a, b in ((0, 2), (3, 0), (3, 1), (3, 2)):
         f, g = bump(mesh, mesh.vertices[a], 0.15), bump(mesh, mesh.vertices[b], 0.15)
         match = abfm.match(mesh, f, g, p, start=given)
-        kept = abfm.match(mesh, f, g, replace(p, iterations=0), start=given)
+        kept = abfm.match(mesh, f, g, p.with_values(iterations=0), start=given)
         assert match.residual <= max(match.initial_residual, kept.residual)
 
 
 def test_same_bits_with_other_work_beside_it():
     """On the same coarser meshes, too."""
-    p = replace(QUICK, levels=2)
+    p = QUICK.with_values(levels=2)
     alone = abfm.match(SPHERE, at(0), at(70), p)
     others = [
         threading.Thread(target=abfm.match, args=(icosphere(3), at(a, SMALL), at(50, SMALL), p))
@@ -293,7 +296,7 @@ def test_same_bits_with_other_work_beside_it():
 def test_units_place_rotation_and_numbering_hardly_matter():
     """Iterates drift apart from rounding on; what is reached does not."""
     mesh, f, g = body("eight.off", 7, 60, 0.2)
-    p = Parameters(levels=2, refine=1)
+    p = Parameters.of(levels=2, refine=1)
     here = abfm.match(mesh, f, g, p)
     turned = moved(mesh, Rotation.from_rotvec([1.0, 0.4, -0.3]).as_matrix(), 1e3)
     mixed, vertices, _ = renumbered(mesh, 2)
@@ -312,14 +315,14 @@ def test_flow_lines_at_once_are_those_of_the_verification(mesh):
     )
     weighed = {"mask": np.linspace(0, 1, len(mesh.vertices)), "weights": [1.0, 0.3]}
     for extras in ({}, weighed):
-        match = abfm.match(mesh, f, g, Parameters(iterations=20, segments=2), **extras)
+        match = abfm.match(mesh, f, g, Parameters.of(iterations=20, segments=2), **extras)
         found = match.verify(subdivided=False)
         assert match.verified_residual == pytest.approx(found.flow_lines, rel=1e-9)
         assert match.folded == pytest.approx(found.folded, abs=1e-12)
 
 
 def test_the_papers_stages_are_plain_ones_of_sigma_in_either_unit_in_the_norm_of_first_order():
-    p = Parameters(
+    p = Parameters.of(
         **PAPER, alpha=0.02, sigma=1e-3, cooling_stages=3, cooling_factor=10, iterations=40
     )
     match, seen = matched(40, p, SMALL, 0.2)
@@ -333,8 +336,8 @@ def test_the_papers_stages_are_plain_ones_of_sigma_in_either_unit_in_the_norm_of
     for stage in range(3):
         assert (np.diff(match.energy_history[match.stages == stage, 0]) <= 0).all()
     assert match.residual < 0.05
-    absolute = Parameters(**PAPER, sigma=0.05, cooling_stages=1, iterations=15)
+    absolute = Parameters.of(**PAPER, sigma=0.05, cooling_stages=1, iterations=15)
     one, _ = matched(40, absolute, SMALL, 0.2)
     relative = 0.05 / one.problem.functions.function_size
-    other, _ = matched(40, replace(absolute, sigma=relative, sigma_unit="relative"), SMALL, 0.2)
+    other, _ = matched(40, absolute.with_values(sigma=relative, sigma_unit="relative"), SMALL, 0.2)
     assert_allclose(one.energy_history, other.energy_history, rtol=1e-6)

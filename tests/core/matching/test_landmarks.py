@@ -118,20 +118,22 @@ def test_landmark_errors_have_one_computation(tmp_path):
 
 def test_a_coarser_mesh_leads_to_the_mesh_itself():
     pair, _ = flowed(SPHERE, 5, seed=3)
-    found = abfm.match(abfm.Problem(SPHERE, None, None, abfm.Parameters(levels=2), landmarks=pair))
+    found = abfm.match(
+        abfm.Problem(SPHERE, None, None, abfm.Parameters.of(levels=2), landmarks=pair)
+    )
     well_matched(found)
     assert found.velocity.shape == (1, len(SPHERE.faces), 3)
 
 
 def test_a_start_goes_on_and_what_is_not_reached_is_told(matched):
     problem = matched.problem
-    short = abfm.match(problem.with_parameters(abfm.Parameters(iterations=2)))
+    short = abfm.match(problem.with_parameters(abfm.Parameters.of(iterations=2)))
     assert short.verdict.kind == "not reached"
     check_message(short.verdict.reason, 2)
     again = abfm.match(problem.starting_from(matched.velocity))
     well_matched(again)
     assert len(again.energy_history) <= 3
-    loose = abfm.Parameters(landmark_sigma=3.0, segments=1)
+    loose = abfm.Parameters.of(landmark_sigma=3.0, segments=1)
     left = abfm.match(problem.with_parameters(loose))
     assert left.verdict.kind == "not reached"
     assert left.verdict.cause is Cause.LANDMARKS_FAR
@@ -143,7 +145,7 @@ def test_smaller_landmark_sigmas_leave_less():
     pair, _ = flowed(SMALL, 4)
     left = []
     for sigma in (1.0, 0.3, 0.1):
-        p = abfm.Parameters(landmark_sigma=sigma, segments=1)
+        p = abfm.Parameters.of(landmark_sigma=sigma, segments=1)
         left.append(abfm.match(abfm.Problem(SMALL, None, None, p, landmarks=pair)).landmark_errors)
     assert left[0].max() > 2 * left[1].max() > 4 * left[2].max()
 

@@ -65,7 +65,7 @@ def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
 @pytest.mark.parametrize("count", [20, 60, 100])
 def test_what_an_earlier_way_found_outlives_one_that_runs_out_of_memory(monkeypatch, count, levels):
     """Each way to the target begins with a zero field, which matches nothing."""
-    mesh, p = icosphere(3), Parameters(levels=levels, refine=0)
+    mesh, p = icosphere(3), Parameters.of(levels=levels, refine=0)
     f, g = (bump(mesh, mesh.vertices[vertex], 0.1) for vertex in (0, 30))
     seen = []
     full_after(monkeypatch, count)
@@ -91,11 +91,11 @@ def test_it_is_an_error_where_memory_runs_out_for_the_caller_or_without_a_field(
 BALL = icosphere(3)
 PROBLEM = BALL, *(bump(BALL, BALL.vertices[vertex], 0.4) for vertex in (0, 30))
 WAYS = {
-    "one level": Parameters(levels=1, iterations=8),
-    "coarse to fine": Parameters(levels=2, iterations=12),
-    "with a reach": Parameters(levels=2, iterations=12, reach=0.3),
-    "with the bracket": Parameters(gradient="bracket", levels=1, iterations=4),
-    "without a preconditioner": Parameters(preconditioner="none", levels=1, iterations=4),
+    "one level": Parameters.of(levels=1, iterations=8),
+    "coarse to fine": Parameters.of(levels=2, iterations=12),
+    "with a reach": Parameters.of(levels=2, iterations=12, reach=0.3),
+    "with the bracket": Parameters.of(gradient="bracket", levels=1, iterations=4),
+    "without a preconditioner": Parameters.of(preconditioner="none", levels=1, iterations=4),
 }
 
 

@@ -75,7 +75,7 @@ def test_offset_changes_neither_path_nor_verdict(offset):
 def test_a_large_constant_hides_no_residual():
     """Relative to the norm of the target, as in the paper, nearly everything would be a match."""
     f, g = (bump(EGG, place, 0.13) + 3 for place in ([1, 0, 0], [0, 0, 0.55]))
-    still = abfm.match(EGG, f, g, Parameters(iterations=0))
+    still = abfm.match(EGG, f, g, Parameters.of(iterations=0))
     assert still.mismatch < 0.15
     assert still.residual > 1
     assert still.facts.outcome is Outcome.NOT_REACHED
@@ -99,6 +99,6 @@ def test_the_residual_is_relative_to_the_masked_deviation():
 def test_a_constant_target_is_impossible(constant):
     flat = np.full(len(SPHERE.vertices), constant)
     for f in (PAIRS["bumps"][0], flat):
-        found = abfm.match(SPHERE, f, flat, Parameters(iterations=2, refine=0))
+        found = abfm.match(SPHERE, f, flat, Parameters.of(iterations=2, refine=0))
         assert found.facts.outcome is Outcome.IMPOSSIBLE
         assert not found.facts.outcome.is_good

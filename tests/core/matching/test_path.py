@@ -25,7 +25,7 @@ FACES = len(MESH.faces)
 @pytest.fixture(scope="module")
 def found():
     one, other = bump(MESH, MESH.vertices[3], 0.3), bump(MESH, MESH.vertices[20], 0.3)
-    return match(MESH, one, other, Parameters(iterations=30, refine=0))
+    return match(MESH, one, other, Parameters.of(iterations=30, refine=0))
 
 
 @pytest.fixture(scope="module")

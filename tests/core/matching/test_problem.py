@@ -20,7 +20,7 @@ from tests.shapes import icosphere
 
 SPHERE = icosphere(2)
 F, G, H = (bump(SPHERE, SPHERE.vertices[vertex], 0.3) for vertex in (0, 30, 60))
-P = abfm.Parameters(iterations=5)
+P = abfm.Parameters.of(iterations=5)
 GIVEN = {
     "mask": np.abs(SPHERE.vertices[:, 0]),
     "weights": [1.0, 0.5],
@@ -80,7 +80,7 @@ def test_its_digest_tells_all_that_it_is_made_of():
         problem(mask=None),
         problem(weights=[1.0, 0.6]),
         problem(start=None),
-        problem().with_parameters(abfm.Parameters(iterations=6)),
+        problem().with_parameters(abfm.Parameters.of(iterations=6)),
         problem().starting_from(0 * GIVEN["start"]),
         abfm.Problem(SPHERE, g, f, P, **GIVEN),
         abfm.Problem(icosphere(2, 2.0), f, g, P, **GIVEN | {"start": None}),

@@ -194,7 +194,7 @@ def test_texts_are_part_of_the_digest_where_given_and_of_files_and_copies(tmp_pa
 @pytest.fixture(scope="module")
 def fine_match():
     """A match found on the subdivision, seen on the mesh."""
-    problem = Problem(BALL, *SPECS, Parameters(iterations=20, refine=0))
+    problem = Problem(BALL, *SPECS, Parameters.of(iterations=20, refine=0))
     found, count = match(problem.subdivided()), len(BALL.vertices)
     return replace(found, problem=problem, advected=found.advected[:count], path=())
 
@@ -224,7 +224,7 @@ def test_files_keep_the_finer_field_beside_its_mean(fine_match, tmp_path):
     assert_array_equal(loaded.fine_velocity, fine_match.fine_velocity)
     assert loaded.problem.digest == fine_match.problem.digest
     assert loaded.path[0].velocity is loaded.fine_velocity
-    plain = match(square(4), *np.eye(2, 25), Parameters(iterations=2, refine=0))
+    plain = match(square(4), *np.eye(2, 25), Parameters.of(iterations=2, refine=0))
     plain.save(path)
     with np.load(path) as file:
         assert "fine_velocity" not in file

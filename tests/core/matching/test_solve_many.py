@@ -21,8 +21,8 @@ from tests.messages import raises
 from tests.shapes import icosphere
 
 SPHERE, OTHER = icosphere(2), icosphere(2, 1.1)
-QUICK = Parameters(iterations=5)
-ENDLESS = Parameters(
+QUICK = Parameters.of(iterations=5)
+ENDLESS = Parameters.of(
     **PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1
 )
 

@@ -204,7 +204,7 @@ def test_refusal_names_what_is_accepted():
 
 def test_every_entry_takes_objects(tmp_path):
     given = trimesh.Trimesh(V, F, process=False)
-    parameters = abfm.Parameters(iterations=1, refine=0)
+    parameters = abfm.Parameters.of(iterations=1, refine=0)
     f, g = (abfm.function(given, f"gaussian:vertex={i},width=0.5") for i in (0, 1))
     assert_array_equal(f, abfm.function(SPHERE, "gaussian:vertex=0,width=0.5"))
     expected = abfm.match(SPHERE, f, g, parameters)

@@ -22,7 +22,7 @@ from tests.shapes import icosphere, square
 NOTEBOOK = Path(__file__).parents[3] / "docs" / "notebooks" / "match_and_register.ipynb"
 BALL = icosphere(2)
 X = BALL.vertices[:, 0]
-QUICK = abfm.Parameters(iterations=2, refine=0)
+QUICK = abfm.Parameters.of(iterations=2, refine=0)
 
 
 def small_population():

@@ -195,7 +195,7 @@ def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
 def test_page_of_a_match_carries_its_source_to_the_target():
     mesh = icosphere(3)
     f, g = (abfm.function(mesh, f"gaussian:vertex={v},width=0.12") for v in (5, 60))
-    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=12, refine=0))
+    match = abfm.match(mesh, f, g, abfm.Parameters.of(iterations=12, refine=0))
     page = match_page(match, "a match")
     names = [panel.title for panel in page.panels]
     assert names == ["source", "carried", "target"]

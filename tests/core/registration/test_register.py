@@ -115,7 +115,9 @@ def flowed(mesh, directions, strength=0.12):
 def found():
     f = hills(A.vertices)
     g = hills(flowed(B, TURN.inv().apply(B.vertices.copy())))
-    return register(A, B, f, 3 * g + 7, parameters=Parameters(**{**MEASURED.to_dict(), "sigma": 2}))
+    return register(
+        A, B, f, 3 * g + 7, parameters=Parameters.of(**{**MEASURED.to_dict(), "sigma": 2})
+    )
 
 
 def test_a_sphere_is_turned_and_then_bent_to_where_it_belongs(found):
@@ -201,7 +203,7 @@ def test_a_residual_of_the_complete_map_counts(found):
 def test_the_complete_map_is_judged_by_its_residual(noise, kind):
     """A match that is exact on B, of functions that differ on A."""
     heights = B.vertices[:, 2]
-    match = abfm.match(B, heights, heights, Parameters(iterations=1, refine=0))
+    match = abfm.match(B, heights, heights, Parameters.of(iterations=1, refine=0))
     assert match.verdict.kind == "matched"
     values = heights + noise * heights.std() * np.random.default_rng(0).normal(size=len(heights))
     same = Correspondence.of_same_faces(B, B)
@@ -290,7 +292,7 @@ def test_a_bound_that_is_none_is_refused_before_anything_is_done(most):
 
 def test_where_the_initial_map_is_beyond_a_bound_no_flow_is_looked_for():
     stretched = TriangleMesh(B.vertices * [1, 1, 4], B.faces)
-    marks, p = [[0, 20]], Parameters(iterations=5)
+    marks, p = [[0, 20]], Parameters.of(iterations=5)
     found = register(stretched, B, landmarks=marks, initial="connectivity", parameters=p)
     within = register(
         stretched, B, landmarks=marks, initial="connectivity", parameters=p, max_distortion=0.5

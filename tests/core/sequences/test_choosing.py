@@ -22,7 +22,7 @@ def found():
 
 
 def choice(sequence):
-    return sequence.parameters.order, sequence.parameters.alpha, sequence.sigma
+    return sequence.parameters.solver.order, sequence.parameters.alpha, sequence.sigma
 
 
 def test_smooth_motion_without_noise_gets_the_smoother_norm(found):
@@ -32,7 +32,7 @@ def test_smooth_motion_without_noise_gets_the_smoother_norm(found):
     assert found.parameters.sigma is None
     assert "chosen by held-out data: alpha, order, sigma" in found.settings
     match = found[0].problem.parameters
-    assert (match.order, match.alpha) == choice(found)[:2]
+    assert (match.solver.order, match.alpha) == choice(found)[:2]
     assert type(match) is Parameters
 
 
@@ -58,9 +58,9 @@ def test_given_values_are_kept():
 
 
 def test_parameters_of_a_match_are_given():
-    plain = Parameters(alpha=0.5, order=1, sigma=0.2)
+    plain = Parameters.of(alpha=0.5, order=1, sigma=0.2)
     taken = checked_parameters(plain)
-    assert (taken.alpha, taken.order, taken.sigma, taken.automatic) == (0.5, 1, 0.2, ())
+    assert (taken.alpha, taken.solver.order, taken.sigma, taken.automatic) == (0.5, 1, 0.2, ())
     assert checked_parameters(None) == checked_parameters(defaults()) == defaults()
 
 

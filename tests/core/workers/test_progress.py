@@ -138,7 +138,7 @@ def test_only_the_thread_that_asked_is_told():
 def test_a_match_tells_of_coarser_meshes_factors_and_the_check_and_is_the_same():
     mesh, found = icosphere(3), []
     source, target, _ = mesh.vertices.T
-    parameters = Parameters(iterations=6, levels=2)
+    parameters = Parameters.of(iterations=6, levels=2)
     told = told_by(lambda: found.append(abfm.match(mesh, source, target, parameters)))
     assert told[-1] is None
     first, *tasks, last = [now.task for now in told if now]

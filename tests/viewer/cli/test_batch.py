@@ -30,7 +30,7 @@ from tests.processes import argv, family, kill, lingering, python
 from tests.viewer.cli.batches import anew, results, start, victims, write_table, written
 
 EIGHT = asset_path("eight.off")
-BRIEF = ["--refine", "0", "--levels", "1", "--cooling-stages", "2"]
+BRIEF = ["--refine", "0", "--set=levels=1", "--set=cooling_stages=2"]
 NEAR, FAR = "gaussian:vertex=5,width=0.4", "gaussian:vertex=200,width=0.2"
 TABLE = f"""\
 name,mesh,source,target,iterations,refine,levels,alpha
@@ -211,7 +211,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
         f"--source={NEAR}",
         f"--target={NEAR}",
         *BRIEF,
-        "--iterations=1",
+        "--set=iterations=1",
         "--over=alpha=0.1,0.2",
         f"--out={tmp_path}/best",
         "--jobs=1",

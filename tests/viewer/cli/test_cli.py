@@ -4,7 +4,7 @@ import json
 import re
 import shlex
 import shutil
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from functools import partial
 from unittest.mock import Mock
 
@@ -22,6 +22,7 @@ from abfm.io import write_values
 from abfm.matching.judging.cause import Cause
 from abfm.matching.report import path_lines
 from abfm.matching.task import MatchTask
+from abfm.parameters import FIELDS, MAIN_FIELDS
 from abfm.workers import progress
 from abfm_viewer.cli import main
 from abfm_viewer.cli.options import Parser
@@ -37,7 +38,7 @@ from tests.viewer.sessions import EGG, SPHERE
 
 HUMAN, EIGHT = (str(asset_path(f"{name}.off")) for name in ("human_A", "eight"))
 PAIR = ["--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2"]
-SHORT = ["--iterations=6", "--refine=0", "--quiet"]
+SHORT = ["--set=iterations=6", "--refine=0", "--quiet"]
 MATCH = ["match", EIGHT, *PAIR, *SHORT, "--out"]
 ONE_PROBLEM = ["--problems=1", "--part=1/1000"]
 SHORT_BENCH = ["bench", "--success", *ONE_PROBLEM]  # even if it is not refused
@@ -74,8 +75,8 @@ def test_help_and_version_end_well_and_help_names_every_parameter(words, capsys)
     assert "abfm" in out
     if "match" in words:
         assert "abfm match spot.obj --source" in out
-        for entry in fields(Parameters):
-            assert f"--{entry.name.replace('_', '-')} " in out
+        assert set(FIELDS) <= {*re.split(r"[\s,]+", out.replace("--", "").replace("-", "_"))}
+        for entry in MAIN_FIELDS.values():
             assert not entry.metadata["symbol"] or f"[{entry.metadata['symbol']}]" in out
         for said in ("status is 0 when source and target are matched", "; 3 when the target was"):
             assert said in " ".join(out.split())
@@ -113,7 +114,11 @@ def test_without_words_all_commands_are_shown_and_argparse_reaches_their_parsers
             [*MATCH, "m.npz", "--max-distortion", "-1"],
             (-1, 0, 1000),
         ),
-        ([*MATCH, "m.npz", "--method", "linear"], ("--method",)),
+        ([*MATCH, "m.npz", "--set=method=linear"], ("method", "linear", "linearised")),
+        ([*MATCH, "m.npz", "--set", "levels=11"], ("levels", 11, 10)),
+        ([*MATCH, "m.npz", "--set", "levles=1"], ("levels",)),
+        ([*MATCH, "m.npz", "--set", "alpha=1"], ("--alpha",)),
+        ([*MATCH, "m.npz", "--levels", "2"], ("--set levels=",)),
         ([*MATCH, "m.npz", "--sgima", "1"], ("--sigma",)),
         ([*MATCH, "m.npz", "--channel", "coordinate:x", "coordinate:y", "z"], ("z",)),
         ([*MATCH, "m.npz", "--mask", "file:none.npy"], ("none.npy",)),
@@ -234,7 +239,7 @@ def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
         "match",
         EIGHT,
         *PAIR,
-        "--iterations=20",
+        "--set=iterations=20",
         "--refine=0",
         "--beta=0",
         "--json",
@@ -308,9 +313,9 @@ def test_what_is_advised_on_the_command_line_can_be_typed_there_and_helps(tmp_pa
         "match",
         mesh,
         *far,
-        "--reach=0",
+        "--set=reach=0",
         "--refine=1",
-        "--iterations=40",
+        "--set=iterations=40",
         "--quiet",
         f"--out={out}",
     ]
@@ -329,9 +334,9 @@ def test_progress_tells_meshes_stages_and_reach(tmp_path, abfm):
         "match",
         HUMAN,
         *PAIR,
-        "--iterations=40",
-        "--levels=2",
-        "--reach=0.4",
+        "--set=iterations=40",
+        "--set=levels=2",
+        "--set=reach=0.4",
         f"--out={tmp_path}/m.npz",
     ]
     said = abfm(*words).err
@@ -355,9 +360,9 @@ def test_what_takes_seconds_is_said_with_an_estimate(extra, is_told, tmp_path, m
     pair = [
         "--source=gaussian:vertex=0",
         "--target=gaussian:vertex=300",
-        "--iterations=5",
+        "--set=iterations=5",
         "--refine=0",
-        "--levels=1",
+        "--set=levels=1",
     ]
     main(argv("match", EIGHT, *pair, "--out", tmp_path / "match.npz", *extra))
     said = capsys.readouterr().err
@@ -388,9 +393,9 @@ def test_a_mask_is_a_function_or_its_file(as_file, tmp_path, abfm):
 
 def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path, abfm, result):
     first, second = tmp_path / "first.npz", tmp_path / "second.npz"
-    one_stage = ["--cooling-stages", "1", "--reach", "0", "--levels", "1"]
-    abfm(*MATCH, first, *one_stage, "--iterations", "8", status=UNREACHED)
-    abfm(*MATCH, second, *one_stage, "--iterations", "1", "--start", first, status=UNREACHED)
+    one_stage = ["--set=cooling_stages=1", "--set=reach=0", "--set=levels=1"]
+    abfm(*MATCH, first, *one_stage, "--set=iterations=8", status=UNREACHED)
+    abfm(*MATCH, second, *one_stage, "--set=iterations=1", "--start", first, status=UNREACHED)
     energies = [load_match(path).energy_history for path in (first, second)]
     assert energies[1][0] == pytest.approx(energies[0][-1])
     words = ["match", HUMAN, *PAIR, "--start", result, "--out", tmp_path / "m.npz"]
@@ -399,7 +404,7 @@ def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path, abfm, resu
 
 def test_exports_hold_the_functions_and_the_field(tmp_path, abfm):
     npz, ply, vtu, csv = paths = [tmp_path / f"m.{end}" for end in ("npz", "ply", "vtu", "csv")]
-    words = ["match", EIGHT, *PAIR, *SHORT, "--method", "linearised", "--segments", "2"]
+    words = ["match", EIGHT, *PAIR, *SHORT, "--set=method=linearised", "--set=segments=2"]
     abfm(*words, *(f"--out={path}" for path in paths), status=UNREACHED)
     match = load_match(npz)
     attributes = trimesh.load(ply, process=False).metadata["_ply_raw"]
@@ -583,7 +588,7 @@ def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, a
         assert len(list(movie.decode(video=0))) == 5
     no_picture = Mock(side_effect=DrawingError("no time for it"))
     monkeypatch.setattr(
-        "abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1, refine=0)
+        "abfm_viewer.cli.demo.Parameters", lambda: Parameters.of(iterations=1, refine=0)
     )
     monkeypatch.setattr("abfm_viewer.pictures.match_picture", no_picture)
     told = abfm("demo", "--out", tmp_path, "--quiet", status=1).err
@@ -603,7 +608,7 @@ def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch, tmp_pat
     told = abfm("bench", "--quiet")
     assert "finest / coarsest" in told.out
     assert told.err == ""
-    before = replace(laboratory.success.BEFORE, iterations=5, refine=0)
+    before = laboratory.success.BEFORE.with_values(iterations=5, refine=0)
     monkeypatch.setitem(laboratory.success.VERSIONS, "before", before)
     trials = tmp_path / "trials"
     success = [

@@ -11,7 +11,7 @@ from tests.messages import check_message
 
 EIGHT, *POSES = (str(asset_path(f"{name}.off")) for name in ("eight", "human_A", "human_B"))
 PAIR = ["--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2"]
-SHORT = ["--iterations", "4", "--refine", "0", "--quiet"]
+SHORT = ["--set=iterations=4", "--refine", "0", "--quiet"]
 UNMATCHED = 3  # the exit status of a run that is too short to arrive
 
 

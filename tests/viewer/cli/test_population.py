@@ -25,7 +25,7 @@ from tests.viewer.cli.test_report import Page
 MESH = icosphere(2)
 NAME = "<b>odd</b>"
 COMMAND = ["population", "table.csv", "--template", "template.gii", "--out", "out"]
-BRIEF = ["--refine=0", "--iterations=20", "--jobs=1", "--quiet", "--rounds=1"]
+BRIEF = ["--refine=0", "--set=iterations=20", "--jobs=1", "--quiet", "--rounds=1"]
 
 
 def height(places):

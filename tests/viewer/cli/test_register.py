@@ -21,7 +21,7 @@ from tests.shapes import icosphere, with_loose_vertex
 
 A, B = even_sphere(1500), icosphere(3)
 POSES = [str(asset_path(f"human_{pose}.off")) for pose in "AB"]
-SHORT = ["--iterations", "30", "--refine", "0", "--quiet"]
+SHORT = ["--set=iterations=30", "--refine", "0", "--quiet"]
 
 
 @pytest.fixture(scope="module")
@@ -423,7 +423,7 @@ def test_what_was_not_reached_says_what_to_try_without_a_result_to_start_from(
         files / "b.ply",
         files / "b.ply",
         *pair,
-        "--iterations=3",
+        "--set=iterations=3",
         "--refine=0",
         "--quiet",
     ]

@@ -24,7 +24,7 @@ from tests.processes import argv
 from tests.shapes import icosphere
 
 A, B = even_sphere(400), icosphere(2)
-BRIEF = Parameters(iterations=60, refine=0, levels=1, sigma=1, cooling_stages=3, order=1)
+BRIEF = Parameters.of(iterations=60, refine=0, levels=1, sigma=1, cooling_stages=3, order=1)
 TITLE = '<i>"A" & B</i>'
 SMALL = ["--width", "40", "--quiet"]
 

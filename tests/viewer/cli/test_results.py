@@ -21,7 +21,7 @@ WORDS = [
     EIGHT,
     f"--source={PAIR[0]}",
     f"--target={PAIR[1]}",
-    "--iterations=6",
+    "--set=iterations=6",
     "--quiet",
     "--out",
 ]
@@ -33,7 +33,7 @@ def found():
     """A match that is the last of three steps, the second on the subdivision, areas 1, 3 and 2."""
     mesh = load_mesh(EIGHT)
     alone = match(
-        mesh, *(function(mesh, each) for each in PAIR), Parameters(iterations=4, refine=0)
+        mesh, *(function(mesh, each) for each in PAIR), Parameters.of(iterations=4, refine=0)
     )
     own = replace(alone.path[alone.step], log2_area=2.0)
     first = PathStep(1.0, 0.1, 0.3, 0.5 * own.velocity, 0.9, 0.9, 0.0, 1.0, 0.2)

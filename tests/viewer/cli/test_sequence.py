@@ -103,7 +103,7 @@ def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
         files / "f.npz",
         "--gamma=0",
         "--alpha=0.5",
-        "--order=2",
+        "--set=order=2",
         "--sigma=0.2",
         "--json",
         "--mask=expression:x>-2",

@@ -27,8 +27,8 @@ LONG = argv(
     asset_path("human_A.off"),
     "--source=gaussian:vertex=394",
     "--target=gaussian:vertex=14",
-    "--iterations=1000000",
-    "--tolerance=0",
+    "--set=iterations=1000000",
+    "--set=tolerance=0",
     "--sigma=1e-6",
     "--out",
 )
@@ -124,7 +124,7 @@ def test_an_interrupt_before_the_solve_writes_nothing(tmp_path):
 def result(tmp_path_factory):
     """A result file."""
     path = tmp_path_factory.mktemp("result") / "m.npz"
-    words = ["match", EIGHT, *PAIR, "--iterations=3", "--refine=0", "--quiet", "--out", path]
+    words = ["match", EIGHT, *PAIR, "--set=iterations=3", "--refine=0", "--quiet", "--out", path]
     assert main(argv(*words)) == 3  # too few to reach the target
     return path
 
@@ -283,7 +283,8 @@ def test_output_that_is_lost_is_told():
 
 
 def test_a_match_whose_messages_nobody_reads_goes_on_and_is_written(tmp_path):
-    words = ["match", EIGHT, *PAIR, "--iterations=30", "--refine=0", "--out", tmp_path / "m.npz"]
+    out = tmp_path / "m.npz"
+    words = ["match", EIGHT, *PAIR, "--set=iterations=30", "--refine=0", "--out", out]
     status, _, _ = shell('set -o pipefail; ABFM "$@" 2>&1 | head -c 1 >/dev/null', *words)
     assert status == 3
     assert (tmp_path / "m.npz").exists()

@@ -17,7 +17,7 @@ from tests.shapes import icosphere
 
 SPHERE = icosphere(3)
 F, G = (bump(SPHERE, SPHERE.vertices[vertex], 0.4)[:, None] for vertex in (0, 30))
-QUICK = Parameters(iterations=8, levels=2, refine=0)
+QUICK = Parameters.of(iterations=8, levels=2, refine=0)
 
 
 @pytest.fixture

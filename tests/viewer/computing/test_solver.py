@@ -113,8 +113,8 @@ def test_it_finds_what_match_finds_also_on_another_mesh_prepared_or_not(solver):
     same_run(solver, SPHERE, QUICK)
     mesh = icosphere(2)
     solver.prepare(mesh, None)  # what fails while meshes are made ahead stops no match
-    solver.prepare(mesh, replace(QUICK, levels=2))
-    same_run(solver, mesh, replace(QUICK, levels=2))
+    solver.prepare(mesh, QUICK.with_values(levels=2))
+    same_run(solver, mesh, QUICK.with_values(levels=2))
 
 
 def test_a_run_that_waits_for_coarser_meshes_tells_of_them(solver, functions):
@@ -122,8 +122,8 @@ def test_a_run_that_waits_for_coarser_meshes_tells_of_them(solver, functions):
     tell = solver._at
     solver._at = lambda step: (told.append(step), tell(step))
     sphere = abfm.TriangleMesh(1.1 * SPHERE.vertices, SPHERE.faces)  # of which none are made yet
-    solver.prepare(sphere, replace(QUICK, levels=2))
-    solver.start(replace(problem(replace(QUICK, levels=2)), mesh=sphere), functions)
+    solver.prepare(sphere, QUICK.with_values(levels=2))
+    solver.start(replace(problem(QUICK.with_values(levels=2)), mesh=sphere), functions)
     ended(solver)
     tasks = [step.task for step in told if step]
     assert tasks.count("making coarser meshes") == 2  # ahead, and when the match takes them

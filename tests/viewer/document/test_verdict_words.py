@@ -33,7 +33,7 @@ def iterations():
 @pytest.fixture(scope="module")
 def found(iterations):
     x, y, _ = SPHERE.vertices.T
-    parameters = abfm.Parameters(iterations=12, levels=2, reach=0.5, refine=0)
+    parameters = abfm.Parameters.of(iterations=12, levels=2, reach=0.5, refine=0)
     match = abfm.match(SPHERE, x, y, parameters, on_iteration=iterations.append)
     verdict = Verdict(Outcome.MATCHED, "the residual fell from 1 to 0.012", "")
     known = {"residual": 0.0123, "verified_residual": 0.03, "folded": 0.001}
@@ -195,7 +195,7 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
     )
     verdict = Verdict(Outcome.NOT_REACHED, "why", "a larger reach; or go on", remedies)
     match = replace(found, verdict=verdict)
-    told = "reach further (--reach 0.6 --levels 0), or continue (--start m.npz)"
+    told = "reach further (--set reach=0.6 --set levels=0), or continue (--start m.npz)"
     assert verdict_words.advice_in_options(match, "m.npz") == told
     assert verdict_words.advice_in_options(judged(found, "impossible"), "m.npz") == "advice"
     assert replace(match, stop_reason=StopReason.GIVEN).facts.advice == ""

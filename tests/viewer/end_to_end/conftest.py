@@ -1,7 +1,5 @@
 """The app on a small mesh, driven by mouse and keyboard events."""
 
-from dataclasses import replace
-
 import pytest
 
 from tests.spare_processes import spared
@@ -23,7 +21,7 @@ def _one_process_for_one_window_after_the_other():
 @pytest.fixture
 def matched(gui):
     """The app after a short run."""
-    short = replace(gui.session.parameters, iterations=20, cooling_stages=1, refine=0)
+    short = gui.session.parameters.with_values(iterations=20, cooling_stages=1, refine=0)
     gui.session.editor.amend(parameters=short)
     match(gui)
     return gui

@@ -4,7 +4,6 @@ import os
 import signal
 import threading
 from contextlib import contextmanager
-from dataclasses import replace
 
 import pytest
 
@@ -108,7 +107,7 @@ def test_a_run_without_a_field_is_not_waited_for(gui, tmp_path, monkeypatch):
 
 def test_a_killed_process_leaves_a_card_to_go_on_with(gui, monkeypatch):
     monkeypatch.setattr(solver, "FIRST", 1e9)  # no field comes over that nobody asked for
-    gui.session.editor.amend(parameters=replace(ENDLESS, levels=1))
+    gui.session.editor.amend(parameters=ENDLESS.with_values(levels=1))
     for label in ("Continue", "Match again"):
         solving(gui.session)
         gui.session.solver.unfinished(

@@ -65,7 +65,7 @@ def test_what_is_not_there_is_named_and_what_is_closed_is_opened(gui):
     assert not gui.session.view.previous_runs
     assert opened() == [("Match", "tab")]
     gui.type("memory", "7")
-    assert gui.session.parameters.memory == 7
+    assert gui.session.parameters.solver.memory == 7
     assert opened() == [("Match", "tab"), ("Advanced", "section")]
     for named, act, *words in (
         (("Mtach", "Match"), gui.click, "Mtach"),

@@ -2,13 +2,13 @@
 
 import csv
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import polyscope.imgui as imgui
 import pytest
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, KEEPING_AREAS, LAST, TABLE_1, TITLES
+from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST, TABLE_1, TITLES
 from abfm_viewer.panels.right_panel import STEPS
 from tests.messages import check_message
 from tests.viewer.sessions import match
@@ -34,15 +34,15 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
         "max_displacement": (0.2, 0.05),
         "tolerance": (0.001, 0.01),
     }.items():
-        default = getattr(gui.session.parameters, label)
+        default = gui.session.parameters.to_dict()[label]
         gui.type(label, f"{typed:g}")
-        assert getattr(gui.session.parameters, label) == typed, label
+        assert gui.session.parameters.to_dict()[label] == typed, label
         gui.drag(label, slid)
-        assert getattr(gui.session.parameters, label) == pytest.approx(slid, rel=0.25), label
+        assert gui.session.parameters.to_dict()[label] == pytest.approx(slid, rel=0.25), label
         gui.key("ctrl+z")
-        assert getattr(gui.session.parameters, label) == typed, label
+        assert gui.session.parameters.to_dict()[label] == typed, label
         gui.key("ctrl+z")
-        assert getattr(gui.session.parameters, label) == default, label
+        assert gui.session.parameters.to_dict()[label] == default, label
     assert not gui.is_enabled("substeps")
     for gradient in ("adjoint", "bracket"):
         gui.choose("gradient", gradient)
@@ -60,13 +60,13 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
     for name in ("preconditioner", "sigma_unit"):
         for choice in CHOICES[name]:
             gui.choose(name, choice)
-            assert getattr(gui.session.parameters, name) == choice
+            assert gui.session.parameters.to_dict()[name] == choice
     gui.choose("method", "linearised")
     assert not gui.is_enabled("gradient")
     gui.type("segments", "4")
     gui.drag("segments", 6)
     p = gui.session.parameters
-    assert (p.method, p.segments, p.gradient) == ("linearised", 6, "bracket")
+    assert (p.paper.method, p.solver.segments, p.paper.gradient) == ("linearised", 6, "bracket")
     match(gui)
     assert len(gui.session.result.velocity) == 6
     gui.choose("method", "nonlinear")
@@ -158,7 +158,7 @@ def test_five_parameters_are_in_sight_and_all_have_widgets_and_letters(gui):
     gui.frames(3)
     widgets = gui.window.ui.widgets
     assert not [w.label for w in widgets if "_" in w.label]
-    assert {entry.name for entry in fields(Parameters)} <= {w.name for w in widgets}
+    assert {*FIELDS} <= {w.name for w in widgets}
     missing = imgui.CalcTextSize("\uffff")[0]
     shapes = {imgui.CalcTextSize(20 * letter)[0] for letter in "ασβτ"}
     assert len(shapes) > 1
@@ -192,7 +192,7 @@ def test_presets_set_defaults_return_and_a_mask_weighs_the_mismatch(gui):
     gui.type("mask", "expression:x>0")
     assert gui.session.document.mask == "expression:x>0"
     gui.wait(lambda s: not s.obstacle)
-    gui.session.editor.amend(parameters=Parameters(iterations=5, refine=0))
+    gui.session.editor.amend(parameters=Parameters.of(iterations=5, refine=0))
     match(gui)
     assert gui.session.result.mask is not None
     gui.type("mask", "")

@@ -1,6 +1,5 @@
 """Every entry of every menu, the dialogs that they open, and what the view does to the window."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -213,7 +212,7 @@ def test_layouts_color_maps_scales_themes_isolines_and_the_color_bar_come_and_go
 
 def test_the_flow_is_seen_after_a_match_unless_that_is_switched_off(gui):
     session, player = gui.session, gui.session.player
-    short = replace(session.parameters, iterations=20, cooling_stages=1, refine=0)
+    short = session.parameters.with_values(iterations=20, cooling_stages=1, refine=0)
     session.editor.amend(parameters=short)
     gui.menu("View", "Flow after a match")
     assert session.view.flow_after_match

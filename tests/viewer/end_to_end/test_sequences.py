@@ -387,7 +387,7 @@ def test_what_was_chosen_is_shown_and_kept(film):
     assert used.automatic == ("alpha", "order")
     assert document.settings == FilmSettings()
     assert not document.is_film_outdated
-    chosen = f"order {used.order}, α {used.alpha:.3g}, σ {document.sequence.sigma:.3g}"
+    chosen = f"order {used.solver.order}, α {used.alpha:.3g}, σ {document.sequence.sigma:.3g}"
     assert _chosen(document) == f"chosen: {chosen}"
 
 

@@ -237,7 +237,7 @@ def test_a_remedy_is_a_button_that_changes_what_it_says_and_starts_a_run(gui, la
     gui.click(label, within="verdict")
     assert gui.session.solver.running
     gui.wait(lambda s: s.solver.finished)
-    assert gui.session.result.parameters == replace(result.parameters, **parameters)
+    assert gui.session.result.parameters == result.parameters.with_values(**parameters)
 
 
 def test_a_match_that_changes_areas_much_offers_to_limit_the_distortion(gui):

@@ -39,7 +39,7 @@ def gui(files):
     with Driver((files["egg"], files["ball"]), size=(SIZE[0], 600)) as gui:
         gui.window.dialogs.folder = files["egg"].parent
         view = replace(gui.session.view, flow_after_match=False)
-        short = replace(gui.session.parameters, iterations=20, cooling_stages=1, refine=0)
+        short = gui.session.parameters.with_values(iterations=20, cooling_stages=1, refine=0)
         gui.session.editor.amend(view=view, parameters=short)
         gui.wait(lambda s: not s.obstacle)
         yield gui

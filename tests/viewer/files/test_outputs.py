@@ -51,7 +51,7 @@ def test_a_folder_that_takes_no_files_is_refused():
 def match():
     mesh = icosphere(1)
     x, y, _ = mesh.vertices.T
-    return abfm.match(mesh, x, y, abfm.Parameters(iterations=1, levels=1, refine=0))
+    return abfm.match(mesh, x, y, abfm.Parameters.of(iterations=1, levels=1, refine=0))
 
 
 @pytest.mark.parametrize(

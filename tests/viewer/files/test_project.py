@@ -57,7 +57,7 @@ KNOWN = {"permuted:map ☃.txt(file:x.npy)": Y, "file:x.npy": X}
 
 
 XY, YX = np.stack([X, Y], axis=1), np.stack([Y, X], axis=1)
-SHORT = Parameters(iterations=5, refine=0, segments=1)
+SHORT = Parameters.of(iterations=5, refine=0, segments=1)
 RESULT = match(SPHERE, XY, YX, SHORT, mask=X**2, weights=[1, 0.5])
 RESULT = replace(RESULT, path=(), step=0)  # files have others' fields in single precision
 COURSE = np.array([12, 42]), np.array([0.5, 0.0])
@@ -73,7 +73,7 @@ DOCUMENT = Document(
     channel=1,
     side="target",
     bump=1,
-    parameters=Parameters(tau=2, alpha=0.1 + 0.2, iterations=7, method="linearised"),
+    parameters=Parameters.of(tau=2, alpha=0.1 + 0.2, iterations=7, method="linearised"),
     mask="indicator:axis=x,above=0.0",
     result=RESULT,
     runs=(

@@ -1,11 +1,11 @@
 """The tab Match: what it says of parameters and energies, and where on a slider a value is."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from abfm import Parameters
+from abfm.parameters import FIELDS
 from abfm_viewer.document.document import Run
 from abfm_viewer.panels import energy, trade_off
 from abfm_viewer.panels import parameters as panel
@@ -14,10 +14,10 @@ from abfm_viewer.widgets.widget_record import Range
 
 
 def test_the_panel_has_every_parameter_and_says_what_it_does():
-    assert sorted(panel._ABOUT) == sorted(entry.name for entry in fields(Parameters))
+    assert sorted(panel._ABOUT) == sorted(FIELDS)
     for name, about in panel._ABOUT.items():
         assert all(word in panel._tip(name) for word in ("Default", "paper", "Bad result?"))
-        value = panel._AUTO[name].first if name in panel._AUTO else getattr(Parameters(), name)
+        value = panel._AUTO[name].first if name in panel._AUTO else FIELDS[name].default
         assert name in panel._CHOICES or 0 <= about.slider.share_of(value) <= 1
 
 

@@ -31,7 +31,7 @@ CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=0.7,z=0,wid
 def document():
     """A short match on an egg, with tau = 2."""
     f, g = (abfm.function(EGG, CHANNEL.spec(side)) for side in ("source", "target"))
-    match = abfm.match(EGG, f, g, abfm.Parameters(tau=2, iterations=40, refine=0))
+    match = abfm.match(EGG, f, g, abfm.Parameters.of(tau=2, iterations=40, refine=0))
     solved = {"parameters": match.parameters, "result": match, "time": 2.0}
     return Document((Surface(EGG, "egg"),), (CHANNEL,), **solved)
 

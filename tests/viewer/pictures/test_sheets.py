@@ -43,7 +43,7 @@ ASPECTS = st.lists(st.lists(st.floats(0.45, 3.8), min_size=1, max_size=8), min_s
 def match():
     """A short match of two channels on a sphere: one non-negative, one of both signs."""
     f, g = (np.stack([np.exp(-4 * (1 - x)), x], axis=1) for x in (X, Z))
-    return abfm.match(SPHERE, f, g, abfm.Parameters(tau=2, iterations=5, refine=0))
+    return abfm.match(SPHERE, f, g, abfm.Parameters.of(tau=2, iterations=5, refine=0))
 
 
 def of(*row, **options):

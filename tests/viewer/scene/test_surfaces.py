@@ -31,7 +31,7 @@ def moved(scale, offset):
 
 def document(mesh):
     f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in ("source", "target"))
-    result = abfm.match(mesh, f, g, abfm.Parameters(iterations=8, refine=0))
+    result = abfm.match(mesh, f, g, abfm.Parameters.of(iterations=8, refine=0))
     return Document(
         (Surface(mesh, "egg"),), (CHANNEL,), parameters=result.parameters, result=result, time=1.0
     )

@@ -27,7 +27,7 @@ def document():
     """A short match on a sphere, with tau = 3."""
     mesh = icosphere(2)
     f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in SIDES)
-    match = abfm.match(mesh, f, g, abfm.Parameters(tau=3, iterations=3, refine=0))
+    match = abfm.match(mesh, f, g, abfm.Parameters.of(tau=3, iterations=3, refine=0))
     known = {"parameters": match.parameters, "result": match, "time": 3.0}
     return Document((Surface(mesh, "sphere"),), (CHANNEL,), **known)
 

@@ -24,7 +24,7 @@ PAIRS = Channel("coordinate:x", "coordinate:y")
 @pytest.fixture
 def session():
     session = Session(icosphere(1), "first")
-    session.editor.amend(channels=(PAIRS,), parameters=Parameters(iterations=2, refine=0))
+    session.editor.amend(channels=(PAIRS,), parameters=Parameters.of(iterations=2, refine=0))
     ready(session)
     yield session
     session.close()

@@ -1,7 +1,6 @@
 """A session's runs: begun, followed, failed; remedies, and what is shown of a match that ended."""
 
 import itertools
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +19,7 @@ from tests.viewer.sessions import ENDLESS, PAIR, SPHERE, end_run, matched, ready
 
 TORUS = torus(24, 12)
 FAR = Channel("gaussian:x=0,y=0,z=1,width=0.12", "gaussian:x=0,y=0.3,z=-0.95,width=0.12")
-BLIND = Parameters(reach=0.0, iterations=40, refine=0, divergence=1.0)
+BLIND = Parameters.of(reach=0.0, iterations=40, refine=0, divergence=1.0)
 
 
 def finish(session):
@@ -32,7 +31,9 @@ def asked(monkeypatch):
     """For which meshes and numbers of levels coarser meshes were made."""
     asked = []
     monkeypatch.setattr(
-        MatchApart, "prepare", lambda _, mesh, parameters: asked.append((mesh, parameters.levels))
+        MatchApart,
+        "prepare",
+        lambda _, mesh, parameters: asked.append((mesh, parameters.solver.levels)),
     )
     return asked
 
@@ -59,7 +60,7 @@ def test_a_warm_start_goes_on_with_another_number_of_fields_and_another_tau(sess
     session.editor.set_parameter(method="linearised", segments=3)
     linearised = matched(session).result.residual
     session.editor.set_parameter(method="nonlinear", tau=3.0)
-    assert session.parameters.segments == 0
+    assert session.parameters.solver.segments == 0
     session.solver.warm = True
     matched(session)
     assert session.document.runs[-1].energies[0, 1] > 0
@@ -141,7 +142,7 @@ def test_undo_does_not_leave_a_mesh_that_is_being_matched(session):
 
 
 def test_a_run_that_fails_leaves_its_best_field(endless, monkeypatch):
-    endless.editor.amend(parameters=replace(ENDLESS, levels=1))
+    endless.editor.amend(parameters=ENDLESS.with_values(levels=1))
     solving(endless)
     monkeypatch.setattr(endless.solver, "_yield_to_next", lambda: 1 / 0)
     finish(endless)
@@ -172,7 +173,7 @@ def test_the_first_remedy_comes_closer_and_is_one_step_unless_the_user_did_somet
     first = result.verdict.remedies[0]
     missed.remedy(first)
     assert missed.solver.running
-    assert missed.parameters == replace(BLIND, **first.parameters)
+    assert missed.parameters == BLIND.with_values(**first.parameters)
     finish(missed)
     assert missed.result is not result
     assert missed.result.verdict.kind in ("matched", "nearly")
@@ -181,7 +182,7 @@ def test_the_first_remedy_comes_closer_and_is_one_step_unless_the_user_did_somet
     assert missed.result is result
     assert missed.parameters == before.parameters
     missed.redo()
-    assert missed.result.parameters.reach == 1
+    assert missed.result.parameters.solver.reach == 1
     assert not missed.outdated
     missed.undo()
     missed.remedy(first)

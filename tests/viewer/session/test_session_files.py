@@ -61,7 +61,7 @@ def test_a_result_opens_with_its_functions_and_is_not_outdated(desk, tmp_path):
     session = desk.session
     f = np.stack([session.values("source"), session.values("target")], axis=1)
     mesh, mask, back = session.surface().mesh, np.linspace(0.5, 1, len(f)), f[:, ::-1].copy()
-    found = match(mesh, f, back, Parameters(iterations=2, refine=0), mask=mask, weights=[1, 3])
+    found = match(mesh, f, back, Parameters.of(iterations=2, refine=0), mask=mask, weights=[1, 3])
     found.save(tmp_path / "two words.npz")
     desk.open(tmp_path / "two words.npz")
     assert [channel.weight for channel in session.channels] == [1, 3]
@@ -80,7 +80,9 @@ def test_a_result_opens_with_its_functions_and_is_not_outdated(desk, tmp_path):
 def test_functions_of_a_result_that_came_as_text_are_that_text_again(desk, tmp_path):
     mesh, text = desk.session.surface().mesh, "gaussian:vertex=3,width=0.3"
     np.savetxt(tmp_path / "g.txt", target := np.linspace(0, 1, len(mesh.vertices)))
-    problem = Problem(mesh, text, f"file:{tmp_path / 'g.txt'}", Parameters(iterations=2, refine=0))
+    problem = Problem(
+        mesh, text, f"file:{tmp_path / 'g.txt'}", Parameters.of(iterations=2, refine=0)
+    )
     match(problem).save(tmp_path / "m.npz")
     (tmp_path / "g.txt").unlink()
     desk.open(tmp_path / "m.npz")
@@ -224,7 +226,7 @@ def test_changes_made_while_saving_stay_unsaved(desk, tmp_path):
 
 def test_a_session_begins_with_any_kind_of_file_and_nothing_to_undo(desk, tmp_path):
     f, g = map(desk.session.values, ("source", "target"))
-    found = match(desk.session.surface().mesh, f, g, Parameters(iterations=3, refine=0))
+    found = match(desk.session.surface().mesh, f, g, Parameters.of(iterations=3, refine=0))
     found.save(tmp_path / "m.npz")
     channels = (Channel("coordinate:x", "coordinate:y"),)
     desk.session.editor.change("solve", result=found, channels=channels)

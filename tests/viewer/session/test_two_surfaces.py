@@ -22,7 +22,7 @@ from tests.viewer.sessions import ready, until
 A, B = ellipsoid(2, 1.0, 0.7, 0.55), icosphere(2, 10.0)
 SURFACES = Surface(A, "a.off"), Surface(B, "b.off")
 SAME = "gaussian:x=0.5,y=0.4,z=0.3,width=0.3"
-SHORT = Parameters(iterations=5, refine=0, cooling_stages=1)
+SHORT = Parameters.of(iterations=5, refine=0, cooling_stages=1)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -216,7 +216,7 @@ def test_the_sources_gradient_is_carried_to_the_shown_time(session, shown):
 def test_a_gradient_is_carried_along_several_fields_one_after_the_other():
     mesh = icosphere(2)
     velocity = np.stack([rotation_field(mesh, axis) for axis in np.eye(3)])
-    flow = FlowState(mesh, velocity, Parameters(tau=0.6, segments=3))
+    flow = FlowState(mesh, velocity, Parameters.of(tau=0.6, segments=3))
     f = mesh.vertices[:, 0] * mesh.vertices[:, 1]
     first = pushforward(mesh, velocity[0], gradient_of(mesh, f), 0.2)
     second = pushforward(mesh, velocity[1], first, 0.2)

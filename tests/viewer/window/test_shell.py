@@ -79,7 +79,7 @@ def test_files_are_saved_and_matches_start_with_what_is_being_typed(gui, tmp_pat
     gui.type("iterations", "8", enter=False)
     gui.key("ctrl+enter")
     gui.wait(lambda s: s.solver.finished)
-    assert gui.session.result.parameters.iterations == 8
+    assert gui.session.result.parameters.solver.iterations == 8
     assert gui.errors == {}
 
 

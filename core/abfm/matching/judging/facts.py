@@ -116,7 +116,7 @@ class Report:
         if reason in _UNFINISHED:
             return _UNFINISHED[reason]
         ended = _ENDED.get(reason, str(reason))
-        why = verdict.why or ended.format(iterations=self.parameters.iterations)
+        why = verdict.why or ended.format(iterations=self.parameters.solver.iterations)
         if verdict.kind is Outcome.REGISTERED:
             parts = why, f"the initial residual was {share(self.initial_residual)}", self.choice
             return "; ".join(filter(None, parts))

@@ -39,7 +39,7 @@ class Remedy:
     goes_on: bool = False
 
     def __post_init__(self) -> None:
-        Parameters.from_dict(_USUAL.to_dict() | self.parameters)
+        Parameters.of(**self.parameters)
 
 
 GO_ON = Remedy("Continue", "go on from this field", {}, True)
@@ -52,32 +52,35 @@ class Remedies:
         self._functions, self._parameters = functions, parameters
         self._refined, self._sigma = refined, parameters.last_sigma
         # larger than by default, so that a match is worth little
-        relative = parameters.sigma_unit == "relative"
+        relative = parameters.paper.sigma_unit == "relative"
         self.is_warm = relative and parameters.last_sigma > _USUAL.last_sigma
 
     @property
     def too_far(self) -> bool:
         """Whether the target is farther, straight through space, than the stages reach."""
-        return self._parameters.reach < solvability.distance(self._functions)
+        return self._parameters.solver.reach < solvability.distance(self._functions)
 
     @property
     def looks_near(self) -> bool:
         """Whether they reach less far than by default; on the surface it may be farther."""
-        return self.too_far or self._parameters.reach < _USUAL.reach
+        return self.too_far or self._parameters.solver.reach < _USUAL.solver.reach
 
     def more_time(self) -> Remedy:
         """More iterations; those of the defaults at least, as a match ends by itself."""
-        count = min(max(_LONGER * self._parameters.iterations, _USUAL.iterations), MANY)
+        count = min(
+            max(_LONGER * self._parameters.solver.iterations, _USUAL.solver.iterations), MANY
+        )
         return Remedy("More time", f"more iterations, such as {count}", {"iterations": count})
 
     def further(self) -> Remedy:
-        p = self._parameters
-        needed = _rounded(max(solvability.distance(self._functions), _USUAL.reach))
-        wanted = {name: getattr(_USUAL, name) for name in _COURSE} if not p.reach else {}
-        if p.sigma_unit == "relative" and p.last_sigma < _USUAL.last_sigma:
+        p, usual = self._parameters, _USUAL.to_dict()
+        needed = _rounded(max(solvability.distance(self._functions), _USUAL.solver.reach))
+        wanted = {name: usual[name] for name in _COURSE} if not p.solver.reach else {}
+        if p.paper.sigma_unit == "relative" and p.last_sigma < _USUAL.last_sigma:
             wanted.pop("sigma", None)  # which would undo a closer match
         changed = self._changes(
-            wanted | {"reach": needed, "iterations": max(p.iterations, _USUAL.iterations)}
+            wanted
+            | {"reach": needed, "iterations": max(p.solver.iterations, _USUAL.solver.iterations)}
         )
         course = " and the course of the defaults" if len(changed) > 2 else ""
         words = f"a larger reach, such as {needed:g} of sqrt(area){course}"
@@ -88,9 +91,9 @@ class Remedies:
         p = self._parameters
         if self.too_far:
             return self.further()
-        if p.order == 1 or p.alpha < _USUAL.alpha:
+        if p.solver.order == 1 or p.alpha < _USUAL.alpha:
             alpha = max(p.alpha, _USUAL.alpha)
-            changed = self._changes({"order": _USUAL.order, "alpha": alpha})
+            changed = self._changes({"order": _USUAL.solver.order, "alpha": alpha})
             values = " and ".join(f"{name} {value:g}" for name, value in changed.items())
             return Remedy("Smoother", f"a smoother field, by {values}", changed)
         return self.colder() if self.is_warm else None
@@ -98,8 +101,8 @@ class Remedies:
     def refine(self) -> Remedy | None:
         """Return a finer mesh, unless it is as fine as it may be, or the course has none."""
         finer, p = self._refined + 1, self._parameters
-        is_fixed = not p.reach or p.stage_iterations
-        if finer > MOST_REFINED or is_fixed or p.method == "linearised":
+        is_fixed = not p.solver.reach or p.paper.stage_iterations
+        if finer > MOST_REFINED or is_fixed or p.paper.method == "linearised":
             return None
         return Remedy("Refine", "a finer mesh, from this field", {"refine": finer}, True)
 
@@ -129,8 +132,8 @@ class Remedies:
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma})
 
     def _changes(self, wanted: dict[str, Any]) -> dict[str, Any]:
-        p = self._parameters
-        return {name: value for name, value in wanted.items() if value != getattr(p, name)}
+        present = self._parameters.to_dict()
+        return {name: value for name, value in wanted.items() if value != present[name]}
 
 
 def _rounded(value: float) -> float:

@@ -258,7 +258,7 @@ class _Case:
         evidence, remedies = self.evidence, self.remedies
         hardly_began = (
             evidence.stop_reason is StopReason.ITERATION_LIMIT
-            and self.parameters.iterations < _RECENT
+            and self.parameters.solver.iterations < _RECENT
         )
         if self.squeezed:
             return self._of_squeezing()
@@ -339,7 +339,7 @@ class _Case:
         )
         if confirmed and not remedies.too_far:
             helps.append(GO_ON)
-        iterations = self.parameters.iterations
+        iterations = self.parameters.solver.iterations
         return self._verdict(outcome, Cause.STILL_FALLING, *helps, iterations=iterations)
 
     def _of_squeezing(self) -> Verdict:
@@ -352,7 +352,7 @@ class _Case:
             why, helps = ", as nothing led it to the target", [remedies.further()]
         elif reason in _EARLY:
             early = sentence_of(
-                _CAUSES[reason], iterations=self.parameters.iterations
+                _CAUSES[reason], iterations=self.parameters.solver.iterations
             ).removesuffix(", still falling")
             why, helps = f", and {early}", [remedies.more_time()]
         else:

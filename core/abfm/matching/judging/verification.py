@@ -124,7 +124,7 @@ def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Para
     carried, duration = source, parameters.tau / len(fields)
     try:
         for field in fields:  # one by one, as each takes its memory
-            flow = Flow(fine, on_children(mesh, field), duration, parameters.method)
+            flow = Flow(fine, on_children(mesh, field), duration, parameters.paper.method)
             carried = flow.push(carried, duration)
     except AdvectionError:
         return np.inf

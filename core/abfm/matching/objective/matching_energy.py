@@ -223,8 +223,8 @@ class MatchingEnergy:
         self.landmarks = problem.landmarks
         alone = self.landmarks is not None and len(problem.terms) == 1
         self.is_of_landmarks = alone and self.functions.is_constant
-        self.discretisation = Discretisation(self.mesh, self.parameters.method)
-        alpha, order = self.parameters.alpha, self.parameters.order
+        self.discretisation = Discretisation(self.mesh, self.parameters.paper.method)
+        alpha, order = self.parameters.alpha, self.parameters.solver.order
         usual = regularizer(self.mesh, alpha, order, problem.divergence)
         self._regularizers = {alpha: usual}
         self._measures = {0.0: self.terms.measure(self.parameters, 0.0)}
@@ -238,7 +238,7 @@ class MatchingEnergy:
     @property
     def shape(self) -> tuple[int, int, int]:
         """Shape (N, F, 2) of the unknowns, the fields' frame coefficients, of the fewest fields."""
-        return max(1, self.parameters.segments), len(self.mesh.faces), 2
+        return max(1, self.parameters.solver.segments), len(self.mesh.faces), 2
 
     def __call__(self, velocity: ArrayLike) -> tuple[float, FloatArray]:
         """Return the value and the Euclidean gradient (N, F, 3) at fields (N, F, 3) on `mesh`."""
@@ -345,6 +345,6 @@ class MatchingEnergy:
 
     def _gradient(self, x: FloatArray) -> Adjoint | Bracket:
         p = self.parameters
-        if p.gradient == "bracket" and p.method == "nonlinear":
-            return Bracket(self.mesh, x, p.substeps, p.quadrature)
+        if p.paper.gradient == "bracket" and p.paper.method == "nonlinear":
+            return Bracket(self.mesh, x, p.paper.substeps, p.paper.quadrature)
         return Adjoint(x.shape)

@@ -97,11 +97,11 @@ class Course:
         self.is_given = p.sigma is not None
         self._has_detail = is_measured(functions)
         # as in the paper: every step goes on to the end of its iterations
-        self.is_fixed = p.stage_iterations > 0 or (p.reach == 0 and meshes == 1)
+        self.is_fixed = p.paper.stage_iterations > 0 or (p.solver.reach == 0 and meshes == 1)
         self.is_measured = self._has_detail and not (self.is_given or self.is_fixed)
         # towards the goal, as far as flow lines confirm it
         self.is_free = not (self.is_given or self.is_fixed or self.is_measured)
-        self.unit = 1.0 if p.sigma_unit == "relative" else functions.function_size
+        self.unit = 1.0 if p.paper.sigma_unit == "relative" else functions.function_size
         self.sigmas = self._sigmas()
 
     def ways(self, fields: int) -> list[Way]:
@@ -113,13 +113,13 @@ class Course:
         by themselves, and a third of alpha found no more on 21 of 22 problems.
         """
         p, first = self._p, Way(self._p.alpha, fields)
-        if self.is_fixed or not p.reach:
+        if self.is_fixed or not p.solver.reach:
             return [first]
         if self._has_detail:
             less = first._replace(alpha=_LESS * p.alpha)
-            is_smooth = p.alpha > 0 and p.order > 1
+            is_smooth = p.alpha > 0 and p.solver.order > 1
             return [first, less] if self.is_measured and is_smooth else [first]
-        return [first] if p.segments or fields > 1 else [first, first._replace(fields=2)]
+        return [first] if p.solver.segments or fields > 1 else [first, first._replace(fields=2)]
 
     def reach(self, before: float) -> float:
         """Return how far a way looks after one that left so much: as far as it can, if that did
@@ -131,7 +131,7 @@ class Course:
     @property
     def first_reach(self) -> float:
         """How far the first way looks."""
-        return 0.0 if self._is_bare else self._p.reach
+        return 0.0 if self._is_bare else self._p.solver.reach
 
     def stage(
         self, level: int, sigma: float, way: Way, reach: float = 0.0, error: float = 0.0
@@ -148,12 +148,12 @@ class Course:
         own = (
             p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
             if self.is_fixed
-            else p.iterations
+            else p.solver.iterations
         )
         goal = _CLOSE * p.goal if self.is_free else 0.0
         is_start = self.is_given and not (self.is_fixed or is_last) and sigma == self.sigmas[-1]
         goal = error if is_start else goal
-        until = p.iterations if is_last else int(_SHARE * p.iterations)
+        until = p.solver.iterations if is_last else int(_SHARE * p.solver.iterations)
         return Stage(
             level,
             way.fields,
@@ -180,12 +180,12 @@ class Course:
 
     def _sigmas(self) -> list[float]:
         p = self._p
-        if p.cooling_stages:
+        if p.paper.cooling_stages:
             return p.stage_sigmas()
         last = self.unit * LAST if p.sigma is None else p.sigma
         if self._is_bare:
             return [last * times for times in _BARE]
-        ratio = math.sqrt(p.cooling_factor) if self.is_measured else p.cooling_factor
+        ratio = math.sqrt(p.paper.cooling_factor) if self.is_measured else p.paper.cooling_factor
         warmest = self.unit * WARMEST
         count = max(0, math.floor(math.log(warmest / last, ratio) + _ROUNDING))
         if p.sigma is None:

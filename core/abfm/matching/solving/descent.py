@@ -121,7 +121,7 @@ class Descent:
         found = self._brought(x, level, stage.level, residual, measured)
         p, first = self._parameters, self.cheapest(stage.level)
         is_subdivided = isinstance(self.levels[first - 1].to_finer, Subdivision)
-        is_rough = level < first and p.order > 1 and p.sigma is not None
+        is_rough = level < first and p.solver.order > 1 and p.sigma is not None
         for edges in _SCALES[1:] if is_subdivided or is_rough else ():
             tried = evaluate(smoothed(energy.mesh, found.x, edges))
             if not tried.energy < found.energy:
@@ -233,7 +233,7 @@ class Descent:
                 "the mismatch of source and target overflows; scale both functions down or sigma up"
             )
         is_new = self._record.level != stage.level
-        if not history or (is_new and len(history) <= self._parameters.iterations):
+        if not history or (is_new and len(history) <= self._parameters.solver.iterations):
             self._record.add(self.levels, self.own, stage, best)
 
     def _first(self, search: Search, stage: Stage) -> Any:
@@ -284,15 +284,22 @@ def search(
     def displacement(fields: FloatArray) -> float:
         return tau * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).mean())
 
-    precondition: Inverse | None = inverse if p.preconditioner == "hodge" else None
+    precondition: Inverse | None = inverse if p.paper.preconditioner == "hodge" else None
     landmarks = energy.landmarks
     if precondition and landmarks is not None:
         bends = partial(landmarks.bends, tau=tau, sigma=stage.landmark_sigma)
         if energy.is_of_landmarks:
-            return GaussNewton(evaluate, inverse, bends, displacement, p.max_displacement)
+            return GaussNewton(evaluate, inverse, bends, displacement, p.solver.max_displacement)
         if at is not None and 2 * len(landmarks) * at.size <= _MOST_BENT:
             precondition = with_landmarks(inverse, *bends(at)[:2])
-    return LBFGS(evaluate, precondition, p.memory, displacement, p.max_displacement, p.tolerance)
+    return LBFGS(
+        evaluate,
+        precondition,
+        p.solver.memory,
+        displacement,
+        p.solver.max_displacement,
+        p.solver.tolerance,
+    )
 
 
 def minimum(energy: MatchingEnergy, stage: Stage, x: FloatArray, last: Progress) -> Progress:

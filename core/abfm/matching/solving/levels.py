@@ -181,7 +181,7 @@ def levels(finest: list[Level]) -> list[Level]:
     counts, edges = _vertex_counts(energy.mesh, energy.parameters), np.inf
     if not counts:
         return found
-    if not energy.parameters.levels:
+    if not energy.parameters.solver.levels:
         edges = narrowest(energy.functions)
     with step("making coarser meshes", size):
         for count in counts:
@@ -201,7 +201,7 @@ def levels(finest: list[Level]) -> list[Level]:
 def on_the_mesh(finest: MatchingEnergy) -> list[Level]:
     """Return the levels with the finest mesh: first with clusters, where they are cheaper."""
     p = finest.parameters
-    chosen = p.levels == 1 or p.gradient != "adjoint" or p.method != "nonlinear"
+    chosen = p.solver.levels == 1 or p.paper.gradient != "adjoint" or p.paper.method != "nonlinear"
     if chosen or vertex_clusters(finest.mesh) is None:
         return [Level(finest)]
     clustered = finest.clustered()
@@ -257,8 +257,8 @@ def _lock(mesh: TriangleMesh) -> threading.Lock:
 
 def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
     count = len(mesh.vertices)
-    if p.levels:
-        return [max(int(count / RATIO**step), 4) for step in range(1, p.levels)]
+    if p.solver.levels:
+        return [max(int(count / RATIO**step), 4) for step in range(1, p.solver.levels)]
     if count < _WORTH * COARSEST:
         return []
     steps = max(1, round(np.log(count / COARSEST) / np.log(RATIO)))

@@ -96,7 +96,7 @@ class Solver:
             self._with = self._with._replace(fields=len(start))
             finer = on_finer(self.energy, descent.levels)
             lost = finer is None and is_lost(self.energy, *self._at_rest[-1])
-        if self._course.is_measured and p.iterations:
+        if self._course.is_measured and p.solver.iterations:
             # what is held out would not be new to a field that has seen it
             start, finer, lost = None, None, True
         if finer is not None:
@@ -115,7 +115,7 @@ class Solver:
 
     def _find(self, start: FloatArray | None) -> None:
         """Walk the ways on the first mesh; that which comes closest stays."""
-        iterations, descent = self.energy.parameters.iterations, self._descent
+        iterations, descent = self.energy.parameters.solver.iterations, self._descent
         x = where_it_begins(descent.levels, start, not iterations)
         ways, reach = self._course.ways(len(x)), self._course.first_reach
         for number, way in enumerate(ways):
@@ -264,7 +264,7 @@ class Solver:
         """Go on on finer meshes while a witness leaves more than the goal, and it pays."""
         p, course, descent = self.energy.parameters, self._course, self._descent
         ends = course.is_measured or course.is_given
-        never = p.refine == 0 or not p.iterations or course.is_fixed
+        never = p.refine == 0 or not p.solver.iterations or course.is_fixed
         if never or (p.refine is None and ends):
             return
         most = MOST_REFINED if p.refine is None else p.refine
@@ -278,7 +278,9 @@ class Solver:
             if mark.worse <= self._goal:
                 return
             # what is nearly there may be there where fields are smoother
-            is_vain = mark.worse > RESIDUAL_NEARLY and len(self.record.history) > p.iterations
+            is_vain = (
+                mark.worse > RESIDUAL_NEARLY and len(self.record.history) > p.solver.iterations
+            )
             if p.refine is None and (is_fine or is_vain or self._is_resolved(mark)):
                 return
             try:
@@ -350,7 +352,7 @@ class Solver:
         energy = descent.levels[exact].energy
         carried = descent.best.advected if exact == stage.level else energy.advected(x)
         said = {}
-        if not self._course.is_fixed and energy.parameters.method != "linearised":
+        if not self._course.is_fixed and energy.parameters.paper.method != "linearised":
             with (
                 suppress(MemoryError),
                 step("checking by flow lines", len(energy.mesh.vertices)),

@@ -18,7 +18,7 @@ _ASTRAY = 3.0
 
 def given(energy: MatchingEnergy) -> FloatArray | None:
     """Return a problem's start as frame coefficients (N, F, 2) on its mesh; None for none."""
-    start, wanted = energy.problem.start, energy.parameters.segments
+    start, wanted = energy.problem.start, energy.parameters.solver.segments
     if start is None:
         return None
     count, wanted = len(start), wanted or len(start)
@@ -36,7 +36,7 @@ def is_lost(energy: MatchingEnergy, start: FloatArray, advected: FloatArray) -> 
         raise ParameterError(
             "start: the flow of these fields overflows; start from slower ones or from none"
         )
-    if energy.parameters.reach:
+    if energy.parameters.solver.reach:
         return energy.left_by(start, advected) > _LOST
     largest, grown = float(np.abs(energy.terms.carried).max()), float(np.abs(advected).max())
     if grown > _UNSTABLE * largest:
@@ -55,7 +55,7 @@ def on_finer(energy: MatchingEnergy, levels: list[Level]) -> tuple[list[Level], 
     times = 0 if start is None else times_subdivided(start.shape[1], energy.problem.mesh)
     if start is None or not times or times > (times if p.refine is None else p.refine):
         return None
-    if p.segments not in (0, len(start)):
+    if p.solver.segments not in (0, len(start)):
         return None
     found = list(levels)
     for _ in range(times):

@@ -90,7 +90,7 @@ class FunctionTerm:
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
         """Make the norm of the parameters' beta, or the smoothed one of a reach."""
-        unit = self.function_size if parameters.sigma_unit == "relative" else 1.0
+        unit = self.function_size if parameters.paper.sigma_unit == "relative" else 1.0
         if reach:
             apart = self.source - self.target
             smoothed = SmoothedNorm(self.mesh, self.areas, reach, apart, self.weights)

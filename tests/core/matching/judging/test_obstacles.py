@@ -12,7 +12,7 @@ from tests.shapes import icosphere
 
 SPHERE = icosphere(3)
 COUNT = len(SPHERE.vertices)
-SHORT = Parameters(iterations=5, refine=0)
+SHORT = Parameters.of(iterations=5, refine=0)
 
 
 def at(degrees, width=0.2):

@@ -29,7 +29,7 @@ from tests.shapes import disc, ellipsoid, icosphere
 
 SPHERE, FINE, EGG = icosphere(3), icosphere(4), ellipsoid(3, 1.0, 0.7, 0.55)
 # of a solver that does not look for far targets, and so fails in the ways that are told here
-USUAL = Parameters(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=150)
+USUAL = Parameters.of(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=150)
 SHARE = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
 FLAT = np.full(len(SPHERE.vertices), 0.3)
 
@@ -47,7 +47,7 @@ def around(degrees, width=0.1):
 
 
 def matched(f, g, **parameters):
-    return abfm.match(SPHERE, f, g, Parameters(**{"refine": 0, **parameters}))
+    return abfm.match(SPHERE, f, g, Parameters.of(**{"refine": 0, **parameters}))
 
 
 def judged(match, **known):
@@ -77,7 +77,7 @@ def test_a_match_needs_no_advice_and_neither_vanishes_nor_stands_still():
     assert judged(match, verified=0.08).kind == "nearly"
     check_message(judged(match, verified=0.08).reason, "0.08")
     problem, seen = FunctionTerm(SPHERE, at(0), at(45)), []
-    abfm.match(SPHERE, at(0), at(45), Parameters(iterations=30), on_iteration=seen.append)
+    abfm.match(SPHERE, at(0), at(45), Parameters.of(iterations=30), on_iteration=seen.append)
     assert len(seen) == 31
     assert not any(vanished(problem, now.advected.T) or now.warning for now in seen)
     assert not stood_still(problem, seen[-1].advected.T)
@@ -130,7 +130,7 @@ def test_values_that_the_source_lacks_are_impossible_and_told_of_the_channel_tha
     assert judged(matched(at(0, 0.2), 1.3 * at(30, 0.2))).kind == "nearly"
     f, g = np.stack([at(0), at(20)], axis=1), np.stack([at(10), 2 * at(30)], axis=1)
     check_message(judged(matched(f, g, iterations=2)).reason, 2)
-    weighed = abfm.match(SPHERE, f, g, Parameters(iterations=2), weights=[1, 0])
+    weighed = abfm.match(SPHERE, f, g, Parameters.of(iterations=2), weights=[1, 0])
     assert judged(weighed).kind != "impossible"
 
 
@@ -146,7 +146,7 @@ def test_constants_are_impossible():
 def test_a_source_that_vanished_is_told():
     f, g, seen = at(0, 0.05, FINE), at(120, 0.05, FINE), []
     problem = FunctionTerm(FINE, f, g)
-    match = abfm.match(FINE, f, g, replace(USUAL, iterations=20), on_iteration=seen.append)
+    match = abfm.match(FINE, f, g, USUAL.with_values(iterations=20), on_iteration=seen.append)
     verdict = judged(match)
     assert verdict.kind == "not reached"
     check_message(verdict.reason, "1.4", 1)
@@ -157,11 +157,11 @@ def test_a_source_that_vanished_is_told():
     check_message(seen[5].warning)
     evidence = Evidence(match.advected.T, match.residual, StopReason.NO_PROGRESS)
     assert distance(problem) == pytest.approx(np.sqrt(3) / FINE.length_scale, abs=0.03)
-    check_message(judge(problem, evidence, replace(USUAL, reach=1.0)).advice)
+    check_message(judge(problem, evidence, USUAL.with_values(reach=1.0)).advice)
 
 
 def test_a_source_that_stood_still_is_told():
-    cold = replace(USUAL, sigma=10.0, cooling_stages=1)
+    cold = USUAL.with_values(sigma=10.0, cooling_stages=1)
     match = abfm.match(SPHERE, at(0, 0.1), at(90, 0.1), cold)
     verdict, problem = judged(match), FunctionTerm(SPHERE, match.source, match.target)
     assert verdict.kind == "not reached"
@@ -190,7 +190,7 @@ def test_other_peaks_are_matched_in_part_at_best():
 def test_values_on_a_boundary_stay_there():
     mesh = disc(16)
     ends = (bump(mesh, [place, 0, 0], 0.1) for place in (0.2, 1))
-    verdict = judged(abfm.match(mesh, *ends, Parameters(refine=0, iterations=200)), verified=0.7)
+    verdict = judged(abfm.match(mesh, *ends, Parameters.of(refine=0, iterations=200)), verified=0.7)
     assert verdict.kind == "not reached"
     check_message(verdict.reason, "boundary", 0, 1)
 
@@ -223,7 +223,7 @@ def test_iterations_that_ran_out():
         ("More time", {"iterations": 1000}, False),
         ("Continue", {}, True),
     ]
-    few, limit = Parameters(iterations=4), "iteration limit"
+    few, limit = Parameters.of(iterations=4), "iteration limit"
     nearly = imagined(at(0), at(45), at(50), limit, few)
     assert (nearly.kind, nearly.remedies) == ("nearly", verdict.remedies)
     assert labels(imagined(at(0), at(45), at(53), limit, few, verified=0.9)) == ["More time"]
@@ -300,10 +300,10 @@ def remedies(parameters, degrees=60, width=0.1, refined=0):
     ("names", "degrees", "parameters"),
     [
         (["Reach further"], 150, USUAL),
-        (["Reach further"], 150, Parameters(reach=0.0, refine=0)),
-        (["More time", "Continue"], 60, Parameters(iterations=20, refine=0)),
+        (["Reach further"], 150, Parameters.of(reach=0.0, refine=0)),
+        (["More time", "Continue"], 60, Parameters.of(iterations=20, refine=0)),
         (["Match closer", "Refine"], 90, Parameters(sigma=1.5)),
-        (["Smoother", "Refine"], 90, Parameters(order=1, alpha=0.001, refine=0)),
+        (["Smoother", "Refine"], 90, Parameters.of(order=1, alpha=0.001, refine=0)),
     ],
 )
 def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
@@ -311,7 +311,7 @@ def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
     assert match.verdict.kind in ("nearly", "not reached")
     assert labels(match.verdict) == names
     for remedy in match.verdict.remedies:
-        p = replace(parameters, **remedy.parameters)
+        p = parameters.with_values(**remedy.parameters)
         start = match.start_for(p) if remedy.goes_on else None
         again = abfm.match(EGG, around(0), around(degrees), p, start=start)
         assert again.worse_residual < match.worse_residual, remedy
@@ -319,9 +319,9 @@ def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
 
 def test_a_larger_tau_is_a_smaller_sigma():
     """So that there is no remedy of more time in that sense."""
-    p = Parameters(sigma=0.1, levels=1, reach=0.0, cooling_stages=1, iterations=20)
+    p = Parameters.of(sigma=0.1, levels=1, reach=0.0, cooling_stages=1, iterations=20)
     slow, long = (
-        abfm.match(EGG, around(0, 0.2), around(60, 0.2), replace(p, **changes))
+        abfm.match(EGG, around(0, 0.2), around(60, 0.2), p.with_values(**changes))
         for changes in ({"sigma": 0.05}, {"tau": 4.0})
     )
     fastest = np.abs(slow.velocity).max()
@@ -334,14 +334,14 @@ def test_a_remedy_changes_only_what_differs():
     assert blind.parameters["reach"] == 1.0
     assert {"order", "levels", "sigma", "sigma_unit", "iterations"} <= blind.parameters.keys()
     check_message(blind.words)
-    near = remedies(Parameters(reach=0.05), 120).further()
+    near = remedies(Parameters.of(reach=0.05), 120).further()
     assert near.parameters == {"reach": 1.0}
     for remedy in (blind, near):
         assert json.loads(json.dumps(asdict(remedy))) == asdict(remedy)
     assert remedies(Parameters(sigma=0.02)).closer().parameters == {"sigma": 0.0067}
     assert remedies(Parameters(), refined=1).refine().parameters == {"refine": 2}
     assert remedies(Parameters(), refined=3).refine() is None
-    assert remedies(Parameters(method="linearised")).refine() is None
+    assert remedies(Parameters.of(method="linearised")).refine() is None
 
 
 @settings(deadline=None, max_examples=60)
@@ -369,7 +369,7 @@ def test_remedies_that_are_followed_never_undo_each_other(p, reason, outcomes):
         found = judge(problem, evidence, p).remedies
         if not found:
             return
-        following = replace(p, **found[choice % len(found)].parameters)
+        following = p.with_values(**found[choice % len(found)].parameters)
         for name in ("alpha", "order", "reach", "iterations"):
             assert getattr(following, name) >= getattr(p, name), found
         assert (following.refine or 0) >= (p.refine or 0)
@@ -382,7 +382,7 @@ def test_remedies_that_are_followed_never_undo_each_other(p, reason, outcomes):
     [
         (Parameters(sigma=0.5), "Match closer"),
         (Parameters(alpha=0.001), "Smoother"),
-        (Parameters(reach=0.01), "Reach further"),
+        (Parameters.of(reach=0.01), "Reach further"),
     ],
 )
 def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(parameters, label):
@@ -410,10 +410,10 @@ def test_a_remedy_with_wrong_parameters_is_refused(wrong):
 )
 @pytest.mark.parametrize("size", [1.0, 1e-29])
 def test_parameters_at_their_ends_cost_no_result(extreme, size):
-    parameters, (x, y, _) = Parameters(**extreme), EGG.vertices.T
+    parameters, (x, y, _) = Parameters.of(**extreme), EGG.vertices.T
     made = Remedies(FunctionTerm(EGG, size * x, size * y), parameters)
     for name in ("more_time", "smoother", "closer", "colder", "further", "refine"):
-        replace(parameters, **getattr(made, name)().parameters)
+        parameters.with_values(**getattr(made, name)().parameters)
 
 
 @pytest.mark.parametrize(

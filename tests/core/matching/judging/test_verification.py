@@ -24,7 +24,7 @@ AXIS = np.array([0.3, -0.5, 0.8])
 
 def verify(mesh, f, g, velocity, *, linearised=False, subdivided=True, **given):
     """Ask the witnesses of a problem with these functions."""
-    parameters = Parameters(method="linearised" if linearised else "nonlinear")
+    parameters = Parameters.of(method="linearised" if linearised else "nonlinear")
     problem = abfm.Problem(mesh, f, g, parameters, **given)
     return abfm.verify(problem, velocity, subdivided)
 
@@ -142,7 +142,7 @@ def test_linearised_steps_are_those_of_the_subdivided_mesh():
 def test_a_match_verifies_itself():
     mesh = icosphere(3)
     f, g, _ = turned(mesh, 0.5 * AXIS, 0.25)
-    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=30, segments=2))
+    match = abfm.match(mesh, f, g, abfm.Parameters.of(iterations=30, segments=2))
     one = match.verify()
     assert isinstance(one, abfm.Verification)
     assert one == abfm.verify(match.problem, match.velocity)

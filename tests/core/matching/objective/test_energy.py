@@ -2,7 +2,6 @@
 
 import gc
 import weakref
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ MESHES = {"closed": icosphere(2, radius=3.0), "boundary": hemisphere(7)}
 CLOSED, OPEN = MESHES.values()
 FINE = {"closed": icosphere(3, radius=3.0), "boundary": hemisphere(12)}
 USUAL = Parameters(alpha=0.05, beta=0.01, sigma=0.1, tau=1.3)
-PLAIN = Parameters(**PAPER, alpha=0.1, beta=0.01, sigma=0.1, tau=1.3)
+PLAIN = Parameters.of(**PAPER, alpha=0.1, beta=0.01, sigma=0.1, tau=1.3)
 FAR = [0.0, 0.4]
 
 
@@ -47,7 +46,7 @@ def energy(mesh, channels=1, p=USUAL, **changes):
     mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices)) if channels > 1 else None
     weights = [1.0, 0.0, 2.5][:channels] if channels > 1 else None
     return MatchingEnergy(
-        mesh, *problem(mesh, channels), replace(p, **changes), mask=mask, weights=weights
+        mesh, *problem(mesh, channels), p.with_values(**changes), mask=mask, weights=weights
     )
 
 
@@ -72,7 +71,7 @@ def order_at(E, v, size=0.02, **of_stage):
 )
 def test_gradient_is_exact_as_stages_have_it(mesh, order, reach, channels, kind):
     E = energy(mesh, channels, order=order, sigma_unit="relative", **kind)
-    v = frames(mesh, E.parameters.segments)
+    v = frames(mesh, E.parameters.solver.segments)
     assert order_at(E, v, reach=reach) >= 1.9
     assert order_at(energy(mesh, order=order), np.zeros((1, *v.shape[1:])), reach=reach) >= 1.9
 
@@ -95,7 +94,7 @@ def test_gradient_is_exact_where_a_shift_is_taken_off_what_is_carried(reach):
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES.keys())
 def test_a_shift_taken_off_is_one_put_on_the_target(mesh):
     (f, g), v = problem(mesh, 3), frames(mesh, 1)
-    p = replace(USUAL, sigma_unit="absolute", divergence=1.0)
+    p = USUAL.with_values(sigma_unit="absolute", divergence=1.0)
     shift = np.random.default_rng(3).normal(size=g.shape)
     shifted, other = MatchingEnergy(mesh, f, g, p), MatchingEnergy(mesh, f, g + shift, p)
     found = shifted.objective(0.1, shift=shift.T).evaluate(v)
@@ -118,7 +117,7 @@ def test_looser_sums_are_shorter_and_close():
 def test_gradient_may_be_asked_for_late(extras):
     """Later evaluations use the same memory."""
     mesh = FINE["closed"]
-    E = MatchingEnergy(mesh, *problem(mesh, 2), replace(PLAIN, segments=0, **extras))
+    E = MatchingEnergy(mesh, *problem(mesh, 2), PLAIN.with_values(segments=0, **extras))
     v, w = (to_frame(E.mesh, wavy_field(mesh, seed))[None] / 10 for seed in (1, 2))
     early = E.objective(0.1).evaluate(v).gradient
     late = E.objective(0.1).evaluate(v)
@@ -128,7 +127,7 @@ def test_gradient_may_be_asked_for_late(extras):
 
 def test_value_is_the_formula():
     """Eq. 6 with SciPy's exponential and explicit matrices, on the mesh scaled to unit area."""
-    mesh, p = FINE["boundary"], replace(PLAIN, segments=3)
+    mesh, p = FINE["boundary"], PLAIN.with_values(segments=3)
     (f, g), unit, v = problem(mesh, 2), mesh.normalized(), fields(mesh, 3)
     mask, weights = np.linspace(0.01, 1, len(mesh.vertices)), [0.5, 2.0]
     R, C = vector_norm_matrix(unit, p.alpha), function_norm_matrix(unit, p.beta, mask)
@@ -146,7 +145,7 @@ def test_bracket_gradient_approaches_the_exact_one_with_more_substeps():
     v = 0.15 * wavy_field(mesh, 4)[None] / mesh.length_scale
 
     def gradient(**changes):
-        found = MatchingEnergy(mesh, *problem(mesh), replace(PLAIN, alpha=0.0, **changes))(v)[1]
+        found = MatchingEnergy(mesh, *problem(mesh), PLAIN.with_values(alpha=0.0, **changes))(v)[1]
         return found / np.linalg.norm(found)
 
     exact = gradient()
@@ -157,9 +156,9 @@ def test_bracket_gradient_approaches_the_exact_one_with_more_substeps():
 
 def test_linearised_bracket_is_the_exact_gradient():
     """Eq. 8 needs no bracket."""
-    mesh, p = FINE["closed"], replace(PLAIN, method="linearised", segments=3)
+    mesh, p = FINE["closed"], PLAIN.with_values(method="linearised", segments=3)
     exact, bracket = (
-        MatchingEnergy(mesh, *problem(mesh), replace(p, gradient=kind))(fields(mesh, 3))[1]
+        MatchingEnergy(mesh, *problem(mesh), p.with_values(gradient=kind))(fields(mesh, 3))[1]
         for kind in ("adjoint", "bracket")
     )
     assert_array_equal(exact, bracket)
@@ -237,7 +236,7 @@ def test_function_size_is_the_larger_deviation_and_never_zero():
 
 def test_absolute_sigma_is_left_alone():
     relative, absolute = (
-        MatchingEnergy(CLOSED, *problem(CLOSED), Parameters(sigma_unit=unit))
+        MatchingEnergy(CLOSED, *problem(CLOSED), Parameters.of(sigma_unit=unit))
         for unit in ("relative", "absolute")
     )
     v, size = frames(CLOSED, 1), relative.functions.function_size

@@ -224,7 +224,7 @@ def test_norm_is_definite_on_needles(height, order):
 @pytest.mark.parametrize("height", [1e-7, 1e-9, 1e-11])
 def test_a_match_on_a_needle_ends_with_a_verdict(height):
     mesh = needle(height)
-    found = match(mesh, *mesh.vertices.T[:2], Parameters(iterations=30, refine=1))
+    found = match(mesh, *mesh.vertices.T[:2], Parameters.of(iterations=30, refine=1))
     assert np.isfinite(found.velocity).all()
     assert np.isfinite(found.residual)
 

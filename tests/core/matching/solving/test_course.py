@@ -23,14 +23,14 @@ SIGMA, FACTOR = st.floats(1e-3, 1e3), st.floats(1.5, 20)
 
 @given(SIGMA, FACTOR, st.sampled_from([EXACT, MEASURED]))
 def test_a_given_sigma_is_the_last_and_multiples_of_it_lead_there(sigma, factor, functions):
-    given = Parameters(sigma=sigma, cooling_factor=factor)
+    given = Parameters.of(sigma=sigma, cooling_factor=factor)
     sigmas = Course(given, functions, 1).sigmas
     assert sigmas[-1] == sigma
     assert_allclose(np.divide(sigmas[:-1], sigmas[1:]), factor)
     assert sigmas[0] <= max(sigma, WARMEST) * (1 + 1e-6)
     assert sigmas[0] * factor > WARMEST
     size = functions.function_size
-    absolute = replace(given, sigma=sigma * size, sigma_unit="absolute")
+    absolute = given.with_values(sigma=sigma * size, sigma_unit="absolute")
     assert_allclose(Course(absolute, functions, 1).sigmas, np.multiply(sigmas, size))
 
 
@@ -39,7 +39,7 @@ def test_a_given_sigma_is_the_last_and_multiples_of_it_lead_there(sigma, factor,
 def test_without_one_they_fall_from_the_warmest_more_slowly_for_measured_functions(
     functions, power, unit
 ):
-    course = Course(Parameters(sigma_unit=unit), functions, 1)
+    course = Course(Parameters.of(sigma_unit=unit), functions, 1)
     sigmas = np.divide(course.sigmas, 1 if unit == "relative" else functions.function_size)
     assert (sigmas[0], course.is_measured) == (WARMEST, functions is MEASURED)
     assert_allclose(sigmas[:-1] / sigmas[1:], 3.0**power)
@@ -50,7 +50,7 @@ def test_without_one_they_fall_from_the_warmest_more_slowly_for_measured_functio
 def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count, iterations):
     """Every sigma from the largest to its value, each early one with its share."""
     cooling = {"sigma": sigma, "cooling_factor": factor, "cooling_stages": count}
-    p = Parameters(**PAPER, **cooling, iterations=iterations)
+    p = Parameters.of(**PAPER, **cooling, iterations=iterations)
     for functions in (EXACT, MEASURED):
         course = Course(p, functions, 1)
         stages = [course.stage(0, sigma, Way(p.alpha, 1)) for sigma in course.sigmas]
@@ -62,13 +62,13 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count
 
 
 def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
-    p = Parameters(stage_iterations=7, sigma=0.1)
+    p = Parameters.of(stage_iterations=7, sigma=0.1)
     course = Course(p, EXACT, 3)
     *early, last = (course.stage(2, sigma, Way(p.alpha, 1)) for sigma in course.sigmas)
     assert {stage.iterations for stage in early} == {7}
-    assert last.iterations == p.iterations
+    assert last.iterations == p.solver.iterations
     assert all(stage.fixed and not stage.goal for stage in (*early, last))
-    assert not Course(Parameters(stage_iterations=7), MEASURED, 1).is_measured
+    assert not Course(Parameters.of(stage_iterations=7), MEASURED, 1).is_measured
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
 def test_there_is_a_second_way_with_two_fields_or_for_measured_functions_a_third_of_alpha(
     changes, functions, other
 ):
-    p = Parameters(**changes)
+    p = Parameters.of(**changes)
     first = (p.alpha, 1)
     ways = [first, other] if other else [first]
     assert_allclose(Course(p, functions, 1).ways(1), ways)
@@ -99,7 +99,7 @@ def test_there_is_a_second_way_with_two_fields_or_for_measured_functions_a_third
 
 
 def test_after_a_way_that_did_not_find_the_target_the_next_one_looks_as_far_as_there_is():
-    course = Course(Parameters(reach=0.5), EXACT, 1)
+    course = Course(Parameters.of(reach=0.5), EXACT, 1)
     assert [course.reach(left) for left in (0.6, 0.9, np.inf)] == [0.5, LONGEST, LONGEST]
     for course in (Course(Parameters(), MEASURED, 1), Course(Parameters(sigma=1.0), EXACT, 1)):
         assert course.reach(0.9) == 1.0
@@ -109,9 +109,9 @@ def test_after_a_way_that_did_not_find_the_target_the_next_one_looks_as_far_as_t
 def test_exact_functions_end_below_the_goal_and_a_quarter_of_the_time_is_for_the_mesh_itself(
     iterations, goal, meshes
 ):
-    p = Parameters(iterations=iterations, goal=goal)
+    p = Parameters.of(iterations=iterations, goal=goal)
     for level in range(meshes):
-        stage = Course(p, EXACT, meshes).stage(level, 1.0, Way(p.alpha, 1), p.reach)
+        stage = Course(p, EXACT, meshes).stage(level, 1.0, Way(p.alpha, 1), p.solver.reach)
         assert 0 < stage.goal < goal
         assert stage.until == (iterations if level == meshes - 1 else int(0.75 * iterations))
     for course in (Course(p, MEASURED, 1), Course(replace(p, sigma=1.0), EXACT, 1)):
@@ -129,7 +129,7 @@ def test_given_sigma_ends_coarse_levels_at_their_error():
         assert (fine.goal, fine.is_search) == (0.0, False)
         for other, sigma in (
             *((course, sigma) for sigma in early),
-            (Course(replace(p, stage_iterations=7), EXACT, 2), last),
+            (Course(p.with_values(stage_iterations=7), EXACT, 2), last),
             (Course(Parameters(), EXACT, 2), last),
             (Course(Parameters(), MEASURED, 2), last),
         ):

@@ -68,7 +68,7 @@ def test_each_fold_sees_all_but_its_patches_and_every_vertex_is_hidden_once(mask
 def test_what_is_told_is_the_mismatch_of_what_no_fold_has_seen():
     whole = energy(*bumps(5))
     rest = np.zeros(whole.shape)
-    stage = Course(Parameters(iterations=0), whole.functions, 1).stage(0, 1.0, ONE)
+    stage = Course(Parameters.of(iterations=0), whole.functions, 1).stage(0, 1.0, ONE)
     left = [
         whole.functions.weighed(hidden).residual(whole.functions.source)
         for _, hidden in without(whole)
@@ -82,7 +82,7 @@ def test_fields_of_a_fold_know_nothing_of_what_it_hides():
     (f, g), fields, p = (
         bumps(5),
         [],
-        Parameters(iterations=5, sigma_unit="absolute", divergence=1.0),
+        Parameters.of(iterations=5, sigma_unit="absolute", divergence=1.0),
     )
     stage = Course(p, energy(f, g).functions, 1).stage(0, 0.3, ONE)
     for target in (g, np.where(folds(SPHERE.normalized()) == 0, -g, g)):
@@ -103,7 +103,7 @@ def test_noise_is_not_found_where_it_was_not_seen_and_a_flow_is():
     noisy = f + 0.3 * rng.normal(size=len(f)), f + 0.3 * rng.normal(size=len(f))
     for functions, gains in (((f, g), True), (noisy, False)):
         whole = energy(*functions)
-        course = Course(Parameters(iterations=20), whole.functions, 1)
+        course = Course(Parameters.of(iterations=20), whole.functions, 1)
         still, held = (HeldOut(whole, np.zeros(whole.shape)) for _ in range(2))
         before = still.follow([course.stage(0, 1e6, Way(1.0, 1))]).discrete
         after = held.follow([course.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)]).discrete

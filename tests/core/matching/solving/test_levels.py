@@ -24,7 +24,7 @@ from tests.core.surfaces import SURFACES, moved, random_function, relative_error
 from tests.core.verification import observed_orders
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, torus
 
-COARSER = Parameters(levels=3)
+COARSER = Parameters.of(levels=3)
 
 
 def all_levels(finest):
@@ -107,7 +107,7 @@ def test_the_energy_is_about_the_same_on_all_meshes():
     f = np.stack([bump(mesh, [0, 0, 1], 0.3), 2 * bump(mesh, [1, 0, 0], 0.3)], axis=1)
     g = np.stack([bump(mesh, [0, 1, 0], 0.3), 2 * bump(mesh, [0, 0.6, 0.8], 0.3)], axis=1)
     mask = 0.5 + 0.4 * mesh.vertices[:, 1]
-    finest = MatchingEnergy(mesh, f, g, Parameters(levels=3), mask=mask, weights=[1.0, 0.3])
+    finest = MatchingEnergy(mesh, f, g, Parameters.of(levels=3), mask=mask, weights=[1.0, 0.3])
     found = [level.energy for level in all_levels(finest)]
     assert [E.discretisation.size for E in found] == [160, 640, 2562]
     assert found[-1] is finest
@@ -128,7 +128,7 @@ def test_fields_there_and_back_move_as_far():
     """In units of each mesh scaled to unit area, whose surfaces differ."""
     ball = icosphere(4)
     f, g = (bump(ball, [0, 0, s], 0.3) for s in (1, -1))
-    level, finer = all_levels(MatchingEnergy(ball, f, g, Parameters(levels=2)))
+    level, finer = all_levels(MatchingEnergy(ball, f, g, Parameters.of(levels=2)))
     coarse, fine = level.energy.mesh, finer.energy.mesh
     field = rotation_field(fine, AXIS)[None]
     down = level.fields_from_finer(field)

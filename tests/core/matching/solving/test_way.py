@@ -36,7 +36,7 @@ def pair(a=0, b=60, width=0.15, mesh=SPHERE):
 def exact(width=0.15, b=60, mesh=SPHERE, **parameters):
     """A match of two Gaussians, and its iterates."""
     seen = []
-    p = Parameters(**{"refine": 0} | parameters)
+    p = Parameters.of(**{"refine": 0} | parameters)
     return abfm.match(mesh, *pair(0, b, width, mesh), p, on_iteration=seen.append), seen
 
 
@@ -64,7 +64,7 @@ def carried_waves(seed):
 
 @cache
 def registered(seed, **parameters):
-    seen, problem = [], carried_waves(seed)[0].with_parameters(Parameters(**parameters))
+    seen, problem = [], carried_waves(seed)[0].with_parameters(Parameters.of(**parameters))
     return abfm.match(problem, on_iteration=seen.append), seen
 
 
@@ -109,7 +109,7 @@ def test_short_coarse_stages_end_at_the_same_match(width, sigma, count, monkeypa
     """With a given sigma the mesh itself makes up for iterations left out on coarser ones."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, width) for axis in ([0, 0, 1], [0, 1, 0]))
-    p = Parameters(sigma=sigma, cooling_stages=1, levels=count)
+    p = Parameters.of(sigma=sigma, cooling_stages=1, levels=count)
 
     def matched():
         seen = []
@@ -136,7 +136,7 @@ def test_fields_of_coarse_meshes_are_smoothed_for_a_given_sigma():
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, 0.2) for axis in ([0, 0, 1], [0, 1, 0]))
     seen = []
-    abfm.match(mesh, f, g, Parameters(sigma=0.02, levels=2), on_iteration=seen.append)
+    abfm.match(mesh, f, g, Parameters.of(sigma=0.02, levels=2), on_iteration=seen.append)
     coarse = [one for one in seen if one.level == 0][-1]
     first, *_, last = (one for one in seen if one.level == 1)
     assert first.regularity < 100 * coarse.regularity
@@ -265,7 +265,7 @@ def test_measured_functions_are_walked_anew_from_a_start():
     again = abfm.match(match.problem.starting_from(match.path[-1].velocity))
     assert_array_equal(again.fine_velocity, match.fine_velocity)
     start = match.problem.starting_from(match.velocity)
-    kept = abfm.match(start.with_parameters(Parameters(iterations=0)))
+    kept = abfm.match(start.with_parameters(Parameters.of(iterations=0)))
     assert_allclose(kept.velocity, match.velocity, atol=1e-12)
 
 

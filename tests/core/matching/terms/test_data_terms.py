@@ -23,7 +23,7 @@ from tests.shapes import icosphere
 
 MESH = icosphere(2).normalized()
 F, G = bump(MESH, MESH.vertices[0], 0.2), bump(MESH, MESH.vertices[17], 0.2)
-P = Parameters(alpha=0.05, sigma=0.1, sigma_unit="absolute")
+P = Parameters.of(alpha=0.05, sigma=0.1, sigma_unit="absolute")
 FIELD = 0.2 * wavy_field(MESH, 1)[None]
 
 
@@ -73,7 +73,7 @@ class PlainNorm:
 def both(**parameters):
     """Functions, and a vertex whose value shall come from the place of another one."""
     term = Places(MESH, [17], MESH.vertices[[0]])
-    return abfm.Problem(MESH, F, G, Parameters(**parameters), terms=(term,))
+    return abfm.Problem(MESH, F, G, Parameters.of(**parameters), terms=(term,))
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.3])
@@ -118,7 +118,7 @@ def test_a_second_term_has_an_exact_gradient_and_is_matched():
     assert taylor_order(energy, FIELD, 0.02 * wavy_field(MESH, 2)[None]) >= 1.9
     few, told = {"iterations": 60, "levels": 1, "sigma": 0.3}, []
     found = abfm.match(both(**few), on_iteration=told.append)
-    alone = abfm.match(MESH, F, G, Parameters(**few))
+    alone = abfm.match(MESH, F, G, Parameters.of(**few))
     assert all(list(now.shares) == ["closeness", "places"] for now in told)
     assert all(sum(now.shares.values()) == now.mismatch_energy for now in told)
     assert found.advected.shape == (len(F), 1)
