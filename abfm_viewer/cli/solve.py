@@ -28,11 +28,31 @@ from abfm_viewer.files import outputs
 OUTPUT = "output"
 
 
-def add_arguments(parser: argparse.ArgumentParser, task: type[Task], out: str) -> None:
-    """Declare the inputs of a kind of task, and its outputs; ``out`` is the help of --out."""
+class Command:
+    """The command that solves a kind of task."""
+
+    def __init__(self, task: type[Task]) -> None:
+        self.task, self.SUMMARY, self.DESCRIPTION = task, task.summary, task.description
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        add_arguments(parser, self.task)
+
+    def run(self, arguments: argparse.Namespace) -> int:
+        return run(arguments, self.task)
+
+
+def add_arguments(parser: argparse.ArgumentParser, task: type[Task]) -> None:
+    """Declare the inputs of a kind of task, and its outputs."""
     options.add_inputs(parser, task.inputs)
     add = options.adder(parser.add_argument_group(OUTPUT))
-    add("--out", f"{out}; repeatable", "FILE", type=Path, action="append", required=True)
+    add(
+        "--out",
+        f"{task.output_help}; repeatable",
+        "FILE",
+        type=Path,
+        action="append",
+        required=True,
+    )
     for name, table in task.tables.items():
         add(f"--{name}", table.help, "FILE.csv", type=Path)
     options.add_up(add)

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from abfm.errors import AbfmWarning, ParameterError, ResultError, one_line
+from abfm.functions import families
 from abfm.io import export_energy_csv, export_ply, export_vtu, results, write_csv
 from abfm.matching import report
 from abfm.matching.bounded import bounded
@@ -123,6 +124,26 @@ def _export_path(path: Path, found: Match) -> None:
     write_csv(path, [line.split(",") for line in path_table(found.path, found.mesh)])
 
 
+_DESCRIPTION = f"""\
+Find the vector field whose flow carries a source function to a target function, and write the
+result.
+
+Examples:
+  abfm match spot.obj --source gaussian:vertex=12 --target gaussian:vertex=900 --out match.npz
+  abfm match spot.obj --source eigenfunction:7 --target eigenfunction:8 --tau 2 --out m.vtu
+  abfm match spot.obj --channel hks:time=0.01 file:h.npy 2 --out m.npz --out m.html
+
+The exit status is 0 when source and target are matched or nearly so, or measured functions are
+registered, as close as they bear; 3 when the target was not reached or no flow can reach it, with
+what to try; 2 for bad input; and 130 or 143 when Ctrl-C or SIGTERM ended the run. The best result
+is written in any case but that of bad input.
+
+A function (SPEC) is family:key=value,... and several may be added with +. Families:
+  {", ".join(family.family for family in families())}
+For example gaussian:vertex=12,width=0.1 or expression:sin(10*x)*z; the README has them all.
+"""
+
+
 @dataclass(frozen=True)
 class MatchTask(Task):
     """Find the field whose flow carries a source to a target.
@@ -138,6 +159,12 @@ class MatchTask(Task):
     max_distortion: float | None = None
 
     kind: ClassVar = "match"
+    summary: ClassVar = "find the field whose flow carries a source function to a target"
+    description: ClassVar = _DESCRIPTION
+    output_help: ClassVar = (
+        "result .npz, or .ply or .vtu for other programs, .csv with the energy, or .html for a "
+        "browser: the surfaces, turning, with a time bar"
+    )
     needs: ClassVar = ("mesh",)
     inputs: ClassVar = (
         file_input("mesh", MESH_FORMATS, "MESH", is_argument=True),

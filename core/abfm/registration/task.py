@@ -10,16 +10,17 @@ from typing import Any, ClassVar
 from abfm.errors import AbfmError, ParameterError, ResultError, one_line
 from abfm.io import check_surface_name, write_surface, write_values
 from abfm.maps.point_maps import PointMap
+from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
 from abfm.matching import report as match_report
 from abfm.matching.match import match
 from abfm.matching.task import MAX_DISTORTION, facts_of_file, preview
 from abfm.mesh import TriangleMesh
 from abfm.mesh.options import read_flag
-from abfm.parameters import Parameters
+from abfm.parameters import Parameters, as_option
 from abfm.registration import report
 from abfm.registration.files import load_registration
-from abfm.registration.initial import read_landmarks, word_of
-from abfm.registration.register import prepare, within
+from abfm.registration.initial import WORDS, read_landmarks, word_of
+from abfm.registration.register import MEASURED, prepare, within
 from abfm.registration.registration import Registration
 from abfm.tasks.inputs import (
     MESH_FORMATS,
@@ -108,6 +109,36 @@ def vertex_numbers(points: PointMap) -> IntArray:
     return points.domain.on_file(points.codomain.vertex_ids[points.nearest_vertices()], -1)
 
 
+_WORDS = "\n".join(f"  {word.form}\n      {word.about}" for word in WORDS)
+_MEASURED = ", ".join(as_option(name, value) for name, value in MEASURED.changed().items())
+_DESCRIPTION = f"""\
+Find where on surface A each point of surface B lies, so that the functions of A (--source), carried
+to B, are as near to those of B (--target) as they can be: by an initial map, and then by the flow
+of a vector field on B.
+
+Examples:
+  abfm register lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.gii \\
+      --mask-b cortex.csv --out sub-01_reg.npz
+  abfm register pose1.off pose2.off --source hks:time=0.01 --target hks:time=0.01 --out reg.npz
+  abfm register cat.off lion.off --landmarks pairs.csv --out reg.npz
+  abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
+
+The initial map (--initial) is by default the best of the candidates that apply, which are compared
+by how much they stretch the surfaces, by the descriptors and functions that they keep, and by
+landmarks; a note reports the chosen one and the next one. Or it is one of
+{_WORDS}
+Functions that were measured, or have other units, are compared in standard deviations from their
+means; one with the other sign is turned, with a note. These, and functions of two shapes whose map
+was searched, are matched as far as left-out patches gain, with the parameters
+{_MEASURED} unless given; others with those of `abfm match`.
+
+The exit status is as of `abfm match`. It is 3 also if the initial map may lead elsewhere (a warning
+reports why) or if the complete map from A to B has a larger residual than the flow on B. Measured
+functions are registered if the residual is below {SHARE_REGISTERED:g} of that of the initial map
+alone, and below {RESIDUAL_REGISTERED:g}.
+"""
+
+
 @dataclass(frozen=True)
 class RegistrationTask(Task):
     """Find where on surface A each point of surface B lies.
@@ -134,6 +165,13 @@ class RegistrationTask(Task):
     max_distortion: float | None = None
 
     kind: ClassVar = "registration"
+    summary: ClassVar = "register one surface to another by functions on both"
+    description: ClassVar = _DESCRIPTION
+    output_help: ClassVar = (
+        "registration .npz; .gii or .ply with A's faces where they lie on B, such as a sphere.reg; "
+        ".txt, .csv or .npy with A's vertex for each of B; .html for a browser: both surfaces, "
+        "turning, with a time bar"
+    )
     needs: ClassVar = ("a", "b")
     inputs: ClassVar = (
         file_input("a", f"surface A, a {MESH_FORMATS}", "A", is_argument=True),

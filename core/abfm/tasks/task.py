@@ -69,6 +69,10 @@ class Task(ABC):
     ----------
     kind : str
         Name of the kind.
+    summary, description : str
+        What ``--help`` says of the command that solves it: a line, and a text with examples.
+    output_help : str
+        What ``--help`` says of the option ``--out``.
     inputs : tuple of Input
         In the order of ``--help``.
     needs : tuple of str
@@ -84,6 +88,9 @@ class Task(ABC):
     """
 
     kind: ClassVar[str]
+    summary: ClassVar[str] = ""
+    description: ClassVar[str] = ""
+    output_help: ClassVar[str] = ""
     inputs: ClassVar[tuple[Input, ...]]
     needs: ClassVar[tuple[str, ...]]
     result: ClassVar[type[Any]]
