@@ -10,6 +10,7 @@ from abfm_viewer.cli.options import Parser
 _COMMANDS = {
     "match": "abfm.matching.task:MatchTask",
     "register": "abfm.registration.task:RegistrationTask",
+    "symmetric": "abfm.registration.symmetric:SymmetricTask",
     "sequence": "abfm.sequences.task:SequenceTask",
     "batch": "batches.batch",
     "population": "populations.population",

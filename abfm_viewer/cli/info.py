@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import abfm
-from abfm import Correspondence, MeshError, Registration, TriangleMesh, load_mesh
+from abfm import Correspondence, MeshError, TriangleMesh, load_mesh
 from abfm.errors import printable
 from abfm.loading import task_of
 from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
@@ -72,7 +72,7 @@ def _report(arguments: argparse.Namespace) -> str:
 
 def _of_result(name: str) -> tuple[dict[str, Any], list[str]]:
     found = abfm.load(name)
-    if isinstance(found, Correspondence) and not isinstance(found, Registration):
+    if isinstance(found, Correspondence) and not hasattr(found, "facts"):
         sizes = [f"{len(mesh.faces):,}" for mesh in (found.a, found.b)]
         first = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
         return {"map": map_details(found)}, [first, *map_lines(found)]

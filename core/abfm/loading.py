@@ -6,25 +6,15 @@ import os
 from pathlib import Path
 from typing import Any
 
+from abfm.batch.kinds import KINDS
 from abfm.errors import ResultError, brief, one_line
 from abfm.io import results
 from abfm.matching.problem import load_problem
-from abfm.matching.task import MatchTask
 from abfm.population.task import PopulationTask
 from abfm.registration.files import load_correspondence
-from abfm.registration.task import RegistrationTask
-from abfm.sequences.task import SequenceTask
 from abfm.tasks.task import Task
 
-_TASKS = (MatchTask, RegistrationTask, SequenceTask, PopulationTask)
-_LOADERS = (
-    ({"subject_weights", "template_mask"}, PopulationTask.load),
-    ({"frames", "velocity"}, SequenceTask.load),
-    ({"a_vertices"}, load_correspondence),  # also of registrations
-    ({"velocity"}, MatchTask.load),
-    ({"source", "target"}, load_problem),
-)
-"""The function that reads a file with such arrays, the first that fits."""
+_TASKS: tuple[type[Task], ...] = (PopulationTask, *KINDS.values())
 
 
 def load(path: str | os.PathLike[str]) -> Any:
@@ -50,9 +40,13 @@ def load(path: str | os.PathLike[str]) -> Any:
         return PopulationTask.load(path)
     with results.open_archive(Path(path), results.RESULT.name, results.MEND) as archive:
         names = set(archive)
-    for arrays, read in _LOADERS:
-        if arrays <= names:
-            return read(path)
+    fitting = [task for task in _TASKS if task.marks <= names]
+    if fitting:
+        return max(fitting, key=lambda task: len(task.marks)).load(path)
+    if "a_vertices" in names:
+        return load_correspondence(path)
+    if {"source", "target"} <= names:
+        return load_problem(path)
     raise ResultError(
         f"{one_line(path)} holds no result or problem of abfm; expected a file that save() wrote"
     )
@@ -61,6 +55,6 @@ def load(path: str | os.PathLike[str]) -> Any:
 def task_of(found: Any) -> type[Task]:
     """Return the kind of task that a result is of."""
     for task in _TASKS:
-        if isinstance(found, task.result):
+        if type(found) is task.result:
             return task
     raise ResultError(f"{brief(found)} is not the result of a task")

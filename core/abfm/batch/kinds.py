@@ -6,14 +6,22 @@ from collections.abc import Collection, Mapping
 
 from abfm.errors import ParameterError
 from abfm.matching.task import MatchTask, ProblemTask
+from abfm.registration.symmetric import SymmetricTask
 from abfm.registration.task import RegistrationTask
 from abfm.sequences.task import SequenceTask
+from abfm.tasks.inputs import Input
 from abfm.tasks.task import Task
 
 KINDS: Mapping[str, type[Task]] = {
-    task.kind: task for task in (SequenceTask, MatchTask, RegistrationTask, ProblemTask)
+    task.kind: task
+    for task in (SequenceTask, MatchTask, RegistrationTask, SymmetricTask, ProblemTask)
 }
-"""Tasks by the name of their kind; a row is of the first whose first needed column it fills."""
+"""Tasks by the name of their kind. Unless it is named, a row is of the first whose first needed
+column it fills.
+"""
+
+
+TASK = Input(name="task", help="the kind of task, if the other columns do not tell")
 
 
 def kind_of_columns(given: Collection[str], kinds: Mapping[str, type[Task]] = KINDS) -> type[Task]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import unquote
 
-from abfm.batch.kinds import KINDS, kind_of_columns
+from abfm.batch.kinds import KINDS, TASK, kind_of_columns
 from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm.matching.problem import Problem
 from abfm.reading import open_plain, referenced_file
@@ -72,7 +72,16 @@ class Row:
         pairs = options.items() if isinstance(options, Mapping) else options
         given = tuple((column, _text(value)) for column, value in pairs)
         given = tuple((column, text) for column, text in given if text)
-        task = task or kind_of_columns([column for column, _ in given], self.kinds)
+        named = dict(given).get(TASK.name)
+        if named is not None and named not in self.kinds:
+            raise ParameterError(
+                f"column task: {brief(named)} is not one of {', '.join(self.kinds)}"
+            )
+        task = task or (
+            self.kinds[named]
+            if named is not None
+            else kind_of_columns([column for column, _ in given], self.kinds)
+        )
         kind, known = task.kind, _columns(task)
         seen = set[str]()
         for column, text in given:
@@ -219,7 +228,7 @@ def own_version() -> str:
 
 @lru_cache
 def _columns(task: type[Task]) -> dict[str, Input]:
-    return by_name(task.inputs)
+    return by_name((*task.inputs, TASK))
 
 
 def _text(value: Any) -> str:

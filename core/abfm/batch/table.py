@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any, TypeVar
 
-from abfm.batch.kinds import KINDS
+from abfm.batch.kinds import KINDS, TASK
 from abfm.batch.rows import Row
 from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.reading import Format, decoded, open_file, rows_of
@@ -22,7 +22,8 @@ _LARGEST, _MOST_ROWS = 256 << 20, 1_000_000
 
 def known_columns() -> dict[str, Input]:
     """Return all columns that any kind of row has, by name."""
-    return {each.name: each for task in KINDS.values() for each in task.inputs}
+    inputs = {each.name: each for task in KINDS.values() for each in task.inputs}
+    return {TASK.name: TASK, **inputs}
 
 
 def read_table(path: str | os.PathLike[str]) -> list[Row]:

@@ -379,7 +379,8 @@ def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
     with open_archive(path, kind.name, MEND) as archive:
         version = archive.get("format_version")
         check_version(version.item() if version is not None and version.ndim == 0 else version)
-        if "a_vertices" in archive and "velocity" not in archive and kind is not CORRESPONDENCE:
+        needs_match = "velocity" in kind.entries
+        if needs_match and "a_vertices" in archive and "velocity" not in archive:
             raise ResultError(
                 "it holds a map between two surfaces, and no match; `abfm map` tells what it does"
             )

@@ -181,6 +181,7 @@ class MatchTask(Task):
         *MESH_INPUTS,
     )
     result: ClassVar = Match
+    marks: ClassVar = frozenset({"velocity"})
     exports: ClassVar = {
         ".ply": Export(partial(_export_arrays, export_ply)),
         ".vtu": Export(partial(_export_arrays, export_vtu)),

@@ -99,7 +99,7 @@ class Carried:
         results.save_arrays(path, arrays, _CARRIED)
 
 
-def load_carried(path: Path) -> Carried:
+def load_carried(path: str | os.PathLike[str]) -> Carried:
     """Read a file of `Carried.save`; ResultError if it is missing, damaged, or none."""
     arrays = results.load_arrays(path, _CARRIED)
     before, after = (
@@ -198,6 +198,7 @@ class CarryTask(Task):
         Input(name="at", help="vertices, or edges"),
     )
     result: ClassVar = Carried
+    marks: ClassVar = frozenset({"before_mask"})
 
     @classmethod
     def read(cls, given: tasks.Given) -> CarryTask:

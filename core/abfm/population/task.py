@@ -143,6 +143,7 @@ class PopulationTask(Task):
         *parameter_inputs(),
     )
     result: ClassVar = Population
+    marks: ClassVar = frozenset({"subject_weights", "template_mask"})
     preview_labels: ClassVar = ("mean", "deviation")
     exports: ClassVar = {
         ".vtu": Export(report.export_mean_vtu),

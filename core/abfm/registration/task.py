@@ -187,6 +187,7 @@ class RegistrationTask(Task):
         *MESH_INPUTS,
     )
     result: ClassVar = Registration
+    marks: ClassVar = frozenset({"a_vertices", "velocity"})
     exports: ClassVar = {
         **dict.fromkeys((".gii", ".ply", ".reg"), Export(_export_surface, check_surface_name)),
         **dict.fromkeys((".txt", ".csv", ".npy"), Export(_export_numbers)),

@@ -163,6 +163,7 @@ class SequenceTask(Task):
         *MESH_INPUTS,
     )
     result: ClassVar = Sequence
+    marks: ClassVar = frozenset({"frames", "velocity"})
     preview_labels: ClassVar = ("first frame", "middle frame", "last frame")
     exports: ClassVar = {
         ".pvd": Export(export_pvd, check_pvd),

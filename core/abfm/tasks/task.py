@@ -79,6 +79,8 @@ class Task(ABC):
         Names of the inputs that must be given; the first tells which kind a row is of.
     result : type
         Of its results.
+    marks : frozenset of str
+        Arrays by which the file of a result is told from those of other kinds.
     exports : mapping of str to Export
         Formats of data files by their suffix, besides ``.npz``.
     tables : mapping of str to Table
@@ -94,6 +96,7 @@ class Task(ABC):
     inputs: ClassVar[tuple[Input, ...]]
     needs: ClassVar[tuple[str, ...]]
     result: ClassVar[type[Any]]
+    marks: ClassVar[frozenset[str]]
     exports: ClassVar[Mapping[str, Export]] = {}
     tables: ClassVar[Mapping[str, Table]] = {}
     preview_labels: ClassVar[tuple[str, ...]] = ("source", "carried", "target")
@@ -136,7 +139,7 @@ class Task(ABC):
 
     @staticmethod
     @abstractmethod
-    def load(path: Path, /) -> Any:
+    def load(path: str | os.PathLike[str], /) -> Any:
         """Read a result; ResultError if it is missing, damaged or of another kind."""
 
     @staticmethod

@@ -1,0 +1,219 @@
+"""Symmetric registration: two surfaces are registered both ways, and the maps are averaged."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from abfm.errors import ParameterError, brief
+from abfm.io import results
+from abfm.io.results import Entry, Kind
+from abfm.maps.point_maps import PointMap
+from abfm.outcome import Facts, Outcome
+from abfm.registration import report
+from abfm.registration.correspondence import Correspondence, correspondence_of
+from abfm.registration.registration import Registration
+from abfm.registration.task import RegistrationTask
+from abfm.tasks.monitor import Monitor
+from abfm.tasks.preview import Preview
+from abfm.tasks.task import Given, Task
+from abfm.types import FloatArray
+from abfm.wording import share
+from abfm.workers.progress import step
+
+SYMMETRIC = Kind(
+    "symmetric registration file",
+    {
+        **results.CORRESPONDENCE.entries,
+        "asymmetry": Entry("real", ("V",), low=0),
+        "facts": Entry("text", ()),
+    },
+)
+_WORDS = "expected a word without files, such as auto or closest"
+_DESCRIPTION = """\
+Register surface A to surface B and B to A, and average both maps: where on A each vertex of B lies,
+and back. The result does not depend on which surface comes first.
+
+Example:
+  abfm symmetric lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.gii \\
+      --out mean.npz
+
+Options and exit status are those of `abfm register`; the worse direction decides. The asymmetry,
+how far apart both maps take a vertex, shows where they can be trusted.
+"""
+
+
+class SymmetricRegistration(Correspondence):
+    """The mean of a registration of A to B and one of B to A.
+
+    Where two maps take a vertex to different points, the mean is the point of the surface closest
+    to their midpoint in space.
+
+    Parameters
+    ----------
+    points, back : PointMap
+        From B to A, and from A to B.
+    asymmetry : (V_B,) array
+        Distance in space between the images of each vertex of B by both maps, in sqrt(area) of A.
+    facts : Facts
+        Of the direction with the worse outcome.
+    """
+
+    def __init__(
+        self, points: PointMap, back: PointMap, asymmetry: FloatArray, facts: Facts
+    ) -> None:
+        super().__init__(points, back)
+        self.asymmetry, self.facts = asymmetry, facts
+
+    @classmethod
+    def of_both(cls, forward: Registration, backward: Registration) -> SymmetricRegistration:
+        """Return the mean of a registration of A to B and one of B to A."""
+        apart = forward.points.positions - backward.back.positions
+        asymmetry = np.linalg.norm(apart, axis=1) / forward.a.length_scale
+        facts = max((forward.facts, backward.facts), key=lambda each: each.outcome.rank)
+        median, p95 = np.percentile(asymmetry, (50, 95)).tolist()
+        numbers = {**facts.numbers, "asymmetry_median": median, "asymmetry_95": p95}
+        headline = f"{facts.headline}, both ways within {share(p95)} of sqrt(area)"
+        return cls(
+            _mean(forward.points, backward.back),
+            _mean(forward.back, backward.points),
+            np.asarray(asymmetry),
+            replace(facts, headline=headline, numbers=numbers),
+        )
+
+    def arrays(self) -> dict[str, Any]:
+        """Return what files hold: the map, its asymmetry, and the facts."""
+        facts = json.dumps(asdict(self.facts))
+        return super().arrays() | {"asymmetry": self.asymmetry, "facts": np.array(facts)}
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file (``.npz``, no pickles), completely or not at all, or raise ResultError."""
+        results.save_arrays(path, self.arrays(), SYMMETRIC)
+
+    def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """Write what `save` writes; nothing can be left out."""
+        self.save(path)
+        return ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.points, self.back, self.asymmetry, self.facts)
+
+
+def _mean(first: PointMap, second: PointMap) -> PointMap:
+    middle = (first.positions + second.positions) / 2
+    return PointMap.project(first.domain, first.codomain, middle)
+
+
+def load_symmetric(path: str | os.PathLike[str]) -> SymmetricRegistration:
+    """Read a file of `SymmetricRegistration.save`; ResultError if it is missing or damaged."""
+
+    def made(arrays: dict[str, Any]) -> SymmetricRegistration:
+        found = correspondence_of(arrays)
+        facts = _facts(str(arrays["facts"]))
+        return SymmetricRegistration(found.points, found.back, arrays["asymmetry"], facts)
+
+    return results.loaded(path, SYMMETRIC, made)
+
+
+def _facts(text: str) -> Facts:
+    values = json.loads(text)
+    values |= {"outcome": Outcome(values["outcome"]), "warnings": tuple(values["warnings"])}
+    return Facts(**values)
+
+
+@dataclass(frozen=True)
+class SymmetricTask(Task):
+    """Register A to B and B to A, and average both maps.
+
+    Attributes
+    ----------
+    forward, backward : RegistrationTask
+        Of A to B, and of B to A.
+    """
+
+    forward: RegistrationTask
+    backward: RegistrationTask
+
+    kind: ClassVar = "symmetric"
+    summary: ClassVar = "register two surfaces both ways, and average the maps"
+    description: ClassVar = _DESCRIPTION
+    output_help: ClassVar = (
+        "symmetric registration .npz; .gii or .ply with A's faces where they lie on B; .txt, .csv "
+        "or .npy with A's vertex for each of B; .html for a browser"
+    )
+    needs: ClassVar = RegistrationTask.needs
+    inputs: ClassVar = RegistrationTask.inputs
+    exports: ClassVar = RegistrationTask.exports
+    result: ClassVar = SymmetricRegistration
+    marks: ClassVar = frozenset({"a_vertices", "asymmetry"})
+    preview_labels: ClassVar = ("asymmetry",)
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any]) -> None:
+        """Refuse what `RegistrationTask` refuses, and initial maps of one direction."""
+        RegistrationTask.check(values)
+        initial = values.get("initial", "")
+        if initial.startswith("file:") or initial.count(","):
+            raise ParameterError(f"column initial: {brief(initial)} is of one direction; {_WORDS}")
+
+    @classmethod
+    def read(cls, given: Given) -> SymmetricTask:
+        forward = RegistrationTask.read(given)
+        options = dict(forward.options)
+        options["f"], options["g"] = options["g"], options["f"]
+        options["mask_a"], options["mask_b"] = options["mask_b"], options["mask_a"]
+        if (marks := options["landmarks"]) is not None:
+            options["landmarks"] = replace(marks, a=marks.b, b=marks.a)
+        return cls(forward, replace(forward, a=forward.b, b=forward.a, options=options))
+
+    @property
+    def digest(self) -> str:
+        return self.forward.digest
+
+    def solve(self, monitor: Monitor) -> SymmetricRegistration:
+        with step("registering A to B"):
+            forward = self.forward.solve(monitor)
+        with step("registering B to A"):
+            backward = self.backward.solve(monitor)
+        return SymmetricRegistration.of_both(forward, backward)
+
+    def notes(self) -> list[str]:
+        return self.forward.notes()
+
+    load = staticmethod(load_symmetric)
+
+    @staticmethod
+    def facts_of_file(path: Path) -> Facts:
+        with results.open_archive(path, SYMMETRIC.name, results.MEND) as archive:
+            text = SYMMETRIC.entries["facts"].check("facts", archive["facts"], {})
+        return _facts(str(text))
+
+    @staticmethod
+    def preview(path: Path) -> Preview:
+        """Return the asymmetry, on B."""
+        found = load_symmetric(path)
+        return Preview(found.b, [found.asymmetry])
+
+    @staticmethod
+    def details(found: SymmetricRegistration) -> dict[str, Any]:
+        facts = found.facts
+        verdict = {"kind": facts.outcome, "reason": facts.reason, "advice": facts.advice}
+        warnings = list(facts.warnings)
+        head = {**facts.numbers, "headline": facts.headline, "warnings": warnings}
+        return {**head, "verdict": verdict, "map": report.map_details(found)}
+
+    @staticmethod
+    def lines(found: SymmetricRegistration) -> list[str]:
+        facts = found.facts
+        warnings = (f"warning: {warning}" for warning in facts.warnings)
+        return [facts.headline, facts.reason, *warnings, *report.map_lines(found)]
+
+    @staticmethod
+    def advice(found: SymmetricRegistration, result: str) -> str:
+        return found.facts.advice

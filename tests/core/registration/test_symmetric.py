@@ -1,0 +1,101 @@
+"""Symmetric registration: the mean of the maps both ways."""
+
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import abfm
+from abfm import Facts, Outcome
+from abfm.batch import Cluster, Row, run
+from abfm.errors import ParameterError
+from abfm.io import write_surface
+from abfm.mesh.shapes import sphere
+from abfm.registration.symmetric import SymmetricRegistration, SymmetricTask
+from abfm.tasks import Monitor
+from tests.messages import raises
+
+MESH = sphere(2)
+BRIEF = {"refine": 0, "iterations": 20}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """Two spheres with a bump each, a little apart, as columns of a table."""
+    folder = tmp_path_factory.mktemp("symmetric")
+    for name, move in (("a", 0.0), ("b", 0.15)):
+        write_surface(folder / f"{name}.ply", MESH)
+        x, y, z = MESH.vertices.T
+        bump = np.exp(-((x - move) ** 2 + y**2) / 0.2) * (z > 0)
+        np.save(folder / f"{name}.npy", bump + 0.3 * np.sin(3 * y))
+    files = {side: folder / f"{side}.ply" for side in "ab"}
+    functions = {"source": f"file:{folder}/a.npy", "target": f"file:{folder}/b.npy"}
+    return {**files, **functions, "initial": "connectivity", **BRIEF}
+
+
+def solved(inputs):
+    return Row("s", {"task": "symmetric", **inputs}).task().solve(Monitor())
+
+
+@pytest.fixture(scope="module")
+def found(inputs):
+    return solved(inputs)
+
+
+def test_exchanged_surfaces_give_the_inverse_map(inputs, found):
+    other = dict(inputs, a=inputs["b"], b=inputs["a"])
+    other |= {"source": inputs["target"], "target": inputs["source"]}
+    exchanged = solved(other)
+    assert_allclose(exchanged.points.positions, found.back.positions, atol=1e-12)
+    assert_allclose(exchanged.back.positions, found.points.positions, atol=1e-12)
+    assert exchanged.facts.outcome is found.facts.outcome
+
+
+def test_mean_lies_between_both_maps(inputs):
+    task = Row("s", {"task": "symmetric", **inputs}).task()
+    forward, backward = task.forward.solve(Monitor()), task.backward.solve(Monitor())
+    mean = SymmetricRegistration.of_both(forward, backward)
+    ends = forward.points.positions, backward.back.positions
+    apart = np.linalg.norm(ends[0] - ends[1], axis=1)
+    for end in ends:
+        # the midpoint of a chord is closer to the sphere than its ends are to each other
+        assert (np.linalg.norm(mean.points.positions - end, axis=1) <= apart + 1e-12).all()
+    assert_allclose(mean.asymmetry * MESH.length_scale, apart)
+    assert mean.facts.outcome.rank == max(each.facts.outcome.rank for each in (forward, backward))
+
+
+def test_saved_and_loaded_it_is_the_same(found, tmp_path):
+    found.save(tmp_path / "s.npz")
+    again = abfm.load(tmp_path / "s.npz")
+    assert isinstance(again, SymmetricRegistration)
+    assert again.facts == found.facts == SymmetricTask.facts_of_file(tmp_path / "s.npz")
+    assert_array_equal(again.asymmetry, found.asymmetry)
+    assert_allclose(again.points.positions, found.points.positions)
+    json.dumps(SymmetricTask.details(again))
+    assert found.facts.headline in SymmetricTask.lines(again)
+
+
+def test_rows_of_tables_have_results_exports_and_pictures(inputs, tmp_path):
+    row = Row("s", {"task": "symmetric", **inputs})
+    [entry] = run([row], tmp_path / "out", Cluster(jobs=1))
+    assert entry.facts.outcome is not Outcome.FAILED
+    assert isinstance(entry.facts, Facts)
+    loaded = entry.load()
+    for suffix, export in SymmetricTask.exports.items():
+        path = tmp_path / f"lh.sphere{suffix}"
+        export.check(path)
+        export.write(path, loaded)
+        assert path.is_file()
+    assert SymmetricTask.preview(entry.path).mesh.digest == MESH.digest
+
+
+@pytest.mark.parametrize("initial", ["file:map.txt", "sphere:a.ply,b.ply"])
+def test_initial_maps_of_one_direction_are_refused(inputs, initial):
+    with raises(ParameterError, "initial"):
+        Row("s", {"task": "symmetric", **inputs, "initial": initial})
+
+
+def test_unknown_kinds_of_tasks_are_refused(inputs):
+    with raises(ParameterError, "task", "both", "symmetric"):
+        Row("s", {"task": "both", **inputs})
