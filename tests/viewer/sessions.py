@@ -7,7 +7,7 @@ from abfm import Flow, Parameters
 from abfm.matching import PathStep
 from abfm.parameters import PAPER
 from abfm_viewer.computing.solver import ProblemSpec
-from abfm_viewer.document.document import Channel
+from abfm_viewer.document.document import Channel, Identity
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 from tests.shapes import ellipsoid, icosphere
@@ -151,6 +151,7 @@ def restart(gui, document=None):
     gui.wait(lambda s: not s.running)
     for card in gui.session.notices.cards:
         gui.session.notices.dismiss(card)
-    gui.session.editor.document = document or gui.session.document
+    document = document or gui.session.document
+    gui.session.editor.document = replace(document, identity=Identity())
     gui.session.reset_history()
     gui.wait(lambda s: not s.obstacle)

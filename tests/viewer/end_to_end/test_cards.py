@@ -57,10 +57,9 @@ def test_tour_of_questions(gui, tmp_path, monkeypatch):
     document = gui.session.document
     with monkeypatch.context() as patched:
         cancel_opening(gui, tmp_path, patched)
-    for step in (open_during_a_run, change_a_question):
-        restart(gui, replace(document, parameters=ENDLESS))
-        begin(gui)
-        step(gui, tmp_path)
+    restart(gui, replace(document, parameters=ENDLESS))
+    begin(gui)
+    answer_during_a_run(gui, tmp_path)
     restart(gui, replace(document, parameters=ENDLESS))
     begin(gui)
     show_three_cards(gui)
@@ -221,7 +220,7 @@ def retry_a_failed_save(gui, tmp_path):
 
 def return_the_keyboard(gui, tmp_path):
     """To the box after a save."""
-    gui.window.files.save(tmp_path / "inner" / "a.abfm")  # there is no such folder
+    gui.window.files.save(tmp_path / "none" / "a.abfm")  # there is no such folder
     gui.wait(lambda s: s.notices.cards)
     gui.type("spec", "gaussian:vertex=3,width=0.2", within="source", enter=False)
     gui.key("ctrl+s")
@@ -295,32 +294,29 @@ def save_what_was_left(matched, tmp_path):
     np.testing.assert_array_equal(gui.session.result.velocity, found.velocity)
 
 
-def open_during_a_run(running, tmp_path):
-    gui, path = running, off_file(tmp_path / "b.off", icosphere(1))
-    gui.window._dropped([str(path)])
+def answer_during_a_run(gui, tmp_path):
+    """Every answer of the question, which changes when the run ends."""
+    path, session = off_file(tmp_path / "b.off", icosphere(1)), gui.session
+
+    def drop():
+        gui.window._dropped([str(path)])
+        gui.wait(lambda _: gui.window.dialogs.is_asking("End the run?"))
+
+    drop()
     gui.click("Go back", within="End the run?")
-    assert gui.session.solver.running
-    gui.window._dropped([str(path)])
-    gui.click("End the run")
-    gui.wait(lambda s: s.document.name == "b.off")
-    gui.key("ctrl+z")
-    assert gui.session.result is not None
-
-
-def change_a_question(running, tmp_path):
-    """When the run that it is about ends."""
-    gui, path = running, off_file(tmp_path / "b.off", icosphere(1))
-    gui.window._dropped([str(path)])
-    gui.wait(lambda _: gui.window.dialogs.is_asking("End the run?"))
-    gui.session.cancel()
+    assert session.solver.running
+    drop()
+    session.cancel()
     gui.wait(lambda _: gui.window.dialogs.is_asking("Go on?"))
     assert not gui.window.dialogs.is_asking("End the run?")
     gui.click("Go back", within="Go on?")
-    assert gui.session.result is not None
-    gui.session.match()
-    gui.wait(lambda s: s.solver.running)
-    gui.window._dropped([str(path)])
-    gui.wait(lambda _: gui.window.dialogs.is_asking("End the run?"))
-    gui.session.cancel()
-    gui.click("Go on", within="Go on?")
-    gui.wait(lambda s: s.document.name == "b.off")
+    assert session.result is not None
+    for answer, question in (("End the run", "End the run?"), ("Go on", "Go on?")):
+        begin(gui)
+        drop()
+        if answer == "Go on":
+            session.cancel()
+        gui.click(answer, within=question)
+        gui.wait(lambda s: s.document.name == "b.off")
+        gui.key("ctrl+z")
+        assert session.result is not None

@@ -38,6 +38,7 @@ def test_tour_of_the_trade_off(matched, tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
         report_save_and_export(gui, tmp_path, patched)
     restart(gui, document)
+    gui.click("Match", within=STEPS)
     plot_iterations_or_steps_of_a_run(gui, monkeypatch)
 
 

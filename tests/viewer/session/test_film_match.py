@@ -16,7 +16,10 @@ from abfm_viewer.document.film import Film, FilmSettings
 from abfm_viewer.panels.film import _chosen
 from abfm_viewer.session.film_match import FilmMatch
 from tests.messages import check_names
-from tests.viewer.sessions import SPHERE, until
+from tests.shapes import icosphere
+from tests.viewer.sessions import until
+
+SPHERE = icosphere(2)
 
 TURNED = [SPHERE.vertices[:, 0] * np.cos(a) + SPHERE.vertices[:, 1] * np.sin(a) for a in range(24)]
 FRAMES = np.array([np.exp(2 * each) for each in TURNED])
