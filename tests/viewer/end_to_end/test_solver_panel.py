@@ -134,7 +134,7 @@ def test_tour_of_the_verdict(gui, notes, monkeypatch):
     """What it reports of results and runs, and each of its buttons."""
     document = gui.session.document
     match_an_outdated_result_again(gui, notes)
-    change_parameters_by_a_remedy(gui)
+    change_parameters_by_remedies(gui)
     with monkeypatch.context() as patched:
         report_a_squeezed_source(gui, notes, patched)
     restart(gui, document)
@@ -161,15 +161,24 @@ def match_an_outdated_result_again(gui, notes):
     assert "Match again" not in gui.labels()
 
 
-def change_parameters_by_a_remedy(gui):
-    result, parameters = gui.session.result, {"alpha": 0.03, "sigma": 0.01}
-    verdict = replace(result.verdict, remedies=(Remedy("Smoother", "so", parameters),))
-    gui.session.editor.amend(result=replace(result, verdict=verdict))
-    gui.frames(1)
-    gui.click("Smoother", within="verdict")
-    assert gui.session.solver.running
-    gui.wait(lambda s: s.solver.finished)
-    assert gui.session.result.parameters == replace(result.parameters, **parameters)
+def change_parameters_by_remedies(gui):
+    """Each is a button that changes its parameters and starts a run."""
+    result = gui.session.result
+    for label, parameters in {
+        "Reach further": {"reach": 0.5},
+        "More time": {"iterations": 60},
+        "Smoother": {"alpha": 0.03, "sigma": 0.01},
+        "Refine": {"refine": 1},
+        "Match closer": {"sigma": 0.5},
+    }.items():
+        verdict = replace(result.verdict, remedies=(Remedy(label, "so", parameters),))
+        offered = replace(result, verdict=verdict)
+        gui.session.editor.amend(result=offered, parameters=result.parameters)
+        gui.frames(1)
+        gui.click(label, within="verdict")
+        assert gui.session.solver.running
+        assert gui.session.parameters == replace(result.parameters, **parameters)
+        cancel(gui)
 
 
 def report_a_squeezed_source(gui, notes, monkeypatch):
