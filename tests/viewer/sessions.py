@@ -7,7 +7,7 @@ from abfm import Flow, Parameters
 from abfm.matching import PathStep
 from abfm.parameters import PAPER
 from abfm_viewer.computing.solver import ProblemSpec
-from abfm_viewer.document.document import Channel
+from abfm_viewer.document.document import Channel, Identity
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 from tests.shapes import ellipsoid, icosphere
@@ -17,6 +17,7 @@ EGG = ellipsoid(3, 1.0, 0.7, 0.55)
 SIZE = (560, 400)  # of windows: drawing takes as long as there are pixels
 PAIR = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=1,z=0,width=0.15")
 QUICK = Parameters.of(iterations=20, refine=0)
+SHORT = Parameters.of(iterations=20, cooling_stages=1, refine=0)
 ENDLESS = Parameters.of(
     **PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1
 )
@@ -140,3 +141,17 @@ def take_back(gui):
     """Take back every step."""
     while gui.session.editor.undo_label:
         gui.key("ctrl+z")
+
+
+def restart(gui, document=None):
+    """Begin the next step of a tour with a document, by default the present one, as if it had just
+    been opened.
+    """
+    gui.session.cancel()
+    gui.wait(lambda s: not s.running)
+    for card in gui.session.notices.cards:
+        gui.session.notices.dismiss(card)
+    document = document or gui.session.document
+    gui.session.editor.document = replace(document, identity=Identity())
+    gui.session.reset_history()
+    gui.wait(lambda s: not s.obstacle)

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.spare_processes import spared
-from tests.viewer.sessions import ENDLESS, begin, heard, match
+from tests.viewer.sessions import ENDLESS, SHORT, begin, heard, match
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -21,8 +21,7 @@ def _one_process_for_one_window_after_the_other():
 @pytest.fixture
 def matched(gui):
     """The app after a short run."""
-    short = gui.session.parameters.with_values(iterations=20, cooling_stages=1, refine=0)
-    gui.session.editor.amend(parameters=short)
+    gui.session.editor.amend(parameters=SHORT)
     match(gui)
     return gui
 

@@ -1,6 +1,7 @@
-"""Messages over the surfaces: errors with their remedies, what is being opened, and their log."""
+"""Tours of messages: errors with their remedies, opening, questions, and the log."""
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import polyscope.imgui as imgui
@@ -11,6 +12,7 @@ from abfm_viewer.session import session_files
 from tests.mesh_writers import off_file, off_text, write
 from tests.messages import check_message
 from tests.shapes import icosphere
+from tests.viewer.sessions import ENDLESS, SHORT, begin, match, restart
 
 
 @pytest.fixture
@@ -32,7 +34,41 @@ def cards(gui):
     return list(found.values())
 
 
-def test_a_mesh_of_several_components_is_opened_by_its_remedy(gui, two_spheres):
+def test_tour_of_remedies(gui, two_spheres, tmp_path):
+    """Meshes, tables and projects that cannot be read or written at first."""
+    document = gui.session.document
+    copy_the_log_and_read_the_title(gui, tmp_path)
+    restart(gui, document)
+    open_the_largest_component(gui, two_spheres)
+    for step in (
+        merge_and_clean,
+        open_another_table,
+        repair_a_bad_file,
+        retry_a_failed_save,
+        return_the_keyboard,
+        leave_mouse_and_keys,
+    ):
+        restart(gui, document)
+        step(gui, tmp_path)
+
+
+def test_tour_of_questions(gui, tmp_path, monkeypatch):
+    """Opening, closing and Escape during a run and after it."""
+    document = gui.session.document
+    with monkeypatch.context() as patched:
+        cancel_opening(gui, tmp_path, patched)
+    restart(gui, replace(document, parameters=ENDLESS))
+    begin(gui)
+    answer_during_a_run(gui, tmp_path)
+    restart(gui, replace(document, parameters=ENDLESS))
+    begin(gui)
+    show_three_cards(gui)
+    restart(gui, replace(document, parameters=SHORT))
+    match(gui)
+    save_what_was_left(gui, tmp_path)
+
+
+def open_the_largest_component(gui, two_spheres):
     gui.window._dropped([str(two_spheres)])
     gui.wait(lambda s: s.notices.cards)
     assert cards(gui) == [["Largest component", "Open another mesh...", "Dismiss"]]
@@ -48,7 +84,8 @@ def test_a_mesh_of_several_components_is_opened_by_its_remedy(gui, two_spheres):
     assert cards(gui) == []
 
 
-def test_split_meshes_and_both_hemispheres_are_opened_by_their_remedies(gui, tmp_path):
+def merge_and_clean(gui, tmp_path):
+    """Split meshes and both hemispheres are opened by their remedies."""
     sphere = icosphere(1)
     corners = sphere.vertices[sphere.faces.ravel()]
     split = write(tmp_path, "s.off", off_text(corners, np.arange(240).reshape(-1, 3)))
@@ -74,7 +111,7 @@ def test_split_meshes_and_both_hemispheres_are_opened_by_their_remedies(gui, tmp
     assert len(gui.session.surface().mesh.copies) == 240 - 42
 
 
-def test_another_table_may_be_opened_in_place_of_none(gui, tmp_path):
+def open_another_table(gui, tmp_path):
     gui.window.files.open(tmp_path)
     gui.wait(lambda s: s.notices.cards)
     gui.click("Open another table...")
@@ -82,7 +119,8 @@ def test_another_table_may_be_opened_in_place_of_none(gui, tmp_path):
     gui.click("Cancel", "Open a batch or population")
 
 
-def test_a_bad_file_has_a_card_until_it_is_mended_and_the_newest_one_the_remedy(gui, tmp_path):
+def repair_a_bad_file(gui, tmp_path):
+    """A card stays until its file is repaired; the newest one has the remedy."""
     bad = tmp_path / "bad.off"
     bad.write_text("OFF\nnonsense\n")
     gui.window._dropped([str(bad)])
@@ -107,7 +145,7 @@ def test_a_bad_file_has_a_card_until_it_is_mended_and_the_newest_one_the_remedy(
     assert cards(gui) == [first]
 
 
-def test_at_most_three_are_shown_and_escape_takes_the_latest(running):
+def show_three_cards(running):
     gui, notices, done = running, running.session.notices, []
     for word in ("first", "second"):  # has one card with the newest remedies
         notices.say("a problem", True, remedies={"Try again": lambda word=word: done.append(word)})
@@ -130,9 +168,8 @@ def test_at_most_three_are_shown_and_escape_takes_the_latest(running):
     gui.wait(lambda s: s.solver.finished)
 
 
-def test_cards_take_no_click_beside_them_and_no_keys_and_are_in_front_of_the_surfaces(
-    gui, tmp_path
-):
+def leave_mouse_and_keys(gui, tmp_path):
+    """Cards take no click next to them and no keys, and are in front of the surfaces."""
     gui.click("Match", "steps")
     gui.click("sigma")
     assert imgui.GetIO().WantTextInput
@@ -159,7 +196,7 @@ def test_cards_take_no_click_beside_them_and_no_keys_and_are_in_front_of_the_sur
         assert (np.abs(inside - panel).max(axis=1) < 6).mean() > 0.5
 
 
-def test_a_save_that_fails_is_tried_again_or_goes_elsewhere(gui, tmp_path):
+def retry_a_failed_save(gui, tmp_path):
     path = tmp_path / "inner" / "a.abfm"
     path.parent.mkdir()
     gui.session.editor.set_parameter(alpha=2)
@@ -181,8 +218,9 @@ def test_a_save_that_fails_is_tried_again_or_goes_elsewhere(gui, tmp_path):
     assert cards(gui) == []
 
 
-def test_the_keyboard_returns_to_the_box_after_a_save(gui, tmp_path):
-    gui.window.files.save(tmp_path / "inner" / "a.abfm")  # there is no such folder
+def return_the_keyboard(gui, tmp_path):
+    """To the box after a save."""
+    gui.window.files.save(tmp_path / "none" / "a.abfm")  # there is no such folder
     gui.wait(lambda s: s.notices.cards)
     gui.type("spec", "gaussian:vertex=3,width=0.2", within="source", enter=False)
     gui.key("ctrl+s")
@@ -195,7 +233,7 @@ def test_the_keyboard_returns_to_the_box_after_a_save(gui, tmp_path):
     assert gui.session.active.source == "coordinate:x"
 
 
-def test_what_is_being_opened_is_shown_with_a_way_out(gui, tmp_path, monkeypatch):
+def cancel_opening(gui, tmp_path, monkeypatch):
     path, may_go_on = off_file(tmp_path / "slow.off", icosphere(1)), threading.Event()
     read = session_files.load_mesh
 
@@ -220,9 +258,8 @@ def test_what_is_being_opened_is_shown_with_a_way_out(gui, tmp_path, monkeypatch
     assert not [w for w in gui.window.ui.widgets if w.section == "opening"]
 
 
-def test_the_log_can_be_copied_and_the_title_says_what_is_open_and_whether_it_is_saved(
-    gui, tmp_path
-):
+def copy_the_log_and_read_the_title(gui, tmp_path):
+    """The title has the name, and whether it is saved."""
     gui.session.notices.say("first a notice")
     gui.window._dropped([str(tmp_path / "song.mp3")])
     gui.menu("Help", "Messages")
@@ -241,7 +278,8 @@ def test_the_log_can_be_copied_and_the_title_says_what_is_open_and_whether_it_is
     assert gui.window.title._now == "mine.abfm - abfm"
 
 
-def test_closing_names_what_was_left(matched, tmp_path):
+def save_what_was_left(matched, tmp_path):
+    """Closing asks for work that another mesh replaced."""
     gui, found = matched, matched.session.result
     gui.window.files.open(off_file(tmp_path / "b.off", icosphere(1)))
     gui.wait(lambda s: s.document.name == "b.off" and s.channels)
@@ -256,31 +294,29 @@ def test_closing_names_what_was_left(matched, tmp_path):
     np.testing.assert_array_equal(gui.session.result.velocity, found.velocity)
 
 
-def test_opening_during_a_run_asks_in_the_window(running, tmp_path):
-    gui, path = running, off_file(tmp_path / "b.off", icosphere(1))
-    gui.window._dropped([str(path)])
+def answer_during_a_run(gui, tmp_path):
+    """Every answer of the question, which changes when the run ends."""
+    path, session = off_file(tmp_path / "b.off", icosphere(1)), gui.session
+
+    def drop():
+        gui.window._dropped([str(path)])
+        gui.wait(lambda _: gui.window.dialogs.is_asking("End the run?"))
+
+    drop()
     gui.click("Go back", within="End the run?")
-    assert gui.session.solver.running
-    gui.window._dropped([str(path)])
-    gui.click("End the run")
-    gui.wait(lambda s: s.document.name == "b.off")
-    gui.key("ctrl+z")
-    assert gui.session.result is not None
-
-
-def test_a_question_changes_when_the_run_that_it_is_about_ends(running, tmp_path):
-    gui, path = running, off_file(tmp_path / "b.off", icosphere(1))
-    gui.window._dropped([str(path)])
-    gui.wait(lambda _: gui.window.dialogs.is_asking("End the run?"))
-    gui.session.cancel()
+    assert session.solver.running
+    drop()
+    session.cancel()
     gui.wait(lambda _: gui.window.dialogs.is_asking("Go on?"))
     assert not gui.window.dialogs.is_asking("End the run?")
     gui.click("Go back", within="Go on?")
-    assert gui.session.result is not None
-    gui.session.match()
-    gui.wait(lambda s: s.solver.running)
-    gui.window._dropped([str(path)])
-    gui.wait(lambda _: gui.window.dialogs.is_asking("End the run?"))
-    gui.session.cancel()
-    gui.click("Go on", within="Go on?")
-    gui.wait(lambda s: s.document.name == "b.off")
+    assert session.result is not None
+    for answer, question in (("End the run", "End the run?"), ("Go on", "Go on?")):
+        begin(gui)
+        drop()
+        if answer == "Go on":
+            session.cancel()
+        gui.click(answer, within=question)
+        gui.wait(lambda s: s.document.name == "b.off")
+        gui.key("ctrl+z")
+        assert session.result is not None

@@ -1,4 +1,4 @@
-"""Closing while a match runs, and what a launch that ended badly left."""
+"""Tours of closing while a match runs, and of work that an ended launch left."""
 
 import os
 import signal
@@ -13,12 +13,12 @@ from abfm_viewer.computing.match_apart import MatchApart
 from abfm_viewer.files.project import Origin, load_project, save_project
 from tests.messages import check_message
 from tests.shapes import icosphere
-from tests.viewer.sessions import ENDLESS, SIZE, opened, solving, until
+from tests.viewer.sessions import ENDLESS, SIZE, opened, restart, solving, until
 
 
-@pytest.fixture
-def running(gui, tmp_path, monkeypatch):
-    """A run of a project that ends when `may_end` is set, after it was cancelled."""
+@contextmanager
+def running(gui, path):
+    """Start a run of a project that ends when the event is set, after it was cancelled."""
     may_end = threading.Event()
     match = MatchApart.match
 
@@ -27,15 +27,31 @@ def running(gui, tmp_path, monkeypatch):
         assert may_end.wait(60)
         return found
 
-    monkeypatch.setattr(MatchApart, "match", slow)
-    gui.window.files.save(tmp_path / "work.abfm")
-    gui.wait(lambda s: s.saves.path and not s.saves.unsaved)
-    gui.session.editor.set_parameter(**ENDLESS.to_dict())
-    solving(gui.session)
-    yield gui, may_end
-    may_end.set()
-    gui.session.solver.cancel()
-    until(lambda: not gui.session.solver.running, gui.session)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(MatchApart, "match", slow)
+        gui.window.files.save(path)
+        gui.wait(lambda s: s.saves.path == path and not s.saves.unsaved)
+        gui.session.editor.set_parameter(**ENDLESS.to_dict())
+        solving(gui.session)
+        yield may_end
+        may_end.set()
+        gui.session.solver.cancel()
+        until(lambda: not gui.session.solver.running, gui.session)
+    gui.window.closing = False
+
+
+def test_tour_of_closing(gui, tmp_path, monkeypatch):
+    """While a match runs, waits for its first field, and after its process was killed."""
+    document = gui.session.document
+    for step in (wait_for_the_run, cancel_closing, try_again):
+        path = tmp_path / f"{step.__name__}.abfm"
+        with running(gui, path) as may_end:
+            step(gui, may_end, path)
+        restart(gui, document)
+    with monkeypatch.context() as patched:
+        wait_for_no_run_without_a_field(gui, tmp_path, patched)
+    restart(gui, document)
+    resume_after_a_killed_process(gui, monkeypatch)
 
 
 def save_and_close(gui):
@@ -44,8 +60,8 @@ def save_and_close(gui):
     gui.wait(lambda _: any(w.section == "ending the run" for w in gui.window.ui.widgets))
 
 
-def test_saving_and_closing_waits_for_the_run_with_frames(running, tmp_path):
-    gui, may_end = running
+def wait_for_the_run(gui, may_end, path):
+    """Saving and closing waits for the run with frames."""
     gui.session.solver.pause()
     save_and_close(gui)
     frames = gui.window.frames
@@ -54,14 +70,14 @@ def test_saving_and_closing_waits_for_the_run_with_frames(running, tmp_path):
     assert not gui.window.closing
     may_end.set()
     gui.wait(lambda _: gui.window.closing)
-    saved = load_project(tmp_path / "work.abfm")[0]
+    saved = load_project(path)[0]
     assert saved.result.velocity.any()
     assert saved.result.stop_reason == "cancelled"
     assert len(saved.runs[0].stages) > 5
 
 
-def test_a_cancelled_close_keeps_the_window_and_the_field(running):
-    gui, may_end = running
+def cancel_closing(gui, may_end, path):
+    """The window and the field stay."""
     save_and_close(gui)
     gui.click("Cancel", within="ending the run")
     may_end.set()
@@ -72,8 +88,8 @@ def test_a_cancelled_close_keeps_the_window_and_the_field(running):
     assert gui.session.result.velocity.any()
 
 
-def test_a_second_attempt_asks_again_and_may_close_at_once(running, tmp_path):
-    gui, _ = running
+def try_again(gui, may_end, path):
+    """A second attempt asks again and may close at once."""
     save_and_close(gui)
     gui.key("ctrl+q")
     gui.click("Go back", within="Save before closing?")
@@ -85,27 +101,27 @@ def test_a_second_attempt_asks_again_and_may_close_at_once(running, tmp_path):
     gui.click("Don't save", within="Save before closing?")
     assert gui.window.closing
     assert gui.session.solver.running
-    assert load_project(tmp_path / "work.abfm")[0].result is None
+    assert load_project(path)[0].result is None
 
 
-def test_a_run_without_a_field_is_not_waited_for(gui, tmp_path, monkeypatch):
+def wait_for_no_run_without_a_field(gui, folder, monkeypatch):
     may_begin = threading.Event()
     monkeypatch.setattr(MatchApart, "match", lambda *_: may_begin.wait(60) and 1 / 0)
-    gui.window.files.save(tmp_path / "work.abfm")
+    gui.window.files.save(folder / "no field.abfm")
     gui.wait(lambda s: s.saves.path and not s.saves.unsaved)
     gui.session.editor.set_parameter(sigma=0.25)
     gui.click("Match")
     gui.key("ctrl+q")
     gui.click("Save", within="Save before closing?")
     gui.wait(lambda _: gui.window.closing)
-    assert load_project(tmp_path / "work.abfm")[0].parameters.sigma == 0.25
+    assert load_project(folder / "no field.abfm")[0].parameters.sigma == 0.25
     may_begin.set()
     gui.wait(lambda s: not s.solver.running)
     for card in gui.session.notices.cards:
         gui.session.notices.dismiss(card)
 
 
-def test_a_killed_process_leaves_a_card_to_go_on_with(gui, monkeypatch):
+def resume_after_a_killed_process(gui, monkeypatch):
     monkeypatch.setattr(solver, "FIRST", 1e9)  # no field comes over that nobody asked for
     gui.session.editor.amend(parameters=ENDLESS.with_values(levels=1))
     for label in ("Continue", "Match again"):
@@ -125,15 +141,14 @@ def test_a_killed_process_leaves_a_card_to_go_on_with(gui, monkeypatch):
         gui.wait(lambda s: not s.solver.running)
 
 
-@pytest.fixture
-def left(tmp_path):
-    """The project that an ended launch had open, and the copy of its unsaved work."""
+def leave(folder):
+    """Write the project that an ended launch had open, and the copy of its unsaved work."""
     session = opened()
-    project = tmp_path / "work.abfm"
+    project = folder / "work.abfm"
     save_project(project, session.document, {})
     origin = Origin.of(project)
     session.editor.set_parameter(sigma=0.25)
-    copy = tmp_path / "autosave-999999999.abfm"  # more than processes are counted to
+    copy = folder / "autosave-999999999.abfm"  # more than processes are counted to
     save_project(copy, session.document, {}, origin)
     session.close()
     return project, copy
@@ -148,43 +163,59 @@ def asked(tmp_path):
         assert not gui.errors
 
 
-@pytest.fixture
-def recovered(left, tmp_path):
+def test_tour_of_recovery(tmp_path):
+    """Launches that find a copy: it is kept, recovered and saved, discarded, or has no project."""
+    left = project, copy = leave(tmp_path)
+    with asked(tmp_path) as gui:
+        gui.click("Later")
+        gui.wait(lambda _: not gui.window.dialogs.is_open)
+        assert copy.exists()
+        assert gui.session.document.name == "mesh"
     with asked(tmp_path) as gui:
         gui.click("Recover")
         gui.wait(lambda s: s.parameters.sigma == 0.25)
-        yield gui
-
-
-@pytest.mark.parametrize(("answer", "is_kept"), [("Later", True), ("Discard", False)])
-def test_a_copy_is_kept_or_discarded(left, tmp_path, answer, is_kept):
+        assert gui.session.saves.title == "* work.abfm"
+        replace_a_changed_project(gui, left)
+        save_again(gui, left)
+    leave(tmp_path)
     with asked(tmp_path) as gui:
-        gui.click(answer)
+        gui.click("Discard")
         gui.wait(lambda _: not gui.window.dialogs.is_open)
-        assert left[1].exists() == is_kept
+        assert not copy.exists()
         assert gui.session.document.name == "mesh"
+    leave(tmp_path)
+    with asked(tmp_path) as gui:
+        gui.click("Recover")
+        gui.wait(lambda s: s.parameters.sigma == 0.25)
+        gui.key("ctrl+s")
+        written(gui)
+        assert not gui.window.dialogs.is_open
+        assert load_project(project)[0].parameters.sigma == 0.25
+    leave(tmp_path)
+    project.unlink()
+    with asked(tmp_path) as gui:
+        gui.click("Recover")
+        gui.wait(lambda s: s.parameters.sigma == 0.25)
+        assert (gui.session.saves.path, gui.session.saves.title) == (None, "* sphere")
+
+
+def save_again(recovered, left):
+    """The file is as this launch wrote it, and no copy stays."""
+    project, copy = left
+    assert recovered.session.saves.title == "work.abfm"
+    recovered.wait(lambda _: not list(copy.parent.glob("autosave-*")))
+    recovered.session.editor.set_parameter(sigma=0.125)
+    recovered.key("ctrl+s")
+    written(recovered)
+    assert load_project(project)[0].parameters.sigma == 0.125
 
 
 def written(gui):
     gui.wait(lambda s: not s.saves.unsaved and not gui.window.files.saving)
 
 
-def test_what_is_recovered_is_saved_in_its_project(recovered, left):
-    project, copy = left
-    assert recovered.session.saves.title == "* work.abfm"
-    recovered.key("ctrl+s")
-    written(recovered)
-    assert not recovered.window.dialogs.is_open
-    assert load_project(project)[0].parameters.sigma == 0.25
-    assert recovered.session.saves.title == "work.abfm"
-    recovered.wait(lambda _: not list(copy.parent.glob("autosave-*")))
-    recovered.session.editor.set_parameter(sigma=0.125)
-    recovered.key("ctrl+s")  # the file is as this launch wrote it
-    written(recovered)
-    assert load_project(project)[0].parameters.sigma == 0.125
-
-
-def test_a_project_that_was_changed_meanwhile_is_replaced_only_after_a_question(recovered, left):
+def replace_a_changed_project(recovered, left):
+    """Only after a question."""
     project, _ = left
     project.write_bytes(b"another's work")
     recovered.key("ctrl+s")
@@ -203,11 +234,3 @@ def test_a_project_that_was_changed_meanwhile_is_replaced_only_after_a_question(
     recovered.click("Replace", within="Replace a changed file?")
     written(recovered)
     assert load_project(project)[0].parameters.sigma == 0.25
-
-
-def test_a_project_that_is_gone_is_forgotten(left, tmp_path):
-    left[0].unlink()
-    with asked(tmp_path) as gui:
-        gui.click("Recover")
-        gui.wait(lambda s: s.parameters.sigma == 0.25)
-        assert (gui.session.saves.path, gui.session.saves.title) == (None, "* sphere")

@@ -14,7 +14,7 @@ from abfm_viewer.scene.surfaces import viewport
 from tests.messages import raises
 from tests.processes import python
 from tests.shapes import icosphere
-from tests.viewer.sessions import QUICK, SIZE
+from tests.viewer.sessions import QUICK, SIZE, restart
 
 ROOT = Path(__file__).parents[3]
 
@@ -37,7 +37,22 @@ def test_the_example_of_the_documentation(tmp_path):
         assert image.size == (1200, 500)
 
 
-def test_a_slider_goes_where_it_is_dragged(gui):
+def test_tour_of_the_driver(gui, tmp_path, monkeypatch):
+    """Labels, sliders, sections, pictures, buttons of the mouse, and errors."""
+    document = gui.session.document
+    name_what_is_missing(gui)
+    for step in (drag_sliders, drag_with_the_right_button):
+        restart(gui, document)
+        step(gui)
+    restart(gui, document)
+    write_pictures(gui, tmp_path)
+    for step in (name_labels_that_are_there_twice, follow_a_widget_that_moves):
+        with monkeypatch.context() as patched:
+            step(gui, patched)
+    tell_the_button_from_the_tab(gui)
+
+
+def drag_sliders(gui):
     values = {"time": (0.0, 2.0, 1.234), "alpha": (1e-4, 1e4, 1.0), "beta": (0.0, 1e-3, 1.0)}
     values |= {"sigma": (3e-3,), "tau": (7.0,), "segments": (7,), "iterations": (2000,)}
     values |= {"memory": (40,)}
@@ -53,7 +68,9 @@ def test_a_slider_goes_where_it_is_dragged(gui):
             assert float(slider.text) == value, label
 
 
-def test_what_is_not_there_is_named_and_what_is_closed_is_opened(gui):
+def name_what_is_missing(gui):
+    """And open what is closed."""
+
     def opened():
         return [(w.label, w.kind) for w in gui.window.ui.widgets if w.text == "open"]
 
@@ -80,7 +97,7 @@ def test_what_is_not_there_is_named_and_what_is_closed_is_opened(gui):
             act(*words)
 
 
-def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
+def name_labels_that_are_there_twice(gui, monkeypatch):
     pressed, disabled = [], set()
 
     def draw(context):
@@ -100,7 +117,7 @@ def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
     assert pressed == ["target", "source"]
 
 
-def test_what_leaves_the_view_as_the_mouse_comes_is_followed(gui, monkeypatch):
+def follow_a_widget_that_moves(gui, monkeypatch):
     pressed, tops, above = [], [0.0], []
 
     def draw(context):
@@ -116,7 +133,7 @@ def test_what_leaves_the_view_as_the_mouse_comes_is_followed(gui, monkeypatch):
     assert (above, pressed) == (["what came"], ["bump"])
 
 
-def test_the_button_match_is_not_the_tab(gui):
+def tell_the_button_from_the_tab(gui):
     gui.session.editor.amend(parameters=QUICK)
     gui.click("Match", within="steps")
     assert not gui.session.solver.running
@@ -125,7 +142,9 @@ def test_the_button_match_is_not_the_tab(gui):
     gui.wait(lambda s: s.result is not None)
 
 
-def test_a_picture_keeps_sections_and_scrolling_and_changes_nothing(gui, tmp_path):
+def write_pictures(gui, tmp_path):
+    """They keep sections and scrolling and change nothing."""
+
     def placed():
         return [(w.label, w.rect) for w in gui.window.ui.widgets]
 
@@ -146,7 +165,8 @@ def test_a_picture_keeps_sections_and_scrolling_and_changes_nothing(gui, tmp_pat
     assert gui.session.view.previous_runs is False
 
 
-def test_the_right_button_drags_in_as_many_steps_as_it_is_told(gui):
+def drag_with_the_right_button(gui):
+    """In as many steps as requested."""
     before, drawn = gui.window.scene.view, gui.window.frames
     gui.input.drag((150, 200), (165, 212), steps=7, button=1)
     after = gui.window.scene.view

@@ -23,9 +23,13 @@ def lives(gui):
     return gui.window.frames > before + 3
 
 
-def test_a_part_a_solver_a_scene_a_session_and_a_dialog_that_fail_come_back(
-    gui, monkeypatch, capsys
-):
+def test_tour_of_errors(gui, monkeypatch, capsys):
+    fail_in_every_part(gui, monkeypatch, capsys)
+    fail_in_every_panel(gui, monkeypatch)
+
+
+def fail_in_every_part(gui, monkeypatch, capsys):
+    """A part, a solver, a scene, a session and a dialog come back."""
     places = {part: (module, "draw") for part, module in PARTS.items()}
     for part, place in (places | {"labels": (window, "draw_annotations")}).items():
         with monkeypatch.context() as patch:
@@ -70,7 +74,8 @@ def test_a_part_a_solver_a_scene_a_session_and_a_dialog_that_fail_come_back(
     assert lives(gui)
 
 
-def test_a_panel_that_fails_leaves_the_others_and_imgui_whole_also_halfway(gui, monkeypatch):
+def fail_in_every_panel(gui, monkeypatch):
+    """The others and ImGui stay complete, also if it fails halfway."""
     for tab, panel in PANELS:
         gui.click(tab, within=right_panel.STEPS)
         with monkeypatch.context() as patch:

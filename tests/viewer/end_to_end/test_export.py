@@ -1,7 +1,6 @@
-"""Export: pictures, movies and data, with every setting; written files are read again."""
+"""Tour of the tab Export: each setting; written pictures, movies and data are read again."""
 
 import csv
-from dataclasses import replace
 
 import av
 import numpy as np
@@ -13,15 +12,6 @@ import abfm
 WINDOW = (640, 600)  # in which a tab has room below a verdict with a warning
 
 
-@pytest.fixture
-def small(matched):
-    """An app that exports small pictures and short movies."""
-    exporter = matched.window.exporter
-    exporter.picture = replace(exporter.picture, width=400, height=300)
-    exporter.movie = replace(exporter.movie, seconds=0.5, fps=10)
-    return matched
-
-
 def exported(gui, button, path):
     """Press a button, name the file, and wait until it is written."""
     gui.click(button)
@@ -31,7 +21,14 @@ def exported(gui, button, path):
     assert not gui.window.exporter.failed, gui.window.exporter.message
 
 
-def test_sizes_and_settings_are_taken_and_results_and_tables_read_again(matched, tmp_path):
+def test_tour_of_export(matched, tmp_path):
+    """Small pictures and short movies."""
+    set_sizes_and_save_results(matched, tmp_path)
+    save_movies(matched, tmp_path)
+    save_pictures(matched, tmp_path)
+
+
+def set_sizes_and_save_results(matched, tmp_path):
     exporter, (left, top, right, bottom) = matched.window.exporter, matched.window.parts.scene
 
     def size():
@@ -64,7 +61,8 @@ def test_sizes_and_settings_are_taken_and_results_and_tables_read_again(matched,
         assert (tmp_path / f"match{suffix}").stat().st_size > 10_000
 
 
-def test_a_picture_has_its_size_and_its_ground_and_a_movie_is_given_up(small, tmp_path):
+def save_pictures(small, tmp_path):
+    """With and without background; a movie is given up."""
     exported(small, "Save picture...", tmp_path / "plain.png")
     plain = Image.open(tmp_path / "plain.png")
     assert plain.size == (400, 300)
@@ -84,7 +82,7 @@ def test_a_picture_has_its_size_and_its_ground_and_a_movie_is_given_up(small, tm
     assert not (tmp_path / "long.mp4").exists()
 
 
-def test_a_movie_has_its_frames_and_its_size(small, tmp_path):
+def save_movies(small, tmp_path):
     for suffix in (".gif", ".mp4"):
         film = tmp_path / f"film{suffix}"
         exported(small, "Save movie...", film)

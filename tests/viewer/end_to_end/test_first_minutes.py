@@ -13,7 +13,7 @@ from abfm.assets import asset_path
 from abfm_viewer.automation import Driver
 from tests.mesh_writers import off_file
 from tests.shapes import ellipsoid, icosphere
-from tests.viewer.sessions import QUICK, SIZE, begin, cancel, match
+from tests.viewer.sessions import SIZE, begin, cancel, match
 
 _WORK = """
 import sys
@@ -70,7 +70,8 @@ def ready(session):
     return not session.obstacle
 
 
-def test_open_match_and_see_the_flow(tmp_path):
+def test_tour_of_a_newcomer(tmp_path):
+    """Open a mesh, match it, see the flow, and match a figure of the paper."""
     shutil.copy(asset_path("eight.off"), tmp_path / "somebody.off")
     with Driver(asset_path("eight.off"), size=SIZE) as gui:
         session = gui.session
@@ -85,39 +86,13 @@ def test_open_match_and_see_the_flow(tmp_path):
         assert session.time == session.parameters.tau
         assert session.view.streaks or session.view.arrows
         assert session.result.verdict.kind in ("matched", "nearly")
+        gui.menu("Samples", "Figure 11")
+        gui.wait(lambda s: gui.window.files.sample == "Figure 11" and ready(s))
+        begin(gui, 5)
+        cancel(gui)
+        assert not session.outdated
+        assert session.result.residual < 1
         assert not gui.errors
-
-
-def test_far_pair_verdict_and_remedy(gui):
-    gui.type("spec", "gaussian:x=0,y=0,z=1,width=0.15", within="source")
-    gui.type("spec", "gaussian:x=0.5,y=0,z=-0.87,width=0.15", within="target")
-    gui.type("reach", "0")
-    gui.type("iterations", "8")
-    gui.wait(ready)
-    match(gui)
-    assert gui.session.result.verdict.kind == "not reached"
-    gui.click(gui.session.result.verdict.remedies[0].label, within="verdict")
-    gui.wait(lambda s: s.solver.finished)
-    assert gui.session.result.verdict.kind == "matched"
-
-
-def test_two_channels(gui):
-    gui.click("Add")
-    for side in ("source", "target"):
-        gui.choose("family", "eigenfunction", within=side)
-    gui.wait(ready)
-    gui.session.editor.amend(parameters=QUICK)
-    match(gui)
-    assert gui.session.result.source.shape[1] == 2
-
-
-def test_a_figure_from_samples(gui):
-    gui.menu("Samples", "Figure 11")
-    gui.wait(lambda s: gui.window.files.sample == "Figure 11" and ready(s))
-    begin(gui, 5)
-    cancel(gui)
-    assert not gui.session.outdated
-    assert gui.session.result.residual < 1
 
 
 def kept(state):

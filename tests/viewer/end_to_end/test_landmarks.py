@@ -1,5 +1,6 @@
-"""Landmarks are placed by clicks on both surfaces, dragged, matched, saved and opened again."""
+"""Tours of landmarks: clicks on both surfaces, dragging, matching, saving and opening."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -12,29 +13,27 @@ from abfm_viewer.document.surface_points import surface_points
 from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere
-from tests.viewer.sessions import QUICK, SIZE, match
+from tests.viewer.sessions import QUICK, SIZE, match, restart
 
 EGG, BALL = ellipsoid(3, 1.0, 0.7, 0.55), icosphere(3, 10.0)
 
 
-def shown(files):
-    gui = Driver(files, size=(SIZE[0], 560))
-    gui.__enter__()
-    view = replace(gui.session.view, flow_after_match=False)
-    gui.session.editor.amend(view=view)
-    gui.wait(lambda s: not s.obstacle)
-    return gui
+@contextmanager
+def opened(files):
+    """The app on one surface or two, seen standing still."""
+    with Driver(files, size=(SIZE[0], 560)) as gui:
+        gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
+        gui.wait(lambda s: not s.obstacle)
+        yield gui
+        assert not gui.errors
 
 
 @pytest.fixture
 def gui(tmp_path):
     files = [off_file(tmp_path / f"{n}.off", mesh) for n, mesh in (("egg", EGG), ("ball", BALL))]
-    gui = shown(tuple(files))
-    gui.window.dialogs.folder = tmp_path
-    yield gui
-    errors = gui.errors
-    gui.__exit__(None, None, None)
-    assert not errors
+    with opened(tuple(files)) as gui:
+        gui.window.dialogs.folder = tmp_path
+        yield gui
 
 
 def place(gui, count=4):
@@ -65,7 +64,48 @@ def off(gui, side, vertices):
     return np.linalg.norm(on(gui, side) - mesh.vertices[list(vertices)], axis=1) / edge
 
 
-def test_they_are_placed_dragged_taken_back_and_removed(gui):
+def test_tour_of_landmarks_on_two_surfaces(gui, notes, tmp_path):
+    """Everything that can be done to them and with them."""
+    document = gui.session.document
+    place_drag_and_remove(gui)
+    restart(gui, document)
+    complete_half_a_pair(gui, notes)
+    for step in (remove_during_a_drag, zoom_over_a_landmark, close_the_second_surface):
+        restart(gui, document)
+        step(gui)
+    for step in (save_and_open_files, match_landmarks_alone):
+        restart(gui, document)
+        step(gui, tmp_path)
+
+
+def test_tour_of_landmarks_on_one_surface(tmp_path):
+    """Matched next to functions, and alone until there is a channel."""
+    with opened(off_file(tmp_path / "ball.off", BALL)) as gui:
+        session = gui.session
+        gui.click("Place landmarks")
+        gui.pick(12, "source", modifiers=())
+        gui.pick(30, "target", modifiers=())
+        gui.wait(lambda s: not s.obstacle)
+        session.editor.amend(parameters=QUICK)
+        match(gui)
+        assert session.result.landmark_errors.shape == (1,)
+        assert not session.result.problem.is_of_landmarks
+        assert not session.outdated
+        gui.key("delete")
+        gui.frames(2)
+        assert session.outdated
+        gui.key("ctrl+z")
+        gui.frames(2)
+        assert not session.outdated
+        gui.check("landmarks alone")
+        gui.wait(lambda s: s.outdated and not s.obstacle)
+        match(gui)
+        assert not session.outdated
+        gui.click("Add")
+        gui.wait(lambda s: s.outdated)
+
+
+def place_drag_and_remove(gui):
     session = gui.session
     assert not gui.window.scene.landmarks()
     sources, targets = place(gui)
@@ -105,7 +145,8 @@ def test_they_are_placed_dragged_taken_back_and_removed(gui):
     assert session.document.landmarks == moved
 
 
-def test_half_a_pair_says_what_it_lacks_and_does_not_count(gui, notes):
+def complete_half_a_pair(gui, notes):
+    """Half a pair reports what it lacks and is not matched."""
     session = gui.session
     gui.menu("Edit", "Place landmarks")
     assert session.view.tool == "landmark"
@@ -130,7 +171,8 @@ def test_half_a_pair_says_what_it_lacks_and_does_not_count(gui, notes):
     assert session.view.tool == "nothing"
 
 
-def test_landmarks_alone_are_matched_saved_and_opened_again(gui, tmp_path):
+def match_landmarks_alone(gui, folder):
+    """They are matched, saved and opened again."""
     session = gui.session
     sources, targets = place(gui)
     gui.check("landmarks alone")
@@ -159,10 +201,10 @@ def test_landmarks_alone_are_matched_saved_and_opened_again(gui, tmp_path):
     gui.menu("File", "Save project as...")
     gui.type("file name", "pair")
     gui.wait(lambda s: not s.saves.unsaved)
-    known.save(tmp_path / "pair.npz")
+    known.save(folder / "pair.npz")
     for name in ("pair.abfm", "pair.npz"):
         before = session.document.identity
-        gui.window.files.open(tmp_path / name)
+        gui.window.files.open(folder / name)
         gui.wait(lambda s, before=before: s.document.identity is not before and not s.obstacle)
         opened = session.document
         assert opened.landmarks_alone
@@ -174,7 +216,7 @@ def test_landmarks_alone_are_matched_saved_and_opened_again(gui, tmp_path):
         assert off(gui, "target", targets).max() < 0.5
 
 
-def test_they_go_to_a_file_and_come_from_one(gui, tmp_path):
+def save_and_open_files(gui, folder):
     session = gui.session
     place(gui, 2)
     before = session.document.landmarks
@@ -189,39 +231,15 @@ def test_they_go_to_a_file_and_come_from_one(gui, tmp_path):
         mesh = session.surface(side).mesh
         pairs = [[one.point(side) for one in some] for some in (before, again)]
         assert_allclose(*(surface_points(mesh, points).positions for points in pairs), atol=1e-9)
-    (tmp_path / "wrong.csv").write_text("1,2\n3,x\n")
+    (folder / "wrong.csv").write_text("1,2\n3,x\n")
     gui.click("Open landmarks...", within="Functions")
     gui.double_click("wrong.csv")
     assert session.document.landmarks == again
     check_message(session.notices.log[-1].text, 2)
 
 
-def test_on_one_surface_they_are_matched_beside_functions(tmp_path):
-    gui = shown(off_file(tmp_path / "ball.off", BALL))
-    try:
-        session = gui.session
-        gui.click("Place landmarks")
-        gui.pick(12, "source", modifiers=())
-        gui.pick(30, "target", modifiers=())
-        gui.wait(lambda s: not s.obstacle)
-        gui.session.editor.amend(parameters=QUICK)
-        match(gui)
-        assert session.result.landmark_errors.shape == (1,)
-        assert not session.result.problem.is_of_landmarks
-        assert not session.outdated
-        gui.key("delete")
-        gui.frames(2)
-        assert session.outdated
-        gui.key("ctrl+z")
-        gui.frames(2)
-        assert not session.outdated
-    finally:
-        errors = gui.errors
-        gui.__exit__(None, None, None)
-    assert not errors
-
-
-def test_they_are_work_that_is_not_saved_and_a_keeps_its_half(gui):
+def close_the_second_surface(gui):
+    """Landmarks are unsaved work, and A keeps its half."""
     session = gui.session
     assert not session.saves.unsaved
     place(gui, 2)
@@ -234,26 +252,7 @@ def test_they_are_work_that_is_not_saved_and_a_keeps_its_half(gui):
     ]
 
 
-def test_channels_that_come_to_landmarks_alone_outdate_the_match(tmp_path):
-    gui = shown(off_file(tmp_path / "ball.off", BALL))
-    try:
-        gui.click("Place landmarks")
-        gui.pick(12, "source", modifiers=())
-        gui.pick(30, "target", modifiers=())
-        gui.check("landmarks alone")
-        gui.wait(lambda s: not s.obstacle)
-        gui.session.editor.amend(parameters=QUICK)
-        match(gui)
-        assert not gui.session.outdated
-        gui.click("Add")
-        gui.wait(lambda s: s.outdated)
-    finally:
-        errors = gui.errors
-        gui.__exit__(None, None, None)
-    assert not errors
-
-
-def test_a_landmark_that_is_removed_while_it_is_dragged_leaves_the_others(gui):
+def remove_during_a_drag(gui):
     session = gui.session
     place(gui, 2)
     _, second = session.document.landmarks
@@ -268,7 +267,7 @@ def test_a_landmark_that_is_removed_while_it_is_dragged_leaves_the_others(gui):
     assert session.document.landmarks == (second,)
 
 
-def test_the_wheel_zooms_over_a_landmark_too(gui):
+def zoom_over_a_landmark(gui):
     place(gui, 2)
     gui.frames(2)
     mark = next(one for one in gui.window.scene.landmarks() if one.side)

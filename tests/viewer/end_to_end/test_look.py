@@ -1,4 +1,4 @@
-"""The tab Look: what the surfaces show, arrows, streaks, flow lines, points, comparisons."""
+"""Tour of the tab Look: what surfaces show, arrows, streaks, lines, points, comparisons."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from abfm.calculus.operators import face_normals, vertex_areas
 from abfm_viewer.document.document import FIELD_PARTS
 from abfm_viewer.scene import overlays
-from tests.viewer.sessions import ENDLESS, begin, cancel
+from tests.viewer.sessions import ENDLESS, begin, cancel, restart
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
 
@@ -24,7 +24,21 @@ def calm(gui):
     gui.frames(3)
 
 
-def test_the_advected_surface_shows_field_and_map_and_comparisons_have_their_own(matched):
+@pytest.mark.usefixtures("coarse_streaks")
+def test_tour_of_look(matched, notes, monkeypatch):
+    """Each choice of the tab after a match, and what follows a run."""
+    document = matched.session.document
+    for step in (show_fields_maps_and_comparisons, switch_arrows_streaks_lines_and_points):
+        restart(matched, document)
+        step(matched)
+    for step in (warn_of_a_torn_map, hide_old_numbers_during_a_run):
+        restart(matched, document)
+        step(matched, notes)
+    restart(matched, document)
+    follow_a_run_with_arrows(matched, monkeypatch)
+
+
+def show_fields_maps_and_comparisons(matched):
     for coloring in ("speed", "divergence", "curl", *MAPS):
         matched.choose("color by", coloring)
         assert matched.session.view.coloring == coloring
@@ -59,8 +73,7 @@ def test_the_advected_surface_shows_field_and_map_and_comparisons_have_their_own
     assert scene.names == ("source", "advected", "target")
 
 
-@pytest.mark.usefixtures("coarse_streaks")
-def test_arrows_streaks_flow_lines_and_points_come_and_go(matched):
+def switch_arrows_streaks_lines_and_points(matched):
     session = matched.session
     matched.check("arrows")
     matched.drag("length", 0.2)
@@ -101,7 +114,9 @@ def test_arrows_streaks_flow_lines_and_points_come_and_go(matched):
     assert matched.session.document.points == ()
 
 
-def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, notes):
+def warn_of_a_torn_map(matched, notes):
+    """Where it is shown, and nowhere else."""
+
     def warned():
         return [text for text, _ in notes() if text.startswith("Warning: this map is not to be")]
 
@@ -122,7 +137,7 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, notes):
             assert len(warned()) == wanted
 
 
-def test_numbers_of_the_last_run_are_gone_during_a_new_one(matched, notes):
+def hide_old_numbers_during_a_run(matched, notes):
     def told():
         return any(text.startswith("Mismatch at τ") for text, _ in notes())
 
@@ -135,7 +150,8 @@ def test_numbers_of_the_last_run_are_gone_during_a_new_one(matched, notes):
     assert told()
 
 
-def test_arrows_follow_a_run_no_more_often_than_the_surface_and_the_user_at_once(gui, monkeypatch):
+def follow_a_run_with_arrows(gui, monkeypatch):
+    """No more often than the surface, and the user at once."""
     gui.session.editor.amend(parameters=ENDLESS)
     gui.check("arrows")
     begin(gui)

@@ -1,4 +1,4 @@
-"""The tab Match: every parameter, what is refused, presets, defaults, and the iterations."""
+"""Tours of the tab Match: every parameter, refusals, presets, defaults, and the iterations."""
 
 import csv
 import re
@@ -11,10 +11,35 @@ from abfm import Parameters
 from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST, TABLE_1, TITLES
 from abfm_viewer.panels.right_panel import STEPS
 from tests.messages import check_message
-from tests.viewer.sessions import match
+from tests.viewer.sessions import match, restart
 
 
-def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be_set(gui):
+def test_tour_of_parameters(gui, monkeypatch):
+    document = gui.session.document
+    show_five_parameters_first(gui)
+    for step in (
+        choose_sigma_or_set_it,
+        refuse_and_correct,
+        forget_errors_with_the_next_change,
+        set_presets_and_a_mask,
+        set_every_parameter,
+    ):
+        restart(gui, document)
+        step(gui)
+    restart(gui, document)
+    with monkeypatch.context() as patched:
+        explain_by_tooltips(gui, patched)
+
+
+def test_tour_of_iterations(matched, tmp_path, monkeypatch):
+    matched.session.editor.set_view("plot the iterations", trade_off=False)
+    matched.click("Match", within=STEPS)
+    export_and_hover(matched, tmp_path, monkeypatch)
+    keep_earlier_runs(matched)
+
+
+def set_every_parameter(gui):
+    """Each is typed, dragged and undone; the method decides what can be set."""
     for label, (typed, slid) in {
         "alpha": (10, 0.1),
         "beta": (0.001, 1e-2),
@@ -72,7 +97,7 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
     gui.choose("method", "nonlinear")
 
 
-def test_sigma_is_chosen_unless_it_is_given_and_a_click_goes_from_the_one_to_the_other(gui):
+def choose_sigma_or_set_it(gui):
     def shown():
         return gui.text_of("auto sigma"), gui.text_of("sigma", kind="box")
 
@@ -99,7 +124,8 @@ def test_sigma_is_chosen_unless_it_is_given_and_a_click_goes_from_the_one_to_the
     check_message(reason, "aut")
 
 
-def test_what_makes_no_sense_is_refused_in_place_and_stays_to_be_mended_until_escape(gui):
+def refuse_and_correct(gui):
+    """A refused text stays in its box until it is corrected, or until Escape."""
     reasons, start = gui.window.ui.refusals.reasons, gui.session.parameters
     for label, text in (("alpha", "-1"), ("sigma", "0"), ("tau", "much"), ("iterations", "inf")):
         before = gui.session.parameters
@@ -130,7 +156,7 @@ def test_what_makes_no_sense_is_refused_in_place_and_stays_to_be_mended_until_es
     gui.key("escape")
 
 
-def test_an_error_goes_with_what_is_accepted_later(gui):
+def forget_errors_with_the_next_change(gui):
     for act, *words in ((gui.key, "ctrl+z"), (gui.type, "reach", "0.5"), (gui.click, "Match")):
         gui.type("beta", "0.1")
         gui.type("sigma", "0")
@@ -144,7 +170,8 @@ def test_an_error_goes_with_what_is_accepted_later(gui):
     gui.session.solver.cancel()
 
 
-def test_five_parameters_are_in_sight_and_all_have_widgets_and_letters(gui):
+def show_five_parameters_first(gui):
+    """All have widgets and letters."""
     gui.click("Match", within=STEPS)
     sliders = [w for w in gui.window.ui.widgets if w.kind == "slider" and w.section == "Match"]
     assert {w.name: w.label for w in sliders} == {
@@ -165,7 +192,7 @@ def test_five_parameters_are_in_sight_and_all_have_widgets_and_letters(gui):
     assert 20 * missing not in shapes
 
 
-def test_presets_set_defaults_return_and_a_mask_weighs_the_mismatch(gui):
+def set_presets_and_a_mask(gui):
     rows = list(TABLE_1.values())
     for preset in (*rows[1:], rows[0]):
         gui.choose("preset", preset.name)
@@ -199,7 +226,7 @@ def test_presets_set_defaults_return_and_a_mask_weighs_the_mismatch(gui):
     assert gui.session.outdated
 
 
-def test_a_tooltip_explains_a_parameter(gui, monkeypatch):
+def explain_by_tooltips(gui, monkeypatch):
     shown = []
     monkeypatch.setattr("polyscope.imgui.BeginTooltip", lambda: shown.append(True))
     monkeypatch.setattr("polyscope.imgui.EndTooltip", lambda: None)
@@ -215,18 +242,7 @@ def test_a_tooltip_explains_a_parameter(gui, monkeypatch):
     gui.session.solver.cancel()  # it may have ended by now
 
 
-# The iterations
-
-
-@pytest.fixture
-def plotted(matched):
-    """The app after a short run, with what its iterations left."""
-    matched.session.editor.set_view("plot the iterations", trade_off=False)
-    matched.click("Match", within=STEPS)
-    return matched
-
-
-def test_it_grows_during_a_run_and_keeps_earlier_ones(plotted):
+def keep_earlier_runs(plotted):
     session = plotted.session
     assert len(session.document.runs) == 1
     assert "energy plot" in plotted.labels()
@@ -243,7 +259,7 @@ def test_it_grows_during_a_run_and_keeps_earlier_ones(plotted):
     assert len(session.document.runs) == 2
 
 
-def test_the_table_has_each_iteration_and_hovering_shows_it(plotted, tmp_path, monkeypatch):
+def export_and_hover(plotted, tmp_path, monkeypatch):
     plotted.click("Export CSV...")
     plotted.type("file name", "energies")
     path = tmp_path / "energies.csv"

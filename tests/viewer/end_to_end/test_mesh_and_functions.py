@@ -1,4 +1,4 @@
-"""Mesh and Functions: channels, families, Gaussians by widget and by mouse, vertex maps.
+"""Tours of Functions: channels, families, Gaussians by widget and by mouse, vertex maps.
 
 Both sides are drawn by the same code: what the widgets do is tried on one of them.
 """
@@ -9,7 +9,7 @@ from nibabel.freesurfer import write_annot
 
 from abfm.functions import families, function, parse
 from abfm_viewer.document.gaussians import gaussians
-from tests.viewer.sessions import EGG, take_back
+from tests.viewer.sessions import EGG, QUICK, match, restart, take_back
 
 
 def settled(gui):
@@ -17,7 +17,38 @@ def settled(gui):
     gui.wait(lambda s: not s.obstacle)
 
 
-def test_phases_are_made_circular_by_widget(gui, tmp_path):
+def test_tour_of_channels_and_families(gui):
+    """All widgets of channels, Gaussians and families, and the mouse on both sides."""
+    document = gui.session.document
+    for step in (edit_channels_and_gaussians, rescale_an_impossible_pair, use_each_family):
+        step(gui)
+        restart(gui, document)
+    match_two_channels(gui)
+    restart(gui, document)
+    scale_a_function(gui)
+    for side in ("source", "target"):
+        restart(gui, document)
+        move_gaussians_by_mouse(gui, side)
+
+
+def test_tour_of_functions_from_files(gui, tmp_path):
+    document = gui.session.document
+    make_phases_circular(gui, tmp_path)
+    restart(gui, document)
+    open_values_and_vertex_maps(gui, tmp_path)
+
+
+def match_two_channels(gui):
+    gui.click("Add")
+    for side in ("source", "target"):
+        gui.choose("family", "eigenfunction", within=side)
+    settled(gui)
+    gui.session.editor.amend(parameters=QUICK)
+    match(gui)
+    assert gui.session.result.source.shape[1] == 2
+
+
+def make_phases_circular(gui, tmp_path):
     """The box is there where values jump by a period; it makes two channels, and one again."""
     assert "circular" not in gui.labels()
     x, y, _ = gui.session.surface().mesh.vertices.T
@@ -49,7 +80,7 @@ def test_phases_are_made_circular_by_widget(gui, tmp_path):
     assert gui.session.channels == first
 
 
-def test_channels_and_gaussians_are_added_changed_and_removed_by_widget(gui):
+def edit_channels_and_gaussians(gui):
     session = gui.session
     first = session.channels[0]
     gui.click("Add", within="Functions")
@@ -93,7 +124,7 @@ def test_channels_and_gaussians_are_added_changed_and_removed_by_widget(gui):
     settled(gui)
 
 
-def test_an_impossible_pair_is_reported_at_once_and_rescaled_by_a_button(gui):
+def rescale_an_impossible_pair(gui):
     session = gui.session
     assert "Rescale" not in gui.labels()
     gui.type("spec", "coordinate:x", within="source")
@@ -112,7 +143,7 @@ def test_an_impossible_pair_is_reported_at_once_and_rescaled_by_a_button(gui):
     gui.wait(lambda s: s.foreseen)
 
 
-def test_controls_of_the_families(gui):
+def use_each_family(gui):
     """Every family can be chosen and is evaluated, and every control of it used."""
     side, drag, write, choose = "target", gui.drag, gui.type, gui.choose
 
@@ -166,8 +197,7 @@ def test_controls_of_the_families(gui):
     assert spec() == "gaussian:x=0.5,y=0.25,z=-0.125,width=0.2"
 
 
-@pytest.mark.parametrize("side", ["source", "target"])
-def test_gaussians_by_mouse(gui, side):
+def move_gaussians_by_mouse(gui, side):
     def bump():
         return gaussians(gui.session.active.spec(side))[0]
 
@@ -185,7 +215,8 @@ def test_gaussians_by_mouse(gui, side):
     assert gui.session.channels == before
 
 
-def test_values_and_vertex_maps_from_files_and_by_symmetry(gui, tmp_path):
+def open_values_and_vertex_maps(gui, tmp_path):
+    """From files and by symmetry."""
     side = "target"
     rng = np.random.default_rng(0)
     values, order = rng.normal(size=len(EGG.vertices)), rng.permutation(len(EGG.vertices))
@@ -243,7 +274,7 @@ def test_values_and_vertex_maps_from_files_and_by_symmetry(gui, tmp_path):
     assert "permuted" not in gui.session.active.spec(side)
 
 
-def test_a_scaled_function_has_a_factor_and_an_offset(gui):
+def scale_a_function(gui):
     gui.type("spec", "scaled:2(coordinate:x)", "source")
     gui.type("factor", "3", "source")
     gui.type("offset", "1", "source")

@@ -1,6 +1,5 @@
-"""A batch and a population open as a table; a click on a row shows what came of it."""
+"""Tours of tables: a batch and a population open as a table, and a click shows a row."""
 
-import shutil
 import time
 
 import numpy as np
@@ -24,10 +23,11 @@ SIZE = (1180, 640)
 OPTIONS = {"iterations": 15, "refine": 0, "target": "coordinate:y"}
 
 
-@pytest.fixture(scope="module")
-def solved(tmp_path_factory):
-    """Two matches, one that fails, and one that was not tried."""
-    folder = tmp_path_factory.mktemp("results")
+@pytest.fixture
+def folder(tmp_path):
+    """Two matches, one that fails, and one that was not tried, with their rows."""
+    folder = tmp_path / "results"
+    folder.mkdir()
     write_surface(folder / "egg.ply", icosphere(2))
     given = {"mesh": folder / "egg.ply", **OPTIONS}
     rows = [
@@ -59,22 +59,22 @@ def settle(gui):
     gui.wait(lambda session: session.loading.now is None)
 
 
-@pytest.fixture
-def folder(solved, tmp_path):
-    """A copy of the folder for each test, whatever other tests do to theirs, and the rows."""
-    path, rows = solved
-    return shutil.copytree(path, tmp_path / "results"), rows
-
-
-@pytest.fixture
-def opened(folder):
+def test_tour_of_a_batch(folder, tmp_path, monkeypatch):
+    """A folder of results: rows, heads, search, and what changes in the folder."""
     with Driver(folder[0], size=SIZE) as gui:
-        yield gui
+        open_with_the_worst_row(gui)
+        show_rows_by_clicks_and_keys(gui)
+        leave_and_undo(gui, tmp_path)
+        for step in (sort_and_search, leave_out_columns, cut_no_row):
+            with monkeypatch.context() as patched:
+                step(gui, patched)
+        refuse_another_folder(gui, tmp_path)
+        refresh_and_reopen(gui, folder)
+        scroll_hundreds_of_rows(gui, folder)
 
 
-@pytest.fixture
-def sample():
-    """The window with the sample of a population."""
+def test_tour_of_a_population(monkeypatch):
+    """The sample, its outlier, and the way to open it from a file."""
     with Driver(icosphere(1), size=SIZE) as gui:
         gui.menu("Samples", POPULATION)
         tables, end = gui.window.files.tables, time.monotonic() + 60
@@ -83,10 +83,11 @@ def sample():
             time.sleep(0.2)
             gui.frames(1)
         settle(gui)
-        yield gui
+        show_the_outlier(gui, monkeypatch)
+        open_by_a_file_of_the_folder(gui)
 
 
-def test_a_folder_of_results_opens_as_a_table_with_its_worst_row(opened, folder):
+def open_with_the_worst_row(opened):
     tables = opened.window.files.tables
     assert rows_of(opened)[:2] == ["gone", "later"]
     best = [row for row in tables.rows if row.path is not None]
@@ -96,7 +97,7 @@ def test_a_folder_of_results_opens_as_a_table_with_its_worst_row(opened, folder)
     assert opened.errors == {}
 
 
-def test_a_click_shows_a_row_and_keys_go_on(opened):
+def show_rows_by_clicks_and_keys(opened):
     tables, session = opened.window.files.tables, opened.session
     opened.click("along x", "rows")
     settle(opened)
@@ -117,7 +118,8 @@ def test_a_click_shows_a_row_and_keys_go_on(opened):
     check_message(tables.told, tables.table.told)
 
 
-def test_the_table_goes_with_its_rows_and_comes_back_with_undo(opened, tmp_path):
+def leave_and_undo(opened, tmp_path):
+    """The table is shown with its rows only."""
     tables = opened.window.files.tables
     write_surface(tmp_path / "other.ply", icosphere(1))
     opened.window.files.open(tmp_path / "other.ply")
@@ -130,7 +132,7 @@ def test_the_table_goes_with_its_rows_and_comes_back_with_undo(opened, tmp_path)
     assert len(rows_of(opened)) == 4
 
 
-def test_heads_sort_and_words_are_searched_for(opened, monkeypatch):
+def sort_and_search(opened, monkeypatch):
     lines = heard(opened, monkeypatch, "line")
     tables = opened.window.files.tables
     for head, name in (
@@ -164,7 +166,8 @@ def heads_of(gui):
     return {head.label: head.rect[2] - head.rect[0] for head in found}
 
 
-def test_names_keep_their_room_and_a_tip_tells_of_columns_that_have_none(opened, monkeypatch):
+def leave_out_columns(opened, monkeypatch):
+    """Names keep their room, and a tip has the columns without room."""
     every = heads_of(opened)
     assert len(every) == len(OF_BATCHES)
     wider = {"name": every["name"] + 5, "reason": every["why"]}
@@ -179,7 +182,8 @@ def test_names_keep_their_room_and_a_tip_tells_of_columns_that_have_none(opened,
     assert set(heads_of(opened)) == set(every)
 
 
-def test_what_another_process_adds_is_shown(opened, folder):
+def refresh_and_reopen(opened, folder):
+    """What another process adds is shown."""
     path, rows = folder
     solve(Ledger(path), rows[3])
     opened.click("Refresh")
@@ -192,7 +196,8 @@ def test_what_another_process_adds_is_shown(opened, folder):
     assert len(rows_of(opened)) == 4
 
 
-def test_hundreds_of_rows_cost_what_is_seen(opened, folder):
+def scroll_hundreds_of_rows(opened, folder):
+    """Only rows in view are drawn."""
     path, rows = folder
     many = [Row(f"row {i}", rows[0].options, rows[0].folder) for i in range(500)]
     Ledger(path).write_rows(many, "many")
@@ -206,7 +211,7 @@ def test_hundreds_of_rows_cost_what_is_seen(opened, folder):
     assert opened.errors == {}
 
 
-def test_a_folder_that_holds_none_says_so(opened, tmp_path):
+def refuse_another_folder(opened, tmp_path):
     opened.window.files.open(tmp_path)
     opened.wait(lambda s: s.notices.latest.is_error)
     check_message(opened.session.notices.latest.text)
@@ -218,8 +223,7 @@ def texts(gui, monkeypatch):
         return [text for text, _ in heard(gui, patched, "note")()]
 
 
-def test_the_sample_of_a_population_shows_who_is_odd(sample, monkeypatch):
-    opened = sample
+def show_the_outlier(opened, monkeypatch):
     tables, session = opened.window.files.tables, opened.session
     opened.click(population_sample.ODD, "rows")
     settle(opened)
@@ -265,7 +269,7 @@ def test_the_sample_of_a_population_shows_who_is_odd(sample, monkeypatch):
     assert opened.errors == {}
 
 
-def test_no_row_is_cut_at_the_lower_end(opened, monkeypatch):
+def cut_no_row(opened, monkeypatch):
     sizes, begin = [], result_table.imgui.BeginTable
 
     def begun(name, columns, flags, size):
@@ -283,8 +287,7 @@ def test_no_row_is_cut_at_the_lower_end(opened, monkeypatch):
     assert height > 3 * high
 
 
-def test_the_menu_opens_a_table_by_a_file_of_its_folder(sample):
-    opened = sample
+def open_by_a_file_of_the_folder(opened):
     place = opened.window.files.tables.table.place
     opened.click("Close table")
     opened.menu("File", "Open batch or population...")

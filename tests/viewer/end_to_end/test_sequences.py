@@ -1,4 +1,4 @@
-"""Films: frames are opened, all of them matched, played, looked at and saved."""
+"""Tours of sequences: opening frames, matching all of them, playing, viewing and saving."""
 
 from dataclasses import replace
 
@@ -12,7 +12,6 @@ from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.film import FilmSettings
 from abfm_viewer.document.surface_points import surface_points
-from abfm_viewer.panels.film import _chosen
 from abfm_viewer.panels.right_panel import OF_FILMS
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import NO_VALUE
@@ -20,10 +19,10 @@ from abfm_viewer.session.session_files import open_session
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.window import wave
 from abfm_viewer.window.actions import what_would_be_lost
-from abfm_viewer.window.wave import drifting_wave, turning_wave
-from tests.messages import check_message, check_names
+from abfm_viewer.window.wave import turning_wave
+from tests.messages import check_message
 from tests.viewer.end_to_end.test_export import exported
-from tests.viewer.sessions import EGG, SIZE
+from tests.viewer.sessions import EGG, SIZE, restart
 
 WINDOW = (800, 560)  # where the plot is seen as a whole
 COUNT, STEP = 5, 0.05
@@ -44,14 +43,6 @@ def film(gui, tmp_path):
     return gui
 
 
-@pytest.fixture
-def solved(film):
-    """The same after its match."""
-    film.click("Match all frames")
-    film.wait(lambda s: not s.running)
-    return film
-
-
 def settled(gui):
     gui.wait(lambda s: not (s.running or gui.window.shown.busy))
     gui.frames(3)
@@ -62,7 +53,50 @@ def shown(gui, slot="advected"):
     return gui.window.scene.paints[slot]
 
 
-def test_frames_are_opened_by_the_menu(gui, tmp_path):
+def test_tour_of_opened_frames(gui, tmp_path, monkeypatch):
+    """Frames by the menu, of phases, with gaps, from their side, and the sample."""
+    document = gui.session.document
+    open_by_the_menu(gui, tmp_path)
+    restart(gui, document)
+    see_the_side_that_changes(gui, tmp_path)
+    for step in (compare_phases_on_a_circle, leave_out_vertices_without_values):
+        restart(gui, document)
+        step(gui, tmp_path)
+    restart(gui, document)
+    open_the_sample(gui, monkeypatch)
+
+
+def test_tour_of_frames(film, notes, tmp_path):
+    """Frames that are not matched, their match, and everything that shows it."""
+    show_frames_blended(film)
+    go_from_frame_to_frame(film)
+    hold_and_cancel_the_run(film)
+    film.click("Match all frames")
+    film.wait(lambda s: not s.running)
+    solved = film.session.document
+    carry_frames_from_both_sides(film)
+    for step in (draw_tracks, follow_points_and_lines, click_on_the_plot, match_two_frames):
+        restart(film, solved)
+        step(film)
+    restart(film, solved)
+    change_parameters(film, notes)
+    restart(film, solved)
+    write_all_files(film, tmp_path)
+
+
+def hold_and_cancel_the_run(film):
+    document = film.session.document
+    film.click("Match all frames")
+    film.click("Pause")
+    assert film.session.film_match.paused
+    film.click("Resume")
+    assert not film.session.film_match.paused
+    film.click("Cancel")
+    film.wait(lambda s: not s.running)
+    restart(film, document)
+
+
+def open_by_the_menu(gui, tmp_path):
     np.save(tmp_path / "wave.npy", FRAMES)
     gui.menu("File", "Open frames...")
     gui.click("wave.npy")
@@ -72,7 +106,7 @@ def test_frames_are_opened_by_the_menu(gui, tmp_path):
     assert gui.session.document.name == "wave.npy on mesh"
 
 
-def test_phases_are_compared_on_a_circle(gui, tmp_path):
+def compare_phases_on_a_circle(gui, tmp_path):
     """By the box, which is only there for phases, as `abfm sequence --circular` does."""
     angles = np.arctan2(DIRECTIONS[:, 1], DIRECTIONS[:, 0])
     phases = np.degrees(angles + TIMES[:, None] + np.pi) % 360
@@ -116,7 +150,7 @@ def test_phases_are_compared_on_a_circle(gui, tmp_path):
     assert "circular" not in gui.labels()
 
 
-def test_frames_show_as_they_are_and_blended_until_they_are_matched(film):
+def show_frames_blended(film):
     session, document = film.session, film.session.document
     assert document.name == "wave.npy on mesh"
     np.testing.assert_array_equal(document.film.frames.values[:, :, 0], FRAMES)
@@ -145,9 +179,8 @@ def test_frames_show_as_they_are_and_blended_until_they_are_matched(film):
     np.testing.assert_array_equal(session.document.film.times, np.arange(COUNT))
 
 
-def test_a_film_is_seen_from_the_side_that_changes_unless_the_user_has_turned_the_surface(
-    gui, tmp_path
-):
+def see_the_side_that_changes(gui, tmp_path):
+    """Unless the user has turned the surface."""
     gui.frames(3)
     session, behind = gui.session, -gui.session.surface().front.axes[2]
     paths = tmp_path / "behind.npy", tmp_path / "missing.npy"
@@ -172,7 +205,7 @@ def test_a_film_is_seen_from_the_side_that_changes_unless_the_user_has_turned_th
     assert session.view.look == turned is not None
 
 
-def test_the_time_bar_goes_from_frame_to_frame_and_plays(film):
+def go_from_frame_to_frame(film):
     session, player = film.session, film.session.player
     for act, what, time in (
         (film.click, ">", 1),
@@ -201,7 +234,7 @@ def test_the_time_bar_goes_from_frame_to_frame_and_plays(film):
     film.click("Pause", within="time bar")
 
 
-def test_all_frames_are_matched_and_what_is_between_is_carried_from_both_sides(solved):
+def carry_frames_from_both_sides(solved):
     session = solved.session
     sequence = session.document.sequence
     assert sequence.confirmed == len(sequence) == COUNT - 1
@@ -237,123 +270,7 @@ def test_all_frames_are_matched_and_what_is_between_is_carried_from_both_sides(s
     assert session.editor.redo_label == "match all frames"
 
 
-def test_arrows_fade_where_frames_do_not_determine_the_field(film, tmp_path):
-    """A bump that turns about y: elsewhere nothing is known of the field."""
-    angles = 0.15 * np.arange(4)
-    bump = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
-    np.save(tmp_path / "bump.npy", np.exp(6 * (bump @ DIRECTIONS.T - 1)))
-    film.window.files.open(tmp_path / "bump.npy")
-    film.wait(lambda s: s.document.film.name == "bump.npy")
-    film.session.editor.set_film(sigma=0.3)
-    film.click("Match all frames")
-    film.wait(lambda s: not s.running)
-    film.click("Look", within="steps")
-    if not film.session.view.arrows:
-        film.check("arrows")
-    settled(film)
-    quantities, sequence = film.window.shown.quantities, film.session.document.sequence
-
-    def opacities():
-        field = quantities.field()
-        arrows = None if field is None else quantities.arrows(field, 300.0, FRONT)
-        return np.ones(1) if arrows is None else arrows.opacities
-
-    film.wait(lambda _: opacities().min() < 1)
-    found = opacities()
-    assert np.isin(found, sequence.determined[film.session.document.film.interval(0.0)]).all()
-    assert found.min() < 0.6
-    assert found.max() > 0.9
-    settled(film)
-    assert ps.get_surface_mesh("arrows").is_enabled()
-    film.screenshot(str(tmp_path / "fading.png"))
-
-
-def test_a_standing_wave_has_no_arrows_and_is_blended(film, tmp_path):
-    amplitudes = np.cos(0.2 * np.arange(COUNT) + 0.5)
-    np.save(tmp_path / "standing.npy", amplitudes[:, None] * np.cos(6 * DIRECTIONS[:, 0]))
-    film.window.files.open(tmp_path / "standing.npy")
-    film.wait(lambda s: s.document.film.name == "standing.npy")
-    film.session.editor.set_film(sigma=0.3)
-    film.click("Match all frames")
-    film.wait(lambda s: not s.running)
-    sequence = film.session.document.sequence
-    assert (sequence.confirmed, sequence.has_motion) == (0, False)
-    film.type("time", "1.25")
-    first, second = sequence.frames[1:3, :, 0]
-    np.testing.assert_allclose(shown(film).values, 0.75 * first + 0.25 * second, atol=1e-6)
-    film.click("Look", within="steps")
-    if not film.session.view.arrows:
-        film.check("arrows")
-    quantities = film.window.shown.quantities
-    film.wait(
-        lambda _: (
-            quantities.field()
-            and (arrows := quantities.arrows(quantities.field(), 300.0, FRONT)) is not None
-            and not len(arrows.ways)
-        )
-    )
-
-
-def test_cancel_keeps_what_was_found_and_pause_holds_the_run(film, tmp_path):
-    np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(240))[0])
-    film.window.files.open(tmp_path / "long.npy")
-    film.wait(lambda s: s.document.film.name == "long.npy")
-    film.click("Match all frames")
-    film.click("Pause")
-    assert film.session.film_match.paused
-    film.click("Resume")
-    film.wait(lambda s: s.film_match.found(s.document) > 0)
-    assert film.session.film_match.field(film.session.document, 0) is not None
-    film.click("Cancel")
-    film.wait(lambda s: not s.running)
-    sequence = film.session.document.sequence
-    found = sequence.solved.tolist()
-    assert found[0]
-    assert not found[-1]
-    for interval, is_found in enumerate(found):
-        field = film.session.film_match.field(film.session.document, interval)
-        assert (field is not None) == is_found == bool(sequence.velocity[interval].any())
-
-
-def test_a_cancelled_run_leaves_an_earlier_result_within_reach(film, tmp_path):
-    np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(120))[0])
-    film.window.files.open(tmp_path / "long.npy")
-    film.wait(lambda s: s.document.film.name == "long.npy")
-    session = film.session
-
-    def cancelled(when):
-        film.click("Match all frames")
-        film.wait(when)
-        film.click("Cancel")
-        film.wait(lambda s: not s.running)
-        film.frames(1)
-        return session.document.sequence, session.notices.latest.text
-
-    def some_are_found(session):
-        return session.film_match.found(session.document) > 1
-
-    sequence, told = cancelled(lambda s: s.film_match.running)
-    assert (sequence, told) == (None, "cancelled: 0 of 119 intervals found")
-    first, told = cancelled(some_are_found)
-    count = int(first.solved.sum())
-    check_names(told, "cancelled", count, 119)
-    second, told = cancelled(lambda s: s.film_match.found(s.document) > count)  # it goes on
-    assert second is not first
-    now = int(second.solved.sum())
-    assert now > count
-    check_names(told, "cancelled", now, 119, count)
-    film.key("ctrl+z")
-    assert session.document.sequence is first
-    film.key("ctrl+y")
-    assert session.document.sequence is second
-    film.type("alpha", "2")  # of which nothing is kept
-    third, told = cancelled(lambda s: s.film_match.running)
-    again = 0 if third is second else int(third.solved.sum())
-    assert again < now
-    check_names(told, "cancelled", again, 119)
-
-
-def test_other_parameters_make_a_result_outdated(solved, notes):
+def change_parameters(solved, notes):
     session = solved.session
     solved.click("Match", within="steps")
     assert session.document.settings == GIVEN
@@ -377,21 +294,7 @@ def test_other_parameters_make_a_result_outdated(solved, notes):
     assert session.document.settings == GIVEN
 
 
-def test_what_was_chosen_is_shown_and_kept(film):
-    """Held-out data choose the norm and sigma; the settings stay automatic."""
-    film.session.editor.set_film(alpha=None, order=None, sigma=None)
-    film.click("Match all frames")
-    film.wait(lambda s: not s.running)
-    document = film.session.document
-    used = document.sequence.parameters
-    assert used.automatic == ("alpha", "order")
-    assert document.settings == FilmSettings()
-    assert not document.is_film_outdated
-    chosen = f"order {used.solver.order}, α {used.alpha:.3g}, σ {document.sequence.sigma:.3g}"
-    assert _chosen(document) == f"chosen: {chosen}"
-
-
-def test_a_click_on_the_plot_of_intervals_goes_there(solved):
+def click_on_the_plot(solved):
     session = solved.session
     solved.click("Match", within="steps")
     solved.click("interval 2")
@@ -406,7 +309,7 @@ def test_a_click_on_the_plot_of_intervals_goes_there(solved):
     assert not session.view.speeds
 
 
-def test_tracks_are_drawn_where_critical_points_go(solved):
+def draw_tracks(solved):
     session, tracks = solved.session, solved.window.shown.tracks
     solved.click("Look", within="steps")
     solved.check("tracks")
@@ -425,7 +328,8 @@ def test_tracks_are_drawn_where_critical_points_go(solved):
     assert not ps.has_surface_mesh("tracks of each spiral")
 
 
-def test_clicked_points_are_followed_through_all_frames_and_lines_follow_the_present_field(solved):
+def follow_points_and_lines(solved):
+    """Points through all frames, lines along the present field."""
     session, quantities = solved.session, solved.window.shown.quantities
     sequence, [vertex] = session.document.sequence, [200]
     solved.click("Look", within="steps")
@@ -451,7 +355,7 @@ def test_clicked_points_are_followed_through_all_frames_and_lines_follow_the_pre
     assert not np.array_equal(quantities.lines()[0].positions, lines[0].positions)
 
 
-def test_two_frames_become_a_match_of_their_own(solved):
+def match_two_frames(solved):
     session, film = solved.session, solved.session.document
     solved.click("Functions", within="steps")
     solved.type("time", "1.5")
@@ -467,7 +371,7 @@ def test_two_frames_become_a_match_of_their_own(solved):
     assert solved.text_of("from frame", kind="box") == "2"
 
 
-def test_projects_sequences_and_movies_of_films_are_written_and_read(solved, tmp_path):
+def write_all_files(solved, tmp_path):
     session, exporter = solved.session, solved.window.exporter
     found = session.document.sequence
     solved.type("time", "1.25")
@@ -559,7 +463,8 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
         np.testing.assert_array_equal(gui.session.document.film.columns[0][0], -FRAMES[0])
 
 
-def test_channels_share_fields_and_vertices_without_values_are_left_out(gui, tmp_path):
+def leave_out_vertices_without_values(gui, tmp_path):
+    """Two channels, which share fields, and two of their frames as a match."""
     frames = np.stack([FRAMES, FRAMES**2], axis=2)
     frames[1, :5] = np.nan
     np.save(tmp_path / "two.npy", frames)
@@ -598,7 +503,8 @@ def test_channels_share_fields_and_vertices_without_values_are_left_out(gui, tmp
     assert (mask == 0).nonzero()[0].tolist() == [0, 1, 2, 3, 4]
 
 
-def test_the_sample_is_ready_to_match_with_and_without_nilearn(gui, monkeypatch):
+def open_the_sample(gui, monkeypatch):
+    """With and without nilearn."""
     gui.menu("Samples", WAVE)
     gui.wait(lambda s: s.document.film is not None)
     document = gui.session.document
@@ -609,22 +515,6 @@ def test_the_sample_is_ready_to_match_with_and_without_nilearn(gui, monkeypatch)
     gui.key("esc")
     monkeypatch.setattr(wave, "find_spec", lambda _: None)
     assert wave.wave_document(gui.session.view).name == "wave on eight.off"
-
-
-def test_both_waves_move_by_the_velocities_that_are_told():
-    directions = DIRECTIONS
-    times, step = np.array([0.3, 0.3 + 1e-6]), 1e-6
-    frames, axes = turning_wave(directions, times)
-    moved = directions - step * np.cross(axes[0], directions)  # what came to each place
-    moved /= np.linalg.norm(moved, axis=1)[:, None]
-    back = turning_wave(moved, times[:1])[0][0]
-    np.testing.assert_allclose((frames[1] - frames[0]) / step, (back - frames[0]) / step, atol=1e-3)
-    mesh = abfm.load_mesh(abfm.assets.asset_path("eight.off"))
-    frames, field = drifting_wave(mesh, np.array([0.0, 0.1]))
-    np.testing.assert_allclose(abfm.advect(mesh, field, frames[0], 0.1), frames[1], atol=1e-9)
-    *others, harmonic = abfm.calculus.helmholtz_hodge(mesh, field)
-    np.testing.assert_allclose(harmonic, field, atol=1e-9)
-    np.testing.assert_allclose(others, 0, atol=1e-9)
 
 
 def test_each_tab_of_a_film_fits_one_screen(tmp_path):

@@ -1,4 +1,4 @@
-"""Match, Pause, Resume, Cancel, and what a match came to, with remedies at one click."""
+"""Tours of the solver's panel: runs by button and key, and the verdict with its remedies."""
 
 from dataclasses import replace
 
@@ -9,12 +9,25 @@ from abfm.matching import Remedy
 from abfm.workers.control import present_control
 from abfm_viewer.computing.match_apart import MatchApart
 from tests.messages import check_message
-from tests.viewer.sessions import ENDLESS, begin, cancel, match
+from tests.viewer.sessions import ENDLESS, SHORT, begin, cancel, match, restart
 
 WINDOW = (640, 480)  # in which no line of the verdict is cut
 
 
-def test_match_runs_to_its_end_and_shows_the_result(gui):
+def test_tour_of_runs(gui):
+    """Match, Pause, Resume, Cancel, restarts on changes, and a start from the current field."""
+    document = gui.session.document
+    run_to_the_end(gui)
+    restart(gui, replace(document, parameters=SHORT))
+    start_from_the_current_field(gui)
+    endless = replace(document, parameters=ENDLESS)
+    for step in (pause_and_resume, restart_on_changes, wait_without_restarts, scrub_during_a_run):
+        restart(gui, endless)
+        begin(gui, 3)
+        step(gui)
+
+
+def run_to_the_end(gui):
     session = gui.session
     assert gui.is_enabled("Match")
     gui.click("Match")
@@ -27,104 +40,89 @@ def test_match_runs_to_its_end_and_shows_the_result(gui):
     assert [gui.is_enabled(label) for label in ("Match", "Pause", "Cancel")] == [True, False, False]
 
 
-def test_pause_holds_the_run_and_resume_goes_on_by_button_and_key(running):
-    solver = running.session.solver
-    running.click("Pause")
-    running.wait(lambda s: s.solver.paused)
+def start_from_the_current_field(gui):
+    match(gui)
+    first = gui.session.result
+    gui.check("Start from the current field")
+    match(gui)
+    again = gui.session.result
+    assert again is not first
+    assert again.energy_history[0, 2] < 0.1 * first.energy_history[0, 2]
+    gui.check("Start from the current field", False)
 
-    def stands_still(_=None):
-        held = solver.snapshot
-        for _ in range(8):
-            running.window.frame()
-        return solver.snapshot is held
 
-    running.wait(stands_still)  # when the evaluation that was under way has ended
-    assert stands_still()
-    held = solver.snapshot
-    running.click("Resume")
-    running.wait(lambda s: s.solver.snapshot is not held)
-    running.wait(lambda s: s.solver.snapshot.iteration.iteration > 5)
-    cancel(running)
-    assert solver.reason == running.session.result.stop_reason == "cancelled"
-    assert len(running.session.result.energy_history) > 5
-    assert running.is_enabled("Match")
-    running.key("ctrl+enter")  # keys do the same
-    assert solver.running
-    running.key("p")
+def pause_and_resume(gui):
+    """By buttons and by keys; the best field of a cancelled run is continued at one click."""
+    solver = gui.session.solver
+    gui.click("Pause")
     assert solver.paused
-    running.key("p")
+    gui.click("Resume")
     assert not solver.paused
-    running.key("esc")
-    running.wait(lambda s: s.solver.finished)
+    gui.wait(lambda s: s.solver.snapshot.iteration.iteration > 5)
+    cancel(gui)
+    result = gui.session.result
+    assert solver.reason == result.stop_reason == "cancelled"
+    assert len(result.energy_history) > 5
+    assert gui.is_enabled("Match")
+    gui.click("Continue", within="verdict")
+    gui.wait(lambda s: s.solver.snapshot is not None)
+    assert solver.snapshot.iteration.residual <= 1.01 * result.residual
+    cancel(gui)
+    gui.key("ctrl+enter")
+    assert solver.running
+    gui.key("p")
+    assert solver.paused
+    gui.key("p")
+    assert not solver.paused
+    gui.key("esc")
+    gui.wait(lambda s: s.solver.finished)
     assert solver.reason == "cancelled"
 
 
-@pytest.mark.parametrize("paused", [False, True])
-def test_a_changed_parameter_restarts_the_run_from_its_field(running, paused):
-    running.wait(lambda s: s.solver.snapshot.iteration.iteration > 3)
-    if paused:
-        running.click("Pause")
-    running.type("sigma", "0.015")
-    if paused:
-        running.click("Resume")
-    running.wait(lambda s: s.solver.snapshot.problem.parameters.sigma == 0.015)
-    assert running.session.solver.run.restarts
-    running.drag("sigma", 0.1)
-    running.drag("alpha", 1.0)
-    running.wait(lambda s: s.solver.snapshot.problem.parameters.alpha == s.parameters.alpha > 0.5)
-    assert running.session.solver.running
-    cancel(running)
-    assert running.session.result.parameters == running.session.parameters
-    assert running.session.parameters.sigma == pytest.approx(0.1, rel=0.2)
-    assert running.session.document.runs[-1].restarts
+def restart_on_changes(gui):
+    """While it is paused and while it goes on."""
+    gui.click("Pause")
+    gui.type("sigma", "0.015")
+    gui.click("Resume")
+    gui.wait(lambda s: s.solver.snapshot.problem.parameters.sigma == 0.015)
+    assert gui.session.solver.run.restarts
+    gui.drag("sigma", 0.1)
+    gui.drag("alpha", 1.0)
+    gui.wait(lambda s: s.solver.snapshot.problem.parameters.alpha == s.parameters.alpha > 0.5)
+    assert gui.session.solver.running
+    cancel(gui)
+    assert gui.session.result.parameters == gui.session.parameters
+    assert gui.session.parameters.sigma == pytest.approx(0.1, rel=0.2)
+    assert gui.session.document.runs[-1].restarts
 
 
-def test_without_restarts_a_changed_parameter_waits_for_the_next_match(running):
-    running.check("Restart on changes", False)
-    running.type("sigma", "0.015")
-    running.frames(10)
-    assert running.session.solver.problem.parameters.sigma != 0.015
-    cancel(running)
-    assert running.session.outdated
+def wait_without_restarts(gui):
+    gui.check("Restart on changes", False)
+    gui.type("sigma", "0.015")
+    gui.frames(10)
+    assert gui.session.solver.problem.parameters.sigma != 0.015
+    cancel(gui)
+    assert gui.session.outdated
+    gui.check("Restart on changes")
 
 
-@pytest.mark.parametrize("text", ["expression:1/0*x", "file:missing.npy"])
-def test_a_function_that_cannot_be_computed_does_not_end_the_run(running, text):
-    solver = running.session.solver
-    problem = solver.problem
-    running.type("spec", text, within="source")
-    running.wait(lambda s: s.error("source"))
-    running.frames(5)
-    assert solver.running
-    assert solver.problem == problem
-    cancel(running)
-    assert not solver.failed, solver.reason
-
-
-def test_the_next_match_can_start_from_the_current_field(matched):
-    first = matched.session.result
-    matched.check("Start from the current field")
-    match(matched)
-    again = matched.session.result
-    assert again is not first
-    assert again.energy_history[0, 2] < 0.1 * first.energy_history[0, 2]
-
-
-def test_scrubbing_and_dragging_go_on_during_a_run(running):
-    running.drag("time", 0.4)
-    assert running.session.time == pytest.approx(0.4, abs=0.01)
-    shown = running.window.shown
-    running.wait(lambda _: shown.busy == "")
+def scrub_during_a_run(gui):
+    gui.drag("time", 0.4)
+    assert gui.session.time == pytest.approx(0.4, abs=0.01)
+    shown = gui.window.shown
+    gui.wait(lambda _: shown.busy == "")
     before = shown.flow.advected().copy()
-    running.drag("time", 1.6)
-    running.wait(lambda _: abs(shown.flow.advected() - before).max() > 0.01)
-    assert running.session.solver.running
+    gui.drag("time", 1.6)
+    gui.wait(lambda _: abs(shown.flow.advected() - before).max() > 0.01)
+    assert gui.session.solver.running
 
 
 # The verdict
 
 
-def set_far_pair(gui, width, **values):
+def far_pair(gui, width, **values):
+    """Functions with disjoint supports."""
+    restart(gui)
     editor = gui.session.editor
     editor.set_spec("source", f"gaussian:x=0,y=0,z=1,width={width}")
     editor.set_spec("target", f"gaussian:x=0.5,y=0,z=-0.87,width={width}")
@@ -132,14 +130,23 @@ def set_far_pair(gui, width, **values):
     gui.wait(lambda s: not s.obstacle)
 
 
-def blindly(gui, **values):
-    """A match of a far pair that looks for nothing far away."""
-    set_far_pair(gui, 0.15, iterations=8, **values)
+def test_tour_of_the_verdict(gui, notes, monkeypatch):
+    """What it reports of results and runs, and each of its buttons."""
+    document = gui.session.document
+    match_an_outdated_result_again(gui, notes)
+    change_parameters_by_remedies(gui)
+    with monkeypatch.context() as patched:
+        report_a_squeezed_source(gui, notes, patched)
+    restart(gui, document)
+    limit_the_distortion(gui)
+    for is_changed in (False, True):
+        restart(gui, document)
+        continue_near_the_end(gui, notes, is_changed)
+
+
+def match_an_outdated_result_again(gui, notes):
+    far_pair(gui, 0.15, iterations=8)
     match(gui)
-
-
-def test_a_result_of_another_problem_says_so_and_offers_a_match(gui, notes):
-    blindly(gui)
     assert not gui.session.outdated
     gui.session.editor.set_parameter(alpha=0.02)
     kinds = dict(notes())
@@ -154,19 +161,28 @@ def test_a_result_of_another_problem_says_so_and_offers_a_match(gui, notes):
     assert "Match again" not in gui.labels()
 
 
-@pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_a_long_verdict_wraps_as_a_whole(gui, notes, scale):
-    blindly(gui, reach=0.0)
-    gui.session.editor.set_view("scale", ui_scale=scale)
-    result, words = gui.session.result, "so many words that no line has room for them " * 4
-    long = replace(result.verdict, reason=f"the residual stayed: {words}")
-    gui.session.editor.amend(result=replace(result, verdict=long))
-    gui.frames(2)
-    assert f"{words[:1].upper()}{words[1:]}." in dict(notes())
+def change_parameters_by_remedies(gui):
+    """Each is a button that changes its parameters and starts a run."""
+    result = gui.session.result
+    for label, parameters in {
+        "Reach further": {"reach": 0.5},
+        "More time": {"iterations": 60},
+        "Smoother": {"alpha": 0.03, "sigma": 0.01},
+        "Refine": {"refine": 1},
+        "Match closer": {"sigma": 0.5},
+    }.items():
+        verdict = replace(result.verdict, remedies=(Remedy(label, "so", parameters),))
+        offered = replace(result, verdict=verdict)
+        gui.session.editor.amend(result=offered, parameters=result.parameters)
+        gui.frames(1)
+        gui.click(label, within="verdict")
+        assert gui.session.solver.running
+        assert gui.session.parameters == replace(result.parameters, **parameters)
+        cancel(gui)
 
 
-def test_a_source_that_is_squeezed_is_told_while_it_runs(gui, notes, monkeypatch):
-    """In a run that is held where it is told; 150 iterations later it finds the target."""
+def report_a_squeezed_source(gui, notes, monkeypatch):
+    """In a run that pauses at its report; 150 iterations later it finds the target."""
 
     def held(apart, problem, on_iteration):
         def post(now):
@@ -177,7 +193,7 @@ def test_a_source_that_is_squeezed_is_told_while_it_runs(gui, notes, monkeypatch
         return abfm.match(problem, on_iteration=post)
 
     monkeypatch.setattr(MatchApart, "match", held)
-    set_far_pair(gui, 0.1, **(ENDLESS.to_dict() | {"max_displacement": 0.1}))
+    far_pair(gui, 0.1, **(ENDLESS.to_dict() | {"max_displacement": 0.1}))
     begin(gui, 19)
     check_message(next(text for text, kind in notes() if kind == "failure"))
     cancel(gui)
@@ -187,18 +203,25 @@ def test_a_source_that_is_squeezed_is_told_while_it_runs(gui, notes, monkeypatch
     assert remedies == ["Reach further", "Continue"]
 
 
-def test_a_match_that_was_cancelled_goes_on_at_one_click(running):
-    running.wait(lambda s: s.solver.snapshot.iteration.iteration > 3)
-    cancel(running)
-    left = running.session.result.residual
-    running.click("Continue", within="verdict")
-    running.wait(lambda s: s.solver.snapshot is not None)
-    assert running.session.solver.snapshot.iteration.residual <= 1.01 * left
+def limit_the_distortion(gui):
+    """Offered after a match that changes areas much."""
+    match(gui)
+    session, found = gui.session, gui.session.result
+    step = replace(found.path[found.step], log2_area=1.0, log2_area_95=2.0)
+    path = (*found.path[: found.step], step, *found.path[found.step + 1 :])
+    session.editor.amend(result=replace(found, path=path))
+    before = session.result
+    gui.click("Match", within="steps")
+    gui.type("distortion", "0.01")
+    gui.click("Limit distortion", "verdict")
+    assert session.bound.busy
+    gui.click("Stop limiting", "verdict")
+    assert not session.bound.busy
+    assert session.result is before
 
 
-@pytest.mark.parametrize("is_changed", [False, True])
-def test_a_match_that_was_cancelled_near_its_end_goes_on_too(gui, notes, is_changed):
-    """Its field matches already, which is no reason to begin anew without a word."""
+def continue_near_the_end(gui, notes, is_changed):
+    """A cancelled match whose field matches already continues from this field."""
     session = gui.session
     match(gui)
     session.editor.amend(parameters=replace(ENDLESS, goal=0.1))  # also after a few iterations
@@ -217,40 +240,3 @@ def test_a_match_that_was_cancelled_near_its_end_goes_on_too(gui, notes, is_chan
     gui.click("Continue", within="verdict")
     gui.wait(lambda s: s.solver.snapshot is not None)
     assert session.solver.snapshot.iteration.residual < 0.5
-
-
-@pytest.mark.parametrize(
-    ("label", "parameters"),
-    [
-        ("More time", {"iterations": 60}),
-        ("Smoother", {"alpha": 0.03, "sigma": 0.01}),
-        ("Refine", {"refine": 1}),
-        ("Match closer", {"sigma": 0.5}),
-    ],
-)
-def test_a_remedy_is_a_button_that_changes_what_it_says_and_starts_a_run(gui, label, parameters):
-    blindly(gui)
-    result = gui.session.result
-    verdict = replace(result.verdict, remedies=(Remedy(label, "so", parameters),))
-    gui.session.editor.amend(result=replace(result, verdict=verdict))
-    gui.frames(1)
-    gui.click(label, within="verdict")
-    assert gui.session.solver.running
-    gui.wait(lambda s: s.solver.finished)
-    assert gui.session.result.parameters == result.parameters.with_values(**parameters)
-
-
-def test_a_match_that_changes_areas_much_offers_to_limit_the_distortion(gui):
-    match(gui)
-    session, found = gui.session, gui.session.result
-    step = replace(found.path[found.step], log2_area=1.0, log2_area_95=2.0)
-    path = (*found.path[: found.step], step, *found.path[found.step + 1 :])
-    session.editor.amend(result=replace(found, path=path))
-    before = session.result
-    gui.click("Match", within="steps")
-    gui.type("distortion", "0.01")
-    gui.click("Limit distortion", "verdict")
-    assert session.bound.busy
-    gui.click("Stop limiting", "verdict")
-    assert not session.bound.busy
-    assert session.result is before

@@ -1,4 +1,4 @@
-"""The time bar: playing, stepping, scrubbing."""
+"""Tour of the time bar: playing, stepping, scrubbing."""
 
 import numpy as np
 import polyscope.imgui as imgui
@@ -6,6 +6,7 @@ import pytest
 
 from abfm_viewer.panels import time_bar
 from tests.messages import check_message
+from tests.viewer.sessions import restart
 
 
 def shown(gui):
@@ -15,7 +16,15 @@ def shown(gui):
     return gui.window.shown.flow.advected().copy()
 
 
-def test_scrubbing_goes_from_the_source_to_the_match_and_beyond(matched):
+def test_tour_of_the_time_bar(matched, monkeypatch):
+    document = matched.session.document
+    for step in (scrub_to_the_match_and_beyond, step_and_play):
+        step(matched)
+        restart(matched, document)
+    keep_the_track_in_sight(matched, monkeypatch)
+
+
+def scrub_to_the_match_and_beyond(matched):
     session = matched.session
     source, result = session.values("source"), session.result
     matched.click("to start")
@@ -35,7 +44,8 @@ def test_scrubbing_goes_from_the_source_to_the_match_and_beyond(matched):
     assert "extrapolated" not in paints["target"].title
 
 
-def test_time_is_dragged_typed_and_stepped_and_playing_repeats_as_it_is_told(matched):
+def step_and_play(matched):
+    """Time is dragged, typed and stepped; playing repeats as chosen."""
     session = matched.session
     for act, time in (
         (lambda: matched.drag("time", 0.3), 0.3),
@@ -87,7 +97,7 @@ def test_time_is_dragged_typed_and_stepped_and_playing_repeats_as_it_is_told(mat
     assert matched.session.time == 2
 
 
-def test_the_track_stays_in_sight_under_the_mouse(matched, monkeypatch):
+def keep_the_track_in_sight(matched, monkeypatch):
     alphas, places, shown = [], [], []
     slider = imgui.SliderFloat
     frames = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)

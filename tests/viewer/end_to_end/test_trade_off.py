@@ -1,4 +1,4 @@
-"""The trade-off: a click on the curve shows a step of the path, which files and undo keep."""
+"""Tour of the trade-off: a click on the curve shows a step, which files and undo keep."""
 
 import csv
 import threading
@@ -16,17 +16,30 @@ from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.scene.annotations import _titles
 from abfm_viewer.shown.shown_flow import FlowState
 from tests.messages import check_message
-from tests.viewer.sessions import stepped
+from tests.viewer.sessions import restart, stepped
 
 WINDOW = (1000, 700)  # where the curve is seen as a whole
 
 
-@pytest.fixture
-def walked(matched):
-    """The app with a match that has a path of three steps."""
-    matched.session.editor.amend(result=stepped(matched.session.result))
-    matched.window.ui.open_tab = "Match"
-    return matched
+def test_tour_of_the_trade_off(matched, tmp_path, monkeypatch):
+    """With a path of three steps."""
+    gui = matched
+    gui.session.editor.amend(result=stepped(gui.session.result))
+    gui.window.ui.open_tab = "Match"
+    document = gui.session.document
+    for step in (choose_steps, limit_the_distortion, stop_limiting):
+        restart(gui, document)
+        step(gui)
+    for held in ((Match, "at_step"), (FlowState, "carry")):
+        restart(gui, document)
+        with monkeypatch.context() as patched:
+            dim_the_surface_until_the_step_is_shown(gui, patched, held)
+    restart(gui, document)
+    with monkeypatch.context() as patched:
+        report_save_and_export(gui, tmp_path, patched)
+    restart(gui, document)
+    gui.click("Match", within=STEPS)
+    plot_iterations_or_steps_of_a_run(gui, monkeypatch)
 
 
 def is_at(gui, step):
@@ -38,7 +51,8 @@ def is_at(gui, step):
     np.testing.assert_array_equal(gui.window.shown.flow.advected(), at.advected[:, 0])
 
 
-def test_clicks_keys_and_the_list_choose_a_step_and_one_click_goes_back(walked):
+def choose_steps(walked):
+    """By clicks, keys and the list; one click goes back."""
     for step in (0, 1):
         walked.click(f"step {step + 1}")
         is_at(walked, step)
@@ -60,8 +74,7 @@ def titles(gui):
     return {name: title for name, title, _ in _titles(gui.window.scene)}
 
 
-@pytest.mark.parametrize("held", [(Match, "at_step"), (FlowState, "carry")])
-def test_the_surface_is_dimmed_until_it_shows_the_chosen_step(walked, monkeypatch, held):
+def dim_the_surface_until_the_step_is_shown(walked, monkeypatch, held):
     may_end, scene = threading.Event(), walked.window.scene
     walked.session.set_time(0.5 * walked.session.tau)
     walked.wait(lambda _: not walked.window.shown.busy and walked.window.shown.flow.settled)
@@ -95,7 +108,7 @@ def test_the_surface_is_dimmed_until_it_shows_the_chosen_step(walked, monkeypatc
     np.testing.assert_allclose(now, expected, atol=1e-6)
 
 
-def test_what_is_chosen_is_said_saved_and_exported(walked, tmp_path, monkeypatch):
+def report_save_and_export(walked, tmp_path, monkeypatch):
     shown = []
     monkeypatch.setattr("polyscope.imgui.SetTooltip", shown.append)
     walked.hover("step 3")
@@ -122,9 +135,7 @@ def test_what_is_chosen_is_said_saved_and_exported(walked, tmp_path, monkeypatch
     assert (document.result.step, len(document.result.path), document.chosen) == (0, 3, 2)
 
 
-def test_a_run_shows_its_iterations_and_then_its_steps_unless_the_user_wants_the_other(
-    walked, monkeypatch
-):
+def plot_iterations_or_steps_of_a_run(walked, monkeypatch):
     session = walked.session
     assert "trade-off plot" in walked.labels()
     walked.click("iterations")
@@ -158,7 +169,7 @@ def test_a_run_shows_its_iterations_and_then_its_steps_unless_the_user_wants_the
     walked.wait(lambda s: s.document.chosen is not None)
 
 
-def test_the_distortion_is_limited_and_undo_goes_back(walked):
+def limit_the_distortion(walked):
     session, before = walked.session, walked.session.result
     found = before.distortion()
     most = float(f"{0.7 * max(found.log2_area.p95, found.log2_shape.p95):.3g}")
@@ -181,7 +192,7 @@ def test_the_distortion_is_limited_and_undo_goes_back(walked):
     assert session.result is before
 
 
-def test_a_search_for_less_distortion_is_stopped_or_ends_with_its_result(walked):
+def stop_limiting(walked):
     session, before = walked.session, walked.session.result
     walked.type("distortion", "0.01")
     for _ in range(5):

@@ -1,24 +1,22 @@
-"""Surface A is registered to surface B in the window."""
+"""Tours of two surfaces: opening, the initial map, the match, labels and files."""
 
-import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-import abfm
 from abfm.functions import read_labels
 from abfm.io import write_labels
 from abfm.reading.labels import Labels
 from abfm_viewer.automation import Driver
-from abfm_viewer.document.document import Channel, Point
+from abfm_viewer.document.document import Channel
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.panels.right_panel import TABS
 from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere
-from tests.viewer.sessions import SIZE, match
+from tests.viewer.sessions import SHORT, SIZE, match, restart
 
 NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.3"
 
@@ -39,14 +37,28 @@ def gui(files):
     with Driver((files["egg"], files["ball"]), size=(SIZE[0], 600)) as gui:
         gui.window.dialogs.folder = files["egg"].parent
         view = replace(gui.session.view, flow_after_match=False)
-        short = gui.session.parameters.with_values(iterations=20, cooling_stages=1, refine=0)
-        gui.session.editor.amend(view=view, parameters=short)
+        gui.session.editor.amend(view=view, parameters=SHORT)
         gui.wait(lambda s: not s.obstacle)
         yield gui
         assert not gui.errors
 
 
-def test_a_second_surface_is_closed_and_opened_and_undo_goes_back(gui, files):
+def test_tour_of_two_surfaces(gui, files, notes):
+    """Both are opened, mapped and matched; labels of A go to B; all is saved."""
+    document, folder = gui.session.document, files["egg"].parent
+    close_and_open_b(gui, files)
+    restart(gui, document)
+    choose_the_initial_map(gui, files, notes)
+    restart(gui, document)
+    match_a_to_b(gui, notes)
+    for step in (save_and_open, show_and_carry_labels):
+        restart(gui, document)
+        step(gui, folder)
+    restart(gui, document)
+    drop_both(gui, files)
+
+
+def close_and_open_b(gui, files):
     session = gui.session
     egg, source = session.surface("source").mesh, session.active.source
     ball = session.surface().mesh
@@ -75,7 +87,7 @@ def test_a_second_surface_is_closed_and_opened_and_undo_goes_back(gui, files):
     assert not session.saves.unsaved
 
 
-def test_two_meshes_that_are_dropped_are_a_and_b(gui, files):
+def drop_both(gui, files):
     session, before = gui.session, gui.session.document.identity
     gui.window._dropped([str(files["ball"]), str(files["egg"])])
     gui.wait(lambda s: s.document.identity is not before and s.document.is_pair)
@@ -95,7 +107,7 @@ def ends_on(gui, surface):
     return gui.window.scene.projected(surface, gui.session.surface(surface).mesh.vertices)[:, :2]
 
 
-def test_the_initial_map_is_chosen_and_seen(gui, files, notes):
+def choose_the_initial_map(gui, files, notes):
     session, ball = gui.session, files["ball"]
     assert gui.text_of("initial map") == "automatic"
     gui.choose("initial map", "spheres")
@@ -147,7 +159,7 @@ def test_the_initial_map_is_chosen_and_seen(gui, files, notes):
     assert session.document.initial == "closest:mirror"
 
 
-def test_a_is_matched_to_b_and_its_function_goes_there(gui, notes):
+def match_a_to_b(gui, notes):
     session = gui.session
     session.editor.change("functions", channels=(Channel(NEAR, FAR),))
     gui.wait(lambda s: not s.obstacle)
@@ -184,7 +196,8 @@ def test_a_is_matched_to_b_and_its_function_goes_there(gui, notes):
     gui.wait(lambda s: not s.outdated)
 
 
-def test_it_is_saved_as_project_and_registration_and_opened_again(gui, tmp_path):
+def save_and_open(gui, folder):
+    """A project and a registration."""
     session = gui.session
     session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
     gui.wait(lambda s: not s.obstacle)
@@ -206,7 +219,7 @@ def test_it_is_saved_as_project_and_registration_and_opened_again(gui, tmp_path)
     gui.key("ctrl+z")
     for name in ("pair.abfm", "pair.npz"):
         before = session.document.identity
-        gui.window.files.open(tmp_path / name)
+        gui.window.files.open(folder / name)
         gui.wait(lambda s, before=before: s.document.identity is not before and not s.obstacle)
         gui.wait(lambda _: "advected" in gui.window.scene.paints)
         opened = session.document
@@ -235,25 +248,11 @@ def test_its_tabs_fit_one_screen(files):
             assert gui.window.ui.hidden_heights[f"/{tab}"] == 0
 
 
-def test_a_distortion_that_the_initial_map_exceeds_is_said_and_changes_nothing(gui):
-    session = gui.session
-    session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
-    gui.wait(lambda s: not s.obstacle)
-    match(gui)
-    before = session.result
-    session.bound.most = 0.05
-    session.bound.look()
-    gui.wait(lambda s: not s.bound.busy)
-    assert session.result is before
-    told = session.notices.log[-1]
-    check_message(told.text, "0.05")
-
-
-def test_labels_are_shown_carried_saved_and_kept_in_projects(gui, tmp_path):
+def show_and_carry_labels(gui, folder):
     session = gui.session
     on_a = session.surface("source").mesh
     keys = np.where(on_a.vertices[:, 0] > 0, 3, 8)
-    write_labels(tmp_path / "halves.label.gii", Labels(keys, {3: "front", 8: "back"}))
+    write_labels(folder / "halves.label.gii", Labels(keys, {3: "front", 8: "back"}))
     gui.choose("color by", "labels")
     gui.double_click("halves.label.gii")
     gui.wait(lambda _: gui.window.scene.paints["source"].kind == "colors")
@@ -281,50 +280,16 @@ def test_labels_are_shown_carried_saved_and_kept_in_projects(gui, tmp_path):
     gui.click("Save carried labels...")
     gui.type("file name", "carried.label.gii")
     gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
-    found = read_labels(tmp_path / "carried.label.gii")
+    found = read_labels(folder / "carried.label.gii")
     assert_array_equal(found.values, session.registration.carry_labels(keys, "area"))
     assert found.names == {3: "front", 8: "back"}
-    save_project(tmp_path / "p.abfm", session.document, {})
-    again = load_project(tmp_path / "p.abfm")[0]
+    save_project(folder / "p.abfm", session.document, {})
+    again = load_project(folder / "p.abfm")[0]
     assert again.labels.names == table.names
     assert_array_equal(again.labels.values, table.values)
-    (tmp_path / "few.label.gii").write_bytes(b"none")
+    (folder / "few.label.gii").write_bytes(b"none")
     gui.click("Look")
     gui.click("Open labels...")
     gui.double_click("few.label.gii")
     assert session.document.labels is table
     assert "few.label.gii" in session.notices.log[-1].text
-
-
-def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(gui, monkeypatch):
-    session, prepare, may_go_on = gui.session, abfm.registration.prepare, threading.Event()
-    gui.choose("initial map", "same connectivity")
-    gui.wait(lambda s: not s.obstacle)
-
-    def late(*given, **named):
-        may_go_on.wait(10)
-        return prepare(*given, **named)
-
-    monkeypatch.setattr(abfm.registration, "prepare", late)
-    session.editor.place_landmark("source", Point(0, (1.0, 0.0, 0.0)))
-    session.editor.place_landmark("target", Point(9, (1.0, 0.0, 0.0)))
-    gui.frames(2)
-    spec = session.problem
-    assert len(spec.landmarks) == 1
-    assert spec.initial.landmarks == ()  # so that its result is outdated
-    assert not spec.initial.is_for(session.document)
-    may_go_on.set()
-    gui.wait(lambda s: not s.obstacle)
-    assert session.problem.initial.is_for(session.document)
-
-
-def test_saved_registrations_have_functions_of_a(gui, tmp_path):
-    session = gui.session
-    session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
-    gui.wait(lambda s: not s.obstacle)
-    match(gui)
-    functions = session.registration.functions
-    assert_allclose(functions[:, 0], session.values("source"))
-    save_project(tmp_path / "p.abfm", session.document, {})
-    again = load_project(tmp_path / "p.abfm")[0]
-    assert_array_equal(again.initial_map.functions, functions)

@@ -1,6 +1,4 @@
-"""Seeing surfaces large, from other sides, without some of them, and in other ways, by mouse,
-menu and keys.
-"""
+"""Tours of views: surfaces large, from other sides, hidden, by mouse, menu and keys."""
 
 import threading
 import time
@@ -23,7 +21,7 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.actions import AXES, axis_front
 from tests.messages import check_message, raises
 from tests.shapes import torus
-from tests.viewer.sessions import match
+from tests.viewer.sessions import begin, match, restart
 
 SURFACES = ("source", "advected", "target")
 
@@ -42,7 +40,30 @@ def picture(gui, folder):
     return np.asarray(Image.open(folder / "a.png").convert("RGB"), int)[top:bottom, left:right]
 
 
-def test_a_double_click_shows_one_surface_large_and_another_or_escape_all_again(running):
+def test_tour_of_views(gui, monkeypatch, tmp_path):
+    document = gui.session.document
+    face_the_functions(gui)
+    for visit in (turn_and_pick, reset_and_look_from_axes, see_a_finer_mesh):
+        restart(gui, document)
+        gui.key("r")
+        visit(gui)
+    for visit in (switch_wireframe_and_flat_shading, hide_and_show_surfaces):
+        restart(gui, document)
+        gui.key("r")
+        visit(gui, tmp_path)
+    restart(gui, document)
+    see_a_mesh_at_once(gui, monkeypatch, tmp_path)
+
+
+def test_tour_of_escape(running):
+    """Escape ends what is in front first, and the run last."""
+    show_one_surface_large(running)
+    begin(running)
+    escape_a_menu_before_the_run(running)
+
+
+def show_one_surface_large(running):
+    """By a double click; another one or Escape shows all again."""
     gui, scene, moves = running, running.window.scene, running.session.editor.moves
     point_at(gui, "target")
     gui.input.click(2)
@@ -66,7 +87,7 @@ def test_a_double_click_shows_one_surface_large_and_another_or_escape_all_again(
     gui.wait(lambda s: s.solver.finished)
 
 
-def test_escape_closes_a_menu_or_a_list_and_leaves_the_run(running):
+def escape_a_menu_before_the_run(running):
     for label, kind in (("View", "menu"), ("Samples", "menu"), ("size", "combo")):
         running.click("Export", within=STEPS)
         running.click(label)
@@ -79,7 +100,9 @@ def test_escape_closes_a_menu_or_a_list_and_leaves_the_run(running):
     running.wait(lambda s: s.solver.finished)
 
 
-def test_a_drag_beside_a_surface_leaves_it_upright_and_picks_are_right_wherever_it_is_turned(gui):
+def turn_and_pick(gui):
+    """A drag next to a surface leaves it upright; picks are right wherever it is turned."""
+
     def upright():
         view = gui.window.scene.view
         return view.rotation @ view.upright
@@ -111,7 +134,8 @@ def test_a_drag_beside_a_surface_leaves_it_upright_and_picks_are_right_wherever_
                 assert off < 1.0
 
 
-def test_reset_is_a_step_a_drag_is_none_and_undo_returns_from_axes_looked_from_by_menu_and_key(gui):
+def reset_and_look_from_axes(gui):
+    """Each is a step of undo, a drag is none."""
     steps, scene, (x, y) = gui.session.editor.moves, gui.window.scene, middle(gui, "source")
     before = scene.look
     gui.input.drag((x, y), (x + 60, y + 30))
@@ -145,7 +169,7 @@ def test_reset_is_a_step_a_drag_is_none_and_undo_returns_from_axes_looked_from_b
             assert gui.session.view.look == turned
 
 
-def test_wireframe_and_flat_shading_come_and_go(gui, tmp_path):
+def switch_wireframe_and_flat_shading(gui, tmp_path):
     for label, name, key in (("Wireframe", "wireframe", "w"), ("Flat shading", "flat", "f")):
         before = picture(gui, tmp_path)
         gui.menu("View", label)
@@ -159,7 +183,8 @@ def test_wireframe_and_flat_shading_come_and_go(gui, tmp_path):
             assert getattr(gui.session.view, name) is expected
 
 
-def test_a_match_of_a_finer_mesh_is_seen_there_and_clicked_on_the_mesh_itself(gui):
+def see_a_finer_mesh(gui):
+    """Clicks are on the mesh itself."""
     session, own = gui.session, gui.session.surface().mesh
     session.editor.set_parameter(refine=0)
     match(gui)
@@ -180,7 +205,7 @@ def test_a_match_of_a_finer_mesh_is_seen_there_and_clicked_on_the_mesh_itself(gu
     gui.wait(lambda s: sizes() == {len(own.faces)})  # the match is no longer of what is shown
 
 
-def test_surfaces_are_hidden_and_shown_by_menu_and_keys(gui, tmp_path):
+def hide_and_show_surfaces(gui, tmp_path):
     scene, notices, before = gui.window.scene, gui.session.notices, picture(gui, tmp_path)
     for name in SURFACES:
         gui.menu("View", "Surfaces", name)
@@ -218,7 +243,7 @@ def test_surfaces_are_hidden_and_shown_by_menu_and_keys(gui, tmp_path):
         assert name in scene.shown
 
 
-def test_a_mesh_is_seen_at_once_and_stays_as_it_appears(gui, monkeypatch, tmp_path):
+def see_a_mesh_at_once(gui, monkeypatch, tmp_path):
     """Grey, while a card says what is computed; then its functions come, and nothing turns."""
     may_go_on, session, scene = threading.Event(), gui.session, gui.window.scene
 
@@ -257,7 +282,7 @@ def test_a_mesh_is_seen_at_once_and_stays_as_it_appears(gui, monkeypatch, tmp_pa
     assert not session.saves.unsaved
 
 
-def test_functions_of_its_own_decide_how_a_mesh_is_seen(gui):
+def face_the_functions(gui):
     """Of a project, or a figure of the paper."""
     session, before = gui.session, gui.window.scene.view.rotation[2]
     behind = int(np.argmin(session.surface().mesh.vertices @ before))

@@ -8,7 +8,7 @@ from abfm_viewer.document.gaussians import gaussians
 from abfm_viewer.session import active_gaussian
 from abfm_viewer.widgets.toolkit import Ui
 from tests.messages import check_message
-from tests.viewer.sessions import EGG, opened
+from tests.viewer.sessions import EGG, opened, restart
 
 TWO = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
 
@@ -86,7 +86,30 @@ def spec(gui, side="source"):
     return gui.session.active.spec(side)
 
 
-def test_what_is_refused_leaves_the_function_and_stays_to_be_mended(gui, monkeypatch):
+def test_tour_of_function_texts(gui, tmp_path, monkeypatch):
+    """Refused texts, families, widgets that change the text, and vertex maps."""
+    document = gui.session.document
+    with monkeypatch.context() as patched:
+        refuse_texts(gui, patched)
+    for step in (reach_families_from_a_gaussian, change_texts_by_widgets):
+        restart(gui, document)
+        step(gui)
+    restart(gui, document)
+    keep_the_vertex_map(gui, tmp_path)
+
+
+def test_tour_of_the_mouse_on_surfaces(gui, monkeypatch):
+    document = gui.session.document
+    drag_a_gaussian(gui)
+    restart(gui, document)
+    with monkeypatch.context() as patched:
+        turn_the_wheel_twice(gui, patched)
+    restart(gui, document)
+    place_points(gui)
+
+
+def refuse_texts(gui, monkeypatch):
+    """A refused text leaves the function and stays to be corrected."""
     notes, note, before = [], Ui.note, gui.session.channels
 
     def heard(ui, text, kind="muted"):
@@ -113,7 +136,7 @@ def test_what_is_refused_leaves_the_function_and_stays_to_be_mended(gui, monkeyp
     assert gui.text_of("spec", within="source") == before[0].source
 
 
-def test_a_gaussian_is_added_in_one_step_and_every_family_can_be_reached_from_it(gui):
+def reach_families_from_a_gaussian(gui):
     session, before = gui.session, gui.session.document
     gui.click("Add Gaussian", within="target")
     assert active(session) == ("target", 1)
@@ -142,7 +165,8 @@ def test_a_gaussian_is_added_in_one_step_and_every_family_can_be_reached_from_it
     assert gaussians(spec(gui, "target"))[0].vertex == (highest,)
 
 
-def test_widgets_change_what_the_text_says_and_channels_of_one_kind_can_be_told_apart(gui):
+def change_texts_by_widgets(gui):
+    """Channels of one kind have different labels."""
     gui.type("spec", "gaussian:vertex=3 + coordinate:x + gaussian:vertex=5", within="source")
     assert gui.text_of("family", within="source") == "several terms"
     gui.click("bump 2", within="source")
@@ -185,7 +209,7 @@ def test_widgets_change_what_the_text_says_and_channels_of_one_kind_can_be_told_
     ]
 
 
-def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
+def keep_the_vertex_map(gui, tmp_path):
     order = np.roll(np.arange(len(EGG.vertices)), 1)
     np.savetxt(tmp_path / "order 1.txt", order, fmt="%d")
     np.save(tmp_path / "values.npy", EGG.vertices[:, 0])
@@ -221,7 +245,7 @@ def front(gui):
     return int(np.argmax(EGG.vertices @ np.array(gui.session.surface().front.direction)))
 
 
-def test_a_drag_is_one_step_and_without_a_gaussian_or_shift_does_what_it_should(gui):
+def drag_a_gaussian(gui):
     session, scene, vertex = gui.session, gui.window.scene, front(gui)
     before, look, moved = session.channels, scene.look, session.editor.moves
     path = [vertex, *neighbours(vertex)[:2]]
@@ -251,7 +275,7 @@ def test_a_drag_is_one_step_and_without_a_gaussian_or_shift_does_what_it_should(
     assert session.channels == before
 
 
-def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
+def turn_the_wheel_twice(gui, monkeypatch):
     def width():
         return gaussians(spec(gui, "target"))[0].width
 
@@ -271,7 +295,7 @@ def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
     assert width() == before
 
 
-def test_a_click_places_a_point_and_a_drag_does_not(gui):
+def place_points(gui):
     session, vertex = gui.session, front(gui)
 
     def placed():

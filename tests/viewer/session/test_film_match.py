@@ -1,4 +1,4 @@
-"""A film's match whose process ends before it does."""
+"""A sequence's match: killed and cancelled runs resume, and the session takes their results."""
 
 import os
 import signal
@@ -13,8 +13,13 @@ from abfm.sequences import defaults
 from abfm.sequences.frames import checked
 from abfm_viewer.document.document import Document, Surface
 from abfm_viewer.document.film import Film, FilmSettings
+from abfm_viewer.panels.film import _chosen
 from abfm_viewer.session.film_match import FilmMatch
-from tests.viewer.sessions import SPHERE, until
+from tests.messages import check_names
+from tests.shapes import icosphere
+from tests.viewer.sessions import until
+
+SPHERE = icosphere(2)
 
 TURNED = [SPHERE.vertices[:, 0] * np.cos(a) + SPHERE.vertices[:, 1] * np.sin(a) for a in range(24)]
 FRAMES = np.array([np.exp(2 * each) for each in TURNED])
@@ -119,3 +124,68 @@ def test_without_a_place_nothing_is_kept(tmp_path, monkeypatch):
     assert 0 < ended(match).found.solved.sum() < 23
     assert not any(tmp_path.iterdir())
     match.close()
+
+
+@pytest.fixture
+def film(session, tmp_path):
+    """A session on a sequence of many frames."""
+    session.film_match.beside = lambda document: tmp_path / "copy.abfm"
+    angles = 0.1 * np.arange(120)[:, None]
+    x, y, _ = SPHERE.vertices.T
+    frames = np.exp(2 * (x * np.cos(angles) + y * np.sin(angles)))
+    many = replace(DOCUMENT.film, frames=checked(SPHERE, frames, None, None, None))
+    session.restore(replace(DOCUMENT, film=many), {}, None)
+    return session
+
+
+def cancelled(session, when):
+    """Cancel a run at a condition, and return the sequence and the report."""
+    session.match()
+    until(lambda: when(session), session)
+    session.cancel()
+    until(lambda: not session.running, session)
+    return session.document.sequence, session.notices.latest.text
+
+
+def test_cancelled_runs_keep_their_fields_and_earlier_results(film):
+    def found(count):
+        return lambda session: session.film_match.found(session.document) > count
+
+    sequence, told = cancelled(film, lambda session: session.film_match.running)
+    assert (sequence, told) == (None, "cancelled: 0 of 119 intervals found")
+    first, told = cancelled(film, found(1))
+    solved = first.solved.tolist()
+    count = sum(solved)
+    assert solved == [True] * count + [False] * (119 - count)
+    for interval, is_found in enumerate(solved):
+        field = film.film_match.field(film.document, interval)
+        assert (field is not None) == is_found == bool(first.velocity[interval].any())
+    check_names(told, "cancelled", count, 119)
+    second, told = cancelled(film, found(count))  # it resumes
+    now = int(second.solved.sum())
+    assert now > count
+    check_names(told, "cancelled", now, 119, count)
+    film.undo()
+    assert film.document.sequence is first
+    film.redo()
+    assert film.document.sequence is second
+    film.editor.set_film(alpha=2.0)  # with which nothing was found
+    third, told = cancelled(film, lambda session: session.film_match.running)
+    again = 0 if third is second else int(third.solved.sum())
+    assert again < now
+    check_names(told, "cancelled", again, 119)
+
+
+def test_chosen_settings_are_shown_and_stay_automatic(session):
+    """Held-out data choose the norm and sigma."""
+    few = replace(DOCUMENT.film, frames=checked(SPHERE, FRAMES[:5], None, None, None))
+    session.restore(replace(DOCUMENT, film=few, settings=FilmSettings()), {}, None)
+    session.match()
+    until(lambda: not session.running, session)
+    document = session.document
+    used = document.sequence.parameters
+    assert used.automatic == ("alpha", "order")
+    assert document.settings == FilmSettings()
+    assert not document.is_film_outdated
+    chosen = f"order {used.order}, α {used.alpha:.3g}, σ {document.sequence.sigma:.3g}"
+    assert _chosen(document) == f"chosen: {chosen}"

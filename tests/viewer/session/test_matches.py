@@ -141,6 +141,17 @@ def test_undo_does_not_leave_a_mesh_that_is_being_matched(session):
     assert session.saves.unsaved_documents[-1].result is found
 
 
+@pytest.mark.parametrize("text", ["expression:1/0*x", "file:missing.npy"])
+def test_unknown_functions_do_not_end_a_run(endless, text):
+    solver = solving(endless).solver
+    problem = solver.problem
+    endless.editor.set_spec("source", text)
+    until(lambda: endless.error("source"), endless)
+    assert (solver.running, solver.problem) == (True, problem)
+    end_run(endless)
+    assert not solver.failed, solver.reason
+
+
 def test_a_run_that_fails_leaves_its_best_field(endless, monkeypatch):
     endless.editor.amend(parameters=ENDLESS.with_values(levels=1))
     solving(endless)

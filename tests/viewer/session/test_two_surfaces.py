@@ -1,23 +1,24 @@
 """A session on two surfaces, without a window."""
 
+import threading
 import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
 from abfm import Parameters, ResultError
 from abfm.registration import MEASURED
-from abfm_viewer.document.document import Channel, Document, Surface
+from abfm_viewer.document.document import Channel, Document, Point, Surface
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
 from tests.messages import check_message, raises
 from tests.shapes import ellipsoid, icosphere
 from tests.spare_processes import spared
-from tests.viewer.sessions import ready, until
+from tests.viewer.sessions import QUICK, ready, until
 
 A, B = ellipsoid(2, 1.0, 0.7, 0.55), icosphere(2, 10.0)
 SURFACES = Surface(A, "a.off"), Surface(B, "b.off")
@@ -119,3 +120,54 @@ def test_a_project_of_two_surfaces_keeps_all_and_tells_what_it_lacks(pair, tmp_p
                     cut.writestr(name, whole.read(name))
         with raises(ResultError, missing):
             load_project(tmp_path / "q.abfm")
+
+
+NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.3"
+
+
+@pytest.fixture
+def registered(pair):
+    """A session after a match that begins with the same connectivity."""
+    channels = (Channel(NEAR, FAR),)
+    pair.editor.amend(parameters=QUICK, channels=channels, initial="connectivity")
+    return matched(ready(pair))
+
+
+def test_distortion_of_the_initial_map_changes_nothing(registered):
+    """A bound that the initial map exceeds is only reported."""
+    before = registered.result
+    registered.bound.most = 0.05
+    registered.bound.look()
+    until(lambda: not registered.bound.busy, registered)
+    assert registered.result is before
+    check_message(registered.notices.log[-1].text, "0.05")
+
+
+def test_saved_registrations_have_functions_of_a(registered, tmp_path):
+    functions = registered.registration.functions
+    assert_allclose(functions[:, 0], registered.values("source"))
+    save_project(tmp_path / "p.abfm", registered.document, {})
+    again = load_project(tmp_path / "p.abfm")[0]
+    assert_array_equal(again.initial_map.functions, functions)
+
+
+def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, monkeypatch):
+    prepare, may_go_on = abfm.registration.prepare, threading.Event()
+    pair.editor.set_initial("connectivity")
+    ready(pair)
+
+    def late(*given, **named):
+        may_go_on.wait(10)
+        return prepare(*given, **named)
+
+    monkeypatch.setattr(abfm.registration, "prepare", late)
+    pair.editor.place_landmark("source", Point(0, (1.0, 0.0, 0.0)))
+    pair.editor.place_landmark("target", Point(9, (1.0, 0.0, 0.0)))
+    pair.update()
+    spec = pair.problem
+    assert len(spec.landmarks) == 1
+    assert spec.initial.landmarks == ()  # so that its result is outdated
+    assert not spec.initial.is_for(pair.document)
+    may_go_on.set()
+    ready(pair)
+    assert pair.problem.initial.is_for(pair.document)

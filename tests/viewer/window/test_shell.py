@@ -20,7 +20,7 @@ from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.processes import python
 from tests.shapes import icosphere
-from tests.viewer.sessions import SIZE
+from tests.viewer.sessions import SIZE, restart
 
 SMALL = icosphere(1)
 
@@ -65,7 +65,25 @@ def idle(gui):
 # Shortcuts
 
 
-def test_files_are_saved_and_matches_start_with_what_is_being_typed(gui, tmp_path):
+def test_tour_of_keys_and_dialogs(gui, mesh_file, tmp_path, monkeypatch, capsys):
+    """Typing, opening by path, keys and drop, long folders, errors, and pauses between frames."""
+    document = gui.session.document
+    open_by_path_keys_and_drop(gui, mesh_file, tmp_path)
+    restart(gui, document)
+    fail_after_a_dialog(gui, mesh_file, capsys)
+    restart(gui, document)
+    use_what_is_being_typed(gui, tmp_path)
+    for bare, rest in ((None, 0.002), (0.0, 0.07)):
+        with monkeypatch.context() as patched:
+            draw_half_of_the_time(gui, patched, bare, rest)
+    with monkeypatch.context() as patched:
+        list_ten_thousand_files(gui, patched)
+    restart(gui, document)
+    type_into_boxes(gui)
+
+
+def use_what_is_being_typed(gui, tmp_path):
+    """By saving and by matching."""
     gui.window.files.save(tmp_path / "first.abfm")
     idle(gui)
     gui.type("tau", "3", enter=False)
@@ -83,7 +101,8 @@ def test_files_are_saved_and_matches_start_with_what_is_being_typed(gui, tmp_pat
     assert gui.errors == {}
 
 
-def test_keys_typed_into_a_box_do_nothing_else(gui):
+def type_into_boxes(gui):
+    """Keys do nothing else there."""
     theme = gui.session.view.theme
     gui.key("ctrl+shift+s")
     gui.frames(3)
@@ -106,7 +125,7 @@ def test_keys_typed_into_a_box_do_nothing_else(gui):
 # Dialogs
 
 
-def test_a_mesh_is_opened_by_path_or_keys_and_dropped_or_refused(gui, mesh_file, tmp_path):
+def open_by_path_keys_and_drop(gui, mesh_file, tmp_path):
     gui.key("ctrl+o")
     gui.frames(3)
     gui.type("folder", str(tmp_path / "nowhere.off"))
@@ -134,7 +153,7 @@ def test_a_mesh_is_opened_by_path_or_keys_and_dropped_or_refused(gui, mesh_file,
     assert gui.window.files.state.recent() == [mesh_file]
 
 
-def test_ten_thousand_files_do_not_slow_the_window_down(gui, monkeypatch):
+def list_ten_thousand_files(gui, monkeypatch):
     """Frames have no more to do than with a thousand, of which they draw a part as well."""
     lines = []
     for count in (1_000, 10_000):
@@ -166,7 +185,7 @@ def lines_run(work):
     return count
 
 
-def test_an_error_after_a_dialog_is_shown_and_the_window_lives(gui, mesh_file, capsys):
+def fail_after_a_dialog(gui, mesh_file, capsys):
     gui.window.dialogs.open("Open", (".off",), lambda path: 1 / 0)
     gui.wait(lambda s: mesh_file.name in gui.labels())
     gui.click(mesh_file.name)
@@ -233,8 +252,8 @@ def test_a_damaged_copy_is_told_once(state, launched):
 # Launch
 
 
-@pytest.mark.parametrize(("bare", "rest"), [(None, 0.002), (0.0, 0.07)])
-def test_a_window_that_waits_for_functions_draws_half_of_the_time(gui, monkeypatch, bare, rest):
+def draw_half_of_the_time(gui, monkeypatch, bare, rest):
+    """While the window waits for functions."""
     now, slept = [100.0], []
 
     def draw():
@@ -246,6 +265,7 @@ def test_a_window_that_waits_for_functions_draws_half_of_the_time(gui, monkeypat
     monkeypatch.setattr(window, "time", clock)
     gui.window._moved_at = now[0]
     gui.window.frame()
+    gui.session.functions.bare_since = None
     assert slept == [pytest.approx(rest)]
 
 
