@@ -11,10 +11,8 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
+from runpy import run_module
 from typing import Any, NamedTuple, TypeVar
-
-from abfm_viewer.cli import main as abfm
-from abfm_viewer.cli.options import processes
 
 Cells = Sequence[str]
 Report = dict[str, Any]
@@ -59,8 +57,6 @@ def main(
 
     Parameters
     ----------
-    description : str
-        The module's docstring.
     tables : function
         Returns the tables by name from the options; only the rows of requested tables are computed.
     required, **options : str
@@ -72,7 +68,7 @@ def main(
     for name, about in {**(required or {}), **options}.items():
         is_required = name not in options
         parser.add_argument(f"--{name}", help=about, type=Path, required=is_required)
-    parser.add_argument("--jobs", type=processes, help="number of processes (default: all cores)")
+    parser.add_argument("--jobs", type=int, help="number of processes (default: all cores)")
     parser.add_argument("--only", nargs="+", metavar="TABLE", help="compute only these tables")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="replace the tables of a page")
     arguments = parser.parse_args()
@@ -103,7 +99,8 @@ def put_between(page: Path, name: str, text: str) -> None:
 
 def bench(*words: str) -> None:
     """Run a mode of `abfm bench` with the options of this process."""
-    raise SystemExit(abfm(["bench", *words, *sys.argv[1:]]))
+    sys.argv[1:1] = ["bench", *words]
+    run_module("abfm_viewer.cli", run_name="__main__")
 
 
 def mapped(

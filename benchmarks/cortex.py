@@ -58,7 +58,7 @@ _STEPS_SHOWN = 5
 
 @dataclass(frozen=True, eq=False)
 class Hemisphere:
-    """A sphere, its surface, and maps on their vertices; thickness and labels may be missing."""
+    """A sphere, its surface, and maps on their vertices."""
 
     sphere: TriangleMesh
     surface: TriangleMesh
@@ -87,9 +87,12 @@ def read_subject(folder: Path) -> Hemisphere:
 def read_template(side: str, labels: Path | None = None) -> Hemisphere:
     """Read a hemisphere of fsaverage5, with labels from a file."""
     folder = fsaverage5()
-    meshes = (load_mesh(folder / f"{name}_{side}.gii.gz") for name in ("sphere", "white"))
-    maps = (read_column(folder / f"{name}_{side}.gii.gz") for name in ("sulc", "curv", "thick"))
-    return Hemisphere(*meshes, *maps, label_names(labels) if labels else ())
+    sphere, surface = (load_mesh(folder / f"{name}_{side}.gii.gz") for name in ("sphere", "white"))
+    depth, curvature, thickness = (
+        read_column(folder / f"{name}_{side}.gii.gz") for name in ("sulc", "curv", "thick")
+    )
+    names = label_names(labels) if labels else ()
+    return Hemisphere(sphere, surface, depth, curvature, thickness, names)
 
 
 def label_names(path: Path) -> tuple[str, ...]:
@@ -169,19 +172,19 @@ def subject_rows(
     given = Given(a, b, f[None], g[None], None, cortex.astype(np.float64))
     rotation = initial_map("sphere", given).correspondence
     yield evaluation.row("rotation of the sphere only", rotation)
-    on_sphere = partial(register, a, b, f, g)
+    on_sphere: Callable[..., Correspondence] = partial(register, a, b, f, g)
     for name, mask in masks(template).items():
         yield evaluation.timed_row(f"`register`, {name}", partial(on_sphere, mask_b=mask))
     on_sphere = partial(on_sphere, mask_b=cortex)
-    cases = {
+    both = [np.stack([side.depth, side.curvature], 1) for side in (subject, template)]
+    cases: dict[str, Callable[[], Correspondence]] = {
         "the same with the parameters of `match`": partial(on_sphere, parameters=Parameters()),
         **{
             f"`register(max_distortion={bound:g})`": partial(on_sphere, max_distortion=bound)
             for bound in _BOUNDS
         },
+        "depth and curvature matched": partial(register, a, b, *both, mask_b=cortex),
     }
-    both = [np.stack([side.depth, side.curvature], 1) for side in (subject, template)]
-    cases["depth and curvature matched"] = partial(register, a, b, *both, mask_b=cortex)
     for name, find in cases.items():
         yield evaluation.timed_row(name, find)
     a, b = subject.surface, template.surface
@@ -190,11 +193,12 @@ def subject_rows(
     on_surface = partial(register, a, b, f, g, initial="embedding", mask_b=cortex)
     back = partial(register, b, a, g, f, initial="embedding", mask_a=cortex)
     size = f"{len(a.vertices):,} vertices"
-    for name, find in {
+    cases = {
         "`register` without spheres, on the template's white surface": on_surface,
         "the same with `max_distortion=2`": partial(on_surface, max_distortion=2),
         f"on the subject's own surface, {size}, back to the template": lambda: back().inverse(),
-    }.items():
+    }
+    for name, find in cases.items():
         yield evaluation.timed_row(name, find)
 
 
@@ -240,8 +244,9 @@ def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
 def side_rows(left: Hemisphere, right: Hemisphere) -> Iterator[Cells]:
     """Yield rows of the mirrored right hemisphere on the left one."""
     evaluation = Evaluation(right, left, left.cortex)
-    weights = (side.cortex.astype(np.float64) for side in (right, left))
-    given = Given(right.sphere, left.sphere, right.depth[None], left.depth[None], *weights)
+    f, g = right.depth[None], left.depth[None]
+    weights_a, weights_b = (side.cortex.astype(np.float64) for side in (right, left))
+    given = Given(right.sphere, left.sphere, f, g, weights_a, weights_b)
     yield evaluation.row("rotation only", initial_map("sphere:mirror", given).correspondence)
     find = partial(
         register,

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from abfm import AbfmError, Flow, Parameters, PointMap, Problem, TriangleMesh
-from abfm.batch import Entry, problem_row
+from abfm.batch import Entry, Row, problem_row
 from abfm.calculus import to_ambient
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.matching.objective.regularizer import regularizer
@@ -112,7 +112,7 @@ def _posed(trial: Trial, folder: Path) -> Posed:
         "log2_area": flow.distortion().log2_area.mean,
     }
 
-    def row(sigma: float | None) -> object:
+    def row(sigma: float | None) -> Row:
         problem = Problem(trial.mesh, f, g, Parameters(sigma=sigma))
         return problem_row(problem, folder, f"{trial.mesh_name}, sigma {sigma or 'default'}")
 

@@ -96,7 +96,7 @@ def draw(results: list[tuple[Case, FloatArray]], path: Path) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 5.6), layout="constrained")
-    plots = figure.subplots(2, len(NOISES), sharex=True, sharey="row")
+    plots = figure.subplots(2, len(NOISES), sharex=True, sharey="row", squeeze=False)
     names = ("Horn-Schunck, best smoothness", "abfm, frame by frame", "abfm, together in time")
     styles = (("#8a8f98", "s", "--"), ("#3b7dd8", "o", "-"), ("#d1495b", "o", "-"))
     for column, noise in enumerate(NOISES):
