@@ -235,10 +235,10 @@ def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
             parameters=MEASURED.with_values(**changes),
         )
         p = found.match.parameters
+        norm = f"order {p.solver.order}, α = {p.alpha:g}, divergence {p.divergence:g}"
         sigma = f"{found.match.path[found.match.step].sigma:.2g}"
         given = "" if p.sigma is None else " (given)"
-        name = f"order {p.solver.order}, α = {p.alpha:g}, divergence {p.divergence:g}, σ = {sigma}{given}"
-        yield evaluation.row(name, found)[:-1]
+        yield evaluation.row(f"{norm}, σ = {sigma}{given}", found)[:-1]
 
 
 def side_rows(left: Hemisphere, right: Hemisphere) -> Iterator[Cells]:

@@ -127,8 +127,9 @@ def _add_mesh_sizes(report: Report, settings: Settings, tell: Tell) -> None:
     report["iterations_to_mismatch"] = reached
     report["energy_after_iterations"] = energies = {}
     report["seconds"]["by_vertices"] = seconds = {}
+    limited = PARAMETERS.with_values(iterations=settings.iterations)
     for subdivision in settings.subdivisions:
-        problem = sphere_problem(subdivision, PARAMETERS.with_values(iterations=settings.iterations))
+        problem = sphere_problem(subdivision, limited)
         size = str(len(problem.mesh.vertices))
         tell(f"iterations and cost of the gradient at {size} vertices")
         constant = watched_match(problem)

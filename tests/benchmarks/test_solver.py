@@ -123,7 +123,7 @@ def test_cancelled_match_does_not_reach_the_mismatch():
 
 def test_window_reports_launch_throughput_and_frames(monkeypatch):
     monkeypatch.setattr(window, "_SIZE", (320, 240))
-    quick = Parameters(iterations=10, refine=0)
+    quick = Parameters.of(iterations=10, refine=0)
     report = window.run(lambda line: None, (3,), parameters=quick, long=20, repeats=1)
     assert list(report) == ["launch", "throughput", "frames", "settings"]
     assert survives_json(report)

@@ -92,7 +92,7 @@ def tried(folder, parameters, source, target, mesh=BALL):
 
 def test_record_is_the_same_in_every_run_except_seconds(tmp_path):
     places = ("gaussian:vertex=0,width=0.2", "gaussian:vertex=12,width=0.2")
-    record, again = (tried(tmp_path / name, Parameters(refine=0), *places) for name in "ab")
+    record, again = (tried(tmp_path / name, Parameters.of(refine=0), *places) for name in "ab")
     assert record["residual"] <= GOAL
     assert record["evaluations"] >= record["iterations"] > 0
     assert record["row_products"] > record["evaluations"] > 0
