@@ -1,4 +1,4 @@
-"""`abfm bench`: the solver against what a user would compare it with."""
+"""`abfm bench`: benchmarks of the solver and of the window."""
 
 import argparse
 import json
@@ -15,58 +15,41 @@ from abfm_viewer.cli.interrupts import Interrupt, cancelled_by_signals
 from abfm_viewer.cli.options import adder, count, positive, seed
 from abfm_viewer.files import outputs
 
-_MEASUREMENTS = ("viewer", "success", "measured", "arrival")
+_WORKERS = ("jobs", "scheduler", "scheduler_file")
+_TRIALS = ("meshes", "only_given", "problems", "seed", "out", *_WORKERS)
 _OPTIONS = {
-    ("success",): ("versions", "solvable"),
-    ("success", "measured"): (
-        "meshes",
-        "only_given",
-        "problems",
-        "seed",
-        "part",
-        "out",
-        "jobs",
-        "scheduler",
-        "scheduler_file",
-    ),
+    "viewer": (),
+    "success": ("solvable", *_TRIALS),
+    "measured": _TRIALS,
+    "arrival": (),
 }
-"""Options by the measurements of which one is needed."""
+"""Options of each mode, besides --json and --quiet."""
 
-SUMMARY = (
-    "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
-)
+SUMMARY = "compare the solver with the paper's algorithm and plain L-BFGS, or count its successes"
 DESCRIPTION = """\
-Measure the solver against the paper's algorithm and plain L-BFGS, how it scales, and what its
-gradient costs.
+Compare the solver with the paper's algorithm and plain L-BFGS, and measure how its iterations and
+the cost of its gradient depend on the mesh size. It takes about four minutes, most of which is the
+time of the baselines. Run it alone on the machine.
 
-Takes about four minutes, alone on the machine: most of it is the time that the baselines get. With
---viewer it measures the window instead: how long it takes to open, what it costs the solver, and
-how even its frames are during a solve.
+Modes:
+  --success   count how often the default parameters match random problems on many meshes. A
+              success has a residual of at most 0.05 by the discrete flow and by flow lines. About
+              ten minutes
+  --measured  measure errors of the maps between noisy functions whose true map is known, with the
+              defaults and with the best of six values of sigma. About ten minutes
+  --arrival   measure the seconds to a match on ever finer meshes. A few minutes
+  --viewer    measure the window: its launch, its frames during a solve, and the solver's speed
 
-With --success it tries random problems on many meshes, near and far, wide and narrow, and counts
-how often the solver succeeds with its default parameters and how often it did as it was before:
-about ten minutes. A success leaves at most 0.05 by both witnesses, the discrete flow and flow
-lines; beside it stands how often flow lines leave at most 0.1. Every problem is a row of a batch,
-solved to its end on all cores, or by --jobs or a cluster, and the same whatever else runs, but for
-its seconds: for those take --jobs 1, alone on the machine. After Ctrl-C it reports what is
-finished; with --out the same again goes on with what is missing.
-
-With --measured it matches functions as measured ones are: random smooth textures, carried along
-random flows that are known, with 20% of noise. It tells how far the map that the defaults find is
-from the true one, beside the best of six values of sigma: about ten minutes. Rows of a
-batch, as above.
-
-With --arrival it measures how soon a match is there on ever finer meshes, now and as it was before:
-a few minutes.
+The problems of --success and --measured are rows of a batch, solved by all cores, by --jobs or by a
+cluster. All numbers except seconds are the same in every run; for seconds use --jobs 1. After
+Ctrl-C the report has the finished problems; with --out the same command resumes.
 
 Examples:
   abfm bench --json > bench.json
   abfm bench --arrival
   abfm bench --viewer
-  abfm bench --success
   abfm bench --success --out trials --jobs 2
-  abfm bench --success --only-given --meshes a.off --problems 10 --part 1/2 --json 1.json
-  abfm bench --success --versions now --only-given --meshes humans/ others/ --json now.json
+  abfm bench --success --only-given --meshes humans/ others/ --json success.json
   abfm bench --measured --only-given --meshes humans/ --problems 2
 """
 
@@ -74,34 +57,25 @@ Examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
     add("--seconds", "time for each baseline (default: 60)", "S", type=positive, default=60.0)
-    add("--viewer", "measure the window (off the screen where there is none)")
-    add("--success", "count on random problems how often matches succeed")
+    add("--viewer", "measure the window, off the screen if there is none")
+    add("--success", "count how often random problems are matched")
     add("--measured", "measure errors of maps between noisy functions, whose truth is known")
-    add("--arrival", "measure how soon a match arrives on ever finer meshes")
+    add("--arrival", "measure the seconds to a match on ever finer meshes")
     choose = adder(parser.add_argument_group("with --success or --measured"))
     choose(
         "--meshes",
-        "try these meshes, too: files, and folders, each with lines of its own; they are merged, "
-        "cleaned or cut as needed, and what cannot be loaded is named and left out",
+        "also use these meshes: files, and folders, each with rows of its own; they are merged, "
+        "cleaned or cut if needed, and files that cannot be loaded are reported and left out",
         "PATH",
         nargs="+",
         type=Path,
         default=[],
     )
     choose("--only-given", "leave out the bundled and generated meshes")
-    choose(
-        "--versions",
-        "with --success: before, now or both, the default; before takes long",
-        "NAME",
-        nargs="+",
-        choices=("before", "now"),
-        default=("before", "now"),
-    )
-    choose("--solvable", "with --success: only problems that are not known to be in any flow's way")
+    choose("--solvable", "with --success: only problems that are not known to be unsolvable")
     choose("--problems", "problems on each mesh (default: 6)", "N", type=count, default=6)
     choose("--seed", "another number gives other problems (default: 0)", type=seed, default=0)
-    choose("--part", "only every N-th problem, from the K-th", "K/N", type=_part, default=(1, 1))
-    choose("--out", "folder for results, to go on with", "DIR", type=Path)
+    choose("--out", "folder for results, from which later runs resume", "DIR", type=Path)
     add("--json", "print one JSON object, or write it to FILE", "FILE", nargs="?", const="")
     add("--quiet", "no progress")
     add_workers(parser)
@@ -109,7 +83,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     _check(arguments)
-    import laboratory
+    from benchmarks import arrival, map_errors, solver, success, window
+    from benchmarks.trials import Trials
 
     interrupt, control = Interrupt(), Control()
     out = Path(arguments.json) if arguments.json else None
@@ -121,29 +96,31 @@ def run(arguments: argparse.Namespace) -> int:
             print(line, file=sys.stderr, flush=True)
 
     if arguments.success or arguments.measured:
-        success, measured = laboratory.success, laboratory.measured
-        selection = success.Selection(
-            arguments.seed, arguments.problems, arguments.part, arguments.solvable
+        trials = Trials(
+            _meshes(arguments),
+            tell,
+            arguments.seed,
+            arguments.problems,
+            arguments.out,
+            cluster_of(arguments),
+            control,
         )
-        place = laboratory.trials.Place(arguments.out, cluster_of(arguments), control)
-        meshes = _meshes(arguments)
         with cancelled_by_signals(control, "with what was finished") as interrupt:
             if arguments.success:
-                versions = {name: success.VERSIONS[name] for name in sorted(arguments.versions)}
-                report = success.run_success(meshes, tell, selection, versions, place)
-                text = success.format_success(report)
+                report = success.run(trials, arguments.solvable)
+                text = success.report_text(report)
             else:
-                report = measured.run_measured(meshes, tell, selection, place)
-                text = measured.format_measured(report)
+                report = map_errors.run(trials)
+                text = map_errors.report_text(report)
     elif arguments.arrival:
-        report = laboratory.run_arrival(tell)
-        text = laboratory.format_arrival(report)
+        report = arrival.run(tell)
+        text = arrival.report_text(report)
     elif arguments.viewer:
-        report = laboratory.window.run(tell)
-        text = laboratory.window.format_report(report)
+        report = window.run(tell)
+        text = window.report_text(report)
     else:
-        report = laboratory.run(tell, laboratory.Settings(arguments.seconds))
-        text = laboratory.format_report(report)
+        report = solver.run(tell, solver.Settings(arguments.seconds))
+        text = solver.report_text(report)
     as_json = json.dumps(report, allow_nan=False)
     if out is not None:
         outputs.write_text(out, as_json)
@@ -152,21 +129,22 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    if find_spec("laboratory") is None:
+    # other projects install packages of this name
+    if find_spec("benchmarks") is None or find_spec("benchmarks.paper_algorithm") is None:
         raise UsageError(
-            "measurements are run from the repository, and this is an installation without it: "
-            "clone it, and type ./run once, then .venv/bin/abfm bench"
+            "benchmarks are run from the repository, and this is an installation without it: "
+            "clone it, run ./run once, then .venv/bin/abfm bench"
         )
-    chosen = [f"--{name}" for name in _MEASUREMENTS if getattr(arguments, name)]
-    if len(chosen) > 1:
-        raise UsageError(f"{chosen[0]} and {chosen[1]} are two measurements; choose one of them")
-    for measurements, options in _OPTIONS.items():
-        given = [each for each in options if getattr(arguments, each) != _default(arguments, each)]
-        if given and not any(getattr(arguments, each) for each in measurements):
-            needed = " or ".join(f"--{each}" for each in measurements)
-            raise UsageError(f"--{given[0].replace('_', '-')} goes with {needed}; add it")
-    if chosen and arguments.seconds != _default(arguments, "seconds"):
-        raise UsageError(f"--seconds does not go with {chosen[0]}; leave it out")
+    modes = [name for name in _OPTIONS if getattr(arguments, name)]
+    if len(modes) > 1:
+        raise UsageError(f"--{modes[0]} and --{modes[1]} are two benchmarks; choose one of them")
+    allowed = _OPTIONS[modes[0]] if modes else ("seconds",)
+    for name in ("seconds", *_OPTIONS["success"]):
+        if name not in allowed and getattr(arguments, name) != arguments.parser.get_default(name):
+            option = f"--{name.replace('_', '-')}"
+            needed = " or ".join(f"--{mode}" for mode, own in _OPTIONS.items() if name in own)
+            advice = f"goes with {needed}; add it" if needed else f"does not go with --{modes[0]}"
+            raise UsageError(f"{option} {advice}")
     for path in arguments.meshes:
         if not os.path.exists(path):
             raise UsageError(
@@ -174,29 +152,17 @@ def _check(arguments: argparse.Namespace) -> None:
             )
 
 
-def _default(arguments: argparse.Namespace, name: str) -> object:
-    return arguments.parser.get_default(name)
-
-
 def _meshes(arguments: argparse.Namespace) -> dict[str, TriangleMesh]:
-    """Return the meshes that a command line asks for."""
-    import laboratory
+    """Return the meshes of the problems by name."""
+    from benchmarks.meshes import few_meshes, given_meshes, own_meshes
 
-    meshes = laboratory.meshes
     own: dict[str, TriangleMesh] = {}
     if not arguments.only_given:
-        own = meshes.own_meshes() if arguments.success else meshes.few_meshes()
-    given = meshes.given_meshes(arguments.meshes, lambda line: print(line, file=sys.stderr))
+        own = own_meshes() if arguments.success else few_meshes()
+    given = given_meshes(arguments.meshes, lambda line: print(line, file=sys.stderr))
     twice = sorted(own.keys() & given.keys())
     if twice:
-        raise UsageError(f"{twice[0]} is the name of a bundled mesh, too: rename the file")
+        raise UsageError(f"{twice[0]} is also the name of a bundled mesh; rename the file")
     if not own | given:
         raise UsageError("--only-given needs --meshes that can be loaded")
     return own | given
-
-
-def _part(text: str) -> tuple[int, int]:
-    k, slash, n = text.partition("/")
-    if not (slash and count(k) <= count(n)):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a part such as 1/2")
-    return int(k), int(n)

@@ -15,7 +15,6 @@ import trimesh
 from PIL import Image, ImageSequence
 from scipy.spatial.transform import Rotation
 
-import laboratory
 from abfm import Parameters, load_match
 from abfm.assets import asset_path
 from abfm.io import write_values
@@ -30,6 +29,7 @@ from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.pictures.sheets import DEFAULT_WIDTH
 from abfm_viewer.session.session_files import document_of_result
+from benchmarks import solver
 from tests.mesh_writers import freesurfer_bytes, off_text
 from tests.messages import check_message, line_with
 from tests.processes import argv
@@ -40,8 +40,7 @@ HUMAN, EIGHT = (str(asset_path(f"{name}.off")) for name in ("human_A", "eight"))
 PAIR = ["--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2"]
 SHORT = ["--set=iterations=6", "--refine=0", "--quiet"]
 MATCH = ["match", EIGHT, *PAIR, *SHORT, "--out"]
-ONE_PROBLEM = ["--problems=1", "--part=1/1000"]
-SHORT_BENCH = ["bench", "--success", *ONE_PROBLEM]  # even if it is not refused
+SHORT_BENCH = ["bench", "--success", "--problems=1"]
 UNREACHED = 3  # the exit status of runs that are too short to arrive
 
 
@@ -127,11 +126,9 @@ def test_without_words_all_commands_are_shown_and_argparse_reaches_their_parsers
         ([*MATCH, "m.npz", "--source", "gaussian:vertex=999"], (315,)),
         (["bench", "--seconds", "0"], (0,)),
         (
-            ["bench", "--success", "--part=1/1000", "--problems=0"],
+            ["bench", "--success", "--problems=0"],
             (1, 1000000),
         ),
-        ([*SHORT_BENCH, "--part=3/2"], ("part", "1/2")),
-        ([*SHORT_BENCH, "--versions", "then"], ("then",)),
         ([*SHORT_BENCH, "--json", "none/b.json"], ("none",)),
         ([*SHORT_BENCH, "--meshes", EIGHT], ("eight.off",)),
         ([*SHORT_BENCH, "--only-given"], ("--meshes",)),
@@ -140,7 +137,7 @@ def test_without_words_all_commands_are_shown_and_argparse_reaches_their_parsers
         ([*SHORT_BENCH, "--seconds=1"], ("--seconds",)),
         ([*SHORT_BENCH, "--arrival"], ("--arrival",)),
         (["bench", "--arrival", "--jobs=2"], ("--jobs",)),
-        (["bench", "--measured", *ONE_PROBLEM, "--solvable"], ("--success",)),
+        (["bench", "--measured", "--problems=1", "--solvable"], ("--success",)),
         (["bench", "--seconds=0.1", "--only-given"], ("--only-given",)),
         (["info", "none.npz"], ("none.npz",)),
         (["render", "none.npz", "--out", "a.png"], ("none.npz",)),
@@ -598,18 +595,16 @@ def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, a
 
 def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch, tmp_path):
     small = {"subdivision": 2, "subdivisions": (1, 2), "iterations": 20, "repeats": 1, "timings": 1}
-    monkeypatch.setattr(laboratory, "Settings", partial(laboratory.Settings, **small))
+    monkeypatch.setattr(solver, "Settings", partial(solver.Settings, **small))
     told = abfm("bench", "--seconds", "0.1", "--json")
     report = json.loads(told.out)
     assert report["settings"]["seconds"] == 0.1
     assert set(report["ratios"]["gradient_to_advection"]) == {"42", "162"}
     assert "cosines" in told.err
-    monkeypatch.setattr(laboratory, "run", lambda tell, _: tell("a line") or report)
+    monkeypatch.setattr(solver, "run", lambda tell, _: tell("a line") or report)
     told = abfm("bench", "--quiet")
     assert "finest / coarsest" in told.out
     assert told.err == ""
-    before = laboratory.success.BEFORE.with_values(iterations=5, refine=0)
-    monkeypatch.setitem(laboratory.success.VERSIONS, "before", before)
     trials = tmp_path / "trials"
     success = [
         "bench",
@@ -624,20 +619,19 @@ def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch, tmp_pat
     told = abfm(*success, "--json")
     (row,) = json.loads(told.out)["rows"]
     assert row["problem"]["mesh"] == "eight.off"
-    assert {"before", "now"} <= row.keys()
+    assert row.keys() == {"problem", "result"}
     assert "1/1 eight.off" in told.err
-    told = abfm(*success, "--quiet", "--versions", "now", "--json", tmp_path / "b.json")
+    told = abfm(*success, "--quiet", "--json", tmp_path / "b.json")
     assert "1 of 1" in told.out
     assert told.err == ""
     (again,) = json.loads((tmp_path / "b.json").read_text())["rows"]
-    assert again.keys() == {"problem", "now"}
-    assert again["now"] == row["now"]  # read, with its seconds
-    assert len([*trials.glob("*.npz")]) == 2
+    assert again == row  # read, with its seconds
+    assert len([*trials.glob("*.npz")]) == 1
     check_message(abfm(*success, EIGHT, status=2).err, "eight.off")
 
 
 def test_bench_measures_errors_of_maps(abfm, monkeypatch):
-    monkeypatch.setattr("laboratory.measured.SIGMAS", (3.0,))
+    monkeypatch.setattr("benchmarks.map_errors.SIGMAS", (3.0,))
     told = abfm(
         "bench",
         "--measured",

@@ -90,8 +90,7 @@ def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path):
 def test_a_signal_ends_a_benchmark_with_what_was_finished():
     """Nothing is raised while libraries call back into Python: they would print it and go on."""
     process = start(
-        *["bench", "--success", "--only-given", "--versions", "now"],
-        *["--meshes", EIGHT, "--jobs=1", "--json"],
+        *["bench", "--success", "--only-given", "--meshes", EIGHT, "--jobs=1", "--json"],
     )
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
@@ -318,7 +317,7 @@ NAMES = ["a\nb.off", "a\rb\x1b[2J.off", "\udcff.off", "a" * 50_000 + ".off", "\u
         ["NAME"],
         ["info", "EIGHT", "NAME"],
         ["info", "EIGHT", "--NAME"],
-        ["bench", "--success", "--problems=1", "--part", "NAME"],
+        ["bench", "--success", "--problems=1", "--seed", "NAME"],
         ["bench", "--success", "--only-given", "--meshes", "NAME", "--json", "NAME"],
     ],
 )

@@ -16,7 +16,7 @@ from abfm.calculus.vector_fields import (
 )
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.parameters import PAPER, Parameters
-from laboratory.paper_algorithm import PaperEnergy, exponential_span, minimise
+from benchmarks.paper_algorithm import PaperEnergy, exponential_span, minimise
 from tests.shapes import icosphere
 
 PARAMETERS = Parameters.of(

@@ -1,7 +1,8 @@
-"""The small pictures of the menu Samples: drawn by
-``python -m laboratory.sample_pictures`` into one image.
+"""The thumbnails of the menu Samples, drawn into one image that is shipped with the app.
 
-To be run when a figure or a bundled mesh comes or goes; the image is shipped with the app.
+    python -m tests.viewer.sample_pictures
+
+Run it when a figure or a bundled mesh is added or removed.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from abfm_viewer.window.samples import cortex_document, figure_document
 from abfm_viewer.window.wave import wave_document
 
 _VIEW = View(layout="advected only", color_bar=False)
-_TIMES = 2  # as large, and then reduced: thin limbs stay smooth
+_SUPERSAMPLING = 2  # keeps thin limbs smooth
 
 
 def draw_all() -> None:
@@ -38,7 +39,9 @@ def draw_all() -> None:
     for number, (document, known) in enumerate(documents.values()):
         plain = replace(document, view=_VIEW, time=0.0, lines=(), points=())
         options = PictureOptions(labels=False, color_bar=False, transparent=True)
-        with DocumentRenderer(plain, known, (_TIMES * SIDE, _TIMES * SIDE), options) as pictures:
+        with DocumentRenderer(
+            plain, known, (_SUPERSAMPLING * SIDE, _SUPERSAMPLING * SIDE), options
+        ) as pictures:
             picture = (
                 pictures.picture(0.0).convert("RGBA").resize((SIDE, SIDE), Image.Resampling.LANCZOS)
             )

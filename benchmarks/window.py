@@ -1,4 +1,7 @@
-"""What the window costs: the solver with and without it, its frames, its launch."""
+"""The window's cost: the solver with and without it, its frames, its launch.
+
+Run it with ``python -m benchmarks.window`` and the options of ``abfm bench --viewer``.
+"""
 
 import os
 import statistics
@@ -9,7 +12,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,9 +25,14 @@ from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import Backend
 from abfm_viewer.session.session import Session
 from abfm_viewer.window.window import Window
-from laboratory.common import markdown
+from benchmarks.common import Report, Tell, bench, markdown
 
-LEAST_THROUGHPUT, LONGEST_FRAME, LARGEST_LAUNCH_RATIO = 0.8, 0.040, 1.5
+THROUGHPUT_MIN = 0.8
+"""Iterations per second with the window over those without it."""
+FRAME_SECONDS_MAX = 0.040
+LAUNCH_RATIO_MAX = 1.5
+"""Of the app to bare polyscope."""
+
 _SIZE = (1280, 800)
 _BARE = """
 import sys
@@ -53,28 +60,35 @@ window.close()
 
 
 def run(
-    tell: Callable[[str], None],
+    tell: Tell,
     subdivisions: Sequence[int] = (5, 6),
     parameters: Parameters | None = None,
     long: int = 300,
     repeats: int = 5,
-) -> dict[str, Any]:
-    """Measure all three; ratios are of medians of as many runs as `repeats` says, which take turns.
+) -> Report:
+    """Measure launch, throughput and frames. Ratios are of medians of alternating runs.
 
-    The solver's meshes are icospheres of ``10 * 4**subdivision + 2`` vertices, with the default
-    parameters unless others are given; frames are also measured during a solve of so many
-    iterations as `long` says, on the first one.
+    Parameters
+    ----------
+    subdivisions : sequence of int
+        Of the icospheres on which the solver runs.
+    parameters : Parameters, optional
+        Of the solver; the default ones if None.
+    long : int
+        Iterations of the solve, on the first mesh, during which frames are measured.
+    repeats : int
+        Runs of each kind.
     """
     backend: Backend = (
         opengl.WINDOW if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() else opengl.OFFSCREEN
     )
-    tell("launch to the first frame, the app and bare polyscope in turns")
+    tell("launch to the first frame, of the app and of bare polyscope")
     launch, throughput = _launch(backend, repeats), []
-    frames: dict[str, Any] = {}
+    frames: Report = {}
     for subdivision in subdivisions:
         mesh = sphere(subdivision)
         size = f"{len(mesh.vertices):,} vertices"
-        tell(f"abfm.match and the window that follows it, {size}, in turns")
+        tell(f"abfm.match alone, and with the window, {size}")
         with _opened(mesh, backend, parameters or Parameters()) as window:
             throughput.append(_throughput(window, repeats))
             if not frames:
@@ -90,7 +104,7 @@ def run(
 
 @contextmanager
 def _opened(mesh: TriangleMesh, backend: Backend, parameters: Parameters) -> Iterator[Window]:
-    """Return the app's window as it is when a user presses Match."""
+    """Yield the app's window in the state in which a user presses Match."""
     session = Session(mesh, "sphere")
     window = Window(session, backend, _SIZE)
     session.editor.set_parameter(**parameters.to_dict())
@@ -107,8 +121,8 @@ def _opened(mesh: TriangleMesh, backend: Backend, parameters: Parameters) -> Ite
 def _in_turns(
     repeats: int, runs: Mapping[str, Callable[[], float]]
 ) -> tuple[dict[str, list[float]], float]:
-    """Run each kind in turns: what they give, and the ratio of the first median to the second."""
-    for run in runs.values():  # fills the caches of the disk, compiles and factors
+    """Alternate runs; return their results, and the ratio of the first median to the second."""
+    for run in runs.values():  # fills disk caches, compiles and factors
         run()
     taken: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(repeats):
@@ -118,7 +132,7 @@ def _in_turns(
     return taken, first / second
 
 
-def _launch(backend: Backend, repeats: int) -> dict[str, Any]:
+def _launch(backend: Backend, repeats: int) -> Report:
     """Return seconds from starting Python to the end of the first frame."""
     arguments = str(asset_path("human_A.off")), backend
     runs = {
@@ -126,7 +140,7 @@ def _launch(backend: Backend, repeats: int) -> dict[str, Any]:
         for name, code in (("app", _APP), ("bare polyscope", _BARE))
     }
     seconds, ratio = _in_turns(repeats, runs)
-    return {"seconds": seconds, "ratio": ratio, "at_most": LARGEST_LAUNCH_RATIO}
+    return {"seconds": seconds, "ratio": ratio, "at_most": LAUNCH_RATIO_MAX}
 
 
 def _until_drawn(command: list[str]) -> float:
@@ -144,8 +158,8 @@ def _until_drawn(command: list[str]) -> float:
     return elapsed
 
 
-def _throughput(window: Window, repeats: int) -> dict[str, Any]:
-    """Return iterations per second of the same match: by the window, and alone."""
+def _throughput(window: Window, repeats: int) -> Report:
+    """Return iterations per second of the same match with the window and alone."""
     session = window.session
     mesh, parameters = session.surface().mesh, session.parameters
     source, target = (
@@ -174,63 +188,39 @@ def _throughput(window: Window, repeats: int) -> dict[str, Any]:
         "vertices": len(mesh.vertices),
         "iterations_per_second": rates,
         "ratio": ratio,
-        "at_least": LEAST_THROUGHPUT,
+        "at_least": THROUGHPUT_MIN,
         "frames": _summary(seconds),
     }
 
 
-def _drawn(window: Window, goes_on: Callable[[], bool]) -> list[float]:
-    """Draw frames as long as something goes on; seconds from each to the next."""
+def _drawn(window: Window, condition: Callable[[], bool]) -> list[float]:
+    """Draw frames while a condition holds; return the seconds from each to the next."""
     ends = [time.perf_counter()]
-    while goes_on():
+    while condition():
         window.frame()
         ends.append(time.perf_counter())
     return np.diff(ends).tolist()
 
 
-def _frames(window: Window, iterations: int) -> dict[str, Any]:
-    """Return seconds from frame to frame while the window follows a solve that goes on for long."""
+def _frames(window: Window, iterations: int) -> Report:
+    """Return seconds from frame to frame during a long solve."""
     session = window.session
     slow = PAPER | {"max_displacement": 1e-3, "tolerance": 0.0, "cooling_stages": 1}
     session.editor.set_parameter(**slow, iterations=iterations)
     session.match()
     seconds = _drawn(window, lambda: not session.solver.wait(0))
-    return _summary(seconds) | {"p95_at_most": LONGEST_FRAME}
+    return _summary(seconds) | {"p95_at_most": FRAME_SECONDS_MAX}
 
 
-def _summary(seconds: list[float]) -> dict[str, Any]:
+def _summary(seconds: list[float]) -> Report:
     median, high = map(float, np.percentile(seconds, (50, 95)))
     return {"count": len(seconds), "median": median, "p95": high}
 
 
-def format_report(report: dict[str, Any]) -> str:
-    """Return the report as lines of text."""
+def report_text(report: Report) -> str:
+    """Return the report as a table in Markdown, with the settings below it."""
     launch, frames, settings = (report[name] for name in ("launch", "frames", "settings"))
-    through = [
-        "solver throughput, window that follows over abfm.match, "
-        f"{each['vertices']:,} vertices: {each['ratio']:.2f} (at least {each['at_least']}); frames "
-        f"{_milliseconds(each['frames'])}"
-        for each in report["throughput"]
-    ]
-    return "\n".join(
-        [
-            "launch to first frame, over bare polyscope: "
-            f"{launch['ratio']:.2f} (at most {launch['at_most']})",
-            *through,
-            f"frames during a solve of {settings['long']} iterations: {_milliseconds(frames)} "
-            f"(at most {1000 * frames['p95_at_most']:.0f})",
-            f"measured with {settings['repeats']} runs each, {settings['backend']}, "
-            f"{settings['cores']} cores",
-        ]
-    )
-
-
-def window_table(report: dict[str, Any]) -> str:
-    """Return the report as a table for a page of the documentation."""
-    launch, frames = report["launch"], report["frames"]
-    through = "solver throughput with a window that follows, over `abfm.match`, "
     rows = [
-        ("what", "measured", "aim"),
         (
             "from the launch to the first frame, over bare polyscope",
             f"{launch['ratio']:.2f}",
@@ -238,7 +228,8 @@ def window_table(report: dict[str, Any]) -> str:
         ),
         *(
             (
-                f"{through}{each['vertices']:,} vertices",
+                "solver throughput with a window that follows, over `abfm.match`, "
+                f"{each['vertices']:,} vertices",
                 f"{each['ratio']:.2f}; frames {_milliseconds(each['frames'])}",
                 str(each["at_least"]),
             )
@@ -250,10 +241,14 @@ def window_table(report: dict[str, Any]) -> str:
             f"{1000 * frames['p95_at_most']:.0f} ms",
         ),
     ]
-    head, _, *others = markdown(rows)
-    return "\n".join([head, "|---|---|---|", *others])
+    note = f"{settings['repeats']} runs each, {settings['backend']}, {settings['cores']} cores"
+    return f"{markdown(('what', 'measured', 'aim'), rows)}\n\n{note}"
 
 
-def _milliseconds(frames: dict[str, Any]) -> str:
+def _milliseconds(frames: Report) -> str:
     median, high = 1000 * frames["median"], 1000 * frames["p95"]
     return f"median {median:.0f} ms, 95th percentile {high:.0f} ms of {frames['count']}"
+
+
+if __name__ == "__main__":
+    bench("--viewer")

@@ -1,6 +1,7 @@
-"""The benchmark of measured functions: what is known of its problems, and its report."""
+"""The benchmark of errors of maps: its problems, and its report."""
 
 import json
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -8,28 +9,28 @@ import pytest
 
 from abfm import Control, PointMap
 from abfm.calculus.operators import vertex_areas
-from laboratory import measured
-from laboratory.success import Selection
-from laboratory.trials import Place
+from benchmarks import map_errors
+from benchmarks.trials import Trials
 from tests.shapes import icosphere
 
 BALL = icosphere(3)
+TRIALS = Trials({"ball": BALL}, count=1)
 
 
 def problems(count, seed=0, **meshes):
-    return measured.measured_problems(meshes or {"ball": BALL}, seed, count)
+    return map_errors.map_problems(meshes or {"ball": BALL}, seed, count)
 
 
 @pytest.fixture(scope="module")
 def report():
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(measured, "SIGMAS", (3.0, 0.3))
-        return measured.run_measured({"ball": BALL}, selection=Selection(count=1))
+        patched.setattr(map_errors, "SIGMAS", (3.0, 0.3))
+        return map_errors.run(TRIALS)
 
 
-def test_eight_problems_are_of_every_kind_and_hang_on_nothing_else():
+def test_problems_are_of_all_kinds_and_independent():
     drawn = problems(8)
-    kinds = set(product(measured.SIZES, measured.LENGTHS, measured.SMOOTHNESSES))
+    kinds = set(product(map_errors.SIZES, map_errors.LENGTHS, map_errors.SMOOTHNESSES))
     assert {(p.size, p.length, p.smoothness) for p in drawn} == kinds
     first, again = drawn[0], problems(1, other=icosphere(1), ball=BALL)[1]
     for values in ("texture", "noise"):
@@ -37,34 +38,34 @@ def test_eight_problems_are_of_every_kind_and_hang_on_nothing_else():
     assert not np.array_equal(first.texture(), problems(1, seed=1)[0].texture())
 
 
-def test_flows_are_as_large_and_textures_as_wide_as_they_say():
+def test_flows_and_textures_have_their_sizes():
     areas = vertex_areas(BALL)
     drawn = problems(8)
     for problem in drawn:
         v = problem.flow().velocity / BALL.length_scale
         size = np.sqrt((v**2).sum(axis=-1).mean())
-        assert size == pytest.approx(problem.size, rel=0.02)  # faces are about of one size
+        assert size == pytest.approx(problem.size, rel=0.02)  # faces have about one size
         f = problem.texture()
         assert np.average(f, weights=areas) == pytest.approx(0, abs=1e-12)
         assert np.average(f**2, weights=areas) == pytest.approx(1)
-        assert problem.noise().std() == pytest.approx(measured.NOISE, rel=0.1)
+        assert problem.noise().std() == pytest.approx(map_errors.NOISE, rel=0.1)
     still = PointMap.of_vertices(BALL, BALL)
-    moved = [measured.apart(each.flow().point_map(), still) / each.size for each in drawn]
+    moved = [map_errors.map_distance(p.flow().point_map(), still) / p.size for p in drawn]
     assert 0.5 < min(moved) <= max(moved) < 1.1
 
 
-def test_distance_of_maps_is_that_of_a_turn():
+def test_distance_of_a_rotation():
     angle = 0.1
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0]])
     turned = PointMap.project(BALL, BALL, BALL.vertices @ np.vstack([turn, [0, 0, 1]]).T)
     # a chord of 2 sin(angle / 2) rho, the mean of rho = sin(theta) over a sphere being pi / 4
     expected = 2 * np.sin(angle / 2) * np.pi / 4 / np.sqrt(4 * np.pi)
     still = PointMap.of_vertices(BALL, BALL)
-    assert measured.apart(still, turned) == pytest.approx(expected, rel=0.02)
-    assert measured.apart(turned, turned) == 0
+    assert map_errors.map_distance(still, turned) == pytest.approx(expected, rel=0.02)
+    assert map_errors.map_distance(turned, turned) == 0
 
 
-def test_report_is_whole_and_the_map_found_is_nearer_than_none(report):
+def test_report_survives_json_and_map_beats_identity(report):
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert list(report) == ["rows", "interrupted", "settings", "machine"]
     (row,) = report["rows"]
@@ -72,22 +73,23 @@ def test_report_is_whole_and_the_map_found_is_nearer_than_none(report):
     assert sigmas.keys() == {"3", "0.3"}
     assert sigmas["0.3"]["sigma"] == 0.3
     assert found["error"] < row["problem"]["error"]
-    assert measured.best(row)[1] == min(each["error"] for each in sigmas.values())
-    text = measured.format_measured(report)
+    assert map_errors.best(row)[1] == min(each["error"] for each in sigmas.values())
+    text = map_errors.report_text(report)
     assert f"{found['error']:.4f}" in text
     assert found["verdict"] in text
 
 
-def test_what_fails_and_what_is_stopped_is_told(report):
+def test_failures_and_cancelled_runs_are_reported(report):
     (row,) = report["rows"]
     failed = {"error": None, "verdict": "too fast"}
-    alone = {**report, "rows": [{**row, "defaults": failed, "fixed": {"3": failed}}]}
-    text = measured.format_measured(alone)
+    text = map_errors.report_text(
+        {**report, "rows": [{**row, "defaults": failed, "fixed": {"3": failed}}]}
+    )
     assert "too fast" in text
     assert "0 of 1; median ratio none" in text
-    ended = Control()
-    ended.cancel()
-    stopped = measured.run_measured({"ball": BALL}, place=Place(control=ended))
+    control = Control()
+    control.cancel()
+    stopped = map_errors.run(replace(TRIALS, control=control))
     assert stopped["interrupted"]
     assert stopped["rows"] == []
-    assert "0 problems" in measured.format_measured(stopped)
+    assert "0 problems" in map_errors.report_text(stopped)

@@ -1,7 +1,7 @@
-"""Meshes that measurements are made on: bundled, generated, and from files of one's own."""
+"""Meshes of the benchmarks: bundled, generated, and from given files."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,29 +9,28 @@ import numpy as np
 from abfm import MeshError, ParameterError, TriangleMesh, load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.mesh.files import MESH_ENDINGS
-from abfm.mesh.shapes import even_sphere, five_limbs, grid
+from abfm.mesh.shapes import even_sphere, five_limbs, grid, torus
+from benchmarks.common import Tell
 
 _BUMPS = 9
 
 
-def given_meshes(
-    paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None
-) -> dict[str, TriangleMesh]:
-    """Read files by name and all meshes of folders by ``folder/name``, in order of their names.
+def given_meshes(paths: Sequence[Path], tell: Tell) -> dict[str, TriangleMesh]:
+    """Read files by name, and all meshes of folders by ``folder/name``, sorted by name.
 
-    A refused mesh is read with the options that are advised. `tell` is called with a line
-    for every file that cannot be used, which is left out, and for every repair.
+    A refused mesh is read with the options that its error advises. Files that cannot be used are
+    left out, and `tell` prints them and all repairs.
 
     Raises
     ------
     ParameterError
-        If two have the same name: problems are told apart by it.
+        If two meshes have the same name, which identifies their problems.
     """
     found: dict[str, TriangleMesh] = {}
     for name, path in (each for given in paths for each in _files(given)):
         if name in found:
             raise ParameterError(
-                f"two meshes are called {name}: rename one, as problems are told apart by the name"
+                f"two meshes are called {name}; rename one, as problems are identified by the name"
             )
         try:
             found[name] = _repaired(path)
@@ -44,7 +43,6 @@ def given_meshes(
 
 
 def _repaired(path: Path) -> TriangleMesh:
-    """Read a mesh as it is, or with the options that are advised."""
     try:
         return load_mesh(path)
     except MeshError as error:
@@ -54,7 +52,7 @@ def _repaired(path: Path) -> TriangleMesh:
 
 
 def _files(given: Path) -> list[tuple[str, Path]]:
-    if not os.path.isdir(given):  # which takes any name
+    if not os.path.isdir(given):  # Path.is_dir refuses some names
         return [(given.name, given)]
     files = sorted(path for path in given.iterdir() if path.name.lower().endswith(MESH_ENDINGS))
     return [(f"{given.resolve().name}/{path.name}", path) for path in files]
@@ -73,7 +71,7 @@ def own_meshes() -> dict[str, TriangleMesh]:
         "ellipsoid": TriangleMesh(ball.vertices * [1, 0.7, 0.45], ball.faces),
         "bumpy": TriangleMesh(rough.vertices * radius[:, None], rough.faces),
         "limbs": five_limbs(5_000),
-        "torus": torus(120, 50),
+        "torus": torus(120, 50, r=0.4),
         "square": _square(60),
         **{name: load_mesh(asset_path(name)) for name in asset_names() if name.endswith(".off")},
     }
@@ -85,19 +83,8 @@ def few_meshes() -> dict[str, TriangleMesh]:
     return {name: meshes[name] for name in ("ellipsoid", "bumpy", "limbs")}
 
 
-def torus(n: int, m: int, R: float = 1.0, r: float = 0.4) -> TriangleMesh:
-    """Return a torus about the z axis: n vertices around it, m around the tube."""
-    u, w = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
-    around, tube = 2 * np.pi * u / n, 2 * np.pi * w / m
-    ring = R + r * np.cos(tube)
-    vertices = np.stack([ring * np.cos(around), ring * np.sin(around), r * np.sin(tube)], axis=1)
-    a, b, c, d = (((u + p) % n) * m + (w + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
-    halves = [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
-    return TriangleMesh(vertices, np.concatenate(halves))
-
-
 def _square(n: int) -> TriangleMesh:
-    """Return a unit square of n x n cells that are smoothly uneven: a surface with a boundary."""
+    """Return a unit square of n x n smoothly uneven cells: a surface with a boundary."""
     x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
     x, y = (
         x + 0.08 * np.sin(np.pi * x) * np.cos(2 * y + 0.3),

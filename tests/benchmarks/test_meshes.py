@@ -4,7 +4,7 @@ import pytest
 import trimesh
 
 from abfm import ParameterError
-from laboratory.meshes import given_meshes
+from benchmarks.meshes import given_meshes
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
 
@@ -34,4 +34,4 @@ def test_files_and_folders_are_read_and_what_cannot_be_is_named(tmp_path):
     assert "bad.off" in told[1]
     check_message(told[2], "none.off")
     with raises(ParameterError, "c.obj"):
-        given_meshes([alone, alone])
+        given_meshes([alone, alone], print)

@@ -1,4 +1,4 @@
-"""What tests of the laboratory share: a process that solves."""
+"""What tests of the benchmarks share: a process that solves."""
 
 import pytest
 

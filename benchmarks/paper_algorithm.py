@@ -1,8 +1,7 @@
-"""The paper's algorithm as published: Algorithm 1 with the sub-steps of section 7, minimised by
-plain L-BFGS.
+"""The paper's algorithm as published: Algorithm 1 with the substeps of section 7 and plain L-BFGS.
 
-Kept to measure the solver of this package against; `abfm.match` does the same job. The exponentials
-are those of SciPy's port of [AMH11]; SciPy's L-BFGS-B without bounds stands in for minFunc.
+It is the baseline of the solver. The exponentials are those of SciPy's port of [AMH11]; SciPy's
+L-BFGS-B without bounds replaces minFunc.
 """
 
 from dataclasses import dataclass
@@ -23,22 +22,22 @@ from abfm.types import FloatArray
 
 MEMORY = 100
 """Pairs that L-BFGS keeps: minFunc's default."""
-# norm of an exponent, a hundred times that of a good field; wild line searches would take minutes
-_TOO_FAST = 1e4
-# times the first energy stands for infinity, where L-BFGS-B gives up instead of shortening its step
-_BARRIER = 1e3
+# a hundred times the norm of a good field's exponent; larger ones in line searches take minutes
+_EXPONENT_NORM_MAX = 1e4
+# times the first energy: L-BFGS-B stops at infinity instead of shortening its step
+_ENERGY_RATIO_MAX = 1e3
 
 
 def exponential_span(matrix: Matrix, x: FloatArray, end: float, intervals: int) -> FloatArray:
     """Return ``exp(t matrix) x`` at ``intervals + 1`` even times from 0 to ``end``: ``exp_tspan``
     of Algorithm 1, one per row.
 
-    Infinite where the matrix is so large that it would take minutes. The span always starts at 0:
-    with another start, SciPy's results have been wrong by many orders of magnitude.
+    Infinite if the matrix is so large that it would take minutes. The span always starts at 0:
+    with another start, SciPy's results were wrong by many orders of magnitude.
     """
     if intervals == 0:
         return x[None]
-    if not float(abs(matrix).sum(axis=0).max()) * end < _TOO_FAST:
+    if not float(abs(matrix).sum(axis=0).max()) * end < _EXPONENT_NORM_MAX:
         return np.full((intervals + 1, len(x)), np.inf)
     with np.errstate(all="ignore"):  # an unstable flow overflows: its energy is infinite
         return np.asarray(
@@ -47,16 +46,16 @@ def exponential_span(matrix: Matrix, x: FloatArray, end: float, intervals: int) 
 
 
 class PaperEnergy:
-    """Energy and gradient of NLABFM: Algorithm 1 for one sub-step, the n-step form of section 7 for
-    more.
+    """Energy and gradient of NLABFM: Algorithm 1 for one substep, else the n-step form of
+    section 7.
 
     The unknowns are coefficients in orthonormal face frames, so that plain L-BFGS takes the same
     steps as on tangent vectors in space; the bracket is the tangential part of Eq. 11. Energy and
     norms are those of `abfm.MatchingEnergy`, on the mesh scaled to unit area; of the parameters
     ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k) are read.
 
-    For ``n > 1``, `as_printed` leaves out the factor ``exp(-dtau D_v)`` that the n-step form drops
-    in print: n-fold product rule and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
+    For ``n > 1``, `as_printed` omits the factor ``exp(-dtau D_v)`` that the n-step form drops in
+    print: the product rule and Eq. 9 have ``n - r + 1`` substeps, the printed form ``n - r``.
     """
 
     def __init__(
@@ -77,7 +76,7 @@ class PaperEnergy:
     def __call__(self, v: FloatArray) -> tuple[float, FloatArray]:
         """Return energy and gradient at frame coefficients (2F,) on the mesh scaled to unit area.
 
-        Infinite, with gradient 0, where one of them overflows or would take minutes.
+        Infinite, with gradient 0, if one of them overflows or would take minutes.
         """
         p = self.parameters
         derivative = directional_derivative(self.mesh, v.reshape(-1, 2))
@@ -89,7 +88,7 @@ class PaperEnergy:
             energy = 0.5 * float(v @ momentum + mu @ difference)
         if not np.isfinite(energy):
             return np.inf, np.zeros_like(v)
-        # sum_r D̄_{f_(r-1)}^T exp(-(n - r + 1) dtau D_v)^T mu, less what is dropped in print
+        # sum_r D̄_{f_(r-1)}^T exp(-(n - r + 1) dtau D_v)^T mu, without the factor dropped in print
         n, dt = p.paper.substeps, p.tau / p.paper.substeps
         steps = n - self.dropped
         backward = Matrix(-derivative.T)
@@ -105,9 +104,16 @@ class PaperEnergy:
 
 @dataclass(frozen=True)
 class PaperDescent:
-    """The result of the paper's algorithm: the field of the lowest energy (F, 3), in the input's
-    units; that energy, on the mesh scaled to unit area; seconds since the start and the lowest
-    energy so far, each time that it fell (rows, 2); and why it stopped.
+    """The result of the paper's algorithm.
+
+    Attributes
+    ----------
+    velocity : (F, 3) array
+        The field of the lowest energy, in the input's units.
+    energy : float
+        Its energy on the mesh scaled to unit area.
+    history : (rows, 2) array
+        Seconds since the start and the lowest energy so far, each time that it fell.
     """
 
     velocity: FloatArray
@@ -124,13 +130,12 @@ class _OutOfTimeError(Exception):
 def minimise(
     mesh: TriangleMesh, f: ArrayLike, g: ArrayLike, parameters: Parameters, seconds: float = 60.0
 ) -> PaperDescent:
-    """Run the paper's algorithm from ``v = 0`` until it stops by itself or the time is over, set-up
-    included.
+    """Run the paper's algorithm from ``v = 0`` until it stops or the time is over, setup included.
 
-    The evaluation under way when time is up still counts. Of two stand-ins for minFunc (both with
-    its memory of `MEMORY` pairs, its scaling and a strong Wolfe search), SciPy's L-BFGS-B found
-    lower energies than this package's own L-BFGS without preconditioner, which has minFunc's first
-    step and constants.
+    The evaluation that runs when the time is over still counts. Two replacements of minFunc were
+    tried, both with its memory of `MEMORY` pairs, its scaling and a strong Wolfe search: SciPy's
+    L-BFGS-B found lower energies than this package's L-BFGS without preconditioner, which has
+    minFunc's first step and constants.
     """
     start = perf_counter()
     energy = PaperEnergy(mesh, f, g, parameters)
@@ -147,7 +152,7 @@ def minimise(
         if not history or value < history[-1][1]:
             best = v.copy()
             history.append((perf_counter() - start, value))
-        return min(value, _BARRIER * history[0][1]), slope
+        return min(value, _ENERGY_RATIO_MAX * history[0][1]), slope
 
     try:
         *_, end = fmin_l_bfgs_b(

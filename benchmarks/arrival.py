@@ -1,0 +1,77 @@
+"""Seconds to a match on ever finer meshes.
+
+Run it with ``python -m benchmarks.arrival`` and the options of ``abfm bench --arrival``.
+"""
+
+from collections.abc import Sequence
+from math import log
+
+import numpy as np
+
+from abfm import Problem, function
+from abfm.mesh.shapes import sphere
+from benchmarks.common import Report, Tell, bench, decimals, machine, machine_line, markdown
+from benchmarks.watched import MISMATCH, watched_match
+
+_WIDTH = 0.1
+_DISTANCE = 1.2  # radians on the sphere
+
+HEADINGS = (
+    "vertices",
+    f"seconds to mismatch {MISMATCH:g}",
+    "to the end",
+    "residual, by flow lines",
+)
+
+
+def gaussians(subdivision: int) -> Problem:
+    """Return the problem of two Gaussians at a distance on a new icosphere."""
+    mesh = sphere(subdivision)
+    source, target = (
+        function(mesh, f"gaussian:vertex={np.argmax(mesh.vertices @ place)},width={_WIDTH:g}")
+        for place in ([1.0, 0.0, 0.0], [np.cos(_DISTANCE), np.sin(_DISTANCE), 0.0])
+    )
+    return Problem(mesh, source, target)
+
+
+def run(tell: Tell, subdivisions: Sequence[int] = (5, 6, 7)) -> Report:
+    """Measure the default solver on each mesh."""
+    watched_match(gaussians(4))  # compiles kernels before anything is timed
+    rows = []
+    for subdivision in subdivisions:
+        size = 10 * 4**subdivision + 2
+        tell(f"{size} vertices")
+        found = watched_match(gaussians(subdivision))
+        rows.append(
+            {
+                "vertices": size,
+                "seconds": found.seconds_to_mismatch,
+                "seconds_to_end": found.seconds,
+                "residual": found.match.residual,
+                "verified_residual": found.match.verified_residual,
+            }
+        )
+    (small, early), (large, late) = (
+        (row["vertices"], row["seconds_to_end"]) for row in (rows[0], rows[-1])
+    )
+    growth = None if small == large else log(late / early) / log(large / small)
+    return {"arrival": rows, "growth": growth, "machine": machine()}
+
+
+def report_text(report: Report) -> str:
+    """Return the report as a table in Markdown, with the machine below it."""
+    rows = [
+        (
+            str(row["vertices"]),
+            decimals(row["seconds"], missing="not reached"),
+            decimals(row["seconds_to_end"]),
+            f"{row['residual']:.3f}, {row['verified_residual']:.3f}",
+        )
+        for row in report["arrival"]
+    ]
+    growth = f"Seconds to the end grow like vertices^{decimals(report['growth'], '.2f')}."
+    return f"{markdown(HEADINGS, rows)}\n\n{growth}\n\n{machine_line(report['machine'])}."
+
+
+if __name__ == "__main__":
+    bench("--arrival")

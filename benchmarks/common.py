@@ -1,0 +1,145 @@
+"""What the benchmarks share: tables, their command line, and a description of the machine."""
+
+import argparse
+import os
+import platform
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from importlib.metadata import version
+from importlib.util import find_spec
+from multiprocessing import get_context
+from pathlib import Path
+from runpy import run_module
+from typing import Any, NamedTuple, TypeVar
+
+Cells = Sequence[str]
+Report = dict[str, Any]
+"""Numbers, text, lists and dictionaries, for a JSON file."""
+Tell = Callable[[str], None]
+"""Prints a line of progress."""
+
+_CPU_INFO = Path("/proc/cpuinfo")
+_PACKAGES = ("numpy", "scipy", "numba")
+
+Argument = TypeVar("Argument")
+Result = TypeVar("Result")
+
+
+class Table(NamedTuple):
+    """A table of the documentation: its headings and its rows, which are computed one by one."""
+
+    headings: Cells
+    rows: Iterable[Cells]
+
+
+def markdown(headings: Cells, rows: Iterable[Cells]) -> str:
+    """Return a table in Markdown, with the cells of each column aligned."""
+    body = [*rows]
+    widths = [max(3, *map(len, column)) for column in zip(headings, *body, strict=True)]
+    lines = (headings, ["-" * width for width in widths], *body)
+    return "\n".join(f"| {' | '.join(map(str.ljust, line, widths))} |" for line in lines)
+
+
+def decimals(value: float | None, form: str = ".3g", missing: str = "none") -> str:
+    """Return a number in the given format, or a word if it is None, infinite or NaN."""
+    return missing if value is None or not abs(value) < float("inf") else f"{value:{form}}"
+
+
+def main(
+    description: str | None,
+    tables: Callable[[argparse.Namespace], Mapping[str, Table]],
+    required: Mapping[str, str] | None = None,
+    **options: str,
+) -> None:
+    """Run a benchmark from the command line: compute its tables, print them, put them in a page.
+
+    Parameters
+    ----------
+    tables : function
+        Returns the tables by name from the options; only the rows of requested tables are computed.
+    required, **options : str
+        Names of the paths that the benchmark needs or takes, and their help.
+    """
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for name, about in {**(required or {}), **options}.items():
+        is_required = name not in options
+        parser.add_argument(f"--{name}", help=about, type=Path, required=is_required)
+    parser.add_argument("--jobs", type=int, help="number of processes (default: all cores)")
+    parser.add_argument("--only", nargs="+", metavar="TABLE", help="compute only these tables")
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="replace the tables of a page")
+    arguments = parser.parse_args()
+    named = tables(arguments)
+    if unknown := {*(arguments.only or ())} - named.keys():
+        parser.error(f"there is no table {min(unknown)}; expected {', '.join(named)}")
+    for name in arguments.only or named:
+        text = markdown(named[name].headings, _reported(named[name].rows))
+        print(f"{name}\n\n{text}\n", flush=True)
+        if arguments.write:
+            put_between(arguments.write, name, text)
+
+
+def _reported(rows: Iterable[Cells]) -> Iterator[Cells]:
+    for row in rows:
+        print(", ".join(row), file=sys.stderr, flush=True)
+        yield row
+
+
+def put_between(page: Path, name: str, text: str) -> None:
+    """Replace the table ``name`` of a page, which is between two comments."""
+    before, start, rest = page.read_text(encoding="utf-8").partition(f"<!-- table: {name} -->")
+    _, end, after = rest.partition(f"<!-- end: {name} -->")
+    if not end:
+        raise SystemExit(f"{page} has no place for the table {name}")
+    page.write_text(f"{before}{start}\n\n{text}\n\n{end}{after}", encoding="utf-8")
+
+
+def bench(*words: str) -> None:
+    """Run a mode of `abfm bench` with the options of this process."""
+    sys.argv[1:1] = ["bench", *words]
+    run_module("abfm_viewer.cli", run_name="__main__")
+
+
+def mapped(
+    function: Callable[[Argument], Result], arguments: Sequence[Argument], jobs: int | None
+) -> Iterator[Result]:
+    """Yield the results of a module's function for each argument, in order.
+
+    They are computed by ``jobs`` processes of one thread each, by default one for each core.
+    """
+    jobs = min(jobs or os.cpu_count() or 1, len(arguments))
+    if jobs <= 1:
+        yield from map(function, arguments)
+        return
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as executor:
+        yield from executor.map(function, arguments)
+
+
+def fsaverage5() -> Path:
+    """Return the folder of nilearn with the meshes and maps of fsaverage5."""
+    spec = find_spec("nilearn")
+    if spec is None or spec.origin is None:
+        raise SystemExit('nilearn is not installed: pip install "abfm[brain]"')
+    return Path(spec.origin).parent / "datasets/data/fsaverage5"
+
+
+def machine() -> dict[str, str | int]:
+    """Return the processor, logical cores, system, and versions of the numerical packages."""
+    model = re.search(r"model name\s*: (.*)", _CPU_INFO.read_text()) if _CPU_INFO.exists() else None
+    return {
+        "processor": model[1] if model else platform.processor() or platform.machine(),
+        "cores": os.cpu_count() or 1,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        **{package: version(package) for package in _PACKAGES},
+    }
+
+
+def machine_line(machine: Mapping[str, str | int]) -> str:
+    """Return the result of `machine` as one line."""
+    packages = ", ".join(f"{name} {machine[name]}" for name in ("python", *_PACKAGES))
+    return f"{machine['processor']}, {machine['cores']} cores, {machine['system']}; {packages}"
