@@ -1,5 +1,6 @@
 """Tours of the menus: every entry, the dialogs that they open, and the view of the window."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
