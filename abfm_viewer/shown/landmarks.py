@@ -17,9 +17,10 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import SIDES, Landmark, Side
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.hidden_points import are_hidden
 from abfm_viewer.shown.ribbons import outward
-from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
+from abfm_viewer.shown.shown_flow import ShownFlow
 
 if TYPE_CHECKING:
     from abfm.maps import SurfacePoints

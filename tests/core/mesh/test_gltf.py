@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
 from abfm.mesh.readers import gltf, references
+from abfm.mesh.readers.gltf_document import FAN, STRIP
 from abfm.reading import open_file
 from tests.core.mesh.heavy_meshes import TRIANGLE, glb, gltf_header
 from tests.mesh_writers import write
@@ -54,7 +55,7 @@ def test_without_scenes_all_nodes_are_shown(tmp_path, scenes):
     assert gltf.read_gltf(open_file(path)).vertices.tolist() == [[5, 0, 0], [6, 0, 0], [5, 1, 0]]
 
 
-@pytest.mark.parametrize(("mode", "order"), [(gltf.STRIP, [0, 1, 2, 3]), (gltf.FAN, [0, 1, 3, 2])])
+@pytest.mark.parametrize(("mode", "order"), [(STRIP, [0, 1, 2, 3]), (FAN, [0, 1, 3, 2])])
 def test_strips_and_fans_keep_one_side(tmp_path, mode, order):
     corners = np.arange(4, dtype="<u4")
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="<f4")[order]
