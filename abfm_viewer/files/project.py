@@ -18,7 +18,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -54,9 +54,6 @@ from abfm_viewer.document.document import (
 )
 from abfm_viewer.document.film import Film, FilmSettings
 from abfm_viewer.document.label_map import LabelMap
-
-if TYPE_CHECKING:
-    from abfm import Sequence
 
 _FORMAT = 5
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
@@ -261,7 +258,7 @@ def _of_film(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _film(
     header: _Film, arrays: Mapping[str, Any], mesh: TriangleMesh
-) -> tuple[Film, Sequence | None]:
+) -> tuple[Film, abfm.Sequence | None]:
     from abfm.sequences.frames import Frames  # with all that it loads
 
     entries = _FRAMES | {"mask": _FRAMES["mask"]._replace(required=header.has_mask)}

@@ -5,6 +5,7 @@ from .exports import export_speed as export_speed
 from .exports import export_stc as export_stc
 from .exports import export_tracks as export_tracks
 from .exports import vertex_speed as vertex_speed
+from .frames import Frames as Frames
 from .parameters import CHOSEN as CHOSEN
 from .parameters import DEFAULTS as DEFAULTS
 from .parameters import TAKEN as TAKEN
