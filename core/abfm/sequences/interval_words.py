@@ -6,21 +6,13 @@ import math
 
 import numpy as np
 
-<<<<<<< HEAD:core/abfm/sequences/interval_words.py
 from abfm.matching.judging.facts import headline_of
-=======
-import abfm.sequences
->>>>>>> 1b51394a (Name lazily loaded types instead of importing them for type checkers; refuse import cycles):core/abfm/pages/interval_words.py
 from abfm.outcome import worse_residual
 from abfm.sequences.sequence import Sequence
 from abfm.wording import share
 
 
-<<<<<<< HEAD:core/abfm/sequences/interval_words.py
 def of_interval(sequence: Sequence, interval: int) -> str:
-=======
-def of_interval(sequence: abfm.sequences.Sequence, interval: int) -> str:
->>>>>>> 1b51394a (Name lazily loaded types instead of importing them for type checkers; refuse import cycles):core/abfm/pages/interval_words.py
     """Return the headline of an interval of a sequence, such as ``matched to 0.7%``."""
     residual = worse_residual(
         float(sequence.residual[interval]), float(sequence.verified_residual[interval])
@@ -28,7 +20,7 @@ def of_interval(sequence: abfm.sequences.Sequence, interval: int) -> str:
     return headline_of(sequence.verdicts[interval].kind, residual, sequence.parameters.goal)
 
 
-def motion_between(sequence: abfm.sequences.Sequence) -> str:
+def motion_between(sequence: Sequence) -> str:
     """Return how much of the motion is in frames between two: ``97% of the motion``, and why."""
     found = sequence.motion_share
     if math.isnan(found):
@@ -44,7 +36,7 @@ def motion_between(sequence: abfm.sequences.Sequence) -> str:
     return f"{share(found)} of the motion, by left-out frames"
 
 
-def uncertainty(sequence: abfm.sequences.Sequence) -> str:
+def uncertainty(sequence: Sequence) -> str:
     """Return the median standard error of the fields, and how much of them frames determine."""
     solved = sequence.solved
     error = float(np.median(sequence.speed_uncertainty[solved]))
