@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
+import abfm
 from abfm.types import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from abfm import Population
 
 Compared = Literal["difference", "mean", "deviation", "areas"]
 """What is between a subject and the mean of the others."""
@@ -27,7 +25,7 @@ class Comparison:
     subject's function and the mean of the others.
     """
 
-    population: Population
+    population: abfm.Population
     subject: int
     channels: Mapping[tuple[str, str], int]
     what: Compared = "difference"

@@ -12,13 +12,12 @@ import numpy as np
 from abfm import Parameters, TriangleMesh
 from abfm.pages.front import Front, Triple
 from abfm.types import FloatArray, IntArray
-from abfm_viewer.document.film import FilmSettings, is_of
+from abfm_viewer.document.comparison import Comparison
+from abfm_viewer.document.film import Film, FilmSettings, is_of
+from abfm_viewer.document.label_map import LabelMap
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # a document without a result does not load its type
     from abfm import Correspondence, Match, Registration, Sequence
-    from abfm_viewer.document.comparison import Comparison
-    from abfm_viewer.document.film import Film
-    from abfm_viewer.document.label_map import LabelMap
 
 Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]

@@ -5,17 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 import abfm
 from abfm.types import FloatArray
-
-if TYPE_CHECKING:
-    from abfm import Sequence
-    from abfm.sequences import SequenceParameters
-    from abfm.sequences.frames import Frames
 
 
 @dataclass(frozen=True)
@@ -28,12 +22,12 @@ class FilmSettings:
     order: int | None = None
 
     @property
-    def parameters(self) -> SequenceParameters:
+    def parameters(self) -> abfm.sequences.SequenceParameters:
         """The parameters of the sequence; ParameterError if a value is refused."""
         return abfm.sequences.defaults(alpha=self.alpha, order=self.order, sigma=self.sigma)
 
 
-def settings_of(sequence: Sequence) -> FilmSettings:
+def settings_of(sequence: abfm.Sequence) -> FilmSettings:
     """Return the settings that a sequence was found with."""
     given = sequence.parameters
     alpha, order = (
@@ -56,9 +50,9 @@ class Film:
     """
 
     name: str
-    frames: Frames
+    frames: abfm.sequences.Frames
     unit: str = ""
-    phases: Frames | None = None
+    phases: abfm.sequences.Frames | None = None
 
     def __len__(self) -> int:
         """Return how many frames there are."""
@@ -133,6 +127,6 @@ class Film:
         return f"frame {number}" if is_number else f"frame {number}, {self.told(time)}"
 
 
-def is_of(sequence: Sequence, film: Film, settings: FilmSettings) -> bool:
+def is_of(sequence: abfm.Sequence, film: Film, settings: FilmSettings) -> bool:
     """Return whether a sequence was found for these frames with these settings."""
     return sequence.frames is film.frames.values and settings_of(sequence) == settings

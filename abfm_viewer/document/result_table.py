@@ -7,12 +7,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
+import abfm
 from abfm.outcome import Facts, Outcome
-
-if TYPE_CHECKING:
-    from abfm import Population
 
 Name = Literal[
     "name",
@@ -99,7 +97,7 @@ class ResultTable:
     place: Path  # that was opened: a folder, or a population's file
     title: str
     rows: tuple[ResultRow, ...]
-    population: Population | None = None
+    population: abfm.Population | None = None
 
     @property
     def columns(self) -> tuple[Name, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +10,6 @@ import abfm
 from abfm import TriangleMesh
 from abfm.pages.front import triple
 from abfm_viewer.document.document import SIDES, Landmark, Point
-
-if TYPE_CHECKING:
-    from abfm.registration import Landmarks
 
 
 def surface_points(mesh: TriangleMesh, points: Sequence[Point]) -> abfm.maps.SurfacePoints:
@@ -27,7 +23,9 @@ def points_of(found: abfm.maps.SurfacePoints) -> list[Point]:
     return [Point(face, triple(weights)) for face, weights in places]
 
 
-def paired(a: TriangleMesh, b: TriangleMesh, pairs: Sequence[Landmark]) -> Landmarks | None:
+def paired(
+    a: TriangleMesh, b: TriangleMesh, pairs: Sequence[Landmark]
+) -> abfm.registration.Landmarks | None:
     """Return whole landmarks on the surfaces of source and target; None if there are none."""
     if not pairs:
         return None
@@ -39,7 +37,7 @@ def paired(a: TriangleMesh, b: TriangleMesh, pairs: Sequence[Landmark]) -> Landm
     return abfm.registration.Landmarks(on_a, on_b, weights, tuple(pair.name for pair in pairs))
 
 
-def landmarks_of(given: Landmarks) -> tuple[Landmark, ...]:
+def landmarks_of(given: abfm.registration.Landmarks) -> tuple[Landmark, ...]:
     """Return landmarks as documents have them, without names that are their numbers from 0."""
     names = ("" if name == str(n) else name for n, name in enumerate(given.names))
     own = points_of(given.a), points_of(given.b), given.weights.tolist(), names

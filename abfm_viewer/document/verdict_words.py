@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import abfm
 from abfm.wording import counted, sentence, share
-
-if TYPE_CHECKING:
-    from abfm.matching import Remedy
 
 
 def left_now(now: abfm.Iteration, is_of_landmarks: bool) -> str:
@@ -25,7 +21,7 @@ def is_broken_off(match: abfm.Match) -> bool:
     return match.stop_reason in ("cancelled", "out of memory")
 
 
-def changes(remedy: Remedy) -> str:
+def changes(remedy: abfm.matching.Remedy) -> str:
     """Say what a remedy does, for a tooltip: ``A larger reach: reach 1, from no motion``."""
     changed = ", ".join(
         f"{name} {abfm.matching.report.plain(value)}" for name, value in remedy.parameters.items()

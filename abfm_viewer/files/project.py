@@ -18,7 +18,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -54,9 +54,6 @@ from abfm_viewer.document.document import (
 )
 from abfm_viewer.document.film import Film, FilmSettings
 from abfm_viewer.document.label_map import LabelMap
-
-if TYPE_CHECKING:
-    from abfm import Sequence
 
 _FORMAT = 5
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
@@ -254,18 +251,15 @@ def _of_film(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
     if has_mask:
         arrays["film/mask"] = frames.mask
     if sequence is not None:
-        from abfm.sequences.files import sequence_arrays  # with all that it loads
-
-        found = sequence_arrays(sequence)
+        found = sequence.arrays()
         arrays |= {f"sequence/{name}": found[name] for name in _FIELDS}
     return arrays, {"film": _Film(film.name, film.unit, document.settings, has_fields, has_mask)}
 
 
 def _film(
     header: _Film, arrays: Mapping[str, Any], mesh: TriangleMesh
-) -> tuple[Film, Sequence | None]:
-    from abfm.sequences.files import sequence_of  # with all that it loads
-    from abfm.sequences.frames import Frames
+) -> tuple[Film, abfm.Sequence | None]:
+    from abfm.sequences.frames import Frames  # with all that it loads
 
     entries = _FRAMES | {"mask": _FRAMES["mask"]._replace(required=header.has_mask)}
     known = check_arrays(arrays, entries, "film/", V=len(mesh.vertices))
@@ -279,7 +273,8 @@ def _film(
         return film, None
     sizes = {"F": len(mesh.faces), "I": count - 1}
     fields = check_arrays(arrays, _FIELDS, "sequence/", **sizes)
-    return film, replace(sequence_of({**known, **fields}, mesh), _frames=film.frames)
+    found = abfm.Sequence.of_arrays({**known, **fields}, mesh)
+    return film, replace(found, _frames=film.frames)
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import zipfile
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+import abfm
 from abfm import AbfmError
 from abfm.errors import one_line
 from abfm.outcome import Facts, Outcome
 from abfm_viewer.document.result_table import ResultRow, ResultTable
-
-if TYPE_CHECKING:
-    from abfm import Population
-    from abfm.batch import Entry
 
 POPULATION = "population.npz"
 NAMES = (POPULATION, "subjects.csv", "summary.csv", "rows.json")
@@ -83,7 +80,7 @@ class TableReader:
         rows = tuple(self._row(number, entry) for number, entry in enumerate(entries))
         return ResultTable(self.place, title, rows)
 
-    def _row(self, number: int, entry: Entry) -> ResultRow:
+    def _row(self, number: int, entry: abfm.batch.Entry) -> ResultRow:
         name = one_line(entry.row.name, 200)
         # files of results are named by what is in them
         known = None if entry.path is None else self._known.get(entry.path)
@@ -97,7 +94,7 @@ class TableReader:
         return row
 
 
-def _texts(entry: Entry) -> tuple[tuple[str, str], ...]:
+def _texts(entry: abfm.batch.Entry) -> tuple[tuple[str, str], ...]:
     """Return what a row says of its channels; nothing of a film."""
     from abfm.tasks.inputs import channels
 
@@ -111,7 +108,7 @@ def _texts(entry: Entry) -> tuple[tuple[str, str], ...]:
 def _of_population(place: Path, path: Path) -> ResultTable:
     from abfm import load_population
 
-    found: Population = load_population(path)
+    found: abfm.Population = load_population(path)
     rows, matched = [], [channel for channel in found.channels if not channel.is_held_out]
     for number, name in enumerate(found.names):
         result = path.parent / f"{found.digests[number]}.npz"

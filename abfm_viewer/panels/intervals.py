@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
+import abfm
 from abfm.outcome import worse_residual
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import share
 from abfm_viewer.document.film import Film
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets import plots
-
-if TYPE_CHECKING:
-    from abfm import Sequence
 
 _NONE = (
     "Appears here while all frames are matched: how fast each interval's field is; then what it "
@@ -52,7 +48,7 @@ def draw(context: Context) -> None:
         _left(context, film, sequence)
 
 
-def doubtful(sequence: Sequence) -> BoolArray:
+def doubtful(sequence: abfm.Sequence) -> BoolArray:
     """Return which intervals were solved and are not confirmed, (T - 1,) of bool."""
     good = [verdict.kind.is_good for verdict in sequence.verdicts]
     found: BoolArray = sequence.solved & ~np.array(good)
@@ -80,7 +76,7 @@ def _speeds(context: Context, film: Film) -> None:
         _clicks(context, film, speeds)
 
 
-def _left(context: Context, film: Film, sequence: Sequence) -> None:
+def _left(context: Context, film: Film, sequence: abfm.Sequence) -> None:
     ui, document = context.ui, context.session.document
     unsolved = ~sequence.solved
     by_flow = np.where(unsolved, np.nan, sequence.residual)

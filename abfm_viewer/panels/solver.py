@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 import polyscope.imgui as imgui
 
@@ -19,9 +18,6 @@ from abfm_viewer.panels.trade_off import LIMIT, draw_limit
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import Fits, child
 from abfm_viewer.widgets.toolkit import Ui
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 # at least, so that what is below seldom moves: six lines, or four and a row of buttons
 _STATE_HEIGHT = 130
@@ -196,7 +192,7 @@ def _draw_foreseen(ui: Ui, facts: Facts) -> None:
     ui.note(_IMPOSSIBLE if is_impossible else sentence(facts.headline), facts.tone)
 
 
-def _draw_result(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
+def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
     ui.note(capital(facts.headline), "muted" if session.outdated else facts.tone)
     if steps := len(result.energy_history) - 1:  # at the end of the line, if there is room
         text = counted(steps, "iteration")
@@ -231,7 +227,7 @@ def _draw_compared(ui: Ui, compared: Comparison) -> None:
     ui.note(about)
 
 
-def _draw_remedies(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
+def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
     """Draw buttons, or what to try where no button can do it."""
     is_broken_off, verdict = verdict_words.is_broken_off(result), result.verdict
     # no other flow helps if the complete map is the cause

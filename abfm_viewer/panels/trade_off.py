@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
 import numpy as np
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
+import abfm
 from abfm import ParameterError
 from abfm.types import FloatArray
 from abfm.wording import factor, share
@@ -16,11 +17,7 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.toolkit import Ui, finite
 
-if TYPE_CHECKING:
-    from abfm.matching import PathStep
-
-    Steps = tuple[PathStep, ...]
-
+Steps: TypeAlias = "tuple[abfm.PathStep, ...]"
 
 _CHOSEN = "solver's choice"
 _STEP = (

@@ -6,7 +6,6 @@ import re
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from abfm.reading import read_gifti
 from abfm.types import FloatArray
 from abfm_viewer.document.document import MEASURED, Channel, Document, Surface, View
 from abfm_viewer.document.film import Film, settings_of, unit_of
-
-if TYPE_CHECKING:
-    from abfm.sequences.frames import Frames
 
 ALONE = (
     *(".npy", ".mat", ".csv", ".tsv", ".txt", ".1d", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
@@ -69,7 +65,7 @@ def read_film(
     return film_of(path.name, frames), found.notes
 
 
-def film_of(name: str, frames: Frames) -> Film:
+def film_of(name: str, frames: abfm.sequences.Frames) -> Film:
     return Film(name, frames, unit_of(frames.times))
 
 

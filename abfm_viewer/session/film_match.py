@@ -7,7 +7,7 @@ from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,10 +21,6 @@ from abfm_viewer.computing.background import THREADS, Memo, error_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.film import FilmSettings
 
-if TYPE_CHECKING:
-    from abfm import Sequence
-    from abfm.sequences.frames import Frames
-
 _TRIES = 3  # of a process that ends, such as for want of memory, each from where the last one was
 _ENDED = (
     f"the process that matches ended {_TRIES} times, as for want of memory; match again to go on "
@@ -36,7 +32,7 @@ class Ended(NamedTuple):
     """What a run was of and has come to, or in a line why it failed."""
 
     began: Document
-    found: Sequence | str
+    found: abfm.Sequence | str
     was_recovered: bool  # it only told what an earlier one had found
 
 
@@ -59,7 +55,7 @@ class FilmMatch:
         self._fields: dict[int, FloatArray] = {}  # of the run, by interval
         self._fast = 0.0  # the largest of what counted as fast in the run's fields
         self._control = Control()
-        self._work: Future[Sequence] | None = None
+        self._work: Future[abfm.Sequence] | None = None
         self._worker = Worker(stateless, _ENDED)
         self._speeds = Memo[FloatArray]()
         self._of_result = Memo[tuple[FloatArray | None, ...]]()
@@ -185,10 +181,10 @@ class FilmMatch:
     @factoring_apart()
     def _solve(
         self,
-        film: tuple[Frames, FilmSettings, Path | None, bool],
+        film: tuple[abfm.sequences.Frames, FilmSettings, Path | None, bool],
         fields: dict[int, FloatArray],
         control: Control,
-    ) -> Sequence:
+    ) -> abfm.Sequence:
         mesh = film[0].mesh
 
         def take(found: tuple[int, FloatArray]) -> None:
@@ -202,7 +198,7 @@ class FilmMatch:
         def tell(step: Step | None) -> None:
             self.step = step or self.step
 
-        def run() -> Sequence:
+        def run() -> abfm.Sequence:
             return self._worker.call(_matched, *film).result(take)
 
         with telling(tell), controlled(control):
@@ -213,8 +209,12 @@ class FilmMatch:
 
 
 def _matched(
-    _: None, frames: Frames, settings: FilmSettings, beside: Path | None, goes_on: bool
-) -> Sequence:
+    _: None,
+    frames: abfm.sequences.Frames,
+    settings: FilmSettings,
+    beside: Path | None,
+    goes_on: bool,
+) -> abfm.Sequence:
     values = frames.values if frames.channels_given else frames.values[:, :, 0]
     return abfm.sequence(
         frames.mesh,

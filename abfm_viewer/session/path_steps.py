@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
+import abfm
 from abfm_viewer.computing.background import Jobs, Latest, same
 from abfm_viewer.session.editor import Editor
 from abfm_viewer.session.notices import Notices
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 
 class PathSteps:
@@ -21,8 +18,8 @@ class PathSteps:
 
     def __init__(self, editor: Editor, jobs: Jobs, notices: Notices) -> None:
         self._editor, self._notices = editor, notices
-        self._found: Latest[Match] = jobs.latest()
-        self._wanted: tuple[Match, int] | None = None  # the result then, and the step
+        self._found: Latest[abfm.Match] = jobs.latest()
+        self._wanted: tuple[abfm.Match, int] | None = None  # the result then, and the step
 
     @property
     def busy(self) -> str:
@@ -73,7 +70,7 @@ class PathSteps:
             self._wanted = None
             self._notices.say(f"step {step + 1}: {self._found.error}", is_error=True)
 
-    def _known(self, step: int) -> Match | None:
+    def _known(self, step: int) -> abfm.Match | None:
         result = self._editor.document.result
         for document in self._editor.documents:
             other = document.result

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import abfm
 from abfm_viewer.document.document import Document, Identity
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Editor
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 _CONTENT = (
     "channels",
@@ -42,7 +39,7 @@ class Saves:
         self._editor = editor
         self._saved: dict[Identity, tuple[Document | None, Origin | None]] = {}
         self._left: dict[Identity, Document] = {}
-        self._exported: Match | None = None
+        self._exported: abfm.Match | None = None
         self._exported_film: Document | None = None
         self.mark(editor.document, None)
 
@@ -85,7 +82,7 @@ class Saves:
             known_paths.append(self._exported.path)
         return result is not None and not any(result.path is path for path in known_paths)
 
-    def exported(self, result: Match) -> None:
+    def exported(self, result: abfm.Match) -> None:
         """Remember that a result is in a file of its own, the latest such."""
         self._exported = result
 

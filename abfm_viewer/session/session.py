@@ -6,7 +6,7 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
 import abfm
@@ -43,9 +43,6 @@ from abfm_viewer.session.notices import Notices, WaysOut
 from abfm_viewer.session.path_steps import PathSteps
 from abfm_viewer.session.player import FRAMES_A_SECOND, Player
 from abfm_viewer.session.saves import Saves
-
-if TYPE_CHECKING:
-    from abfm.matching import Remedy
 
 RUN = "run"
 """What cards about a match are about."""
@@ -399,7 +396,7 @@ class Session:
             self.editor.set_parameter(label=label, **usual.to_dict())
             self.notices.say(f"{label} were set, as the functions of A and B look measured")
 
-    def remedy(self, remedy: Remedy) -> None:
+    def remedy(self, remedy: abfm.matching.Remedy) -> None:
         """Do what a verdict proposes: change the parameters, and start a run.
 
         With its result it is one step of undo. ParameterError if the document's other parameters do

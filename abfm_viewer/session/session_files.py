@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -42,6 +42,7 @@ from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.document.surface_points import landmarks_of_match, points_of
 from abfm_viewer.files import result_tables
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
+from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.film_files import (
     ALONE,
     circular_film,
@@ -59,9 +60,6 @@ from abfm_viewer.session.initial_maps import GIVEN
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.result_tables import FoundTable, Tables, find_table
 from abfm_viewer.session.session import Session
-
-if TYPE_CHECKING:
-    from abfm_viewer.files.state_folder import StateFolder
 
 MESHES = (*MESH_ENDINGS, *FREESURFER_SURFACES)
 PROJECT = ".abfm"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +18,6 @@ from abfm.pages.film_motion import OPACITY_MIN
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.ribbons import normals_at, outward
-
-if TYPE_CHECKING:
-    from abfm.maps import SurfacePoints
 
 _FARTHEST = 0.13  # are places from each other, however small the picture
 _SPARSE, _DENSE = 60.0, 15.0  # pixels between them at the least and the largest density
@@ -149,7 +145,7 @@ def arrows_of(
     return _drawn(points[kept], along, lengths, look, opacities[kept])
 
 
-def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> SurfacePoints:
+def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.maps.SurfacePoints:
     """Return points of which no two are nearer than a spacing, while every place is about as near
     to one of them: for an eye first those around which it sees most of a disc, that is flat enough.
     """
@@ -164,7 +160,7 @@ def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> Surfac
     return spread.points[spread.thinned(order, spacing)]
 
 
-def _sights(points: SurfacePoints, radius: float, eye: Eye) -> IntArray:
+def _sights(points: abfm.maps.SurfacePoints, radius: float, eye: Eye) -> IntArray:
     """Count of discs about points (P,) in how many directions an eye sees them, (P,); 0 where it
     does not see the middle.
     """
@@ -205,7 +201,7 @@ def _is_flat(normals: FloatArray) -> BoolArray:
 
 
 def _drawn(
-    points: SurfacePoints,
+    points: abfm.maps.SurfacePoints,
     along: FloatArray,
     lengths: FloatArray,
     look: ArrowLook,

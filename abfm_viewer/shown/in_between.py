@@ -6,16 +6,13 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from abfm.sequences.between.in_between import in_between
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
-
-if TYPE_CHECKING:
-    from abfm_viewer.shown.shown_flow import FlowState
+from abfm_viewer.shown.flow_state import FlowState
 
 _TIMES = 9  # of an interval at which it is computed; those between are blended
 _LARGEST = 30_000_000  # numbers that are kept, in single precision

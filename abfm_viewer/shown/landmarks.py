@@ -6,7 +6,6 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +16,10 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import SIDES, Landmark, Side
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.hidden_points import are_hidden
 from abfm_viewer.shown.ribbons import outward
-from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
-
-if TYPE_CHECKING:
-    from abfm.maps import SurfacePoints
+from abfm_viewer.shown.shown_flow import ShownFlow
 
 _TIMES = 41  # tau is one of them
 
@@ -37,7 +34,7 @@ class Marks:
     normals: FloatArray
 
     @classmethod
-    def at(cls, points: SurfacePoints, numbers: tuple[int, ...]) -> Marks:
+    def at(cls, points: abfm.maps.SurfacePoints, numbers: tuple[int, ...]) -> Marks:
         normals = abfm.calculus.face_normals(points.mesh)[points.faces]
         return cls(points.mesh, numbers, points.positions, outward(points.mesh) * normals)
 
@@ -47,10 +44,10 @@ class Ways:
     """Where points are at times (T,) of a flow."""
 
     times: FloatArray
-    points: list[SurfacePoints]
+    points: list[abfm.maps.SurfacePoints]
 
     @classmethod
-    def along(cls, flow: FlowState, starts: SurfacePoints) -> Ways:
+    def along(cls, flow: FlowState, starts: abfm.maps.SurfacePoints) -> Ways:
         """Follow points to the end of the time bar, by the flow lines that judge a match."""
         lines = abfm.flow.ContinuousFlow(flow.mesh, flow.flow.fine_velocity, flow.parameters.tau)
         times, points = np.linspace(0, flow.duration, _TIMES), [starts]
@@ -73,7 +70,7 @@ class ShownLandmarks(Jobs):
         super().__init__(session.at_once)
         self._session, self._flow = session, flow
         self._placed = {side: Memo[Marks | None]() for side in SIDES}
-        self._starts: Memo[SurfacePoints] = Memo()
+        self._starts: Memo[abfm.maps.SurfacePoints] = Memo()
         self._ways: Latest[Ways] = self.latest()
         self._moved = Memo[Marks]()
         self._axes = defaultdict[tuple[str, Side | None], Memo[FloatArray]](Memo)
@@ -119,7 +116,7 @@ class ShownLandmarks(Jobs):
             return self._moved.get((starts, 0.0), begun)
         return self._moved.get((found, time), partial(found.at, time, numbers))
 
-    def _on_target(self, landmarks: tuple[Landmark, ...]) -> SurfacePoints | None:
+    def _on_target(self, landmarks: tuple[Landmark, ...]) -> abfm.maps.SurfacePoints | None:
         """Return where those of the source start on the target's surface."""
         document, prepared = self._session.document, self._session.prepared
         initial = prepared.initial.correspondence if prepared else None
@@ -128,7 +125,7 @@ class ShownLandmarks(Jobs):
         mesh = document.surface("source").mesh
         sources = tuple(one.source for one in landmarks if one.source)
 
-        def start() -> SurfacePoints:
+        def start() -> abfm.maps.SurfacePoints:
             points = surface_points(mesh, sources)
             return points if initial is None else initial.carry_points(points)
 

@@ -23,8 +23,9 @@ from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.arrows import ArrowLook, Arrows, arrow_spacing, arrows_of
 from abfm_viewer.shown.eye import Eye
+from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.landmarks import ShownLandmarks
-from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
+from abfm_viewer.shown.shown_flow import ShownFlow
 from abfm_viewer.shown.tracks import ShownTracks
 
 # vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte

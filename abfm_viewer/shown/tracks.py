@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+import abfm
 from abfm.pages.film_motion import Way, ways_of
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.session.session import Session
-
-if TYPE_CHECKING:
-    from abfm.sequences import Episode
 
 KINDS = ("source", "sink", "spiral", "saddle")
 
@@ -23,7 +20,7 @@ class ShownTracks(Jobs):
         super().__init__(session.at_once)
         self._session = session
         self._found: Latest[tuple[Way, ...]] = self.latest()
-        self._episodes: Latest[list[Episode]] = self.latest()
+        self._episodes: Latest[list[abfm.sequences.Episode]] = self.latest()
 
     def ways(self) -> tuple[Way, ...]:
         """Return those of the film's result that are wanted and known by now."""
@@ -38,7 +35,7 @@ class ShownTracks(Jobs):
         found = Counter(way.kind for way in self.ways())
         return {kind: found[kind] for kind in KINDS if found[kind]}
 
-    def episodes(self) -> list[Episode]:
+    def episodes(self) -> list[abfm.sequences.Episode]:
         """Return when the film's result is slow or fast, as far as it is known by now."""
         sequence = self._session.document.sequence
         return [] if sequence is None else self._episodes.ask(sequence, sequence.episodes) or []

@@ -54,7 +54,7 @@ from .registration.files import load_correspondence as load_correspondence
 from .registration.files import load_registration as load_registration
 from .registration.register import register as register
 from .registration.registration import Registration as Registration
-from .sequences.files import load_sequence as load_sequence
 from .sequences.sequence import Sequence as Sequence
+from .sequences.sequence import load_sequence as load_sequence
 from .sequences.sequence import sequence as sequence
 from .workers.control import Control as Control

@@ -1,9 +1,9 @@
 from .circular import Circular as Circular
 from .circular import as_circle as as_circle
 from .circular import phase_warning as phase_warning
-from .circular import split_channels as split_channels
-from .circular import without_circle as without_circle
 from .circular import wrapped_period as wrapped_period
+from .circular_channels import split_channels as split_channels
+from .circular_channels import without_circle as without_circle
 from .family import VERTICES as VERTICES
 from .family import Family as Family
 from .family import Kind as Kind
@@ -20,12 +20,12 @@ from .labels import read_labels as read_labels
 from .local_shape import vertex_normals as vertex_normals
 from .objects import as_values as as_values
 from .places import Gaussian as Gaussian
-from .scaled import Scaled as Scaled
-from .scaled import scaled as scaled
+from .spec import Scaled as Scaled
 from .spec import Sum as Sum
 from .spec import families as families
 from .spec import function as function
 from .spec import functions_in as functions_in
 from .spec import parse as parse
+from .spec import scaled as scaled
 from .value_files import read_column as read_column
 from .value_files import read_values as read_values

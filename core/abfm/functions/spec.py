@@ -28,25 +28,15 @@ import numpy as np
 from abfm.errors import FunctionError, brief, did_you_mean
 from abfm.functions.circular import Circular
 from abfm.functions.expression import Expression
-from abfm.functions.family import Family, Spec, quoted
+from abfm.functions.family import NUMBER, Family, Spec, parameter, quoted
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
-from abfm.functions.scaled import Scaled
 from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKernelSignature
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh
 from abfm.types import FloatArray
 
 LONGEST, DEEPEST = 10_000, 50
-
-_FAMILIES: dict[str, type[Family]] = {
-    cls.family: cls
-    for cls in (
-        *(Gaussian, Eigenfunction, HeatKernelSignature, WaveKernelSignature, Curvature),
-        *(Coordinate, Geodesic, ShapeDiameter, Indicator, ValuesFile, Expression, Permuted, Scaled),
-        Circular,
-    )
-}
 
 _NAME = re.compile(r"[A-Za-z][\w-]*", re.ASCII)
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
@@ -72,6 +62,41 @@ class Sum(Spec):
         for term in self.terms[1:]:
             total += term.evaluate(mesh)
         return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scaled(Family):
+    """Another function times a factor, plus an offset, in the unit of the function."""
+
+    family = "scaled"
+    positional = "factor"
+    factor: float = parameter(NUMBER, "what values are multiplied by")
+    offset: float = parameter(NUMBER, "what is added to them after that", default=0.0)
+    function: Spec  # given in parentheses after the numbers
+
+    def __str__(self) -> str:
+        return f"{super().__str__()}({self.function})"
+
+    def evaluate(self, mesh: TriangleMesh) -> FloatArray:
+        return self.factor * self.function.evaluate(mesh) + self.offset
+
+
+_FAMILIES: dict[str, type[Family]] = {
+    cls.family: cls
+    for cls in (
+        *(Gaussian, Eigenfunction, HeatKernelSignature, WaveKernelSignature, Curvature),
+        *(Coordinate, Geodesic, ShapeDiameter, Indicator, ValuesFile, Expression, Permuted, Scaled),
+        Circular,
+    )
+}
+
+
+def scaled(spec: Spec, factor: float, offset: float) -> Scaled:
+    """Return a function times a factor, plus an offset; one that is scaled already once only."""
+    if isinstance(spec, Scaled):
+        offset += factor * spec.offset
+        factor, spec = factor * spec.factor, spec.function
+    return Scaled(factor=factor, offset=offset, function=spec)
 
 
 def families() -> tuple[type[Family], ...]:

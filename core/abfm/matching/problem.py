@@ -25,7 +25,8 @@ from abfm.errors import (
     brief,
 )
 from abfm.flow.continuous_flow import on_children
-from abfm.functions.circular import circular_channels, warn_of_phases
+from abfm.functions.circular import warn_of_phases
+from abfm.functions.circular_channels import circular_channels
 from abfm.functions.family import texts_of
 from abfm.functions.objects import texts_or_values
 from abfm.functions.refinement import on_subdivision

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 import abfm
+import abfm.maps
+import abfm.sequences
 from abfm.types import FloatArray
-
-if TYPE_CHECKING:
-    from abfm.maps import SurfacePoints
-    from abfm.sequences import Track
 
 OPACITY_MIN = 0.1
 """Smallest opacity of arrows, which is how well frames determine the field there, 0 to 1."""
@@ -42,7 +39,7 @@ class Way:
 
     kind: str
     times: FloatArray
-    points: SurfacePoints
+    points: abfm.maps.SurfacePoints
 
     def at(self, time: float, slack: float) -> FloatArray | None:
         """Return where it is at a time (3,); None before it comes and after it has gone, but for
@@ -54,7 +51,7 @@ class Way:
         return np.array([np.interp(time, self.times, places[:, axis]) for axis in range(3)])
 
 
-def ways_of(tracks: Sequence[Track]) -> list[Way]:
+def ways_of(tracks: Sequence[abfm.sequences.Track]) -> list[Way]:
     """Return the ways of tracks, between their points on the surface."""
     if not tracks:
         return []

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmWarning, FunctionError, ParameterError
-from abfm.functions.circular import circular_channels, phase_warning
+from abfm.functions.circular import phase_warning
+from abfm.functions.circular_channels import circular_channels
 from abfm.functions.family import texts_of
 from abfm.functions.objects import as_values, texts_or_values
 from abfm.functions.sides import warn_of_mixed_sides

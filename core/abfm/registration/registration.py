@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -13,12 +14,13 @@ from abfm.errors import AbfmError, ResultError
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.point_maps import PointMap
+from abfm.maps.spherical import is_sphere
 from abfm.matching.judging.cause import Cause
+from abfm.matching.judging.facts import known_numbers
 from abfm.matching.judging.verdict import Verdict, is_registered
 from abfm.matching.match import Match, match_parts, substitutes
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.registration.correspondence import Correspondence
-from abfm.registration.facts import facts_of
 from abfm.types import FloatArray
 from abfm.wording import share
 
@@ -122,7 +124,44 @@ class Registration(Correspondence):
         """What is reported of the registration: that of its match, with residual, distortion and
         folds of the complete map from A to B.
         """
-        return facts_of(self)
+        match = self.match
+        try:
+            distortion = self.distortion()
+        except AbfmError as error:  # of a field that leads over too many faces
+            warnings = (*match.facts.warnings, *self.warnings, str(error))
+            return replace(match.facts, warnings=warnings)
+        report, faces = match.report, len(distortion.flipped)
+        folded, flipped = distortion.folded, self.flipped_by_vertices()
+        is_known = not math.isnan(self.residual)
+        areas = distortion.log2_area
+        evidence = replace(
+            report.evidence,
+            verified=worse_residual(match.verified_residual, self.residual),
+            folded=folded / faces,
+            log2_area=areas.mean,
+        )
+        facts = replace(
+            report,
+            verdict=self.verdict,
+            evidence=evidence,
+            initial_residual=self.initial_residual if is_known else match.initial_residual,
+            log2_area_95=areas.p95,
+        ).facts()
+        of_map = {
+            "verified_residual": match.verified_residual,
+            "map_residual": self.residual,
+            "folded_faces": folded,
+            "flipped_by_vertices": flipped,
+        }
+        warnings = (*facts.warnings, *self.warnings)
+        if folded:
+            warnings += (f"{folded:,} of {faces:,} faces of B are folded by the map to A",)
+        if flipped and is_sphere(self.b):
+            count = f"{flipped:,} of {len(self.a.faces):,} faces of A"
+            reason = "are flipped if its vertices alone are moved, as in a sphere.reg"
+            warnings += (f"{count} {reason}",)
+        numbers = {**facts.numbers, **known_numbers(of_map)}
+        return replace(facts, numbers=numbers, warnings=warnings)
 
     @property
     def landmark_errors(self) -> FloatArray | None:

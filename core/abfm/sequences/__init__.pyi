@@ -5,8 +5,7 @@ from .exports import export_speed as export_speed
 from .exports import export_stc as export_stc
 from .exports import export_tracks as export_tracks
 from .exports import vertex_speed as vertex_speed
-from .files import is_sequence as is_sequence
-from .files import load_sequence as load_sequence
+from .frames import Frames as Frames
 from .parameters import CHOSEN as CHOSEN
 from .parameters import DEFAULTS as DEFAULTS
 from .parameters import TAKEN as TAKEN
@@ -17,7 +16,9 @@ from .reading.reading_frames import ENDINGS as ENDINGS
 from .reading.reading_frames import read_frames as read_frames
 from .sequence import GAMMA as GAMMA
 from .sequence import Sequence as Sequence
+from .sequence import load_sequence as load_sequence
 from .sequence import sequence as sequence
+from .solution import is_sequence as is_sequence
 from .tracking.critical_points import KINDS as KINDS
 from .tracking.critical_points import CriticalPoints as CriticalPoints
 from .tracking.critical_points import critical_points as critical_points

@@ -9,7 +9,7 @@ smaller and larger ones only where that predicts nearly as well.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,16 +19,13 @@ from abfm.matching.match import match
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.held_out import without
 from abfm.parameters import Parameters
-from abfm.sequences.frames import Frames
+from abfm.sequences.frames import Frames, interval_parameters, sigma_of
 from abfm.sequences.interval import COOLER, Interval, cooling
 from abfm.sequences.noise import OFTEN, noise_floor
 from abfm.sequences.parameters import SequenceParameters
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
-
-if TYPE_CHECKING:
-    from abfm.sequences.solve import Solver
 
 SIGMA_MAX = 9.0
 """Sigma with which a search without a start begins, in deviations of the frames."""
@@ -73,7 +70,22 @@ def norms(given: SequenceParameters) -> list[Norm]:
     return list(dict.fromkeys(found))
 
 
-def chosen(solver: Solver) -> Choice:
+class _Given(NamedTuple):
+    """What norm and sigma are chosen for; levels are those of the noise at vertices."""
+
+    frames: Frames
+    parameters: SequenceParameters
+    levels: FloatArray
+
+    def energy(self, interval: int, norm: Norm) -> MatchingEnergy:
+        """Return the energy of an interval with a norm of fields."""
+        sigma = self.parameters.sigma or SIGMA_MAX
+        found = interval_parameters(self.frames, self.parameters, sigma, interval)
+        found = found.with_values(order=norm.order, alpha=norm.alpha)
+        return MatchingEnergy(self.frames.problem(interval, found))
+
+
+def chosen(frames: Frames, given: SequenceParameters, levels: FloatArray) -> Choice:
     """Return the norm with the smallest residual on held-out patches of a few intervals, and the
     largest sigma that explains nearly as much with it as its best one.
 
@@ -82,13 +94,13 @@ def chosen(solver: Solver) -> Choice:
     ParameterError
         If there are too few vertices to hold any out, and sigma is not given.
     """
-    given, candidates = solver.given, norms(solver.given)
+    made_for, candidates = _Given(frames, given, levels), norms(given)
     usual = Norm(given.solver.order, given.alpha)
     if given.sigma is not None and len(candidates) == 1:
         return Choice(candidates[0], given.sigma)
     sigmas = cooling(given.sigma or SIGMA_MIN, SIGMA_MAX)
-    looked_at = _spread(changes(solver.frames), _INTERVALS)
-    first = _HeldOut(solver, looked_at, candidates[0], sigmas)
+    looked_at = _spread(changes(frames), _INTERVALS)
+    first = _HeldOut(made_for, looked_at, candidates[0], sigmas)
     if not first.walks:
         if given.sigma is not None:
             return Choice(usual, given.sigma)
@@ -97,7 +109,7 @@ def chosen(solver: Solver) -> Choice:
         count, found = len(candidates), [first]
         first.follow_all(lambda share: report(share / count))
         for number, norm in enumerate(candidates[1:]):
-            other = _HeldOut(solver, looked_at, norm, sigmas)
+            other = _HeldOut(made_for, looked_at, norm, sigmas)
             other.look_near(first, min(each.least for each in found))
             found.append(other)
             report((number + 2) / count)
@@ -111,12 +123,12 @@ class _HeldOut:
     """
 
     def __init__(
-        self, solver: Solver, intervals: Sequence[int], norm: Norm, sigmas: Sequence[float]
+        self, given: _Given, intervals: Sequence[int], norm: Norm, sigmas: Sequence[float]
     ) -> None:
         self.norm, self._sigmas = norm, sigmas
-        self._is_given = solver.given.sigma is not None
+        self._is_given = given.parameters.sigma is not None
         count = len(intervals)
-        walks = [_Walk(solver, i, norm, start, count) for start, i in enumerate(intervals)]
+        walks = [_Walk(given, i, norm, start, count) for start, i in enumerate(intervals)]
         self.walks = [walk for walk in walks if walk.folds]  # what could be compared without some
         self._left: dict[float, float] = {}
         self._fields: dict[float, list[list[FloatArray]]] = {}
@@ -203,12 +215,12 @@ class _HeldOut:
 class _Walk:
     """Fields of one interval, without the patches of every ``count``-th fold, from ``start`` on."""
 
-    def __init__(self, solver: Solver, interval: int, norm: Norm, start: int, count: int) -> None:
-        energy = solver.energy(interval, norm)
-        self._functions, self._of = energy.functions, solver.sigma_over
+    def __init__(self, given: _Given, interval: int, norm: Norm, start: int, count: int) -> None:
+        energy = given.energy(interval, norm)
+        self._functions, self._given = energy.functions, given
         self._duration = energy.parameters.tau
         self.rest = energy.residual(energy.functions.source)
-        self.noise = noise_floor(energy.functions, solver.levels)
+        self.noise = noise_floor(energy.functions, given.levels)
         folds = without(energy)[start::count]
         self.folds = [(Interval(part), hidden) for part, hidden in folds]
         self.rest_fields = [np.zeros(energy.shape[1:])] * len(self.folds)
@@ -223,7 +235,8 @@ class _Walk:
         """Go on from fields (F, 2) of each fold; return the mean square of what is left of what
         each has not seen, and the fields.
         """
-        sigma, left, found = self._of(sigma, self._duration), [], []
+        of, left, found = self._given, list[float](), list[FloatArray]()
+        sigma = sigma_of(of.frames, of.parameters, sigma, self._duration)
         starts = self.starts or fields
         for (interval, hidden), start in zip(self.folds, starts, strict=True):
             checkpoint()

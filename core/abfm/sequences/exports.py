@@ -6,7 +6,6 @@ import os
 import re
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -24,13 +23,11 @@ from abfm.io import (
     write_values,
 )
 from abfm.reading import read_collection
+from abfm.sequences.sequence import Sequence
 from abfm.types import FloatArray
 from abfm.wording import counted
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
-
-if TYPE_CHECKING:
-    from abfm.sequences.sequence import Sequence
 
 _TRACKS = ["track", "kind", "index", "time", "x", "y", "z", "face", "divergence", "curl"]
 _INTERVALS = [

@@ -22,6 +22,7 @@ from abfm.matching.terms.functions import (
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
+from abfm.sequences.parameters import SequenceParameters
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -129,6 +130,23 @@ def checked(
         of_channels,
         given.ndim == 3,
     )
+
+
+def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:
+    """Return the absolute sigma of an interval of that duration, by which the balance of both terms
+    is the same for all durations.
+    """
+    unit = frames.deviation if given.paper.sigma_unit == "relative" else 1.0
+    return float(sigma * unit * np.sqrt(duration))
+
+
+def interval_parameters(
+    frames: Frames, given: SequenceParameters, sigma: float, interval: int
+) -> Parameters:
+    """Return the parameters of the problem of an interval: its duration as tau."""
+    duration = float(frames.durations[interval])
+    absolute = sigma_of(frames, given, sigma, duration)
+    return given.of_match(tau=duration, sigma=absolute, sigma_unit="absolute")
 
 
 def _fill_in(mesh: TriangleMesh, frames: FloatArray, seen: BoolArray, counted: BoolArray) -> None:

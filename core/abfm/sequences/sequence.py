@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -34,12 +34,12 @@ from abfm.parameters import Parameters
 from abfm.sequences.between.in_between import in_between
 from abfm.sequences.between.left_out import LeftOut, left_out
 from abfm.sequences.choosing import SIGMA_MAX, SIGMA_MIN
-from abfm.sequences.files import save_parts, sequence_arrays
-from abfm.sequences.frames import Frames, checked
+from abfm.sequences.frames import Frames, checked, interval_parameters
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
 from abfm.sequences.reading.frame_objects import frames_of
-from abfm.sequences.solve import Said, Solver, interval_parameters
+from abfm.sequences.solution import Solution
+from abfm.sequences.solve import Said, Solver
 from abfm.sequences.tracking.critical_points import CriticalPoints, critical_points
 from abfm.sequences.tracking.episodes import Episode, episodes
 from abfm.sequences.tracking.tracks import Track, tracks
@@ -49,7 +49,6 @@ from abfm.sequences.verdicts import (
     NUMBERS,
     determines_motion,
     facts_of_intervals,
-    is_unsolved,
     motion_shares,
     undetermined,
     verdict_of,
@@ -64,76 +63,11 @@ _HEAVIEST = 1e6  # gamma
 _THREADS = 2  # that walk along flow lines: the rest is one thread's work
 
 
-@dataclass(frozen=True, eq=False)
-class Sequence(Display):
+class Sequence(Solution, Display):
     """Frames of a function, and the field of each interval between two of them; immutable.
 
-    Attributes
-    ----------
-    mesh : TriangleMesh, or whatever `abfm.load_mesh` takes
-    frames : (T, V, C) array
-        As given, and filled in where a value is not finite in some frame, or the mask is 0.
-    times : (T,) array
-        Ascending.
-    velocity : (T - 1, F, 3) array
-        Tangent vectors, in the mesh's length unit per unit of time.
-    parameters : SequenceParameters
-        As given, with the ``alpha`` and ``order`` of the norm that the intervals have;
-        ``automatic`` lists those of the two that were chosen, and ``sigma`` is None if it was.
-    gamma : float
-        How much neighbouring fields were held together.
-    residual, verified_residual, folded : (T - 1,) array
-        Of each interval, as in `Match`: by the discrete flow, by flow lines, and the share of faces
-        that these fold; NaN where unknown.
-    noise : float
-        What independent noise on vertices leaves of an interval, at most, as a residual: the median
-        over intervals, of which each is judged by its own.
-    verdicts : tuple of Verdict
-        What each interval came to.
-    motion_share : float
-        How much of what motion along the fields adds to the linear blend of two frames explains
-        frames that were left out, from 0 to 1; NaN if it is unknown. See `motion_shares`.
-    has_motion : bool
-        False if frames that were left out show that the fields are no motion, as of a standing
-        wave.
-    sigma : float
-        That of all intervals, in the frames' deviation (or absolute, as the parameters say).
+    Attributes are those of `Solution`.
     """
-
-    _frames: Frames = field(repr=False)
-    velocity: FloatArray = field(repr=False)
-    parameters: SequenceParameters = field(repr=False)
-    gamma: float
-    sigma: float
-    energies: FloatArray = field(repr=False)  # (T - 1, 2, 3)
-    residual: FloatArray = field(repr=False)
-    verified_residual: FloatArray = field(repr=False)
-    folded: FloatArray = field(repr=False)
-    noise: float
-    verdicts: tuple[Verdict, ...] = field(repr=False)
-    motion_share: float
-    has_motion: bool
-
-    @property
-    def mesh(self) -> TriangleMesh:
-        return self._frames.mesh
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What a user should know of the frames, a line each."""
-        return self._frames.notes
-
-    @property
-    def frames(self) -> FloatArray:
-        return self._frames.values
-
-    @property
-    def times(self) -> FloatArray:
-        return self._frames.times
-
-    def __len__(self) -> int:
-        """Return how many intervals there are."""
-        return len(self.velocity)
 
     @property
     def confirmed(self) -> int:
@@ -154,13 +88,6 @@ class Sequence(Display):
         how = f" (chosen by held-out data: {', '.join(chosen)})" if chosen else ""
         numbers = f"alpha {given.alpha:.3g}, sigma {self.sigma:.3g}, gamma {self.gamma:.3g}"
         return f"norm of order {given.solver.order}, {numbers}{how}"
-
-    @property
-    def solved(self) -> BoolArray:
-        """Which intervals were solved, (T - 1,): fields of the others are 0, as of a film that was
-        cancelled before them, and say nothing of speed.
-        """
-        return np.array([not is_unsolved(verdict) for verdict in self.verdicts])
 
     def __getitem__(self, interval: int) -> Match:
         """Return an interval as a match, from its frame to the next, with its field and verdict."""
@@ -359,13 +286,10 @@ class Sequence(Display):
         """Return the problem between any two frames, to be matched by itself."""
         return self._frames.between(first, last, parameters or Parameters())
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
-        results.save_arrays(path, sequence_arrays(self), results.SEQUENCE)
 
-    def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write what can be written of a sequence that `save` refuses; return what is missing."""
-        return save_parts(self, path)
+def load_sequence(path: str | os.PathLike[str]) -> Sequence:
+    """Read a file of `Sequence.save`; ResultError if it is missing, damaged, or none."""
+    return results.loaded(path, results.SEQUENCE, Sequence.of_arrays)
 
 
 def sequence(

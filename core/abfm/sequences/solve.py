@@ -16,7 +16,7 @@ from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
 from abfm.sequences.choosing import SIGMA_MAX, Norm, chosen, searched
 from abfm.sequences.defect import defect
-from abfm.sequences.frames import Frames
+from abfm.sequences.frames import Frames, interval_parameters, sigma_of
 from abfm.sequences.interval import Interval, Neighbour, Point
 from abfm.sequences.noise import OFTEN, explains_little, noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters
@@ -41,23 +41,6 @@ class Said:
     residual: float
     verified_residual: float = np.nan
     folded: float = np.nan
-
-
-def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:
-    """Return the absolute sigma of an interval of that duration, by which the balance of both terms
-    is the same for all durations.
-    """
-    unit = frames.deviation if given.paper.sigma_unit == "relative" else 1.0
-    return float(sigma * unit * np.sqrt(duration))
-
-
-def interval_parameters(
-    frames: Frames, given: SequenceParameters, sigma: float, interval: int
-) -> Parameters:
-    """Return the parameters of the problem of an interval: its duration as tau."""
-    duration = float(frames.durations[interval])
-    absolute = sigma_of(frames, given, sigma, duration)
-    return given.of_match(tau=duration, sigma=absolute, sigma_unit="absolute")
 
 
 class Solver:
@@ -93,7 +76,7 @@ class Solver:
         All that it goes on from is in its public attributes, after each step.
         """
         if not self.is_chosen:
-            self.choose(*chosen(self))
+            self.choose(*chosen(self.frames, self.given, self.levels))
         count = len(self.fields)
         with step("following the frames") as tell:
             for i in np.flatnonzero(~self.found).tolist():
@@ -245,16 +228,9 @@ class Solver:
         sigma = self.sigma if np.isfinite(self.sigma) else SIGMA_MAX
         return interval_parameters(self.frames, self.given, sigma, interval)
 
-    def sigma_over(self, sigma: float, duration: float) -> float:
-        """Return the absolute sigma of an interval of a duration."""
-        return sigma_of(self.frames, self.given, sigma, duration)
-
-    def energy(self, interval: int, norm: Norm | None = None) -> MatchingEnergy:
-        """Return the energy of an interval, with another norm of fields if one is given."""
-        parameters = self.parameters(interval)
-        if norm is not None:
-            parameters = parameters.with_values(order=norm.order, alpha=norm.alpha)
-        return MatchingEnergy(self.frames.problem(interval, parameters))
+    def energy(self, interval: int) -> MatchingEnergy:
+        """Return the energy of an interval."""
+        return MatchingEnergy(self.frames.problem(interval, self.parameters(interval)))
 
     def _interval(
         self, i: int, beside: Sequence[int] = (), shift: FloatArray | float = 0.0
@@ -267,7 +243,10 @@ class Solver:
     def _sigmas(self, i: int) -> tuple[float, float]:
         """Return the last and the warmest sigma of an interval."""
         duration = float(self.frames.durations[i])
-        return self.sigma_over(self.sigma, duration), self.sigma_over(SIGMA_MAX, duration)
+        last, warmest = (
+            sigma_of(self.frames, self.given, sigma, duration) for sigma in (self.sigma, SIGMA_MAX)
+        )
+        return last, warmest
 
     def _keep(self, i: int, found: Point) -> None:
         self.fields[i], self.energies[i] = found.field, found.at.energy

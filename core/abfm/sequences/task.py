@@ -23,11 +23,10 @@ from abfm.sequences.exports import (
     export_stc,
     export_tracks,
 )
-from abfm.sequences.files import load_sequence
 from abfm.sequences.parameters import TAKEN, defaults
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.sequences.reading.reading_frames import ENDINGS, read_frames
-from abfm.sequences.sequence import GAMMA, Sequence, sequence
+from abfm.sequences.sequence import GAMMA, Sequence, load_sequence, sequence
 from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import NUMBERS, facts_of_intervals
 from abfm.tasks.inputs import (

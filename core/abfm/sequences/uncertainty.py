@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,13 +40,11 @@ from abfm.calculus.operators import (
 from abfm.calculus.smoothing import smoothed
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.flow import Flow
-from abfm.sequences.solve import sigma_of
+from abfm.sequences.frames import sigma_of
+from abfm.sequences.solution import Solution
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
-
-if TYPE_CHECKING:
-    from abfm.sequences.sequence import Sequence
 
 _WAVE_NUMBERS = 200
 _PRECISIONS = np.concatenate([[0.0], np.geomspace(1e-8, 1e14, 221)])
@@ -74,7 +72,7 @@ class Posterior(NamedTuple):
     determined: FloatArray
 
 
-def posterior(sequence: Sequence) -> Posterior:
+def posterior(sequence: Solution) -> Posterior:
     """Return how well the fields of a sequence are known.
 
     Covariances are infinite if no interval determines any field: if all frames are constant, or
@@ -112,14 +110,14 @@ def posterior(sequence: Sequence) -> Posterior:
     return found
 
 
-def _values(sequence: Sequence) -> int:
+def _values(sequence: Solution) -> int:
     """Return how many values of a frame are compared."""
     mask = sequence._frames.mask
     vertices = len(sequence.mesh.vertices) if mask is None else int(np.count_nonzero(mask))
     return vertices * int(np.count_nonzero(sequence._frames.weights))
 
 
-def _of_data(sequence: Sequence, solved: IntArray) -> tuple[FloatArray, FloatArray]:
+def _of_data(sequence: Solution, solved: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return eigenvalues (I, F, 2) and axes (I, F, 2, 2), in columns, of the data's tensors, in the
     unit of the norm at k = 0, averaged over the length that the norm bridges.
     """
@@ -150,7 +148,7 @@ def _of_data(sequence: Sequence, solved: IntArray) -> tuple[FloatArray, FloatArr
     return np.maximum(eigenvalues, 0.0), axes
 
 
-def _slopes(sequence: Sequence, interval: int) -> FloatArray:
+def _slopes(sequence: Solution, interval: int) -> FloatArray:
     """Return products of the slopes of the frame before, pushed along, and of the frame after, at
     vertices, (V, 6), on the mesh of unit area: as their noise is independent, it has the mean 0.
     """
@@ -170,7 +168,7 @@ def _slopes(sequence: Sequence, interval: int) -> FloatArray:
     return found if frames.mask is None else found * frames.mask[:, None]
 
 
-def _length(sequence: Sequence, precision: float) -> float:
+def _length(sequence: Solution, precision: float) -> float:
     """Return the length over which the norm joins data of a precision, in sqrt(area): that of the
     mode which is as stiff; an edge at least.
     """
@@ -190,7 +188,7 @@ class _Integrals:
     stiffness: FloatArray  # (K, M)
 
     @staticmethod
-    def of(sequence: Sequence) -> _Integrals:
+    def of(sequence: Solution) -> _Integrals:
         parameters, count = sequence.parameters, len(sequence)
         alpha = max(parameters.alpha, 1e-12)
         vertices = len(sequence.mesh.vertices)

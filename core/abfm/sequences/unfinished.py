@@ -13,7 +13,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,9 +20,7 @@ from abfm.errors import ResultError
 from abfm.io import results
 from abfm.io.results import Entry
 from abfm.sequences.choosing import Norm
-
-if TYPE_CHECKING:
-    from abfm.sequences.solve import Solver
+from abfm.sequences.solve import Solver
 
 _EVERY = 5.0  # seconds, at least, from one writing to the next
 _SPARED = 20.0  # times as long as a writing takes, too, so that it costs 5% at most

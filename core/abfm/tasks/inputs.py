@@ -13,7 +13,8 @@ from typing import Any
 
 from abfm.errors import FunctionError, ParameterError, brief
 from abfm.functions import Circular, Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
-from abfm.functions.circular import checked_period, split_channels
+from abfm.functions.circular import checked_period
+from abfm.functions.circular_channels import split_channels
 from abfm.mesh.options import MERGE, MeshOptions, read_flag
 from abfm.parameters import CHOICES, FIELDS, MAIN_FIELDS, Parameters, is_whole, option
 from abfm.reading.parameters import hint, parameter_reader

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import abfm
 from abfm.errors import AbfmWarning, FunctionError, ParameterError
 from abfm.functions import function, parse, phase_warning
-from abfm.functions.circular import split_channels
+from abfm.functions.circular_channels import split_channels
 from abfm.sequences import vertex_speed
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, open_cylinder

@@ -13,7 +13,7 @@ from abfm.functions.expression import Expression
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
-from abfm.functions.scaled import Scaled, scaled
+from abfm.functions.spec import Scaled, scaled
 from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKernelSignature
 from abfm.mesh import TriangleMesh
 from tests.messages import raises

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
-from abfm.mesh.readers import gltf, references
+from abfm.mesh.readers import gltf, gltf_document, references
+from abfm.mesh.readers.gltf_document import FAN, STRIP
 from abfm.reading import open_file
 from tests.core.mesh.heavy_meshes import TRIANGLE, glb, gltf_header
 from tests.mesh_writers import write
@@ -54,7 +55,7 @@ def test_without_scenes_all_nodes_are_shown(tmp_path, scenes):
     assert gltf.read_gltf(open_file(path)).vertices.tolist() == [[5, 0, 0], [6, 0, 0], [5, 1, 0]]
 
 
-@pytest.mark.parametrize(("mode", "order"), [(gltf.STRIP, [0, 1, 2, 3]), (gltf.FAN, [0, 1, 3, 2])])
+@pytest.mark.parametrize(("mode", "order"), [(STRIP, [0, 1, 2, 3]), (FAN, [0, 1, 3, 2])])
 def test_strips_and_fans_keep_one_side(tmp_path, mode, order):
     corners = np.arange(4, dtype="<u4")
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="<f4")[order]
@@ -160,7 +161,7 @@ def test_refused(tmp_path, changes, named):
 
 
 def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(gltf, "_ENTRIES_MIN", 100)
+    monkeypatch.setattr(gltf_document, "_ENTRIES_MIN", 100)
     sphere, nodes = icosphere(1), [{"mesh": 0, "translation": [3 * k, 0, 0]} for k in range(20)]
     path = tmp_path / "a.glb"
     trimesh.Trimesh(sphere.vertices, sphere.faces, process=False).export(path)
@@ -173,7 +174,7 @@ def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch
 
 
 def test_endless_scenes_and_deep_json_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(gltf, "_MOST_PARTS", 50)
+    monkeypatch.setattr(gltf_document, "PARTS_MAX", 50)
     nodes = [*({"children": [k + 1]} for k in range(60)), {"mesh": 0}]
     with raises(MeshError, 51, 50):
         load_mesh(write(tmp_path, "a.glb", glb(gltf_header(nodes=nodes))))

@@ -16,7 +16,6 @@ from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
 from abfm.sequences import defaults, load_sequence
 from abfm.sequences.choosing import changes
-from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import checked
 from abfm.sequences.noise import noise_levels
 from abfm.sequences.solve import Said, Solver
@@ -180,8 +179,8 @@ def test_what_a_mask_leaves_out_is_as_what_is_not_known_bit_for_bit():
     assert whole.confirmed == 4
     for spoiled in (np.inf, 1e200, -3.0):
         given = np.where(seen, frames, spoiled)
-        told = sequence_arrays(abfm.sequence(turning_film.MESH, given, mask=seen))
-        for name, array in sequence_arrays(whole).items():
+        told = abfm.sequence(turning_film.MESH, given, mask=seen).arrays()
+        for name, array in whole.arrays().items():
             assert_array_equal(told[name], array, err_msg=name)
 
 

@@ -14,7 +14,6 @@ from abfm.sequences import (
     unfinished,
     unfinished_of,
 )
-from abfm.sequences.files import sequence_arrays
 from abfm.workers.progress import telling
 from tests.core.sequences.films import SPHERE, bumps
 from tests.core.sequences.turning_film import MESH, TIMES, film
@@ -48,8 +47,8 @@ def whole():
 
 
 def assert_same(found, wanted):
-    arrays = sequence_arrays(wanted)
-    for name, array in sequence_arrays(found).items():
+    arrays = wanted.arrays()
+    for name, array in found.arrays().items():
         assert_array_equal(array, arrays[name], err_msg=name)
 
 

@@ -14,7 +14,7 @@ from abfm_viewer.computing.solver import Solver
 from abfm_viewer.files.project import load_project
 from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.scene.annotations import _titles
-from abfm_viewer.shown.shown_flow import FlowState
+from abfm_viewer.shown.flow_state import FlowState
 from tests.messages import check_message
 from tests.viewer.sessions import restart, stepped
 

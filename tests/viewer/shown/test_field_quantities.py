@@ -11,8 +11,8 @@ from abfm.calculus import commuting_fields, gradient, pushforward, relative_brac
 from abfm.pages.colormaps import NO_VALUES, color_range, linear_table
 from abfm_viewer.session.film_files import document_of_sequence
 from abfm_viewer.shown import shown as shown_module
+from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.shown import Field, carried_gradient
-from abfm_viewer.shown.shown_flow import FlowState
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
 from tests.core.sequences.turning_film import solved

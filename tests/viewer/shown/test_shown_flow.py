@@ -10,8 +10,9 @@ import abfm
 from abfm import AdvectionError
 from abfm.maps import chord_distortion
 from abfm.mesh.subdivision import subdivided
+from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.paint import Painter
-from abfm_viewer.shown.shown_flow import Carried, FlowState, span
+from abfm_viewer.shown.shown_flow import Carried, span
 from tests.core.fields import wavy_field
 from tests.messages import check_message
 from tests.viewer.sessions import PAIR, QUICK, SPHERE, hold, matched, opened, ready, solving, until

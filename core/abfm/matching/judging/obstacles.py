@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from abfm.matching import solvability
 from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
+from abfm.matching.problem import Problem
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import RESIDUAL_NEARLY, Facts, Outcome
 from abfm.wording import share, value
-
-if TYPE_CHECKING:
-    from abfm.matching.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -1,53 +1,16 @@
-"""glTF scenes, as text (.gltf, with its buffers in it or beside it) and binary (.glb).
+"""glTF scenes, as text (.gltf, with its buffers in it or beside it) and binary (.glb)."""
 
-Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html; triangles alone are read. Own
-code: trimesh makes 2.4 GB and 19 s of 600 bytes that announce 100 million vertices, takes matrices
-that are not finite, and leaves out what is sparse; pygltflib reads the JSON, and checks nothing.
-"""
-
-import base64
-import binascii
-import struct
-from collections.abc import Iterator
-from typing import Any, NamedTuple
-from urllib.parse import unquote
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abfm.mesh.readers.contents import FileContents, merge_by_position
-from abfm.mesh.readers.gltf_json import indices_of, numbers_of, of
+from abfm.mesh.readers.gltf_document import PARTS_MAX, Document, Part
+from abfm.mesh.readers.gltf_json import of
 from abfm.mesh.readers.gltf_shapes import shaped
-from abfm.mesh.readers.references import References
 from abfm.mesh.topology import edges_of_faces
-from abfm.reading import Format, Opened, from_json, triangles_of_strips
-from abfm.types import FloatArray, IntArray
-
-TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of primitives; the others are points and lines
-_MOST_PARTS = 50_000  # of the scene: primitives, each as often as it is placed, and nodes
-# vertices, and faces, of all parts: bytes of buffers for each, and how many may be anyway
-_BYTES_EACH = 3
-_ENTRIES_MIN = 1_000_000
-_INSTANCES = "EXT_mesh_gpu_instancing"
-_GLB, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
-_KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_SHAPES = {"SCALAR": (1, "corners"), "VEC2": (2, "texture coordinates")}
-_SHAPES |= {
-    "VEC3": (3, "positions"),
-    "VEC4": (4, "colours, joints or weights"),
-    "MAT4": (16, "matrices"),
-}
-
-
-class Part(NamedTuple):
-    """Vertices (n, 3), faces, and the JSON of the primitive that they are of.
-
-    Primitives that share their vertices have the same array.
-    """
-
-    points: FloatArray
-    faces: IntArray
-    primitive: dict[str, Any]
+from abfm.reading import Opened
+from abfm.types import FloatArray
 
 
 def read_gltf(opened: Opened) -> FileContents:
@@ -64,7 +27,7 @@ def read_gltf(opened: Opened) -> FileContents:
     return contents._replace(messages=(*contents.messages, note))
 
 
-def placed_parts(document: "Document") -> list[Part]:
+def placed_parts(document: Document) -> list[Part]:
     """Return what has triangles, as the scene places it."""
     meshes: dict[int, list[Part]] = {}
     parts: list[Part] = []
@@ -82,9 +45,9 @@ def placed_parts(document: "Document") -> list[Part]:
             points, is_mirrored = placed[key]  # what is mirrored keeps its outer side
             faces = part.faces[:, ::-1] if is_mirrored else part.faces
             parts.append(Part(points, faces, part.primitive))
-        if len(parts) > _MOST_PARTS:
+        if len(parts) > PARTS_MAX:
             raise ValueError(
-                f"its scene has more than {_MOST_PARTS} parts: export what is to be matched alone"
+                f"its scene has more than {PARTS_MAX} parts: export what is to be matched alone"
             )
     return parts
 
@@ -115,302 +78,3 @@ def joined(parts: list[Part]) -> FileContents:
 def _boundary_length(contents: FileContents) -> int:
     _, face_edges = edges_of_faces(contents.faces, len(contents.vertices))
     return int(np.sum(np.bincount(face_edges.ravel()) == 1))
-
-
-class Document:
-    """The JSON and the buffers of a file; what they name is looked at before it is used."""
-
-    def __init__(self, opened: Opened) -> None:
-        data, self._binary = opened.data, b""
-        if opened.format is Format.GLB:
-            data, self._binary = _chunks(data)
-        self._header = from_json(data)
-        version = of(self._header, "asset", dict, {}).get("version", "2.0")
-        if not str(version).startswith("2."):
-            raise ValueError(f"it is glTF {str(version)[:20]}; only glTF 2 is read")
-        self.is_animated = bool(of(self._header, "animations", list, []))
-        self._references, self._texts = References(opened.path), dict[str, bytes]()
-        self._images: dict[tuple[int, int, int], bytes] = {}
-        self._size, self._counted = len(opened.data), 0
-        self._arrays: dict[tuple[int, str, bool], NDArray[Any]] = {}
-        self._matrices, self._joints = dict[int, FloatArray](), dict[int, FloatArray]()
-
-    def count(self, entries: int) -> None:
-        """Count vertices and faces that are made; a ValueError reports more than the file has."""
-        self._counted += entries
-        size = self._size + self._references.size
-        if self._counted > max(_ENTRIES_MIN, size // _BYTES_EACH):
-            raise ValueError(
-                f"its scene shows its meshes again and again: {self._counted} vertices and faces, "
-                f"where the file has {size} bytes; export what is to be matched alone"
-            )
-
-    def placements(self) -> Iterator[tuple[dict[str, Any], FloatArray]]:
-        """Return every node that has a mesh, and its transformation (4, 4), parents first."""
-        left = [(root, np.eye(4)) for root in self._roots()]
-        seen = self._matrices
-        while left:
-            index, above = left.pop()
-            if index in seen or len(seen) > _MOST_PARTS:
-                again = index in seen
-                reason = "is in the scene twice" if again else f"is beyond the first {_MOST_PARTS}"
-                raise ValueError(f"node {index} {reason}: export what is to be matched alone")
-            node = self.entry("nodes", index)
-            if _INSTANCES in of(node, "extensions", dict, {}):
-                raise ValueError(f"node {index} has {_INSTANCES}, which is not read: export copies")
-            seen[index] = above @ _matrix(node, index)
-            children = indices_of(node, "children")
-            if of(node, "mesh", int, None) is not None:
-                yield node, seen[index]
-            left.extend((child, seen[index]) for child in children)
-
-    def joint_matrices(self, skin: int) -> FloatArray:
-        """Return the matrices (J, 4, 4) of a skin, which move vertices as its joints are placed."""
-        if skin not in self._joints:
-            entry = self.entry("skins", skin)
-            joints = indices_of(entry, "joints")
-            if missing := [joint for joint in joints if joint not in self._matrices]:
-                raise ValueError(f"skin {skin} has joint {missing[0]}, which is not in the scene")
-            placed = np.array([self._matrices[joint] for joint in joints]).reshape(-1, 4, 4)
-            inverse = of(entry, "inverseBindMatrices", int, None)
-            if inverse is not None:
-                found = self.numbers(inverse, "MAT4")[: len(joints)].reshape(-1, 4, 4)
-                if len(found) < len(joints):
-                    raise ValueError(
-                        f"skin {skin} has {len(found)} matrices of {len(joints)} joints"
-                    )
-                placed = placed @ found.transpose(0, 2, 1)  # column by column in the file
-            self._joints[skin] = placed
-        return self._joints[skin]
-
-    def _roots(self) -> list[int]:
-        """Return the nodes of the scene that is shown; without scenes, those below no other."""
-        if of(self._header, "scenes", list, []):
-            return indices_of(self.entry("scenes", of(self._header, "scene", int, 0)), "nodes")
-        nodes = range(len(of(self._header, "nodes", list, [])))
-        below = {child for k in nodes for child in indices_of(self.entry("nodes", k), "children")}
-        return [index for index in nodes if index not in below]
-
-    def parts(self, mesh: int) -> Iterator[Part]:
-        """Return the vertices and faces of the primitives of a mesh that have triangles."""
-        positions_of: dict[int, FloatArray] = {}
-        for entry in of(self.entry("meshes", mesh), "primitives", list, []):
-            if not isinstance(entry, dict):
-                raise ValueError(f"mesh {mesh} has a primitive that is no JSON object")
-            positions = of(of(entry, "attributes", dict, {}), "POSITION", int, None)
-            if positions is None:  # which shows nothing
-                continue
-            indices, mode = of(entry, "indices", int, None), of(entry, "mode", int, TRIANGLES)
-            if mode not in (TRIANGLES, STRIP, FAN):
-                continue
-            if positions not in positions_of:
-                positions_of[positions] = self.numbers(positions, "VEC3").astype(np.float64)
-                self.count(len(positions_of[positions]))
-            points = positions_of[positions]
-            corners = np.arange(len(points))
-            if indices is not None:
-                corners = self.numbers(indices, "SCALAR").astype(np.int64).ravel()
-            if mode == TRIANGLES and len(corners) % 3:
-                raise ValueError(
-                    f"mesh {mesh} has {len(corners)} corners, which do not make whole triangles"
-                )
-            faces = _faces(corners, mode)
-            self.count(len(faces))
-            if faces.size and faces.max() >= len(points):
-                raise ValueError(
-                    f"mesh {mesh} names vertex {faces.max()} of {len(points)} numbered from 0"
-                )
-            yield Part(points, faces, entry)
-
-    def numbers(self, index: int, shape: str) -> NDArray[Any]:
-        """Return what an accessor gives, (count, columns of the shape)."""
-        entry, name = self.entry("accessors", index), f"accessor {index}"
-        if "bufferView" not in entry and "sparse" not in entry:
-            raise ValueError(
-                f"{name} has no buffer view: export without compression (Draco, meshopt)"
-            )
-        columns, meaning = _SHAPES[shape]
-        kind = np.dtype(_KINDS.get(of(entry, "componentType", int, 0), "V0"))
-        right = kind.itemsize and entry.get("type") == shape
-        if not right or (shape == "SCALAR" and kind.kind == "f"):
-            raise ValueError(f"{name} is not made of {meaning} as glTF has them")
-        count = of(entry, "count", int, 0)
-        if "bufferView" in entry:
-            found = self._viewed(entry, count, kind, columns, name)
-        else:
-            self.count(count)
-            found = np.zeros((max(count, 0), columns), kind)
-        if sparse := of(entry, "sparse", dict, {}):
-            found = self._with_entries(found, sparse, name)
-        if shape != "SCALAR" and kind.kind != "f" and entry.get("normalized") is True:
-            return np.maximum(found / np.iinfo(kind).max, -1.0)
-        return found
-
-    def _viewed(
-        self, entry: dict[str, Any], count: int, kind: np.dtype[Any], columns: int, name: str
-    ) -> NDArray[Any]:
-        """Return the numbers (count, columns) that a part of a buffer view has."""
-        view = self.entry("bufferViews", of(entry, "bufferView", int, None))
-        data = self._buffer(of(view, "buffer", int, None))
-        width, offset = kind.itemsize * columns, of(entry, "byteOffset", int, 0)
-        start, size = of(view, "byteOffset", int, 0), of(view, "byteLength", int, 0)
-        step = of(view, "byteStride", int, width)
-        if min(start, offset, count) < 0 or step < width or start + size > len(data):
-            raise ValueError(
-                f"{name} and its buffer view ask for what the buffer of {len(data)} bytes does "
-                "not have"
-            )
-        if count and offset + (count - 1) * step + width > size:
-            raise ValueError(f"{name} announces {count} entries, more than its buffer view has")
-        place = start + offset if count else 0
-        return np.ndarray((count, columns), kind, data, place, (step, kind.itemsize))
-
-    def _with_entries(self, found: NDArray[Any], sparse: dict[str, Any], name: str) -> NDArray[Any]:
-        """Return numbers with those in their places that a sparse accessor has."""
-        count = of(sparse, "count", int, 0)
-        at, values = (of(sparse, part, dict, {}) for part in ("indices", "values"))
-        kind = np.dtype(_KINDS.get(of(at, "componentType", int, 0), "V0"))
-        if kind.kind != "u":
-            raise ValueError(f"the indices of the sparse {name} are no whole numbers")
-        places = self._viewed(at, count, kind, 1, f"the indices of {name}").ravel()
-        if places.size and places.max() >= len(found):
-            raise ValueError(f"the sparse {name} names entry {places.max()} of {len(found)}")
-        self.count(len(found))
-        whole = found.copy()
-        whole[places] = self._viewed(
-            values, count, found.dtype, found.shape[1], f"the values of {name}"
-        )
-        return whole
-
-    def at_vertices(
-        self, part: Part, index: int, shape: str, as_shares: bool = True
-    ) -> NDArray[Any]:
-        """Return what an accessor gives the vertices of a part, whole numbers as shares of 1 unless
-        they are lengths.
-        """
-        key = index, shape, as_shares
-        if key not in self._arrays:
-            found = self.numbers(index, shape)
-            self.count(len(found))
-            is_scaled = as_shares and found.dtype.kind != "f"
-            self._arrays[key] = found / np.iinfo(found.dtype).max if is_scaled else found
-        found = self._arrays[key]
-        if len(found) != len(part.points):
-            raise ValueError(
-                f"accessor {index} has {len(found)} entries for {len(part.points)} vertices"
-            )
-        return found
-
-    def image(self, index: int | None) -> bytes:
-        """Return the bytes of an image's file; the same object whenever they are the same."""
-        entry = self.entry("images", index)
-        uri = of(entry, "uri", str, None)
-        if uri is not None:
-            return self._named(uri, f"image {index}")
-        view = self.entry("bufferViews", of(entry, "bufferView", int, None))
-        buffer = of(view, "buffer", int, None)
-        data = self._buffer(buffer)
-        start, size = of(view, "byteOffset", int, 0), of(view, "byteLength", int, 0)
-        if min(start, size) < 0 or start + size > len(data):
-            raise ValueError(
-                f"image {index} asks for what the buffer of {len(data)} bytes does not have"
-            )
-        if (buffer, start, size) not in self._images:
-            self._references.spend(size, f"image {index}")
-            self._images[buffer, start, size] = data[start : start + size]
-        return self._images[buffer, start, size]
-
-    def _buffer(self, index: int | None) -> bytes:
-        """Return the bytes of a buffer, wherever they are; read once."""
-        uri = of(self.entry("buffers", index), "uri", str, None)
-        if uri is not None:
-            return self._named(uri, f"buffer {index}")
-        if index:
-            raise ValueError(
-                f"buffer {index} has no data: export without compression (Draco, meshopt)"
-            )
-        return self._binary
-
-    def _named(self, uri: str, what: str) -> bytes:
-        """Return the bytes that are in a text, or in the file that it names; read once."""
-        if what not in self._texts:
-            if not uri.startswith("data:"):
-                content = self._references.read(unquote(uri))
-            else:
-                try:
-                    content = base64.b64decode(uri.partition("base64,")[2])
-                except binascii.Error as error:
-                    raise ValueError(f"{what} is no base64: {error}") from error
-            self._texts[what] = content
-        return self._texts[what]
-
-    def entry(self, name: str, index: int | None) -> dict[str, Any]:
-        """Return one of the top-level objects of a kind."""
-        entries = of(self._header, name, list, [])
-        if index is None or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
-            raise ValueError(f"it names {name}[{index}], but has {len(entries)} {name}")
-        found: dict[str, Any] = entries[index]
-        return found
-
-
-def _chunks(data: bytes) -> tuple[bytes, bytes]:
-    """Return the JSON and binary chunk of a .glb file."""
-    if len(data) < 20:
-        raise ValueError("it is too short for a binary glTF file")
-    magic, version, length, json_length, kind = struct.unpack_from("<5I", data)
-    if magic != _GLB or version != 2 or kind != _JSON:
-        raise ValueError("it does not begin as binary glTF 2 does")
-    place = 20 + json_length
-    if length > len(data) or place > length:
-        raise ValueError(f"it has {len(data)} bytes of {max(length, place)}: the file is cut off")
-    json = data[20:place]
-    while place + 8 <= length:
-        size, kind = struct.unpack_from("<2I", data, place)
-        place += 8
-        if place + size > length:
-            raise ValueError("a chunk of it is longer than the file: it is cut off")
-        if kind == _BINARY:
-            return json, data[place : place + size]
-        place += size
-    return json, b""
-
-
-def _faces(corners: IntArray, mode: int) -> IntArray:
-    """Return the triangles (F, 3) that corners make."""
-    if mode == TRIANGLES:
-        return corners.reshape(-1, 3)
-    if mode == STRIP:
-        return triangles_of_strips(np.array([len(corners)]), corners)
-    first = np.repeat(corners[:1], max(len(corners) - 2, 0))
-    return np.stack([first, corners[1:-1], corners[2:]], axis=1)
-
-
-def _matrix(node: dict[str, Any], index: int) -> FloatArray:
-    """Return how a node is placed in what is above it, (4, 4)."""
-    matrix = numbers_of(node, "matrix", 16).reshape(4, 4).T if "matrix" in node else np.eye(4)
-    if "translation" in node:
-        moved = np.eye(4)
-        moved[:3, 3] = numbers_of(node, "translation", 3)
-        matrix = matrix @ moved
-    if "rotation" in node:
-        matrix = matrix @ _rotation(np.roll(numbers_of(node, "rotation", 4), 1))
-    if "scale" in node:
-        matrix = matrix @ np.diag(np.append(numbers_of(node, "scale", 3), 1.0))
-    if not np.isfinite(matrix).all():
-        raise ValueError(f"node {index} is placed by numbers that are not finite")
-    return matrix
-
-
-def _rotation(quaternion: FloatArray) -> FloatArray:
-    """Return the matrix (4, 4) of a quaternion w, x, y, z; of length 0, it turns nothing."""
-    matrix, square = np.eye(4), quaternion @ quaternion
-    if square < np.finfo(np.float64).eps * 4:
-        return matrix
-    q = quaternion * np.sqrt(2.0 / square)
-    p = np.outer(q, q)
-    matrix[:3, :3] = [
-        [1.0 - p[2, 2] - p[3, 3], p[1, 2] - p[3, 0], p[1, 3] + p[2, 0]],
-        [p[1, 2] + p[3, 0], 1.0 - p[1, 1] - p[3, 3], p[2, 3] - p[1, 0]],
-        [p[1, 3] - p[2, 0], p[2, 3] + p[1, 0], 1.0 - p[1, 1] - p[2, 2]],
-    ]
-    return matrix

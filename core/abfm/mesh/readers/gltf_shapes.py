@@ -3,21 +3,19 @@
 Format: sections 3.7.2.2 (morph targets) and 3.7.3 (skins) of glTF 2.0.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from abfm.mesh.readers.gltf_document import Document, Part
 from abfm.mesh.readers.gltf_json import numbers_of, of
 from abfm.types import FloatArray
-
-if TYPE_CHECKING:
-    from abfm.mesh.readers.gltf import Document, Part
 
 _AT_A_TIME = 1 << 14  # vertices that joints move
 
 
 def shaped(
-    document: "Document", part: "Part", node: dict[str, Any], matrix: FloatArray
+    document: Document, part: Part, node: dict[str, Any], matrix: FloatArray
 ) -> tuple[FloatArray, bool]:
     """Return the vertices (n, 3) of a part as a node shows them, and whether they are mirrored.
 
@@ -33,7 +31,7 @@ def shaped(
     return (matrix @ np.column_stack([points, np.ones(len(points))]).T).T[:, :3], is_mirrored
 
 
-def _morphed(document: "Document", part: "Part", node: dict[str, Any]) -> FloatArray:
+def _morphed(document: Document, part: Part, node: dict[str, Any]) -> FloatArray:
     """Return the vertices with the shifts of all targets, times their weights."""
     targets = of(part.primitive, "targets", list, [])
     mesh = document.entry("meshes", of(node, "mesh", int, None))
@@ -52,7 +50,7 @@ def _morphed(document: "Document", part: "Part", node: dict[str, Any]) -> FloatA
 
 
 def _skinned(
-    document: "Document", part: "Part", points: FloatArray, skin: int
+    document: Document, part: Part, points: FloatArray, skin: int
 ) -> tuple[FloatArray, bool]:
     """Return the vertices where joints carry them, each weighted."""
     matrices = document.joint_matrices(skin)

@@ -102,3 +102,11 @@ def _bands(values: FloatArray, rows: FloatArray) -> FloatArray:
 
 def _energies(values: FloatArray) -> FloatArray:
     return np.linspace(np.log(values[1]), np.log(values[-1]), _ENERGIES)
+
+
+def dissimilarity(one: FloatArray, other: FloatArray, areas: FloatArray) -> FloatArray:
+    """Return 1 - r of functions (V, C), r their correlations weighted by areas, (C,)."""
+    one, other = one - areas @ one, other - areas @ other
+    sizes = (areas @ one**2) * (areas @ other**2)
+    products = areas @ (one * other)
+    return 1 - np.divide(products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0)

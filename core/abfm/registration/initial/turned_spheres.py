@@ -11,8 +11,8 @@ from abfm.maps.sphere_embedding import sphere_embedding
 from abfm.maps.spherical import SphereLayout, sphere_directions
 from abfm.mesh import per_mesh
 from abfm.registration.correspondence import Candidate, Correspondence
+from abfm.registration.initial.descriptors import dissimilarity
 from abfm.registration.initial.given import Given, Initial
-from abfm.registration.initial.searching.map_cost import dissimilarity
 from abfm.registration.initial.spheres import (
     OnSphere,
     Turned,

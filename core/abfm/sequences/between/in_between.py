@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import abfm.flow
 from abfm.types import FloatArray
-
-if TYPE_CHECKING:  # the flow loads libraries, which a window does not need to open
-    from abfm.flow.flow import Flow
 
 
 def in_between(
-    flow: Flow, before: FloatArray, after: FloatArray, shares: FloatArray, motion: float
+    flow: abfm.flow.Flow, before: FloatArray, after: FloatArray, shares: FloatArray, motion: float
 ) -> FloatArray:
     """Return the function at shares (T,) of an interval, (T, V) or (T, V, C).
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from abfm.functions.local_shape import vertex_normals
 from abfm.mesh import TriangleMesh
+from abfm.registration.initial.descriptors import dissimilarity
 from abfm.registration.initial.searching.coarse_shape import CoarseShape
 from abfm.registration.initial.searching.reversible import REVERSIBILITY, BothWays
 from abfm.types import FloatArray, IntArray
@@ -86,14 +87,6 @@ def side(a: CoarseShape, b: CoarseShape, there: IntArray) -> float:
     normals = vertex_normals(a.mesh)[corners].sum(axis=1)
     total = float(sizes.sum())
     return float(sizes @ np.sign((images * normals).sum(axis=1))) / total if total > 0 else 0.0
-
-
-def dissimilarity(one: FloatArray, other: FloatArray, areas: FloatArray) -> FloatArray:
-    """Return 1 - r of functions (V, C), r their correlations weighted by areas, (C,)."""
-    one, other = one - areas @ one, other - areas @ other
-    sizes = (areas @ one**2) * (areas @ other**2)
-    products = areas @ (one * other)
-    return 1 - np.divide(products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0)
 
 
 def _commutator(codomain: CoarseShape, domain: CoarseShape, there: IntArray) -> float:

@@ -1,0 +1,72 @@
+"""Functions as text that are circular: two channels for each."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from abfm.errors import FunctionError, brief
+from abfm.functions.circular import Circular, as_circle, checked_period
+from abfm.functions.family import texts_of
+from abfm.functions.spec import parse
+
+
+def without_circle(text: str) -> str:
+    """Return the function inside one that is circular, as text; others as they are."""
+    tree = parse(text)
+    return str(tree.function) if isinstance(tree, Circular) else text
+
+
+def split_channels(
+    sources: Sequence[str],
+    targets: Sequence[str],
+    weights: Sequence[float],
+    period: float | None = None,
+) -> tuple[list[str], list[str], list[float]]:
+    """Return channels of which each that is circular is two, with its weight.
+
+    With a ``period``, functions that are not circular yet are made so.
+
+    Raises
+    ------
+    FunctionError
+        If a source is circular and its target is not, or the other way round.
+    """
+    found: tuple[list[str], list[str], list[float]] = ([], [], [])
+    for *pair, weight in zip(sources, targets, weights, strict=True):
+        parts = [_parts(text, period) for text in pair]
+        if len(parts[0]) != len(parts[1]):
+            raise FunctionError(
+                f"of {brief(pair[0])} and {brief(pair[1])} one is circular; both must be"
+            )
+        found[0].extend(parts[0])
+        found[1].extend(parts[1])
+        found[2].extend([weight] * len(parts[0]))
+    return found
+
+
+def _parts(text: str, period: float | None) -> list[str]:
+    if not text and period is None:
+        return [text]
+    tree = parse(text)
+    if period is not None and not isinstance(tree, Circular):
+        tree = Circular(period=period, function=tree)
+    return [*map(str, tree.parts)] if isinstance(tree, Circular) else [text]
+
+
+def circular_channels(f: Any, g: Any, weights: Any, circular: object) -> tuple[Any, Any, Any]:
+    """Return functions and weights of a problem, with two channels for each circular one.
+
+    Arrays (V,) or (V, C) are circular if ``circular`` is True or a period, as are texts; these may
+    also be so by themselves.
+    """
+    period, (sources, targets) = checked_period(circular), map(texts_of, (f, g))
+    if sources is not None and targets is not None and len(sources) == len(targets):
+        counts = np.ones(len(sources)) if weights is None else np.asarray(weights)
+        if counts.shape == (len(sources),):
+            found = split_channels(sources, targets, counts.tolist(), period)
+            return found if len(found[0]) > len(counts) else (f, g, weights)
+    if period is None or f is None or g is None:
+        return f, g, weights
+    on_source, on_target = (as_circle(given, period) for given in (f, g))
+    return on_source, on_target, None if weights is None else np.repeat(weights, 2)
