@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from abfm.errors import one_line
 from abfm.matching.report import plain
+from abfm.outcome import Facts
 from abfm.pages.colormaps import gradient
 from abfm.pages.html import environment, stylesheet
 from abfm.parameters import FIELDS, NOTE, TABLE_1
@@ -58,9 +59,11 @@ def report_page(facts: Mapping[str, Any], pictures: RegistrationPictures) -> str
     )
 
 
-def population_page(facts: Mapping[str, Any], pictures: PopulationPictures | None) -> str:
+def population_page(
+    facts: Mapping[str, Any], verdict: Facts, pictures: PopulationPictures | None
+) -> str:
     """Return the page about a population, with pictures if there are any."""
-    return render("population.html", facts=facts, pictures=pictures)
+    return render("population.html", facts=facts, verdict=verdict, pictures=pictures)
 
 
 def figures_page(entries: Sequence[Any]) -> str:

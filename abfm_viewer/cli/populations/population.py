@@ -88,7 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
         **solved.to_dict(),
     }
     written = [*solved.outputs, folder / "population.html"]
-    outputs.write_text(written[-1], population_page(facts, _drawn(solved.found, arguments)))
+    drawn = _drawn(solved.found, arguments)
+    outputs.write_text(written[-1], population_page(facts, solved.found.facts, drawn))
     if arguments.json:
         print(json.dumps(facts | {"outputs": list(map(str, written))}))
     else:

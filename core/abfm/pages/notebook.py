@@ -13,7 +13,7 @@ from abfm.matching import Match
 from abfm.mesh import TriangleMesh
 from abfm.pages.html import environment
 from abfm.pages.of_meshes import coarser, mesh_page
-from abfm.pages.of_populations import population_page, population_tone
+from abfm.pages.of_populations import population_page
 from abfm.pages.of_results import (
     correspondence_headline,
     correspondence_page,
@@ -113,8 +113,6 @@ def _kind(what: Any) -> str:
 
 def _verdict(what: Any) -> tuple[str, str]:
     """Return the headline of a result, and how it is shown."""
-    if isinstance(what, Population):
-        return what.headline, population_tone(what)
     if isinstance(what, Correspondence) and not isinstance(what, Registration):
         return correspondence_headline(what), "ink"
     return what.facts.headline, what.facts.tone

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abfm.errors import one_line
-from abfm.outcome import Tone
 from abfm.pages.colormaps import ColorRange, typical_range, without_extremes
 from abfm.pages.front import best_front
 from abfm.pages.page import Layer, Page, Panel
@@ -29,19 +28,11 @@ def population_page(found: Population, title: str, up: str | None = None) -> Pag
         Panel(name, found.template, of_channels, front)
         for name, of_channels in zip(titles, layers, strict=True)
     ]
-    notes = [
-        f"left out: {one_line(found.names[i], _NAME_LENGTH_MAX)}: {found.reasons[i]}"
-        for i in found.worst_first()
-        if not found.fits[i]
-    ]
+    notes = []
     if (count := len(found.channels)) > MOST_CHANNELS:
         notes.append(f"these are the first {MOST_CHANNELS} of {count} channels")
-    return Page(title, found.headline, panels, tone=population_tone(found), notes=notes)
-
-
-def population_tone(found: Population) -> Tone:
-    """Return how a population is shown: a warning if subjects do not fit."""
-    return "ink" if found.fits.all() else "warning"
+    facts = found.facts
+    return Page(title, facts.headline, panels, tone=facts.tone, notes=[*facts.warnings, *notes])
 
 
 def _layers(found: Population, c: int) -> list[Layer]:

@@ -185,7 +185,8 @@ class Population(Display):
 
     @property
     def facts(self) -> Facts:
-        """What is reported of the population: outcome, headline, reason, warnings."""
+        """What is reported of the population: outcome, headline, reason, advice, warnings."""
+        advice = ""
         if not all(self.digests):
             outcome, reason = Outcome.FAILED, "a subject could not be registered"
         elif self.changes[-1] <= self.bound:
@@ -193,12 +194,13 @@ class Population(Display):
         else:
             outcome = Outcome.NOT_REACHED
             reason = f"the mean changed by more than {self.bound:g} in the last round"
+            advice = "more rounds, which resume from these results"
         outliers = [
             f"left out: {one_line(self.names[i])}: {self.reasons[i]}"
             for i in self.worst_first()
             if not self.fits[i]
         ]
-        return Facts(outcome, self.headline, reason, warnings=tuple(outliers))
+        return Facts(outcome, self.headline, reason, advice, warnings=tuple(outliers))
 
     @property
     def main_channel(self) -> int:

@@ -8,7 +8,6 @@ from threading import Thread
 
 import numpy as np
 import pytest
-from abfm_viewer.cli.populations.results import facts as population_facts
 
 from abfm import TriangleMesh
 from abfm.batch import Entry, Row
@@ -16,6 +15,7 @@ from abfm.outcome import Facts, Outcome
 from abfm.pages import Clock, Layer, Page, Panel, Span, Ways
 from abfm.pages.colormaps import ColorRange, linear_table
 from abfm.pages.front import Front
+from abfm.population.report import details
 from abfm_viewer.cli.batches.page import page as batch_page
 from abfm_viewer.cli.batches.rows import SummaryRow
 from abfm_viewer.reports.pages import population_page
@@ -503,8 +503,9 @@ def test_static_pages_fit_a_phone(driver, tmp_path):
     row = Row("one", {"mesh": "a" * 60 + ".off", "source": "file:f.npy", "target": "file:g.npy"})
     reason = "a/" * 60 + "b.off: there is no such file"
     failed = SummaryRow(Entry(row, "failed"), Facts(Outcome.FAILED, "failed", reason))
-    names = {"table": "t" * 60, "template": "mean.gii", "bound": 0.01}
-    of_population = population_page(names | population_facts(small_population()), None)
+    names = {"table": "t" * 60, "template": "mean.gii"}
+    found = small_population()
+    of_population = population_page(names | details(found), found.facts, None)
     for text in (of_population, batch_page("t.csv", [failed] * 2, {}, "")):
         (tmp_path / "static.html").write_text(text, encoding="utf-8")
         shown = Shown(driver, (tmp_path / "static.html").as_uri(), ready="true")
