@@ -30,9 +30,8 @@ class FilmSettings:
 def settings_of(sequence: abfm.Sequence) -> FilmSettings:
     """Return the settings that a sequence was found with."""
     given = sequence.parameters
-    alpha, order = (
-        None if name in given.automatic else getattr(given, name) for name in ("alpha", "order")
-    )
+    alpha = None if "alpha" in given.automatic else given.alpha
+    order = None if "order" in given.automatic else given.solver.order
     return FilmSettings(alpha, given.sigma, sequence.gamma, order)
 
 

@@ -177,7 +177,7 @@ def change_parameters_by_remedies(gui):
         gui.frames(1)
         gui.click(label, within="verdict")
         assert gui.session.solver.running
-        assert gui.session.parameters == replace(result.parameters, **parameters)
+        assert gui.session.parameters == result.parameters.with_values(**parameters)
         cancel(gui)
 
 
