@@ -28,9 +28,9 @@ from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.path import PathStep, choice_words, path_arrays, path_of
 from abfm.matching.problem import Problem, problem_of
+from abfm.matching.solving.continuation import solve
 from abfm.matching.solving.measures import measured
-from abfm.matching.solving.record import Iteration, StopReason
-from abfm.matching.solving.solve import Solver
+from abfm.matching.solving.record import Iteration, Record, StopReason
 from abfm.mesh import MeshLike, TriangleMesh
 from abfm.mesh.subdivision import mean_of_children, times_subdivided
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
@@ -43,9 +43,11 @@ from abfm.workers.progress import step
 __all__ = ["Control", "Iteration", "Match", "load_match", "match", "match_arrays", "match_of"]
 
 
-_AGREED, _AGREED_SHARE = 0.005, 0.05
-"""What is carried anew may leave so much more than a file says, at least a tenth of what still is
-matched: rounding comes to 1e-6 of it, another version's scheme to some of its own dispersion."""
+_RESIDUAL_DIFFERENCE = 0.005
+"""Difference up to which the residual of a file agrees with that of its field: a tenth of the usual
+goal, where rounding is 1e-6 of it."""
+_RESIDUAL_SHARE = 0.05
+"""The same, of the residual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +286,7 @@ class Match(Display):
         advected = carried[: len(self.mesh.vertices)]
         left = problem.left(carried.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)
-        agreed = max(_AGREED, _AGREED_SHARE * self.residual)
+        agreed = max(_RESIDUAL_DIFFERENCE, _RESIDUAL_SHARE * self.residual)
         if left > self.residual + agreed:
             doubt = f"{self.residual:.3g} is said to be left, and its field leaves {left:.3g}"
         elif off > agreed:
@@ -469,37 +471,33 @@ def match(
     ('matched', True)
     """
     the_problem = _problem_of(*problem, **given)
-    energy = MatchingEnergy(the_problem)
+    energy, record = MatchingEnergy(the_problem), Record(on_iteration)
     control = control or present_control() or Control()
-    solver = Solver(energy, on_iteration)
-    record = solver.record
-    # what has nothing to show yet goes on to its first evaluation
+    # what has nothing to show yet continues to its first evaluation
     with controlled(control, lambda: bool(record.history)):
-        reason = solver.run()
-    mark, path = solver.way[solver.step], solver.path()
-    end, functions = path[solver.step], energy.functions
+        solution = solve(energy, record)
+    path, number, reason = solution.path, solution.step, solution.reason
     may_end = reason is not StopReason.CANCELLED or control.brief
-    if math.isnan(end.verified_residual):
-        with controlled(control, lambda: may_end):  # else it is checked though it was cancelled
+    if math.isnan(path[number].verified_residual):
+        with controlled(control, lambda: may_end):  # else it is verified although it was cancelled
             try:
                 checkpoint()
-                fine = MatchingEnergy(the_problem.refined(end.refined(the_problem.mesh)))
+                velocity = path[number].velocity
+                fine = MatchingEnergy(the_problem.refined(path[number].refined(the_problem.mesh)))
                 with step("checking by flow lines", len(fine.mesh.vertices)):
-                    said = measured(fine, end.velocity / energy.length_scale)
-                path = (*path[: solver.step], replace(end, **said), *path[solver.step + 1 :])
+                    numbers = measured(fine, velocity / energy.length_scale)
+                verified = replace(path[number], **numbers)
+                path = (*path[:number], verified, *path[number + 1 :])
             except MemoryError:
                 pass
             except CancelledError:
                 reason = StopReason.CANCELLED
-    end = path[solver.step]
-    with controlled(Control()):  # what was found is told though it was cancelled
+    end = path[number]
+    with controlled(Control()):  # the errors are known although it was cancelled
         errors = _landmark_errors(the_problem, end.velocity)
     history, stages = np.array(record.history), np.array(record.stage_of)
-    advected = np.ascontiguousarray(
-        mark.carried[: len(functions.source), : len(the_problem.mesh.vertices)]
-    )
     evidence = Evidence(
-        advected,
+        solution.advected,
         end.residual,
         reason,
         end.verified_residual,
@@ -513,16 +511,16 @@ def match(
     found = Match(
         problem=the_problem.starting_from(None),
         fine_velocity=end.velocity,
-        advected=advected.T.copy(),
+        advected=solution.advected.T.copy(),
         energy_history=history,
         stages=stages,
         residual=end.residual,
         verified_residual=end.verified_residual,
         folded=end.folded,
         stop_reason=reason,
-        verdict=judge(functions, evidence, energy.parameters),
+        verdict=judge(energy.functions, evidence, energy.parameters),
         path=path,
-        step=solver.step,
+        step=number,
     )
     if errors is not None:  # as those who show it ask for them
         vars(found)["landmark_errors"] = errors
