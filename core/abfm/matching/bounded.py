@@ -11,8 +11,9 @@ from typing import NamedTuple
 from abfm.errors import AbfmError, ParameterError, brief
 from abfm.maps.distortion import SHARE as SHARE
 from abfm.maps.distortion import Distortion
-from abfm.matching.match import Match, match
+from abfm.matching.match import match
 from abfm.matching.path import PathStep
+from abfm.matching.result import Match
 from abfm.matching.solving.schedule import Schedule
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.parameters import Parameters

@@ -15,7 +15,7 @@ from abfm.io import results
 from abfm.maps.point_maps import PointMap
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.verdict import Verdict, is_registered
-from abfm.matching.match import Match, match_parts, substitutes
+from abfm.matching.result import Match, match_parts, substitutes
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.facts import facts_of

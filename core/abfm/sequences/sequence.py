@@ -23,8 +23,8 @@ from abfm.functions.circular import circular_frames
 from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.matching.judging.verdict import Verdict
-from abfm.matching.match import Match
 from abfm.matching.problem import Problem
+from abfm.matching.result import Match
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import VALUE_MAX
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh

@@ -272,7 +272,14 @@ def search_of(
             return GaussNewton(evaluate, inverse, bends, displacement, p.solver.max_displacement)
         if at is not None and 2 * len(landmarks) * at.size <= SETTINGS.curvature_size_max:
             precondition = with_landmarks(inverse, *bends(at)[:2])
-    return LBFGS(evaluate, precondition, p.solver.memory, displacement, p.solver.max_displacement, p.solver.tolerance)
+    return LBFGS(
+        evaluate,
+        precondition,
+        p.solver.memory,
+        displacement,
+        p.solver.max_displacement,
+        p.solver.tolerance,
+    )
 
 
 def minimum(energy: MatchingEnergy, stage: Stage, x: FloatArray, last: Progress) -> Progress:

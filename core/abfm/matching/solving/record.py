@@ -204,7 +204,9 @@ class Record:
         """Note the first fields of a stage, which are an iterate if a level begins."""
         self.latest = stage.level, point
         iterations, is_new = len(self.history), self._level != stage.level
-        if not iterations or (is_new and iterations <= levels[-1].energy.parameters.solver.iterations):
+        if not iterations or (
+            is_new and iterations <= levels[-1].energy.parameters.solver.iterations
+        ):
             self.add(levels, stage, point)
 
     def add(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
