@@ -212,7 +212,7 @@ def _minimised(state: State, leg: Leg) -> State:
     if held_out is not None:
         held_out = held_out.follow(stages)
         left, unmoved = held_out.residuals(), held_out.unmoved
-        score = left.score(result.log2_area)
+        score = left.score(result.measures.get("log2_area", np.nan))
         result = replace(result, held_out=left.discrete, unmoved=unmoved, score=score)
     elif leg.origin is not None:
         score, unmoved = leg.origin.score, leg.origin.unmoved
@@ -276,14 +276,14 @@ def _verified(state: State, stage: Stage, point: Evaluation) -> StepResult:
     energy = levels.exact_energy(stage.level)
     is_exact = levels.exact(stage.level) == stage.level
     carried = point.advected if is_exact else energy.advected(x)
-    numbers = {}
+    measures = {}
     if not state.schedule.is_fixed and energy.parameters.paper.method != "linearised":
         with (
             suppress(MemoryError),
             progress_step("checking by flow lines", len(energy.mesh.vertices)),
         ):
-            numbers = measured(energy, to_ambient(energy.mesh, x))
-    return StepResult(stage, x, carried, energy.left_by(x, carried), **numbers)
+            measures = measured(energy, to_ambient(energy.mesh, x))
+    return StepResult(stage, x, carried, energy.left_by(x, carried), measures)
 
 
 def _with_path(state: State, path: tuple[StepResult, ...]) -> State:
@@ -368,7 +368,7 @@ def _search(state: State) -> State:
         x = np.repeat(state.start, variant.fields // len(state.start), axis=0)
         held_out = HeldOut.at(state.levels[0].energy, x) if schedule.is_measured else None
         leg = Leg(0, tuple(schedule.sigmas), x, reach=reach, held_out=held_out)
-        state.record.latest = None
+        state.record.begin()
         return replace(state, variant=variant, path=(), progress=Progress(), leg=leg)
     best = int(np.argmin([_value(state, path) for path in state.tried]))
     state.record.is_trying = False
@@ -559,4 +559,4 @@ def _path_step(levels: Levels, result: StepResult) -> PathStep:
     x = levels.fields_on(levels.own, result.x, result.stage.level)
     functions = levels.exact_energy(result.stage.level).functions
     mismatch = functions.mismatch(result.carried[: len(functions.source)])
-    return replace(result.step(to_ambient(mesh, x) * unit), mismatch=mismatch)
+    return result.step(to_ambient(mesh, x) * unit, mismatch)

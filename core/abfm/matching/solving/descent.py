@@ -32,7 +32,6 @@ class Progress:
 
     best: Evaluation | None = None
     level: int = 0  # of the best fields
-    learned: Any = None  # the last iterate of the search, whose pairs hold the curvature
     before: Stage | None = None  # the latest stage that began to iterate
     reason: StopReason = StopReason.ITERATION_LIMIT  # why the latest descent ended
     effort: float = 0.0  # products of rows of all evaluations, counted if their limit is finite
@@ -57,6 +56,7 @@ class Descent:
     at_limit: StopReason  # why it ends there
     search: Search
     current: Any  # iterate of the search
+    learned: Any  # the latest iterate that did not fail, also of the stage before
     progress: Progress
     least: Evaluation  # the iterate of least energy
     energies: tuple[float, ...]
@@ -83,18 +83,15 @@ def minimise(
     if not record.history:
         _refuse_overflow(best, levels)
     record.arrive(levels, stage, best)
-    # what was learned on another level is not valid on this one
-    learned = before.learned if stage.level == before.level else None
-    progress = replace(before, best=best, level=stage.level, learned=learned)
-    goal = levels.attainable(stage.goal)
-    if energy.left(best, stage.shift) <= goal:
+    if stage.level != before.level:
+        record.learned = None  # which is not valid on this level
+    progress = replace(before, best=best, level=stage.level)
+    if energy.left(best, stage.shift) <= levels.attainable(stage.goal):
         return replace(progress, reason=StopReason.GOAL_REACHED)
     descent = init(levels, stage, record, progress, search)
     while (reason := terminate(descent)) is None:
         descent = step(descent)
-    found = finish(descent, reason)
-    record.latest = stage.level, found.point
-    return found
+    return finish(descent, reason)
 
 
 def init(
@@ -102,10 +99,9 @@ def init(
 ) -> Descent:
     """Return the descent of a stage at the best fields so far."""
     before, best, level = progress.before, progress.point, levels[stage.level]
-    if before is None or not stage.continues(before):
-        current = search.init(best.x, best)
-    else:
-        current = search.init(best.x, best, progress.learned, stage.steeper(before))
+    # held here alone, as its pairs take memory
+    learned, record.learned = record.learned, None
+    current = _first(search, stage, best, learned, before)
     limit = len(record.history) - 1 + level.affordable(stage.iterations, best.x)
     is_last = stage.until <= limit or stage.fixed
     return Descent(
@@ -117,6 +113,7 @@ def init(
         at_limit=StopReason.ITERATION_LIMIT if is_last else StopReason.NO_PROGRESS,
         search=search,
         current=current,
+        learned=learned,
         progress=replace(progress, before=stage),
         least=best,
         energies=(current.point.energy,),
@@ -145,7 +142,8 @@ def step(descent: Descent) -> Descent:
         descent,
         search=search,
         current=current,
-        progress=replace(progress, best=best, learned=current),
+        learned=current,
+        progress=replace(progress, best=best),
         least=best if best.energy <= descent.least.energy else descent.least,
         energies=(*descent.energies, min(descent.energies[-1], best.energy)),
         residuals=(*descent.residuals, energy.left(best, stage.shift)),
@@ -169,9 +167,17 @@ def finish(descent: Descent, reason: StopReason) -> Progress:
     """Return what the descent leaves: the iterate of least energy, as a search for landmarks may
     also increase it.
     """
-    best, least = descent.progress.point, descent.least
+    best, least, record = descent.progress.point, descent.least, descent.record
     best = least if least.energy < best.energy else best
+    record.latest, record.learned = (descent.stage.level, best), descent.learned
     return replace(descent.progress, best=best, reason=reason)
+
+
+def _first(search: Any, stage: Stage, point: Evaluation, learned: Any, before: Stage | None) -> Any:
+    """Return the first iterate of a search, with the curvature of a stage before if it is valid."""
+    if before is None or not stage.continues(before):
+        return search.init(point.x, point)
+    return search.init(point.x, point, learned, stage.steeper(before))
 
 
 def _refuse_overflow(first: Evaluation, levels: Levels) -> None:
@@ -282,26 +288,25 @@ def search_of(
     )
 
 
-def minimum(energy: MatchingEnergy, stage: Stage, x: FloatArray, last: Progress) -> Progress:
-    """Minimise a stage of a fold from fields (N, F, 2), without recording iterates.
+def minimum(
+    energy: MatchingEnergy, stage: Stage, x: FloatArray, learned: Any, before: Stage | None
+) -> Any:
+    """Minimise a stage of a fold from fields (N, F, 2), and return the last iterate of the search.
 
-    It uses the pairs of the last stage, and stops when the energy falls by less than a fifth within
-    four iterations: less exactly than `minimise`, which moves the chosen sigma by a few percent.
+    It uses the pairs that were learned in the stage before, and stops when the energy falls by less
+    than a fifth within four iterations: less exactly than `minimise`, which moves the chosen sigma
+    by a few percent.
     """
-    found: Any = search_of(energy, stage, at=x)
-    before = last.before
-    if before is not None and stage.continues(before):
-        current = found.init(x, found.evaluate(x), last.learned, stage.steeper(before))
-    else:
-        current = found.init(x)
+    search: Any = search_of(energy, stage, at=x)
+    current = _first(search, stage, search.evaluate(x), learned, before)
     energies = [current.point.energy]
     fall = SETTINGS.fold_fall_min, SETTINGS.fold_iterations
     while len(energies) <= stage.iterations and falls(energies, *fall):
-        if found.stop_reason(current) is not None:
+        if search.stop_reason(current) is not None:
             break
-        current = found.step(current)
+        current = search.step(current)
         energies.append(current.point.energy)
-    return Progress(current.point, learned=current, before=stage)
+    return current
 
 
 def calmed(

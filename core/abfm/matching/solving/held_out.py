@@ -7,14 +7,14 @@ values at neighbouring vertices are correlated.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import ParameterError
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solving.descent import Progress, minimum
+from abfm.matching.solving.descent import minimum
 from abfm.matching.solving.measures import carried_along
 from abfm.matching.solving.schedule import Stage
 from abfm.matching.solving.settings import SETTINGS
@@ -115,15 +115,16 @@ class Fold(NamedTuple):
     energy: MatchingEnergy
     hidden: FloatArray  # mask (V,) of the patches
     fields: FloatArray  # (N, F, 2)
-    progress: Progress = Progress()
+    learned: Any = None  # the latest iterate
+    before: Stage | None = None
 
     def minimise(self, stages: Sequence[Stage]) -> "Fold":
         """Return the fold after some stages."""
-        fields, progress = self.fields, self.progress
+        _, _, fields, learned, before = self
         for stage in stages:
-            progress = minimum(self.energy, stage, fields, progress)
-            fields = progress.point.x
-        return self._replace(fields=fields, progress=progress)
+            learned, before = minimum(self.energy, stage, fields, learned, before), stage
+            fields = learned.point.x
+        return self._replace(fields=fields, learned=learned, before=before)
 
     def carried(self) -> FloatArray:
         """Return the source (C, V), advected by the discrete flow."""

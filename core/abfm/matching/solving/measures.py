@@ -1,7 +1,5 @@
 """Measurements of a field along flow lines: its residual, and the distortion of its map."""
 
-from typing import Any
-
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient
@@ -16,7 +14,7 @@ from abfm.matching.terms.landmarks import residual_of_errors
 from abfm.types import BoolArray, FloatArray, IntArray
 
 
-def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, Any]:
+def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
     """Return the measurements of fields (N, F, 3) for a `PathStep`.
 
     On meshes above 20,000 vertices they are those of as many. They are left out if flow lines

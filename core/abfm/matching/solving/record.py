@@ -1,11 +1,11 @@
 """The record of a match: its stages and iterates, and the results of its steps."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import Evaluation
@@ -77,16 +77,12 @@ class StepResult:
     x: FloatArray  # frame coefficients (N, F, 2)
     carried: FloatArray  # the advected functions of all terms, (C, V)
     residual: float
-    verified_residual: float = math.nan
-    folded: float = math.nan
-    log2_area: float = math.nan
-    log2_shape: float = math.nan
-    log2_area_95: float = math.nan
+    measures: Mapping[str, float] = field(default_factory=dict)  # along flow lines, see `measured`
     held_out: float = math.nan  # residual of held-out patches, see `held_out`
     unmoved: float = math.nan  # that of the same patches without motion
     score: float = math.nan  # by which a step is chosen, see `held_out`
 
-    def step(self, velocity: FloatArray) -> PathStep:
+    def step(self, velocity: FloatArray, mismatch: float = math.nan) -> PathStep:
         """Return the step of a path with these fields (N, 4^k F, 3)."""
         return PathStep(
             self.stage.sigma,
@@ -94,14 +90,16 @@ class StepResult:
             self.stage.reach,
             velocity,
             self.residual,
-            self.verified_residual,
-            self.folded,
-            self.log2_area,
-            self.log2_shape,
-            self.log2_area_95,
-            self.held_out / self.unmoved if self.unmoved > 0 else math.nan,
+            **self.measures,
+            held_out=self.held_out / self.unmoved if self.unmoved > 0 else math.nan,
             score=self.score,
+            mismatch=mismatch,
         )
+
+    @property
+    def verified_residual(self) -> float:
+        """The residual along flow lines; NaN if it is unknown."""
+        return self.measures.get("verified_residual", math.nan)
 
     @property
     def worse(self) -> float:
@@ -190,11 +188,16 @@ class Record:
         self.evaluations = 0
         # level and evaluation of the latest fields of the present variant
         self.latest: tuple[int, Evaluation] | None = None
+        self.learned: Any = None  # the latest iterate of a search, whose pairs hold the curvature
         self.path: tuple[PathStep, ...] = ()  # the steps of the present variant so far
         self.is_trying = False  # whether other variants or smaller sigmas follow
         self.is_calling = False  # whether the callback runs, or has raised an error
         self._level: int | None = None  # of the latest iterate
         self._on_iteration = on_iteration
+
+    def begin(self) -> None:
+        """Forget the latest fields, and the curvature: a variant begins."""
+        self.latest = self.learned = None
 
     def count(self) -> None:
         """Count an evaluation."""

@@ -345,7 +345,9 @@ def test_what_the_mesh_resolves_is_refined_only_where_flow_lines_alone_are_far_a
     def resolved(f, g, mismatch, verified):
         energy = MatchingEnergy(SPHERE, f, g, Parameters())
         stage = Schedule(energy.parameters, energy.functions, 1).stage(0, 1.0, Variant(0.01, 1))
-        result = StepResult(stage, np.zeros(energy.shape), f[None], mismatch, verified)
+        result = StepResult(
+            stage, np.zeros(energy.shape), f[None], mismatch, {"verified_residual": verified}
+        )
         return continuation._is_resolved(Levels.of_mesh(energy), result)
 
     one, other = pair(width=0.25)
