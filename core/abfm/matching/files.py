@@ -31,7 +31,7 @@ def match_of(
     arrays: Mapping[str, NDArray[Any]],
     parameters: Parameters,
 ) -> Match:
-    """Return the match that `match_arrays` was given; ValueError if its fields do not fit."""
+    """Return the match of `match_arrays`; ValueError if its fields do not fit."""
     remedies = _remedies(str(arrays.get("remedies", "[]")))
     verdict = Verdict.of_texts(arrays["verdict"].tolist(), remedies)
     given = {name: arrays[name] for name in arrays.keys() & results.PROBLEM_ENTRIES.keys()}
@@ -64,10 +64,9 @@ def match_of(
 
 
 def load_match(path: str | os.PathLike[str]) -> Match:
-    """Read a file that `Match.save` wrote; ResultError if it is missing, damaged, or no result.
+    """Read a file of `Match.save`; ResultError if it is missing, damaged, or not a result.
 
-    The source is carried once, and what the field does not bear out is recomputed, and told in
-    ``match.doubt``.
+    Values that disagree with the field are recomputed, with a warning in ``match.doubt``.
     """
 
     def made(arrays: results.Arrays) -> Match:
@@ -77,14 +76,14 @@ def load_match(path: str | os.PathLike[str]) -> Match:
 
 
 def loaded_match(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
-    """Return the match of a file's arrays, as it was saved; any error if they do not fit."""
+    """Return the match of a file's arrays; any error if they do not fit."""
     own = {name: array for name, array in arrays.items() if name not in results.MESH_ENTRIES}
     parameters = Parameters.of(**from_json(str(own["parameters"])))
     return match_of(mesh, own, parameters)
 
 
 def _remedies(text: str) -> tuple[Remedy, ...]:
-    """Return the remedies that `match_arrays` wrote."""
+    """Return the remedies of `match_arrays`."""
     try:
         found = tuple(Remedy(**remedy) for remedy in from_json(text))
     except AbfmError:

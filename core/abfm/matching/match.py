@@ -59,13 +59,13 @@ def match(
     """Find the tangent field whose flow carries the source of a problem to its target.
 
     It minimises ``1/2 int ||v||_alpha^2 dt + 1/(2 sigma^2) ||f_tau - g||^2`` over the fields ``v``,
-    where ``f_tau`` is the source carried along the flow of ``v`` to time tau (Eq. 3). What it finds
-    never leaves more than no field at all, or than the start if that left more.
+    where ``f_tau`` is the source, advected along the flow of ``v`` to time tau (Eq. 3). The
+    residual is never larger than both that without motion and that of the start.
 
     Parameters
     ----------
     problem : Problem
-        Or, as a short form, what `Problem` takes: ``match(mesh, f, g, parameters, ...)``.
+        Or the arguments of `Problem`: ``match(mesh, f, g, parameters, ...)``.
     on_iteration : callable, optional
         Called with an `Iteration` after every iteration, in this thread.
     control : Control, optional
@@ -76,7 +76,7 @@ def match(
     AbfmError
         If the functions, parameters, mask, weights or start do not fit.
     MemoryError
-        If memory runs out before there is a field; later, the best one so far is returned.
+        If memory runs out before the first field; later, the result is the best field so far.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def match(
     problem_ = _problem_of(*problem, **given)
     energy, record = MatchingEnergy(problem_), Record(on_iteration)
     control = control or present_control() or Control()
-    # what has nothing to show yet continues to its first evaluation
+    # a cancelled match continues to its first evaluation
     with controlled(control, lambda: bool(record.history)):
         solution = solve(energy, record)
     path, number, reason = solution.path, solution.step, solution.reason

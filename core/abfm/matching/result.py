@@ -50,39 +50,39 @@ class Match(Display):
     Attributes
     ----------
     problem : Problem
-        What was to be matched.
+        The problem that it solves.
     fine_velocity : (N, 4^k F, 3) array
-        Tangent fields, in the input's length unit per unit of time, as they were found: on the mesh
-        or on its midpoint subdivision made k times.
+        Tangent fields, in the input's length unit per unit of time, on the mesh or on its midpoint
+        subdivision made k times.
     advected : (V, C) array
-        The source carried to tau.
+        The source, advected to tau.
     energy_history : (iterations + 1, 3) array
-        Total, regularity and mismatch, in the solver's units (unit area), each with its own stage's
-        sigma.
+        Total, regularity and mismatch, in the solver's units (unit area), with the sigma of the
+        stage.
     stages : (iterations + 1,) array of int
-        Cooling stage of each row.
+        Stage of each row.
     residual : float
-        ``||f_tau - g|| / ||g - mean(g)||`` in L2 on the surface, weighted by the mask; with
-        landmarks the error of the farthest one where that is more, in tenths of sqrt(area). Goal
-        and verdict use it.
+        ``||f_tau - g|| / ||g - mean(g)||`` in L2 on the surface, weighted by the mask, or the
+        largest error of a landmark, in tenths of sqrt(area), if that is larger. Goal and verdict
+        use it.
     verified_residual : float
-        The residual with the source carried along flow lines of the fields made continuous (see
-        `abfm.verify`), on large meshes estimated from some of the vertices; NaN if unknown.
+        The residual of the source along flow lines of the continuous fields (see `abfm.verify`),
+        estimated from some of the vertices on large meshes; NaN if unknown.
     folded : float
         Share of the faces, 0 to 1, that this flow folds (`Verification.folded`); NaN if unknown.
     stop_reason : StopReason
         Why it stopped.
     verdict : Verdict
-        What the match came to, why, and what to try.
+        Outcome, cause and advice.
     path : tuple of PathStep
-        The fields that it found on its way, from smooth to close; unless given, this field alone.
+        The steps of the continuation, from large to small sigma; by default this field alone.
     step : int
-        Which of them the match is.
+        The number of the step that is the match.
     doubt : str
-        What a file said of the match that its field does not bear out, in a line; mostly empty.
+        A warning that values of a file do not match its field, in a line; empty if they do.
     bound : Bound, optional
-        How its map keeps the bound of distortion within which it was sought (`abfm.matching
-        .bounded`); None if there was no bound.
+        How its map keeps the bound of distortion of the search (`abfm.matching.bounded`); None if
+        there was no bound.
     """
 
     problem: Problem
@@ -152,17 +152,17 @@ class Match(Display):
 
     @cached_property
     def velocity(self) -> FloatArray:
-        """The fields on the mesh itself, (N, F, 3): means over children where it was refined."""
+        """The fields on the mesh itself, (N, F, 3): means over children if it was refined."""
         return mean_of_children(self.fine_velocity, len(self.mesh.faces))
 
     @property
     def refined(self) -> int:
-        """How often the mesh is subdivided on which the fields were found."""
+        """The number of subdivisions of the mesh on which the fields are."""
         return times_subdivided(self.fine_velocity.shape[1], self.mesh)
 
     @cached_property
     def fine(self) -> Match:
-        """The same match as seen on the mesh on which it was found, with the functions there."""
+        """The same match on the mesh on which its fields are, with the functions there."""
         if not self.refined:
             return self
         problem = self.problem.refined(self.refined)
@@ -171,8 +171,8 @@ class Match(Display):
 
     @cached_property
     def landmark_errors(self) -> FloatArray | None:
-        """How far from where it is wanted the flow takes each landmark, along the surface and by
-        the flow lines that verify a match, (L,), as fractions of sqrt(area); None without any.
+        """The distance along the surface of each landmark's end, by flow lines, from its target,
+        (L,), as fractions of sqrt(area); None without landmarks.
         """
         marks = self.problem.landmarks
         if marks is None:
@@ -187,7 +187,7 @@ class Match(Display):
     @cached_property
     def mismatch(self) -> float:
         """``||f_tau - g|| / ||g||`` of the functions, as the paper defines it, on the mesh on which
-        the fields were found; on the mesh itself if that is unknown.
+        the fields are; on the mesh itself if that is unknown.
         """
         known = self.path[self.step].mismatch
         own = self.problem.functions
@@ -195,13 +195,13 @@ class Match(Display):
 
     @cached_property
     def initial_residual(self) -> float:
-        """The residual before anything moved."""
+        """The residual without motion."""
         marks = self.problem.landmarks
         errors = None if marks is None else marks.first_errors
         return self.problem.left(self.problem.functions.source, errors)
 
     def advect(self, t: ArrayLike) -> FloatArray:
-        """The source carried to time ``t``, in the shape it was given; times as in `push`."""
+        """The source, advected to time ``t``, in its original shape; times as in `push`."""
         if self.refined:
             carried = self.fine.advect(t)
             axis = np.ndim(t)
@@ -209,11 +209,11 @@ class Match(Display):
         return self.push(self.source if self.channels_given else self.source[:, 0], t)
 
     def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
-        """Any function (V,) or (V, C) carried along the same flow to time ``t``, beyond tau, too.
+        """Any function (V,) or (V, C), advected by the same flow to time ``t``, also beyond tau.
 
-        A negative time undoes the flow; linearised steps are undone by the same ones with the sign
-        changed, in reverse order, which is not an exact inverse. An array of times (T,) gives
-        (T, ...), much faster than one by one.
+        A negative time reverses the flow; the reverse of linearised steps has the same steps with
+        the sign changed, in reverse order, which is not an exact inverse. An array of times (T,)
+        gives (T, ...), much faster than one by one.
 
         Raises
         ------
@@ -223,9 +223,8 @@ class Match(Display):
         return self.flow.push(h, t)
 
     def at_step(self, step: int) -> Match:
-        """Return what the match is at another step of its path: its field, judged by itself.
-
-        IndexError if there is none of that number.
+        """Return the match of another step of its path, with a verdict of its own; IndexError if
+        there is no such step.
         """
         if step == self.step:
             return self
@@ -247,10 +246,8 @@ class Match(Display):
         return judged._held_against(problem, carried)
 
     def with_step(self, step: PathStep) -> Match:
-        """Return the match of the fields of a step that follows its path, by both checks; the
-        numbers that the step has are recomputed.
-
-        AbfmError if its fields carry nothing to their end.
+        """Return the match of a step after its path, whose numbers are recomputed by both checks;
+        AbfmError if its fields cannot advect the source.
         """
         problem = self.problem.refined(step.refined(self.mesh))
         carried = _carried(problem, step.velocity)
@@ -261,38 +258,38 @@ class Match(Display):
         return other._recomputed(problem, carried)
 
     def within(self, bound: Bound) -> Match:
-        """Return the match as one that was sought within a bound of distortion."""
+        """Return the match as the result of a search within a bound of distortion."""
         return replace(self, bound=bound, verdict=self.verdict.within(bound))
 
     def borne_out(self) -> Match:
-        """Return the match as its field bears it out, by carrying the source once: itself, or with
-        what was recomputed, and the `doubt` that says so.
+        """Return the match if its numbers agree with its field, which advects the source once; else
+        with recomputed numbers, and a `doubt`.
         """
         problem = self.problem.refined(self.refined)
         try:
             carried = _carried(problem, self.fine_velocity)
         except AbfmError as error:
-            doubt = f"its field carries nothing to its end: {error}"
+            doubt = f"its field cannot advect the source: {error}"
             verdict = Verdict(Outcome.NOT_REACHED, doubt, "", cause=Cause.INCONSISTENT)
             return replace(self, verdict=verdict, doubt=doubt)
         return self._held_against(problem, carried)
 
     @np.errstate(over="ignore", invalid="ignore")  # of functions that are refused today
     def _held_against(self, problem: Problem, carried: FloatArray) -> Match:
-        """Return it as the source (V, C), carried by its field on its own mesh, bears it out."""
+        """Return it, recomputed if its numbers disagree with the advected source (V, C)."""
         advected = carried[: len(self.mesh.vertices)]
         left = problem.left(carried.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)
         agreed = max(_RESIDUAL_DIFFERENCE, _RESIDUAL_SHARE * self.residual)
         if left > self.residual + agreed:
-            doubt = f"{self.residual:.3g} is said to be left, and its field leaves {left:.3g}"
+            doubt = f"its residual is {self.residual:.3g}, but that of its field is {left:.3g}"
         elif off > agreed:
-            doubt = f"the carried source is off by {off:.3g} from what its field carries"
-        elif self._is_overpraised():
-            doubt = f"it is said to be {self.verdict.kind}, with {self.worse_residual:.3g} left"
+            doubt = f"its advected source differs by {off:.3g} from that of its field"
+        elif self._has_better_verdict():
+            doubt = f"its verdict is {self.verdict.kind}, its residual {self.worse_residual:.3g}"
         else:
             return self
-        # a field that was taken out of a run came with the numbers of a coarser level
+        # the numbers of an interrupted run are those of a coarser level
         is_estimate = self.stop_reason is StopReason.CANCELLED and math.isnan(
             self.verified_residual
         )
@@ -300,16 +297,16 @@ class Match(Display):
         return replace(other, doubt="" if is_estimate else doubt)
 
     def _recomputed(self, problem: Problem, carried: FloatArray, is_verified: bool = True) -> Match:
-        """Return it with the numbers of its field, which carries the source (V, C) on its mesh."""
-        said, own = dict[str, Any](), self.path[self.step]
+        """Return it with the numbers of its field, and the source (V, C) that this advects."""
+        numbers, own = dict[str, float](), self.path[self.step]
         if is_verified:
-            with suppress(AbfmError):  # too fast for walks
+            with suppress(AbfmError):  # too fast for flow lines
                 energy = MatchingEnergy(problem)
-                said = measured(energy, self.fine_velocity / energy.length_scale)
-        said |= {"held_out": own.held_out, "score": own.score}
-        said["mismatch"] = problem.functions.mismatch(carried.T)
+                numbers = measured(energy, self.fine_velocity / energy.length_scale)
+        numbers |= {"held_out": own.held_out, "score": own.score}
+        numbers["mismatch"] = problem.functions.mismatch(carried.T)
         residual = problem.left(carried.T, self.landmark_errors)
-        own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **said)
+        own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **numbers)
         other = replace(
             self,
             advected=carried[: len(self.mesh.vertices)],
@@ -320,7 +317,7 @@ class Match(Display):
         )
         return other.judged()
 
-    def _is_overpraised(self) -> bool:
+    def _has_better_verdict(self) -> bool:
         """Return whether the verdict is better than the residual allows."""
         due = outcome_of(self.worse_residual, self.parameters.goal)
         return self.verdict.kind in (Outcome.MATCHED, Outcome.NEARLY) and (
@@ -354,12 +351,12 @@ class Match(Display):
 
     @cached_property
     def facts(self) -> Facts:
-        """What is reported of the match: outcome, headline, reason, advice, numbers, warnings."""
+        """Outcome, headline, reason, advice, numbers and warnings, as every view shows them."""
         return self.report.facts()
 
     @property
     def report(self) -> Report:
-        """What the facts are written from."""
+        """The report that writes the facts."""
         return Report(
             self.verdict,
             self._evidence,
@@ -373,13 +370,13 @@ class Match(Display):
         )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
-        """The fields (N, 4^k F, 3) as a start with other parameters: by another tau as far."""
+        """The fields (N, 4^k F, 3) as a start with other parameters: the same motion by their tau."""
         faster: FloatArray = self.fine_velocity * (self.parameters.tau / parameters.tau)
         return faster
 
     def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
-        """Return where each vertex's value came from at time ``t``, or, ``inverse``, where each
-        vertex goes, by the flow lines that verify a match, see `abfm.Flow.point_map`.
+        """Return the origin of each vertex's value at time ``t``, or the end of each vertex if
+        ``inverse``, by flow lines, see `abfm.Flow.point_map`.
         """
         return self.flow.point_map(t, inverse)
 
@@ -388,23 +385,23 @@ class Match(Display):
         return self.flow.functional_map(k, t)
 
     def distortion(self, t: float | None = None) -> Distortion:
-        """Measure what the flow does to each face, see `abfm.Flow.distortion`."""
+        """Measure the distortion of each face, see `abfm.Flow.distortion`."""
         return self.flow.distortion(t)
 
     def verify(self, subdivided: bool = True) -> Verification:
-        """Ask witnesses whether the fields carry the source to the target, see `abfm.verify`."""
+        """Verify that the fields carry the source to the target, see `abfm.verify`."""
         return verify(self.problem, self.fine_velocity, subdivided)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a result file (``.npz``, no pickles), whole or not at all, or raise ResultError.
+        """Write a result file (``.npz``, no pickles) atomically, or raise ResultError.
 
-        Of the data terms it keeps the functions and the landmarks.
+        It contains the functions and landmarks, and no other data terms.
         """
         results.save_arrays(path, results.mesh_arrays(self.mesh) | match_arrays(self))
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write what can be written of a match that `save` refuses, at least its field; return what
-        is missing and why, a line each, or raise ResultError.
+        """Write the valid parts of a match that `save` refuses, at least its field; return the
+        missing ones and why, a line each, or raise ResultError.
         """
         parts: dict[str, Callable[[], Mapping[str, Any]]] = {
             "the mesh": partial(results.mesh_arrays, self.mesh)
@@ -413,18 +410,18 @@ class Match(Display):
 
 
 def _carried(problem: Problem, velocity: FloatArray) -> FloatArray:
-    """Return the source of a problem at tau, (V, C), carried along fields (N, F, 3)."""
+    """Return the source of a problem, advected to tau by fields (N, F, 3), (V, C)."""
     p = problem.parameters
     return Flow(problem.mesh, velocity, p.tau, p.paper.method).push(problem.source)
 
 
 def match_arrays(match: Match) -> dict[str, Any]:
-    """Return what files hold of a match besides its mesh; what is not known is left out."""
+    """Return the arrays of a match's file except its mesh; unknown values are left out."""
     return results.made(match_parts(match))
 
 
 def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
-    """Return the parts of `match_arrays`, of which any but the fields may fail."""
+    """Return the parts of `match_arrays`; any except the fields may fail."""
     grouped = {
         "the fields": ("velocity", "fine_velocity") if match.refined else ("velocity",),
         "the energies": ("energy_history", "stages"),
@@ -454,11 +451,11 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
 
 
 def substitutes(match: Match) -> dict[str, Any]:
-    """Return what stands in a file for arrays of a match that cannot be saved: recomputed from its
-    field, or unknown. What the field does not bear out is recomputed when the file is loaded.
+    """Return arrays in place of those of a match that cannot be saved: recomputed from its field,
+    or unknown. Loading the file recomputes what disagrees with the field.
     """
     advected, residual = match.source, 0.0
-    with suppress(Exception):  # whatever a field does that was never checked
+    with suppress(Exception):  # any error of a field that was never checked
         problem = match.problem.refined(match.refined)
         carried = _carried(problem, match.fine_velocity)
         advected = carried[: len(match.mesh.vertices)]
@@ -474,7 +471,7 @@ def substitutes(match: Match) -> dict[str, Any]:
 
 
 def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return attributes of a match; what is not known is left out."""
+    """Return attributes of a match; unknown values are left out."""
     values = {name: getattr(match, name) for name in names}
     return {
         name: value
