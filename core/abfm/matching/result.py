@@ -370,7 +370,7 @@ class Match(Display):
         )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
-        """The fields (N, 4^k F, 3) as a start with other parameters: the same motion by their tau."""
+        """The fields (N, 4^k F, 3) as a start with other parameters, scaled to their tau."""
         faster: FloatArray = self.fine_velocity * (self.parameters.tau / parameters.tau)
         return faster
 
