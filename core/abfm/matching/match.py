@@ -129,7 +129,7 @@ def _verified(problem: Problem, end: PathStep) -> PathStep:
     checkpoint()
     energy = MatchingEnergy(problem.refined(end.refined(problem.mesh)))
     with step("checking by flow lines", len(energy.mesh.vertices)):
-        numbers = measured(energy, end.velocity / problem.mesh.length_scale)
+        numbers: dict[str, Any] = measured(energy, end.velocity / problem.mesh.length_scale)
     return replace(end, **numbers)
 
 
