@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,35 +26,15 @@ from abfm.workers.control import CancelledError, Control, checkpoint, controlled
 from abfm.workers.progress import step
 
 
-@overload
 def match(
-    problem: Problem,
-    *,
-    on_iteration: Callable[[Iteration], object] | None = None,
-    control: Control | None = None,
-) -> Match: ...
-
-
-@overload
-def match(
-    mesh: MeshLike,
-    f: ArrayLike,
-    g: ArrayLike,
+    problem: Problem | MeshLike,
+    f: ArrayLike | Sequence[str] | None = None,
+    g: ArrayLike | Sequence[str] | None = None,
     parameters: Parameters | None = None,
     *,
-    mask: ArrayLike | None = None,
-    weights: ArrayLike | None = None,
-    start: ArrayLike | None = None,
     on_iteration: Callable[[Iteration], object] | None = None,
     control: Control | None = None,
-) -> Match: ...
-
-
-def match(
-    *problem: Any,
-    on_iteration: Callable[[Iteration], object] | None = None,
-    control: Control | None = None,
-    **given: Any,
+    **others: Any,
 ) -> Match:
     """Find the tangent field whose flow carries the source of a problem to its target.
 
@@ -64,8 +44,9 @@ def match(
 
     Parameters
     ----------
-    problem : Problem
-        Or the arguments of `Problem`: ``match(mesh, f, g, parameters, ...)``.
+    problem : Problem, or whatever `abfm.load_mesh` takes
+        A mesh needs the other arguments of `Problem`: ``match(mesh, f, g, parameters, ...)``, such
+        as ``mask`` or ``landmarks``.
     on_iteration : callable, optional
         Called with an `Iteration` after every iteration, in this thread.
     control : Control, optional
@@ -88,8 +69,16 @@ def match(
     >>> str(found.facts.outcome), found.advect(1.0).shape == f.shape
     ('matched', True)
     """
-    problem_ = _problem_of(*problem, **given)
-    energy, record = MatchingEnergy(problem_), Record(on_iteration)
+    if not isinstance(problem, Problem):
+        if f is None and g is None and "landmarks" not in others:
+            raise ParameterError("match takes a Problem, or a mesh, a source and a target")
+        problem = Problem(problem, f, g, parameters, **others)
+    elif others or not (f is None and g is None and parameters is None):
+        raise ParameterError(
+            "match takes a Problem alone: parameters, mask, weights and start are its own; give "
+            "them to abfm.Problem(...)"
+        )
+    energy, record = MatchingEnergy(problem), Record(on_iteration)
     control = control or present_control() or Control()
     # a cancelled match continues to its first evaluation
     with controlled(control, lambda: bool(record.history)):
@@ -99,7 +88,7 @@ def match(
     if math.isnan(path[number].verified_residual):
         with controlled(control, lambda: may_end):  # else it is verified although it was cancelled
             try:
-                path = (*path[:number], _verified(problem_, path[number]), *path[number + 1 :])
+                path = (*path[:number], _verified(problem, path[number]), *path[number + 1 :])
             except MemoryError:
                 pass
             except CancelledError:
@@ -107,7 +96,7 @@ def match(
     history, stages = np.array(record.history), np.array(record.stage_of)
     end = path[number]
     found = Match(
-        problem=problem_.starting_from(None),
+        problem=problem.starting_from(None),
         fine_velocity=end.velocity,
         advected=solution.advected.T.copy(),
         energy_history=history,
@@ -131,17 +120,3 @@ def _verified(problem: Problem, end: PathStep) -> PathStep:
     with step("checking by flow lines", len(energy.mesh.vertices)):
         numbers: dict[str, Any] = measured(energy, end.velocity / problem.mesh.length_scale)
     return replace(end, **numbers)
-
-
-def _problem_of(*problem: Any, **given: Any) -> Problem:
-    is_alone = len(problem) == 1 and not given
-    if problem and isinstance(problem[0], Problem):
-        if not is_alone:
-            raise ParameterError(
-                "match takes a Problem alone: parameters, mask, weights and start are its own; "
-                "give them to abfm.Problem(...)"
-            )
-        return problem[0]
-    if is_alone:
-        raise ParameterError("match takes a Problem, or a mesh, a source and a target")
-    return Problem(*problem, **given)

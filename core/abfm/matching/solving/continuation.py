@@ -33,7 +33,7 @@ from abfm.matching.solving.descent import (
 from abfm.matching.solving.held_out import HeldOut, best_between
 from abfm.matching.solving.levels import Levels, Subdivision
 from abfm.matching.solving.measures import carried_along, measured
-from abfm.matching.solving.record import Record, StepResult, StopReason
+from abfm.matching.solving.record import Record, Score, StepResult, StopReason
 from abfm.matching.solving.schedule import Schedule, Stage, Variant
 from abfm.matching.solving.settings import SETTINGS
 from abfm.matching.solving.start import given, is_lost, on_coarsest, on_finer
@@ -211,12 +211,9 @@ def _minimised(state: State, leg: Leg) -> State:
     result, held_out = _verified(state, stages[-1], progress.point), leg.held_out
     if held_out is not None:
         held_out = held_out.follow(stages)
-        left, unmoved = held_out.residuals(), held_out.unmoved
-        score = left.score(result.measures.get("log2_area", np.nan))
-        result = replace(result, held_out=left.discrete, unmoved=unmoved, score=score)
+        result = replace(result, score=held_out.score(result.measures.get("log2_area", np.nan)))
     elif leg.origin is not None:
-        score, unmoved = leg.origin.score, leg.origin.unmoved
-        result = replace(result, held_out=leg.origin.held_out, unmoved=unmoved, score=score)
+        result = replace(result, score=leg.origin.score)
     state = _with_path(replace(state, progress=progress), (*state.path, result))
     is_spent = is_search and len(record.history) > stages[-1].until
     is_over = is_spent or _is_over(state) or not (is_search or _gains(state))
@@ -327,7 +324,7 @@ def _score(state: State, result: StepResult) -> float:
     if not state.schedule.is_measured:
         return result.worse
     # without the last weight of landmarks these still come closer, whatever functions show
-    return result.score if _has_last_landmarks(state, result) else np.inf
+    return result.score.value if _has_last_landmarks(state, result) else np.inf
 
 
 def _has_last_landmarks(state: State, result: StepResult) -> bool:
@@ -394,12 +391,9 @@ def _interpolation(state: State) -> State:
         return state
     at = state.path[after - 1].x
     progress = minimise(levels, stage, at, state.progress, state.record)
-    result = replace(
-        _verified(state, stage, progress.point),
-        held_out=float(weights @ [each.held_out for each in three]),
-        unmoved=three[1].unmoved,
-        score=float(weights @ scores),
-    )
+    held_out = float(weights @ [each.score.held_out for each in three])
+    score = Score(float(weights @ scores), held_out, three[1].score.unmoved)
+    result = replace(_verified(state, stage, progress.point), score=score)
     path = (*state.path[:after], result, *state.path[after:])
     return _with_path(replace(state, progress=progress), path)
 

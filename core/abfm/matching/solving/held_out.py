@@ -16,29 +16,13 @@ from abfm.errors import ParameterError
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.descent import minimum
 from abfm.matching.solving.measures import carried_along
+from abfm.matching.solving.record import Score
 from abfm.matching.solving.schedule import Stage
 from abfm.matching.solving.settings import SETTINGS
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 _DISTANCE_ROUNDING = 1e-9  # of the surface's size
-
-
-class Held(NamedTuple):
-    """Residuals of held-out patches, all folds together: how well fields predict unseen values.
-
-    The discrete flow lags behind, and fields of a small sigma make up for that also where they are
-    not fitted, so by the discrete flow too small a sigma would be chosen. Flow lines have no lag.
-    But they interpolate, which lowers the residual of noise: whether a field gains anything is
-    decided by the discrete flow.
-    """
-
-    discrete: float
-    flow_lines: float
-
-    def score(self, log2_area: float) -> float:
-        """Return the score of a step, smaller is better."""
-        return self.flow_lines + SETTINGS.area_price * log2_area
 
 
 def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArray] | None:
@@ -158,12 +142,17 @@ class HeldOut(NamedTuple):
         """Minimise the same stages."""
         return self._replace(folds=tuple(fold.minimise(stages) for fold in self.folds))
 
-    def residuals(self) -> Held:
-        """Return the residuals of the patches that each fold has not seen."""
-        return Held(
-            self._residual([fold.carried() for fold in self.folds]),
-            self._residual([fold.along_flow_lines() for fold in self.folds]),
-        )
+    def score(self, log2_area: float) -> Score:
+        """Return the score of a step whose map has this mean ``|log2 J|``; smaller is better.
+
+        The discrete flow lags behind, and fields of a small sigma make up for that also where they
+        are not fitted, so by the discrete flow too small a sigma would be chosen. Flow lines have
+        no lag. But they interpolate, which lowers the residual of noise: the discrete flow decides
+        whether a field gains anything.
+        """
+        discrete = self._residual([fold.carried() for fold in self.folds])
+        flow_lines = self._residual([fold.along_flow_lines() for fold in self.folds])
+        return Score(flow_lines + SETTINGS.area_price * log2_area, discrete, self.unmoved)
 
     def _residual(self, carried: Sequence[FloatArray]) -> float:
         """Return the residual of the functions (C, V) of each fold, where they are hidden."""

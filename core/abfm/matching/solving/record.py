@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import Evaluation
@@ -69,6 +69,19 @@ class Look(Protocol):
     def warning(self) -> str | None: ...
 
 
+class Score(NamedTuple):
+    """The score of a step by held-out patches, see `held_out`; NaN if nothing is held out."""
+
+    value: float = math.nan  # by which a step is chosen
+    held_out: float = math.nan  # residual of the patches
+    unmoved: float = math.nan  # their residual without motion
+
+    @property
+    def gain(self) -> float:
+        """The residual relative to that without motion."""
+        return self.held_out / self.unmoved if self.unmoved > 0 else math.nan
+
+
 @dataclass(frozen=True, eq=False)
 class StepResult:
     """The result of a step of the path, on the mesh of its level."""
@@ -78,9 +91,7 @@ class StepResult:
     carried: FloatArray  # the advected functions of all terms, (C, V)
     residual: float
     measures: Mapping[str, float] = field(default_factory=dict)  # along flow lines, see `measured`
-    held_out: float = math.nan  # residual of held-out patches, see `held_out`
-    unmoved: float = math.nan  # that of the same patches without motion
-    score: float = math.nan  # by which a step is chosen, see `held_out`
+    score: Score = Score()
 
     def step(self, velocity: FloatArray, mismatch: float = math.nan) -> PathStep:
         """Return the step of a path with these fields (N, 4^k F, 3)."""
@@ -91,8 +102,8 @@ class StepResult:
             velocity,
             self.residual,
             **self.measures,
-            held_out=self.held_out / self.unmoved if self.unmoved > 0 else math.nan,
-            score=self.score,
+            held_out=self.score.gain,
+            score=self.score.value,
             mismatch=mismatch,
         )
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm import MatchingEnergy, Parameters
 from abfm.calculus.operators import vertex_areas
-from abfm.matching.solving.held_out import Held, HeldOut, best_between, folds, without
+from abfm.matching.solving.held_out import HeldOut, best_between, folds, without
 from abfm.matching.solving.schedule import Schedule, Variant
 from abfm.mesh import TriangleMesh
 from tests.core.fields import bump
@@ -73,8 +73,8 @@ def test_what_is_told_is_the_mismatch_of_what_no_fold_has_seen():
         whole.functions.weighed(hidden).residual(whole.functions.source)
         for _, hidden in without(whole)
     ]
-    found = HeldOut.at(whole, rest).follow([stage]).residuals()
-    assert found == pytest.approx((np.sqrt(np.mean(np.square(left))),) * 2)
+    found = HeldOut.at(whole, rest).follow([stage]).score(0.0)
+    assert found == pytest.approx((np.sqrt(np.mean(np.square(left))),) * 3)
 
 
 def test_fields_of_a_fold_know_nothing_of_what_it_hides():
@@ -104,9 +104,9 @@ def test_noise_is_not_found_where_it_was_not_seen_and_a_flow_is():
         whole = energy(*functions)
         schedule = Schedule(Parameters.of(iterations=20), whole.functions, 1)
         held = HeldOut.at(whole, np.zeros(whole.shape))
-        before = held.follow([schedule.stage(0, 1e6, Variant(1.0, 1))]).residuals().discrete
+        before = held.follow([schedule.stage(0, 1e6, Variant(1.0, 1))]).score(0.0).held_out
         stages = [schedule.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)]
-        after = held.follow(stages).residuals().discrete
+        after = held.follow(stages).score(0.0).held_out
         assert (after < 0.8 * before) == gains
         assert (after > before) != gains
 
@@ -156,5 +156,7 @@ def test_score_error_moves_sigma_little(scores):
 
 
 def test_score_adds_price_of_areas():
-    assert Held(0.9, 0.5).score(0.2) == pytest.approx(0.55)
-    assert np.isnan(Held(0.9, 0.5).score(np.nan))
+    whole = energy(*bumps(5))
+    held = HeldOut.at(whole, np.zeros(whole.shape))
+    assert held.score(0.2).value == pytest.approx(held.score(0.0).value + 0.05)
+    assert np.isnan(held.score(np.nan).value)
