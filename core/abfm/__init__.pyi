@@ -25,15 +25,15 @@ from .flow.flow import advect as advect
 from .functions.spec import function as function
 from .loading import load as load
 from .maps.point_maps import PointMap as PointMap
+from .matching.files import load_match as load_match
 from .matching.judging.verification import Verification as Verification
 from .matching.judging.verification import verify as verify
-from .matching.match import Match as Match
-from .matching.match import load_match as load_match
 from .matching.match import match as match
 from .matching.objective.matching_energy import MatchingEnergy as MatchingEnergy
 from .matching.path import PathStep as PathStep
 from .matching.problem import Problem as Problem
 from .matching.problem import load_problem as load_problem
+from .matching.result import Match as Match
 from .matching.solve_many import Monitor as Monitor
 from .matching.solve_many import solve_many as solve_many
 from .matching.solving.record import Iteration as Iteration

@@ -45,7 +45,7 @@ def test_reading_and_drawing_a_mesh_loads_no_solver(code):
 
 CODES = [
     "import abfm.matching.problem",
-    "from abfm.matching.match import Match",
+    "from abfm.matching.result import Match",
     "from abfm import matching",
     "import abfm.matching.match, abfm.matching.problem",
     "from abfm import match, matching",

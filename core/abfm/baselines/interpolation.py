@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError, ParameterError, brief
-from abfm.matching.terms.functions import LARGEST, SMALLEST
+from abfm.matching.terms.functions import VALUE_MAX, VALUE_MIN
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import is_finite_number, is_whole_number, real_numbers
@@ -202,9 +202,9 @@ def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArra
         )
     if not row.any():
         raise FunctionError(f"{name} is zero everywhere; optimal transport needs some mass to move")
-    if not SMALLEST <= largest <= LARGEST:
+    if not VALUE_MIN <= largest <= VALUE_MAX:
         raise FunctionError(
             f"{name} has values of up to {largest:.3g}, which over- or underflow; scale it to "
-            f"between {SMALLEST:g} and {LARGEST:g}"
+            f"between {VALUE_MIN:g} and {VALUE_MAX:g}"
         )
     return np.asarray(np.maximum(row, 0))

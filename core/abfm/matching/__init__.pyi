@@ -2,6 +2,8 @@ from . import report as report
 from .bounded import SHARE as SHARE
 from .bounded import bounded as bounded
 from .bounded import check_bound as check_bound
+from .files import load_match as load_match
+from .files import match_of as match_of
 from .judging.cause import Cause as Cause
 from .judging.facts import LOG2_AREA_GOOD as LOG2_AREA_GOOD
 from .judging.obstacles import foreseen as foreseen
@@ -11,15 +13,13 @@ from .judging.verdict import SHARE_REGISTERED as SHARE_REGISTERED
 from .judging.verdict import Verdict as Verdict
 from .judging.verification import Verification as Verification
 from .judging.verification import verify as verify
-from .match import Match as Match
-from .match import load_match as load_match
 from .match import match as match
-from .match import match_arrays as match_arrays
-from .match import match_of as match_of
 from .path import PathStep as PathStep
 from .path import path_table as path_table
 from .problem import Problem as Problem
 from .problem import load_problem as load_problem
+from .result import Match as Match
+from .result import match_arrays as match_arrays
 from .solvability import peaks as peaks
 from .solvability import resolution as resolution
 from .solve_many import Monitor as Monitor

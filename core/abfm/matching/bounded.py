@@ -11,21 +11,22 @@ from typing import NamedTuple
 from abfm.errors import AbfmError, ParameterError, brief
 from abfm.maps.distortion import SHARE as SHARE
 from abfm.maps.distortion import Distortion
-from abfm.matching.match import Match, match
+from abfm.matching.match import match
 from abfm.matching.path import PathStep
-from abfm.matching.solving.course import Course
+from abfm.matching.result import Match
+from abfm.matching.solving.schedule import Schedule
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
 from abfm.workers.control import Control, present_control
 from abfm.workers.progress import step
 
-_TRIALS = 3  # matches with a sigma between two steps, each about as long as the first match
+_MATCHES_MAX = 3  # matches with a sigma between two steps, each about as long as the first match
 _SHRUNK_STEPS = 3  # steps beyond the bound that are shrunk
 _SHRINKINGS = 6  # fields that are measured to shrink one
 _SHARE_CLOSE = 0.98  # of the bound: what comes closer to it is not shrunk less
 _SHARE_MARGIN = 0.1  # share of an interval at either end in which no field is measured
-_SMOOTHER = 3.0  # times sigma, for fields that are smoother than the first step
+_SIGMA_FACTOR = 3.0  # times sigma, for fields that are smoother than the first step
 
 
 class _Weights(NamedTuple):
@@ -35,7 +36,7 @@ class _Weights(NamedTuple):
     landmark_sigma: float
 
     def smoother(self) -> _Weights:
-        return _Weights(_SMOOTHER * self.sigma, _SMOOTHER * self.landmark_sigma)
+        return _Weights(_SIGMA_FACTOR * self.sigma, _SIGMA_FACTOR * self.landmark_sigma)
 
     def middle(self, other: _Weights) -> _Weights:
         return _Weights(*(math.sqrt(a * b) for a, b in zip(self, other, strict=True)))
@@ -176,7 +177,7 @@ class _Search:
         if not later:
             return
         high = later[0]
-        for _ in range(_TRIALS):
+        for _ in range(_MATCHES_MAX):
             if self._control is not None and self._control.cancelled:
                 return
             middle = low.middle(high)
@@ -205,8 +206,9 @@ class _Search:
     def _weights(self, step: PathStep) -> _Weights:
         """Return the weights with which a step of the path was found."""
         problem = self._found.problem
-        course = Course(problem.parameters, problem.functions, 1, problem.landmarks is not None)
-        return _Weights(step.sigma, course.landmark_sigma(step.sigma))
+        has_landmarks = problem.landmarks is not None
+        schedule = Schedule(problem.parameters, problem.functions, 1, has_landmarks)
+        return _Weights(step.sigma, schedule.landmark_sigma(step.sigma))
 
     def _at(self, weights: _Weights) -> Parameters:
         found = self._found

@@ -1,451 +1,52 @@
-"""Find the field whose flow carries one function to another; it, and all that its flow carries."""
+"""Find the field whose flow carries one function to another."""
 
 from __future__ import annotations
 
-import json
 import math
-import os
-from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cached_property, partial
-from typing import Any, overload
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from abfm.display import Display
-from abfm.errors import AbfmError, ParameterError, one_line
-from abfm.flow.flow import Flow
-from abfm.io import results
-from abfm.maps.distortion import Bound, Distortion
-from abfm.maps.point_maps import PointMap
-from abfm.matching.judging.cause import Cause
-from abfm.matching.judging.facts import Report
-from abfm.matching.judging.remedies import Remedy
-from abfm.matching.judging.verdict import Evidence, Verdict, judge
-from abfm.matching.judging.verification import Verification, verify
+from abfm.errors import ParameterError
+from abfm.matching.judging.verdict import Verdict
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.path import PathStep, choice_words, path_arrays, path_of
-from abfm.matching.problem import Problem, problem_of
+from abfm.matching.path import PathStep
+from abfm.matching.problem import Problem
+from abfm.matching.result import Match
+from abfm.matching.solving.continuation import solve
 from abfm.matching.solving.measures import measured
-from abfm.matching.solving.record import Iteration, StopReason
-from abfm.matching.solving.solve import Solver
-from abfm.mesh import MeshLike, TriangleMesh
-from abfm.mesh.subdivision import mean_of_children, times_subdivided
-from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
+from abfm.matching.solving.record import Iteration, Record, StopReason
+from abfm.mesh import MeshLike
+from abfm.outcome import Outcome
 from abfm.parameters import Parameters
-from abfm.reading import from_json
-from abfm.types import FloatArray, IntArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
 
-__all__ = ["Control", "Iteration", "Match", "load_match", "match", "match_arrays", "match_of"]
 
-
-_AGREED, _AGREED_SHARE = 0.005, 0.05
-"""What is carried anew may leave so much more than a file says, at least a tenth of what still is
-matched: rounding comes to 1e-6 of it, another version's scheme to some of its own dispersion."""
-
-
-@dataclass(frozen=True, eq=False)
-class Match(Display):
-    """A field whose flow carries the source towards the target.
-
-    Attributes
-    ----------
-    problem : Problem
-        What was to be matched.
-    fine_velocity : (N, 4^k F, 3) array
-        Tangent fields, in the input's length unit per unit of time, as they were found: on the mesh
-        or on its midpoint subdivision made k times.
-    advected : (V, C) array
-        The source carried to tau.
-    energy_history : (iterations + 1, 3) array
-        Total, regularity and mismatch, in the solver's units (unit area), each with its own stage's
-        sigma.
-    stages : (iterations + 1,) array of int
-        Cooling stage of each row.
-    residual : float
-        ``||f_tau - g|| / ||g - mean(g)||`` in L2 on the surface, weighted by the mask; with
-        landmarks the error of the farthest one where that is more, in tenths of sqrt(area). Goal
-        and verdict use it.
-    verified_residual : float
-        The residual with the source carried along flow lines of the fields made continuous (see
-        `abfm.verify`), on large meshes estimated from some of the vertices; NaN if unknown.
-    folded : float
-        Share of the faces, 0 to 1, that this flow folds (`Verification.folded`); NaN if unknown.
-    stop_reason : StopReason
-        Why it stopped.
-    verdict : Verdict
-        What the match came to, why, and what to try.
-    path : tuple of PathStep
-        The fields that it found on its way, from smooth to close; unless given, this field alone.
-    step : int
-        Which of them the match is.
-    doubt : str
-        What a file said of the match that its field does not bear out, in a line; mostly empty.
-    bound : Bound, optional
-        How its map keeps the bound of distortion within which it was sought (`abfm.matching
-        .bounded`); None if there was no bound.
-    """
-
-    problem: Problem
-    fine_velocity: FloatArray = field(repr=False)
-    advected: FloatArray = field(repr=False)
-    energy_history: FloatArray = field(repr=False)
-    stages: IntArray = field(repr=False)
-    residual: float
-    verified_residual: float
-    folded: float
-    stop_reason: StopReason
-    verdict: Verdict
-    path: tuple[PathStep, ...] = field(default=(), repr=False)
-    step: int = 0
-    doubt: str = ""
-    bound: Bound | None = None
-
-    def __post_init__(self) -> None:
-        # a copy with another field is on no path, and within no bound
-        if not self.path or self.path[self.step].velocity is not self.fine_velocity:
-            p = self.parameters
-            known = self.fine_velocity, self.residual, self.verified_residual, self.folded
-            alone = PathStep(p.last_sigma, p.alpha, p.solver.reach, *known)
-            self.__dict__.update(path=(alone,), step=0, bound=None)
-
-    @property
-    def mesh(self) -> TriangleMesh:
-        """The mesh, as it was given."""
-        return self.problem.mesh
-
-    @property
-    def source(self) -> FloatArray:
-        """The source, (V, C)."""
-        return self.problem.source
-
-    @property
-    def target(self) -> FloatArray:
-        """The target, (V, C)."""
-        return self.problem.target
-
-    @property
-    def parameters(self) -> Parameters:
-        """The parameters of the problem."""
-        return self.problem.parameters
-
-    @property
-    def mask(self) -> FloatArray | None:
-        """Weight of the mismatch at each vertex, (V,), or None."""
-        return self.problem.mask
-
-    @property
-    def weights(self) -> FloatArray:
-        """Weight of each channel's mismatch, (C,)."""
-        return self.problem.weights
-
-    @property
-    def channels_given(self) -> bool:
-        """Tell whether source and target came as (V, C); else as (V,), and `advect` answers so."""
-        return self.problem.channels_given
-
-    @cached_property
-    def flow(self) -> Flow:
-        """The flow of the fields."""
-        return Flow(
-            self.mesh, self.fine_velocity, self.parameters.tau, self.parameters.paper.method
-        )
-
-    @cached_property
-    def velocity(self) -> FloatArray:
-        """The fields on the mesh itself, (N, F, 3): means over children where it was refined."""
-        return mean_of_children(self.fine_velocity, len(self.mesh.faces))
-
-    @property
-    def refined(self) -> int:
-        """How often the mesh is subdivided on which the fields were found."""
-        return times_subdivided(self.fine_velocity.shape[1], self.mesh)
-
-    @cached_property
-    def fine(self) -> Match:
-        """The same match as seen on the mesh on which it was found, with the functions there."""
-        if not self.refined:
-            return self
-        problem = self.problem.refined(self.refined)
-        advected = _carried(problem, self.fine_velocity)
-        return replace(self, problem=problem, advected=advected, path=(), step=0)
-
-    @cached_property
-    def landmark_errors(self) -> FloatArray | None:
-        """How far from where it is wanted the flow takes each landmark, along the surface and by
-        the flow lines that verify a match, (L,), as fractions of sqrt(area); None without any.
-        """
-        return _landmark_errors(self.problem, self.fine_velocity)
-
-    @property
-    def worse_residual(self) -> float:
-        """The larger residual of both checks, the discrete flow and flow lines."""
-        return worse_residual(self.residual, self.verified_residual)
-
-    @cached_property
-    def mismatch(self) -> float:
-        """``||f_tau - g|| / ||g||`` of the functions, as the paper defines it, on the mesh on which
-        the fields were found; on the mesh itself if that is unknown.
-        """
-        known = self.path[self.step].mismatch
-        own = self.problem.functions
-        return own.mismatch(self.advected.T) if math.isnan(known) else known
-
-    @cached_property
-    def initial_residual(self) -> float:
-        """The residual before anything moved."""
-        marks = self.problem.landmarks
-        errors = None if marks is None else marks.first_errors
-        return self.problem.left(self.problem.functions.source, errors)
-
-    def advect(self, t: ArrayLike) -> FloatArray:
-        """The source carried to time ``t``, in the shape it was given; times as in `push`."""
-        if self.refined:
-            carried = self.fine.advect(t)
-            axis = np.ndim(t)
-            return np.take(carried, np.arange(len(self.mesh.vertices)), axis)
-        return self.push(self.source if self.channels_given else self.source[:, 0], t)
-
-    def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
-        """Any function (V,) or (V, C) carried along the same flow to time ``t``, beyond tau, too.
-
-        A negative time undoes the flow; linearised steps are undone by the same ones with the sign
-        changed, in reverse order, which is not an exact inverse. An array of times (T,) gives
-        (T, ...), much faster than one by one.
-
-        Raises
-        ------
-        AbfmError
-            If ``h`` does not fit the mesh, or the flow overflows or is too long.
-        """
-        return self.flow.push(h, t)
-
-    def at_step(self, step: int) -> Match:
-        """Return what the match is at another step of its path: its field, judged by itself.
-
-        IndexError if there is none of that number.
-        """
-        if step == self.step:
-            return self
-        found = self.path[step]
-        problem = self.problem.refined(found.refined(self.mesh))
-        carried = _carried(problem, found.velocity)
-        other = replace(
-            self,
-            fine_velocity=found.velocity,
-            advected=carried[: len(self.mesh.vertices)],
-            residual=found.residual,
-            verified_residual=found.verified_residual,
-            folded=found.folded,
-            step=step % len(self.path),
-            bound=None,
-        )
-        judged = replace(other, verdict=other._judged().of_a_step(found.sigma))
-        return judged._held_against(problem, carried)
-
-    def with_step(self, step: PathStep) -> Match:
-        """Return the match of the fields of a step that follows its path, by both checks; the
-        numbers that the step has are recomputed.
-
-        AbfmError if its fields carry nothing to their end.
-        """
-        problem = self.problem.refined(step.refined(self.mesh))
-        carried = _carried(problem, step.velocity)
-        path, number = (*self.path, step), len(self.path)
-        other = replace(
-            self, fine_velocity=step.velocity, path=path, step=number, bound=None, doubt=""
-        )
-        return other._recomputed(problem, carried)
-
-    def within(self, bound: Bound) -> Match:
-        """Return the match as one that was sought within a bound of distortion."""
-        return replace(self, bound=bound, verdict=self.verdict.within(bound))
-
-    def borne_out(self) -> Match:
-        """Return the match as its field bears it out, by carrying the source once: itself, or with
-        what was recomputed, and the `doubt` that says so.
-        """
-        problem = self.problem.refined(self.refined)
-        try:
-            carried = _carried(problem, self.fine_velocity)
-        except AbfmError as error:
-            doubt = f"its field carries nothing to its end: {error}"
-            verdict = Verdict(Outcome.NOT_REACHED, doubt, "", cause=Cause.INCONSISTENT)
-            return replace(self, verdict=verdict, doubt=doubt)
-        return self._held_against(problem, carried)
-
-    @np.errstate(over="ignore", invalid="ignore")  # of functions that are refused today
-    def _held_against(self, problem: Problem, carried: FloatArray) -> Match:
-        """Return it as the source (V, C), carried by its field on its own mesh, bears it out."""
-        advected = carried[: len(self.mesh.vertices)]
-        left = problem.left(carried.T, self.landmark_errors)
-        off = self.problem.functions.relative_size((advected - self.advected).T)
-        agreed = max(_AGREED, _AGREED_SHARE * self.residual)
-        if left > self.residual + agreed:
-            doubt = f"{self.residual:.3g} is said to be left, and its field leaves {left:.3g}"
-        elif off > agreed:
-            doubt = f"the carried source is off by {off:.3g} from what its field carries"
-        elif self._is_overpraised():
-            doubt = f"it is said to be {self.verdict.kind}, with {self.worse_residual:.3g} left"
-        else:
-            return self
-        # a field that was taken out of a run came with the numbers of a coarser level
-        is_estimate = self.stop_reason is StopReason.CANCELLED and math.isnan(
-            self.verified_residual
-        )
-        other = self._recomputed(problem, carried, is_verified=not is_estimate)
-        return replace(other, doubt="" if is_estimate else doubt)
-
-    def _recomputed(self, problem: Problem, carried: FloatArray, is_verified: bool = True) -> Match:
-        """Return it with the numbers of its field, which carries the source (V, C) on its mesh."""
-        said, own = dict[str, Any](), self.path[self.step]
-        if is_verified:
-            with suppress(AbfmError):  # too fast for walks
-                energy = MatchingEnergy(problem)
-                said = measured(energy, self.fine_velocity / energy.length_scale)
-        said |= {"held_out": own.held_out, "score": own.score}
-        said["mismatch"] = problem.functions.mismatch(carried.T)
-        residual = problem.left(carried.T, self.landmark_errors)
-        own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **said)
-        other = replace(
-            self,
-            advected=carried[: len(self.mesh.vertices)],
-            residual=residual,
-            verified_residual=own.verified_residual,
-            folded=own.folded,
-            path=(*self.path[: self.step], own, *self.path[self.step + 1 :]),
-        )
-        return replace(other, verdict=other._judged())
-
-    def _is_overpraised(self) -> bool:
-        """Return whether the verdict is better than the residual allows."""
-        due = outcome_of(self.worse_residual, self.parameters.goal)
-        return self.verdict.kind in (Outcome.MATCHED, Outcome.NEARLY) and (
-            due.rank > self.verdict.kind.rank
-        )
-
-    @property
-    def _evidence(self) -> Evidence:
-        return Evidence(
-            np.ascontiguousarray(self.advected.T),
-            self.residual,
-            self.stop_reason,
-            self.verified_residual,
-            self.folded,
-            log2_area=self.path[self.step].log2_area,
-            refined=self.refined,
-            landmarks=_landmarks(self.problem, self.landmark_errors),
-            held_out=self.path[self.step].held_out,
-            bound=self.bound,
-        )
-
-    def _judged(self) -> Verdict:
-        return judge(self.problem.functions, self._evidence, self.parameters)
-
-    @cached_property
-    def facts(self) -> Facts:
-        """What is reported of the match: outcome, headline, reason, advice, numbers, warnings."""
-        return self.report.facts()
-
-    @property
-    def report(self) -> Report:
-        """What the facts are written from."""
-        return Report(
-            self.verdict,
-            self._evidence,
-            self.parameters,
-            self.initial_residual,
-            self.mismatch,
-            self.problem.is_of_landmarks,
-            self.path[self.step].log2_area_95,
-            self.doubt,
-            choice_words(self.path, self.step) if self.bound is None else "",
-        )
-
-    def start_for(self, parameters: Parameters) -> FloatArray:
-        """The fields (N, 4^k F, 3) as a start with other parameters: by another tau as far."""
-        faster: FloatArray = self.fine_velocity * (self.parameters.tau / parameters.tau)
-        return faster
-
-    def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
-        """Return where each vertex's value came from at time ``t``, or, ``inverse``, where each
-        vertex goes, by the flow lines that verify a match, see `abfm.Flow.point_map`.
-        """
-        return self.flow.point_map(t, inverse)
-
-    def functional_map(self, k: int, t: float | None = None) -> FloatArray:
-        """Return the flow in the first k eigenfunctions, see `abfm.Flow.functional_map`."""
-        return self.flow.functional_map(k, t)
-
-    def distortion(self, t: float | None = None) -> Distortion:
-        """Measure what the flow does to each face, see `abfm.Flow.distortion`."""
-        return self.flow.distortion(t)
-
-    def verify(self, subdivided: bool = True) -> Verification:
-        """Ask witnesses whether the fields carry the source to the target, see `abfm.verify`."""
-        return verify(self.problem, self.fine_velocity, subdivided)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a result file (``.npz``, no pickles), whole or not at all, or raise ResultError.
-
-        Of the data terms it keeps the functions and the landmarks.
-        """
-        results.save_arrays(path, results.mesh_arrays(self.mesh) | match_arrays(self))
-
-    def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write what can be written of a match that `save` refuses, at least its field; return what
-        is missing and why, a line each, or raise ResultError.
-        """
-        parts: dict[str, Callable[[], Mapping[str, Any]]] = {
-            "the mesh": partial(results.mesh_arrays, self.mesh)
-        }
-        return results.save_parts(path, parts | match_parts(self), substitutes(self))
-
-
-@overload
 def match(
-    problem: Problem,
-    *,
-    on_iteration: Callable[[Iteration], object] | None = None,
-    control: Control | None = None,
-) -> Match: ...
-
-
-@overload
-def match(
-    mesh: MeshLike,
-    f: ArrayLike,
-    g: ArrayLike,
+    problem: Problem | MeshLike,
+    f: ArrayLike | Sequence[str] | None = None,
+    g: ArrayLike | Sequence[str] | None = None,
     parameters: Parameters | None = None,
     *,
-    mask: ArrayLike | None = None,
-    weights: ArrayLike | None = None,
-    start: ArrayLike | None = None,
     on_iteration: Callable[[Iteration], object] | None = None,
     control: Control | None = None,
-) -> Match: ...
-
-
-def match(
-    *problem: Any,
-    on_iteration: Callable[[Iteration], object] | None = None,
-    control: Control | None = None,
-    **given: Any,
+    **others: Any,
 ) -> Match:
     """Find the tangent field whose flow carries the source of a problem to its target.
 
     It minimises ``1/2 int ||v||_alpha^2 dt + 1/(2 sigma^2) ||f_tau - g||^2`` over the fields ``v``,
-    where ``f_tau`` is the source carried along the flow of ``v`` to time tau (Eq. 3). What it finds
-    never leaves more than no field at all, or than the start if that left more.
+    where ``f_tau`` is the source, advected along the flow of ``v`` to time tau (Eq. 3). The
+    residual is never larger than both that without motion and that of the start.
 
     Parameters
     ----------
-    problem : Problem
-        Or, as a short form, what `Problem` takes: ``match(mesh, f, g, parameters, ...)``.
+    problem : Problem, or whatever `abfm.load_mesh` takes
+        A mesh needs the other arguments of `Problem`: ``match(mesh, f, g, parameters, ...)``, such
+        as ``mask`` or ``landmarks``.
     on_iteration : callable, optional
         Called with an `Iteration` after every iteration, in this thread.
     control : Control, optional
@@ -456,7 +57,7 @@ def match(
     AbfmError
         If the functions, parameters, mask, weights or start do not fit.
     MemoryError
-        If memory runs out before there is a field; later, the best one so far is returned.
+        If memory runs out before the first field; later, the result is the best field so far.
 
     Examples
     --------
@@ -468,246 +69,54 @@ def match(
     >>> str(found.facts.outcome), found.advect(1.0).shape == f.shape
     ('matched', True)
     """
-    the_problem = _problem_of(*problem, **given)
-    energy = MatchingEnergy(the_problem)
+    if not isinstance(problem, Problem):
+        if f is None and g is None and "landmarks" not in others:
+            raise ParameterError("match takes a Problem, or a mesh, a source and a target")
+        problem = Problem(problem, f, g, parameters, **others)
+    elif others or not (f is None and g is None and parameters is None):
+        raise ParameterError(
+            "match takes a Problem alone: parameters, mask, weights and start are its own; give "
+            "them to abfm.Problem(...)"
+        )
+    energy, record = MatchingEnergy(problem), Record(on_iteration)
     control = control or present_control() or Control()
-    solver = Solver(energy, on_iteration)
-    record = solver.record
-    # what has nothing to show yet goes on to its first evaluation
+    # a cancelled match continues to its first evaluation
     with controlled(control, lambda: bool(record.history)):
-        reason = solver.run()
-    mark, path = solver.way[solver.step], solver.path()
-    end, functions = path[solver.step], energy.functions
+        solution = solve(energy, record)
+    path, number, reason = solution.path, solution.step, solution.reason
     may_end = reason is not StopReason.CANCELLED or control.brief
-    if math.isnan(end.verified_residual):
-        with controlled(control, lambda: may_end):  # else it is checked though it was cancelled
+    if math.isnan(path[number].verified_residual):
+        with controlled(control, lambda: may_end):  # else it is verified although it was cancelled
             try:
-                checkpoint()
-                fine = MatchingEnergy(the_problem.refined(end.refined(the_problem.mesh)))
-                with step("checking by flow lines", len(fine.mesh.vertices)):
-                    said = measured(fine, end.velocity / energy.length_scale)
-                path = (*path[: solver.step], replace(end, **said), *path[solver.step + 1 :])
+                path = (*path[:number], _verified(problem, path[number]), *path[number + 1 :])
             except MemoryError:
                 pass
             except CancelledError:
                 reason = StopReason.CANCELLED
-    end = path[solver.step]
-    with controlled(Control()):  # what was found is told though it was cancelled
-        errors = _landmark_errors(the_problem, end.velocity)
     history, stages = np.array(record.history), np.array(record.stage_of)
-    advected = np.ascontiguousarray(
-        mark.carried[: len(functions.source), : len(the_problem.mesh.vertices)]
-    )
-    evidence = Evidence(
-        advected,
-        end.residual,
-        reason,
-        end.verified_residual,
-        end.folded,
-        energies=history[stages == stages[-1], 0],
-        log2_area=end.log2_area,
-        refined=end.refined(the_problem.mesh),
-        landmarks=_landmarks(the_problem, errors),
-        held_out=end.held_out,
-    )
+    end = path[number]
     found = Match(
-        problem=the_problem.starting_from(None),
+        problem=problem.starting_from(None),
         fine_velocity=end.velocity,
-        advected=advected.T.copy(),
+        advected=solution.advected.T.copy(),
         energy_history=history,
         stages=stages,
         residual=end.residual,
         verified_residual=end.verified_residual,
         folded=end.folded,
         stop_reason=reason,
-        verdict=judge(functions, evidence, energy.parameters),
+        verdict=Verdict(Outcome.NOT_REACHED, "", ""),
         path=path,
-        step=solver.step,
+        step=number,
     )
-    if errors is not None:  # as those who show it ask for them
-        vars(found)["landmark_errors"] = errors
-    return found
+    with controlled(Control()):  # the landmarks are checked although it was cancelled
+        return found.judged(history[stages == stages[-1], 0])
 
 
-def _landmark_errors(problem: Problem, velocity: FloatArray) -> FloatArray | None:
-    """Return how far flow lines of fields (N, 4^k F, 3) leave each landmark, (L,)."""
-    marks, mesh = problem.landmarks, problem.mesh
-    if marks is None:
-        return None
-    return marks.errors_along(mesh, velocity, problem.parameters.tau)
-
-
-def _landmarks(problem: Problem, errors: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:
-    """Return what a verdict has to know of landmarks: their errors before and after."""
-    marks = problem.landmarks
-    return None if marks is None or errors is None else (marks.first_errors, errors)
-
-
-def _carried(problem: Problem, velocity: FloatArray) -> FloatArray:
-    """Return the source of a problem at tau, (V, C), carried along fields (N, F, 3)."""
-    p = problem.parameters
-    return Flow(problem.mesh, velocity, p.tau, p.paper.method).push(problem.source)
-
-
-def _problem_of(*problem: Any, **given: Any) -> Problem:
-    is_alone = len(problem) == 1 and not given
-    if problem and isinstance(problem[0], Problem):
-        if not is_alone:
-            raise ParameterError(
-                "match takes a Problem alone: parameters, mask, weights and start are its own; "
-                "give them to abfm.Problem(...)"
-            )
-        return problem[0]
-    if is_alone:
-        raise ParameterError("match takes a Problem, or a mesh, a source and a target")
-    return Problem(*problem, **given)
-
-
-def match_arrays(match: Match) -> dict[str, Any]:
-    """Return what files hold of a match besides its mesh; what is not known is left out."""
-    return results.made(match_parts(match))
-
-
-def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
-    """Return the parts of `match_arrays`, of which any but the fields may fail."""
-    grouped = {
-        "the fields": ("velocity", "fine_velocity") if match.refined else ("velocity",),
-        "the energies": ("energy_history", "stages"),
-        "the path": ("path_steps", "path_step", "path_fields", "path_velocity"),
-        "the functions' texts": tuple(results.SPEC_ENTRIES),
-        "the landmarks": (*results.LANDMARK_ENTRIES, "landmark_errors"),
-    }
-    left_out = {name for names in grouped.values() for name in names} | {"fine_velocity"}
-    parts: dict[str, Callable[[], Mapping[str, Any]]] = {
-        name: partial(_known, match, (name,))
-        for name in results.MATCH_ENTRIES
-        if name not in left_out
-    }
-    parts |= {
-        "parameters": lambda: {"parameters": json.dumps(match.parameters.to_dict())},
-        "verdict": lambda: {"verdict": match.verdict.texts},
-        "remedies": partial(_remedies_array, match.verdict.remedies),
-        "approximate": lambda: {"approximate": True} if match.problem.functions.approximate else {},
-        "bound": lambda: {} if match.bound is None else {"bound": np.array(match.bound, float)},
-        "the fields": partial(_known, match, grouped["the fields"]),
-        "the energies": partial(_known, match, grouped["the energies"]),
-        "the path": lambda: path_arrays(match.path, match.step, match.mesh),
-        "the functions' texts": match.problem.spec_arrays,
-        "the landmarks": partial(_landmark_arrays, match),
-    }
-    return parts
-
-
-def substitutes(match: Match) -> dict[str, Any]:
-    """Return what stands in a file for arrays of a match that cannot be saved: recomputed from its
-    field, or unknown. What the field does not bear out is recomputed when the file is loaded.
-    """
-    advected, residual = match.source, 0.0
-    with suppress(Exception):  # whatever a field does that was never checked
-        problem = match.problem.refined(match.refined)
-        carried = _carried(problem, match.fine_velocity)
-        advected = carried[: len(match.mesh.vertices)]
-        residual = problem.left(carried.T, match.landmark_errors)
-    return {
-        "advected": advected,
-        "energy_history": np.zeros((1, 3)),
-        "stages": np.zeros(1, np.int64),
-        "residual": residual,
-        "stop_reason": str(StopReason.GIVEN),
-        "verdict": Verdict(Outcome.NOT_REACHED, "", "", cause=Cause.INCONSISTENT).texts,
-    }
-
-
-def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return attributes of a match; what is not known is left out."""
-    values = {name: getattr(match, name) for name in names}
-    return {
-        name: value
-        for name, value in values.items()
-        if not (value is None or (isinstance(value, float) and math.isnan(value)))
-    }
-
-
-def _remedies_array(remedies: tuple[Remedy, ...]) -> dict[str, Any]:
-    return {"remedies": json.dumps([asdict(remedy) for remedy in remedies])} if remedies else {}
-
-
-def _landmark_arrays(match: Match) -> dict[str, Any]:
-    marks = match.problem.landmarks
-    return {} if marks is None else {**marks.arrays(), **_known(match, ("landmark_errors",))}
-
-
-def match_of(
-    mesh: TriangleMesh,
-    arrays: Mapping[str, NDArray[Any]],
-    parameters: Parameters,
-) -> Match:
-    """Return the match that `match_arrays` was given; ValueError if its fields do not fit."""
-    remedies = _remedies(str(arrays.get("remedies", "[]")))
-    verdict = Verdict.of_texts(arrays["verdict"].tolist(), remedies)
-    given = {name: arrays[name] for name in arrays.keys() & results.PROBLEM_ENTRIES.keys()}
-    parts: dict[str, Any] = {"verified_residual": math.nan, "folded": math.nan}
-    parts |= {
-        name: array if array.ndim else array.item()
-        for name, array in arrays.items()
-        # landmark errors follow from the rest
-        if name not in (*results.PROBLEM_ENTRIES, "landmark_errors", "remedies")
-    }
-    velocity = parts.pop("velocity")
-    if parameters.solver.segments not in (0, len(velocity)):
-        raise ValueError(f"{len(velocity)} fields, but parameters say {parameters.solver.segments}")
-    parts.setdefault("fine_velocity", velocity)
-    if "bound" in parts:
-        parts["bound"] = Bound.of(parts["bound"])
-    times_subdivided(parts["fine_velocity"].shape[1], mesh)
-    fastest = np.abs(parts["fine_velocity"]).max()
-    if fastest > results.LARGEST * mesh.length_scale:
-        raise ValueError(
-            f"velocity has the value {fastest:.3g}; expected up to {results.LARGEST:g} length "
-            "scales of the mesh"
-        )
-    if any(name.startswith("path_") for name in arrays):
-        parts["path"], parts["step"] = path_of(arrays, parts["fine_velocity"], mesh)
-    parts = {name: part for name, part in parts.items() if not name.startswith("path_")}
-    reason = StopReason(parts["stop_reason"])
-    problem = problem_of(mesh, given, parameters)
-    return Match(problem=problem, **parts | {"stop_reason": reason, "verdict": verdict})
-
-
-def load_match(path: str | os.PathLike[str]) -> Match:
-    """Read a file that `Match.save` wrote; ResultError if it is missing, damaged, or no result.
-
-    The source is carried once, and what the field does not bear out is recomputed, and told in
-    ``match.doubt``.
-    """
-
-    def made(arrays: results.Arrays) -> Match:
-        return loaded_match(results.mesh_of(arrays), arrays)
-
-    return results.loaded(path, results.RESULT, made).borne_out()
-
-
-def loaded_match(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
-    """Return the match of a file's arrays, as it was saved; any error if they do not fit."""
-    own = {name: array for name, array in arrays.items() if name not in results.MESH_ENTRIES}
-    parameters = Parameters.of(**from_json(str(own["parameters"])))
-    return match_of(mesh, own, parameters)
-
-
-def _remedies(text: str) -> tuple[Remedy, ...]:
-    """Return the remedies that `match_arrays` wrote."""
-    try:
-        found = tuple(Remedy(**remedy) for remedy in from_json(text))
-    except AbfmError:
-        raise
-    except (TypeError, ValueError) as error:
-        names = ", ".join(field.name for field in fields(Remedy))
-        raise ValueError(
-            f"the remedies are {one_line(text, 60)!r}; expected a list in JSON of what has {names}"
-        ) from error
-    kinds = {"label": str, "words": str, "parameters": dict, "goes_on": bool}
-    for remedy in found:
-        for name, kind in kinds.items():
-            if not isinstance(getattr(remedy, name), kind):
-                raise ValueError(f"the {name} of a remedy is no {kind.__name__}")
-    return found
+def _verified(problem: Problem, end: PathStep) -> PathStep:
+    """Return a step of a path with the measurements along flow lines."""
+    checkpoint()
+    energy = MatchingEnergy(problem.refined(end.refined(problem.mesh)))
+    with step("checking by flow lines", len(energy.mesh.vertices)):
+        numbers: dict[str, Any] = measured(energy, end.velocity / problem.mesh.length_scale)
+    return replace(end, **numbers)

@@ -9,8 +9,8 @@ from typing import Any
 
 from abfm.matching.judging.facts import finite
 from abfm.matching.judging.verdict import Verdict
-from abfm.matching.match import Match
 from abfm.matching.path import NUMBERS, PathStep
+from abfm.matching.result import Match
 from abfm.mesh.subdivision import times_subdivided
 from abfm.outcome import Facts
 from abfm.parameters import as_option

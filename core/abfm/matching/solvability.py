@@ -20,21 +20,22 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
 SHARE = 0.2  # of the range, by which a peak stands out that is counted
-_APART = 0.1  # of the range, by which what a flow leaves is beyond doubt
-_TOLD = 0.005  # of the range: values nearer to 0 are told as 0
-_DETAIL = 0.02  # of the range, by which what is counted as detail stands out
-_MUCH = 20  # peaks and pits: functions with more were measured, or are as hard to match exactly
+_DIFFERENCE_SHARE = 0.1  # of the range, by which what a flow leaves is beyond doubt
+_ZERO_SHARE = 0.005  # of the range: values nearer to 0 are reported as 0
+_DETAIL_SHARE = 0.02  # of the range, by which what is counted as detail stands out
+# peaks and pits: functions with more are measured, or as hard to match exactly
+_EXTREMA_MAX = 20
 # edges per width below which advection over a quarter of a body (half of sqrt(area)) is off by
 # several percent
 RESOLVED = 5.0
-_SLOW = 0.75  # of the variation lies on edges along which the function changes less
+_VARIATION_SHARE = 0.75  # of the variation lies on edges along which the function changes less
 # of source's and target's deviations: what has vanished has less. Of 18 matches of Gaussians
 # those that ended at a mismatch of 1 had a share below 0.01, all others one above 0.4
-_VANISHED = 0.2
+_DEVIATION_SHARE = 0.2
 # of what source and target differ by: what moves changes by 0.4 or more within five iterations
-_STILL = 0.1
-_ROUNDING = 1e-12  # of the largest value: a function of a smaller range has no peaks
-_CONSTANT = 1e-9  # of the largest value: a smaller range is a constant
+_STILL_SHARE = 0.1
+_ROUNDING_SHARE = 1e-12  # of the largest value: a function of a smaller range has no peaks
+_CONSTANT_SHARE = 1e-9  # of the largest value: a smaller range is a constant
 
 
 def within_range(functions: FunctionTerm) -> FloatArray:
@@ -108,13 +109,13 @@ def squeezed(functions: FunctionTerm, advected: FloatArray) -> bool:
 def vanished(functions: FunctionTerm, advected: FloatArray) -> bool:
     """Tell whether the flow squeezed the source to nothing (C, V) though the target is not flat."""
     least = min(functions.deviation(functions.source), functions.deviation(functions.target))
-    return functions.deviation(advected) < _VANISHED * least
+    return functions.deviation(advected) < _DEVIATION_SHARE * least
 
 
 def stood_still(functions: FunctionTerm, advected: FloatArray) -> bool:
     """Tell whether the flow left the source where it was, though the target is elsewhere."""
     apart = functions.norm(functions.source - functions.target)
-    return functions.norm(advected - functions.source) < _STILL * apart
+    return functions.norm(advected - functions.source) < _STILL_SHARE * apart
 
 
 def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
@@ -142,7 +143,7 @@ def narrowest(functions: FunctionTerm) -> float:
 def _of_channel(mesh: TriangleMesh, f: FloatArray, known: IndexArray | None = None) -> float:
     known = np.ones(len(f), dtype=bool) if known is None else known
     span = float(np.ptp(f[known])) if known.any() else 0.0
-    if span <= _CONSTANT * np.abs(f[known]).max(initial=0.0):
+    if span <= _CONSTANT_SHARE * np.abs(f[known]).max(initial=0.0):
         return np.inf
     within = known[mesh.edges].all(axis=1)
     start, end = mesh.edges[within].T
@@ -152,7 +153,7 @@ def _of_channel(mesh: TriangleMesh, f: FloatArray, known: IndexArray | None = No
         return np.inf
     order = np.argsort(changes, kind="stable")
     below = np.cumsum(variation[order])
-    return 0.5 / float(changes[order[np.searchsorted(below, _SLOW * below[-1])]])
+    return 0.5 / float(changes[order[np.searchsorted(below, _VARIATION_SHARE * below[-1])]])
 
 
 def _counting(functions: FunctionTerm) -> IntArray:
@@ -160,7 +161,7 @@ def _counting(functions: FunctionTerm) -> IntArray:
 
 
 def _constant(values: FloatArray) -> bool:
-    return bool((np.ptp(values, axis=1) <= _CONSTANT * np.abs(values).max(axis=1)).all())
+    return bool((np.ptp(values, axis=1) <= _CONSTANT_SHARE * np.abs(values).max(axis=1)).all())
 
 
 # The 0-dimensional persistence of a peak is how far one must go down from it to the pass to a
@@ -194,7 +195,7 @@ def diagram(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
     """Return the value of each peak of a function (V,), and that at which it meets a higher one,
     (K, 2), where they differ; the peak that stands out most comes first.
     """
-    if not np.ptp(f) > _ROUNDING * np.abs(f).max():
+    if not np.ptp(f) > _ROUNDING_SHARE * np.abs(f).max():
         return np.empty((0, 2))
     falling = np.argsort(-f, kind="stable")  # of equal values the first one counts as higher
     rank = np.empty(len(f), dtype=np.int64)
@@ -214,11 +215,11 @@ def is_measured(functions: FunctionTerm) -> bool:
     if functions.approximate and not functions.is_constant:
         return True
     counts = [
-        sum(peaks(functions.mesh, f, _DETAIL))
+        sum(peaks(functions.mesh, f, _DETAIL_SHARE))
         for both in (functions.source, functions.target)
         for f in both[_counting(functions)]
     ]
-    return max(counts, default=0) > _MUCH
+    return max(counts, default=0) > _EXTREMA_MAX
 
 
 def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
@@ -237,12 +238,15 @@ def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference 
     counts = tuple(_count(_both(mesh, values), SHARE * scale) for values in (f, g))
     for kind, side, sign in (("peak", "above", 1), ("pit", "below", -1)):
         one, other = (sign * diagram(mesh, sign * values) for values in (f, g))
-        alone = _alone(one, other, _APART * scale), _alone(other, one, _APART * scale)
+        alone = (
+            _alone(one, other, _DIFFERENCE_SHARE * scale),
+            _alone(other, one, _DIFFERENCE_SHARE * scale),
+        )
         if not any(map(len, alone)):
             continue
         if counts[0] != counts[1]:
             return counts[0], counts[1]
-        least = _TOLD * scale
+        least = _ZERO_SHARE * scale
         here, there = (
             " ".join(
                 f"{word} {0 if abs(value) < least else value:.2g}"
@@ -273,7 +277,7 @@ def places_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference
     surface that touch the rest at pinched vertices.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
-    most, told, at = _APART * scale, None, ""
+    most, told, at = _DIFFERENCE_SHARE * scale, None, ""
     parts = grouped(mesh.faces, mesh.parts) if mesh.parts.any() else []
     for name, places in (
         ("a boundary", mesh.boundary_loops),
@@ -286,7 +290,7 @@ def places_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference
                 most, told, at = apart, ranges, name
     if told is None:
         return None
-    told[np.abs(told) < _TOLD * scale] = 0.0
+    told[np.abs(told) < _ZERO_SHARE * scale] = 0.0
     here, there = (f"from {low:.2g} to {high:.2g}" for low, high in told)
     return f"values {here} on {at}", f"{there} there"
 

@@ -18,8 +18,10 @@ from typing import NamedTuple
 from weakref import WeakValueDictionary
 
 from abfm.io import temporary_folder
-from abfm.matching.match import Iteration, Match, match
+from abfm.matching.match import match
 from abfm.matching.problem import Problem
+from abfm.matching.result import Match
+from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh
 from abfm.workers.control import Control
 from abfm.workers.messages import Parcel, pack

@@ -18,12 +18,14 @@ from abfm.functions import families
 from abfm.io import export_energy_csv, export_ply, export_vtu, results, write_csv
 from abfm.matching import report
 from abfm.matching.bounded import bounded
+from abfm.matching.files import load_match
 from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
 from abfm.matching.judging.obstacles import foreseen
 from abfm.matching.judging.verdict import Verdict
-from abfm.matching.match import Match, load_match, match
+from abfm.matching.match import match
 from abfm.matching.path import NUMBERS, path_table
 from abfm.matching.problem import Problem, load_problem
+from abfm.matching.result import Match
 from abfm.outcome import Facts, worse_residual
 from abfm.parameters import Parameters
 from abfm.tasks.inputs import (

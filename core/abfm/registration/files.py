@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from abfm.io import results
-from abfm.matching.match import loaded_match
+from abfm.matching.files import loaded_match
 from abfm.registration.correspondence import Correspondence, correspondence_of
 from abfm.registration.registration import Registration
 

@@ -22,9 +22,11 @@ from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.bounded import SHARE, bounded, check_bound
-from abfm.matching.match import Iteration, Match, match
+from abfm.matching.match import match
 from abfm.matching.problem import Problem
+from abfm.matching.result import Match
 from abfm.matching.solvability import is_measured
+from abfm.matching.solving.record import Iteration
 from abfm.matching.terms.functions import (
     FunctionTerm,
     checked_weights,

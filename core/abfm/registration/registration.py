@@ -18,7 +18,7 @@ from abfm.maps.spherical import is_sphere
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.facts import known_numbers
 from abfm.matching.judging.verdict import Verdict, is_registered
-from abfm.matching.match import Match, match_parts, substitutes
+from abfm.matching.result import Match, match_parts, substitutes
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.registration.correspondence import Correspondence
 from abfm.types import FloatArray

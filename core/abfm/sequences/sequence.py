@@ -23,10 +23,10 @@ from abfm.functions.circular import circular_frames
 from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.matching.judging.verdict import Verdict
-from abfm.matching.match import Match
 from abfm.matching.problem import Problem
+from abfm.matching.result import Match
 from abfm.matching.solving.record import StopReason
-from abfm.matching.terms.functions import LARGEST
+from abfm.matching.terms.functions import VALUE_MAX
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts
@@ -482,7 +482,7 @@ def _refuse_extremes(film: Frames, given: SequenceParameters) -> None:
     sigmas = {SIGMA_MIN, SIGMA_MAX, given.sigma if given == relative and given.sigma else SIGMA_MIN}
     shortest, longest = int(film.durations.argmin()), int(film.durations.argmax())
     try:
-        if largest > LARGEST:
+        if largest > VALUE_MAX:
             raise ParameterError
         for interval, sigma in product((shortest, longest), sorted(sigmas)):
             interval_parameters(film, relative, sigma, interval)

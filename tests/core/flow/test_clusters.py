@@ -19,7 +19,7 @@ from abfm.flow.clusters import USUAL, cluster_rates, vertex_clusters
 from abfm.flow.derivative import clustered_pattern, derivative_pattern
 from abfm.flow.exponential import ExponentialFlow, Workspace, counted_row_products
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solving.levels import levels, on_the_mesh
+from abfm.matching.solving.levels import Levels
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.subdivision import refined
 from abfm.parameters import PAPER
@@ -313,7 +313,7 @@ def test_some_matches_have_no_clusters(changes):
 def test_clusters_come_between_coarser_meshes_and_the_mesh_itself():
     """They have the same fields; what is spent last costs about twice what was before."""
     E, x = MatchingEnergy(KNOTS, F, G, abfm.Parameters.of(levels=2)), fields(KNOTS, 1)
-    found = levels(on_the_mesh(E))
+    found = Levels.of_mesh(E).with_coarser().all
     assert [level.energy.discretisation.size for level in found] == [MANY // 4, FEW, MANY]
     assert found[1].fields_to_finer(x) is x
     near(found[1].fields_from_finer(to_ambient(E.mesh, x)), x, 1e-12)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import abfm
 from abfm import baselines, calculus, flow, maps
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.matching.terms.functions import LARGEST, SMALLEST
+from abfm.matching.terms.functions import VALUE_MAX, VALUE_MIN
 from abfm.parameters import CHOICES, FIELDS, PAPER, Parameters, is_whole
 from tests.core.fields import bump, wavy_field
 from tests.core.invariance.moves import MESHES, examples
@@ -222,7 +222,7 @@ def test_the_unit_of_functions_does_not_matter(exponent, course):
         assert np.array_equal(getattr(match, name), getattr(expected, name))
 
 
-@pytest.mark.parametrize("size", [1e-12, 1e12, 2 * SMALLEST, LARGEST / 2])
+@pytest.mark.parametrize("size", [1e-12, 1e12, 2 * VALUE_MIN, VALUE_MAX / 2])
 def test_any_unit_does_up_to_rounding(size):
     match, expected = matched(size * F, size * G), matched(F, G)
     assert np.abs(match.velocity - expected.velocity).max() < 1e-9 * np.abs(expected.velocity).max()
@@ -298,10 +298,10 @@ def test_beyond_its_bounds_no_parameter_is_taken(name, value):
 
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
 @pytest.mark.parametrize("weight", [1e-30, 1e30])
-@pytest.mark.parametrize("size", [SMALLEST, LARGEST])
+@pytest.mark.parametrize("size", [VALUE_MIN, VALUE_MAX])
 @pytest.mark.parametrize("sigma", [1e-30, 1e30])
 def test_ends_of_all_units_together(sigma, size, weight, unit):
-    f, g = (0.99 * size * h / F.max() if size == LARGEST else 2 * size * h for h in (F, G))
+    f, g = (0.99 * size * h / F.max() if size == VALUE_MAX else 2 * size * h for h in (F, G))
     p = Parameters.of(iterations=2, sigma=sigma, sigma_unit=unit)
     mask = np.full(len(FLAT), weight)
     outcome = outcome_of(lambda: abfm.match(MESH, f, g, p, weights=[weight], mask=mask))

@@ -13,9 +13,9 @@ from abfm.errors import AbfmError
 from abfm.flow.exponential import Workspace
 from abfm.matching.objective.matching_energy import MatchingEnergy, Objective
 from abfm.matching.objective.regularizer import Regularizer
+from abfm.matching.solving.continuation import State, solve
 from abfm.matching.solving.descent import Descent
 from abfm.matching.solving.record import Record
-from abfm.matching.solving.solve import Solver
 from tests.core.fields import bump
 from tests.messages import check_message
 from tests.shapes import icosphere
@@ -54,7 +54,7 @@ def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
     def measured(*_):
         raise MemoryError
 
-    for module in (abfm.match.__module__, Solver.__module__):
+    for module in (abfm.match.__module__, solve.__module__):
         monkeypatch.setattr(sys.modules[module], "measured", measured)
     match = abfm.match(SPHERE, F, G)
     assert match.residual < 0.1
@@ -64,7 +64,7 @@ def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
 @pytest.mark.parametrize("levels", [1, 2])
 @pytest.mark.parametrize("count", [20, 60, 100])
 def test_what_an_earlier_way_found_outlives_one_that_runs_out_of_memory(monkeypatch, count, levels):
-    """Each way to the target begins with a zero field, which matches nothing."""
+    """Each variant begins with a zero field, which matches nothing."""
     mesh, p = icosphere(3), Parameters.of(levels=levels, refine=0)
     f, g = (bump(mesh, mesh.vertices[vertex], 0.1) for vertex in (0, 30))
     seen = []
@@ -111,7 +111,7 @@ def made(monkeypatch):
 
         return init
 
-    for kind in (MatchingEnergy, Workspace, Descent, Record, Regularizer):
+    for kind in (MatchingEnergy, Workspace, State, Descent, Record, Regularizer):
         monkeypatch.setattr(kind, "__init__", noting(kind.__init__))
     gc.collect()
     gc.disable()
@@ -164,11 +164,11 @@ def test_after_one_that_failed(made, error):
 
 
 def test_with_the_last_iterate_that_somebody_kept(made):
-    """Each holds what its look is made with, also after the match has ended."""
+    """Each holds what its view is made with, also after the match has ended."""
     kept = []
     abfm.match(*PROBLEM, WAYS["coarse to fine"], on_iteration=kept.append)
     assert {"MatchingEnergy", "Workspace"} <= set(left(made))
-    assert "Descent" not in left(made)
+    assert {"State", "Descent"}.isdisjoint(left(made))
     assert kept[0].velocity.shape == (1, len(BALL.faces), 3)
     kept.clear()
     assert left(made) == []

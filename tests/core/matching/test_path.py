@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm import MatchingEnergy, Parameters, PathStep, ResultError, load_match, match
 from abfm.io import load_arrays, save_arrays
 from abfm.matching import path_table
-from abfm.matching.match import loaded_match
+from abfm.matching.files import loaded_match
 from abfm.matching.path import COLUMNS, as_kept
 from abfm.matching.solving.measures import measured
 from tests.core.fields import bump

@@ -77,7 +77,7 @@ PARTS = ["path_arrays", "_remedies_array", "_landmark_arrays"]
 
 @pytest.mark.parametrize("part", PARTS)
 def test_a_result_is_saved_without_a_part_that_fails(part, match, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["abfm.matching.match"], part, refuse)
+    monkeypatch.setattr(sys.modules["abfm.matching.result"], part, refuse)
     [note] = outputs.write_all([tmp_path / "m.npz", tmp_path / "m.csv"], match)
     assert "a part cannot be made" in note
     assert "m.npz" in note
@@ -113,7 +113,7 @@ def test_wrong_numbers_do_not_lose_a_result(name, match, tmp_path):
 
 
 def test_a_registration_is_saved_without_its_path(match, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["abfm.matching.match"], "path_arrays", refuse)
+    monkeypatch.setattr(sys.modules["abfm.matching.result"], "path_arrays", refuse)
     same = PointMap.of_vertices(match.mesh, match.mesh, np.arange(len(match.mesh.vertices)))
     found = Registration(Correspondence(same, same), match)
     [note] = outputs.write_all([tmp_path / "r.npz"], found)

@@ -18,7 +18,7 @@ from abfm.wording import counted, factor, share
 LOG2_AREA_GOOD = 1.0
 """Largest 95th percentile of ``|log2 J|`` of a map that is reported without a warning: areas that
 are halved or doubled."""
-_ALL = 0.995  # a share that reads as 100%
+_SHARE_COMPLETE = 0.995  # a share that reads as 100%
 _UNFINISHED = {
     StopReason.CANCELLED: "it was cancelled, and the best field so far was kept",
     StopReason.OUT_OF_MEMORY: "memory ran out, and the best field so far was kept",
@@ -78,9 +78,9 @@ class Report:
             return f"{reason if reason.is_early else outcome}: {self._landmarks()}"
         size, left = outcome_of(self._worse, self.parameters.goal), f"{share(self._worse)} left"
         if size is Outcome.NOT_REACHED:
-            if self._worse >= _ALL * self.initial_residual:
+            if self._worse >= _SHARE_COMPLETE * self.initial_residual:
                 left = "nothing gained"
-            elif self._worse >= _ALL:
+            elif self._worse >= _SHARE_COMPLETE:
                 left = "little gained"
         if reason is StopReason.CANCELLED:
             return f"cancelled: {left}"

@@ -25,10 +25,11 @@ SHARE_REGISTERED = 0.8
 functions that are registered."""
 _LOG2_AREA_MAX = 100.0  # of a change of areas that is written
 FOLDED = 0.1  # share of the faces beyond which a map is not to be trusted; an exact flow folds none
-# an energy still falls that has fallen by this share within so many iterations
-_RECENT, _FALLING = 10, 0.01
-_EARLY = (StopReason.ITERATION_LIMIT, StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
-_GOAL = Parameters().goal
+# an energy still falls if it has fallen by this share within so many iterations
+_FALL_SHARE = 0.01
+_FALL_ITERATIONS = 10
+_LIMIT_REASONS = (StopReason.ITERATION_LIMIT, StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
+_USUAL_GOAL = Parameters().goal
 
 
 @dataclass(frozen=True)
@@ -202,7 +203,7 @@ class _Case:
             *(each for each in helps if each),
             far=far,
             count=len(errors),
-            limit=f"{100 * goal * NEAR / _GOAL:.2g}%",
+            limit=f"{100 * goal * NEAR / _USUAL_GOAL:.2g}%",
         )
 
     def registered(self) -> Verdict | None:
@@ -258,7 +259,7 @@ class _Case:
         evidence, remedies = self.evidence, self.remedies
         hardly_began = (
             evidence.stop_reason is StopReason.ITERATION_LIMIT
-            and self.parameters.solver.iterations < _RECENT
+            and self.parameters.solver.iterations < _FALL_ITERATIONS
         )
         if self.squeezed:
             return self._of_squeezing()
@@ -350,7 +351,7 @@ class _Case:
         why, advice = "", ""
         if remedies.looks_near:
             why, helps = ", as nothing led it to the target", [remedies.further()]
-        elif reason in _EARLY:
+        elif reason in _LIMIT_REASONS:
             early = sentence_of(
                 _CAUSES[reason], iterations=self.parameters.solver.iterations
             ).removesuffix(", still falling")
@@ -369,11 +370,11 @@ class _Case:
     def _cut_short(self) -> bool:
         """Return whether it ended while the energy still fell, and not by squeezing the source."""
         energies, reason = self.evidence.energies, self.evidence.stop_reason
-        if reason not in _EARLY or self.squeezed:
+        if reason not in _LIMIT_REASONS or self.squeezed:
             return False
-        if reason.is_early or energies is None or len(energies) <= _RECENT:
+        if reason.is_early or energies is None or len(energies) <= _FALL_ITERATIONS:
             return True
-        return bool(energies[-1] < (1 - _FALLING) * energies[-1 - _RECENT])
+        return bool(energies[-1] < (1 - _FALL_SHARE) * energies[-1 - _FALL_ITERATIONS])
 
     def _truer(self) -> list[Remedy]:
         """Return what makes flow lines confirm a match. None of it undoes another: a mesh only gets

@@ -23,7 +23,9 @@ from abfm.types import FloatArray
 
 SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
-_APART, _TIMES = 0.05, 2.0  # witnesses that differ by more than both do not agree
+# checks disagree if they differ by more than both, a difference and a ratio
+_DIFFERENCE_MAX = 0.05
+_RATIO_MAX = 2.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Verification:
     def doubtful(self) -> bool:
         """Whether the witnesses differ by more than a factor of 2 and 0.05, as fields are rough."""
         least, most = sorted((self.flow_lines, self.subdivided))  # comparisons with NaN are False
-        return bool(most - least > _APART and most > _TIMES * least)
+        return bool(most - least > _DIFFERENCE_MAX and most > _RATIO_MAX * least)
 
     @property
     def resolved(self) -> bool:

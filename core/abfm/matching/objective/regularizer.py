@@ -30,7 +30,7 @@ from abfm.types import FloatArray, IndexArray, IntArray
 Slopes = tuple[FloatArray, IndexArray, IndexArray]
 
 # mass over stiffness of an edge or a vertex, from which on a factorisation is surely definite
-_LEAST_SHARE = 1e-13
+_MASS_SHARE_MIN = 1e-13
 
 
 class Regularizer:
@@ -63,7 +63,7 @@ class Regularizer:
         of_corners = np.einsum("fck,fck->fc", self._gradients, self._gradients)
         weights = alpha * self._areas[:, None] * of_corners
         diagonal = np.bincount(owners.ravel(), weights.ravel(), minlength=len(masses))
-        return np.asarray(np.maximum(masses, _LEAST_SHARE * diagonal))
+        return np.asarray(np.maximum(masses, _MASS_SHARE_MIN * diagonal))
 
     @property
     def mass(self) -> FloatArray:

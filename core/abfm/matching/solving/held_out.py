@@ -6,40 +6,23 @@ it was not fitted to [Hastie, Tibshirani, Friedman 2009, section 7.10]. Patches 
 values at neighbouring vertices are correlated.
 """
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import ParameterError
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solving.course import Stage
-from abfm.matching.solving.descent import Progress, minimum
+from abfm.matching.solving.descent import minimum
 from abfm.matching.solving.measures import carried_along
+from abfm.matching.solving.record import Score
+from abfm.matching.solving.schedule import Stage
+from abfm.matching.solving.settings import SETTINGS
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
-_PATCHES, _FOLDS = 150, 3
-_ROUNDED = 1e-9  # of the surface's size: what differs by less is as far
-PRICE = 0.25
-"""Weight of the mean ``|log2 J|`` in the score of a step, relative to the held-out residual."""
-
-
-class Held(NamedTuple):
-    """Residuals of held-out patches, all folds together: how well fields predict unseen values.
-
-    The discrete flow lags behind, and fields of a small sigma make up for that also where they are
-    not fitted, so by the discrete flow too small a sigma would be chosen. Flow lines have no lag.
-    But they interpolate, which lowers the residual of noise: whether a field gains anything is
-    decided by the discrete flow.
-    """
-
-    discrete: float
-    flow_lines: float
-
-    def score(self, log2_area: float) -> float:
-        """Return the score of a step, smaller is better."""
-        return self.flow_lines + PRICE * log2_area
+_DISTANCE_ROUNDING = 1e-9  # of the surface's size
 
 
 def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArray] | None:
@@ -80,22 +63,22 @@ def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArra
 
 
 def folds(mesh: TriangleMesh) -> IntArray:
-    """Return each vertex's fold, (V,): patches about points far from each other take turns.
+    """Return each vertex's fold, (V,): patches about distant points are dealt to the folds in turn.
 
-    Of points that are as far, but for rounding, the first one is taken: so the folds of a surface
-    that has symmetries are the same wherever it lies and whatever its unit.
+    Of points at the same distance, except for rounding, the first one is the next centre. So the
+    folds of a symmetric surface do not depend on its position and unit.
     """
     vertices = mesh.vertices
     from_middle = np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)
-    rounded = _ROUNDED * from_middle.max()
+    rounded = _DISTANCE_ROUNDING * from_middle.max()
     centre = int(np.argmax(from_middle <= from_middle.min() + rounded))
     away, nearest = np.full(len(vertices), np.inf), np.zeros(len(vertices), dtype=np.int64)
-    for patch in range(_PATCHES):
+    for patch in range(SETTINGS.patches):
         distance = np.linalg.norm(vertices - vertices[centre], axis=1)
         nearest[distance < away - rounded] = patch
         away = np.minimum(away, distance)
         centre = int(np.argmax(away >= away.max() - rounded))
-    return nearest % _FOLDS
+    return nearest % SETTINGS.folds
 
 
 def without(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
@@ -103,49 +86,79 @@ def without(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
     given = energy.functions.mask
     mask = np.ones(len(energy.mesh.vertices)) if given is None else given
     fold, found = folds(energy.mesh), []
-    for number in range(_FOLDS):
+    for number in range(SETTINGS.folds):
         seen, hidden = (np.where(where, mask, 0.0) for where in (fold != number, fold == number))
         if seen.any() and hidden.any():
             found.append((energy.masked(seen), hidden))
     return found
 
 
-class HeldOut:
-    """Minimises the steps of a match once for each fold, without the fold's patches."""
+class Fold(NamedTuple):
+    """The energy without some patches, and how far its descents have come."""
 
-    def __init__(self, energy: MatchingEnergy, start: FloatArray) -> None:
-        self._energy, self._folds = energy, without(energy)
-        self._fields = [start] * len(self._folds)
-        self._last = [Progress()] * len(self._folds)
-        source = energy.functions.source
-        self.unmoved = self._residual([source] * len(self._folds))
-        """The residual of held-out patches without motion; NaN if nothing is held out."""
+    energy: MatchingEnergy
+    hidden: FloatArray  # mask (V,) of the patches
+    fields: FloatArray  # (N, F, 2)
+    learned: Any = None  # the latest iterate
+    before: Stage | None = None
 
-    def follow(self, stages: list[Stage]) -> Held:
-        """Minimise the same stages; return the residuals of what each fold has not seen."""
-        carried, along, count = [], [], len(self._energy.functions.source)
-        for number, (energy, _) in enumerate(self._folds):
-            for stage in stages:
-                fields, last = self._fields[number], self._last[number]
-                last = minimum(energy, stage, fields, last)
-                self._fields[number], self._last[number] = last.fields, last
-            carried.append(energy.advected(self._fields[number])[:count])
-            along.append(self._along(number))
-        return Held(self._residual(carried), self._residual(along))
+    def minimise(self, stages: Sequence[Stage]) -> "Fold":
+        """Return the fold after some stages."""
+        _, _, fields, learned, before = self
+        for stage in stages:
+            learned, before = minimum(self.energy, stage, fields, learned, before), stage
+            fields = learned.point.x
+        return self._replace(fields=fields, learned=learned, before=before)
 
-    def _along(self, number: int) -> FloatArray:
-        """Return the source (C, V) as flow lines of a fold's fields carry it to its patches."""
-        (energy, hidden), x = self._folds[number], self._fields[number]
+    def carried(self) -> FloatArray:
+        """Return the source (C, V), advected by the discrete flow."""
+        return self.energy.advected(self.fields)[: len(self.energy.functions.source)]
+
+    def along_flow_lines(self) -> FloatArray:
+        """Return the source (C, V), carried along flow lines to the patches."""
         try:
-            return carried_along(energy, x, hidden > 0)
+            return carried_along(self.energy, self.fields, self.hidden > 0)
         except ParameterError:  # flow lines that cross too many faces
-            return np.full_like(energy.functions.source, np.nan)
+            return np.full_like(self.energy.functions.source, np.nan)
 
-    def _residual(self, carried: list[FloatArray]) -> float:
-        """Return the residual of what each fold carried, (C, V), where it is hidden from it."""
-        functions = self._energy.functions
+
+class HeldOut(NamedTuple):
+    """The steps of a match, minimised once for each fold without the fold's patches."""
+
+    energy: MatchingEnergy
+    folds: tuple[Fold, ...]
+
+    @classmethod
+    def at(cls, energy: MatchingEnergy, start: FloatArray) -> "HeldOut":
+        """Return it before the first step, at fields (N, F, 2)."""
+        return cls(energy, tuple(Fold(*fold, start) for fold in without(energy)))
+
+    @property
+    def unmoved(self) -> float:
+        """The residual of held-out patches without motion; NaN if nothing is held out."""
+        return self._residual([self.energy.functions.source] * len(self.folds))
+
+    def follow(self, stages: Sequence[Stage]) -> "HeldOut":
+        """Minimise the same stages."""
+        return self._replace(folds=tuple(fold.minimise(stages) for fold in self.folds))
+
+    def score(self, log2_area: float) -> Score:
+        """Return the score of a step whose map has this mean ``|log2 J|``; smaller is better.
+
+        The discrete flow lags behind, and fields of a small sigma make up for that also where they
+        are not fitted, so by the discrete flow too small a sigma would be chosen. Flow lines have
+        no lag. But they interpolate, which lowers the residual of noise: the discrete flow decides
+        whether a field gains anything.
+        """
+        discrete = self._residual([fold.carried() for fold in self.folds])
+        flow_lines = self._residual([fold.along_flow_lines() for fold in self.folds])
+        return Score(flow_lines + SETTINGS.area_price * log2_area, discrete, self.unmoved)
+
+    def _residual(self, carried: Sequence[FloatArray]) -> float:
+        """Return the residual of the functions (C, V) of each fold, where they are hidden."""
+        functions = self.energy.functions
         left = [
-            functions.weighed(hidden).residual(values)
-            for values, (_, hidden) in zip(carried, self._folds, strict=True)
+            functions.weighed(fold.hidden).residual(values)
+            for values, fold in zip(carried, self.folds, strict=True)
         ]
         return float(np.sqrt(np.mean(np.square(left)))) if left else np.nan

@@ -1,7 +1,7 @@
-"""The energy on meshes from coarse to fine, and what goes from one to the next, by closest points.
+"""The energy on meshes from coarse to fine, and the transfer between them by closest points.
 
-Where thin triangles would set the cost of an evaluation the mesh itself comes twice: first with
-clusters of their vertices (`abfm.flow.clusters`), then as it is.
+If thin triangles would set the cost of an evaluation, the mesh itself has two levels: first with
+clusters of their vertices (`abfm.flow.clusters`), then without.
 """
 
 import threading
@@ -19,7 +19,8 @@ from abfm.flow.continuous_flow import on_children
 from abfm.flow.corner_fit import corner_vectors
 from abfm.maps.point_maps import PointMap
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solvability import narrowest
+from abfm.matching.solvability import narrowest, range_bound
+from abfm.matching.solving.settings import SETTINGS
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.coarsening import coarsened
 from abfm.mesh.subdivision import interpolated, refined
@@ -29,14 +30,7 @@ from abfm.types import FloatArray, IndexArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-COARSEST = 2500  # vertices of the coarsest mesh where their number is chosen here
-RATIO = 4.0  # of the numbers of vertices of a mesh and the next coarser one
-# times as many vertices as the coarsest mesh: smaller meshes are solved on themselves alone
-_WORTH = 3.0
-_EDGES = 3.0  # that a function's features span at least on a mesh of their own choice
-_COST = 2.0  # of all iterations on the mesh as it is, in iterations with clusters
-_LEAST = 2  # iterations that are always spent
-_INTERVAL = 0.05  # seconds between two tests of whether to go on waiting
+_WAIT_SECONDS = 0.05  # between two tests whether another thread has made a mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +41,7 @@ class Transfer:
     fine: TriangleMesh
 
     def prepare(self) -> None:
-        """Find all closest points now, which else are found when they are first needed."""
+        """Find all closest points now, instead of at their first use."""
         _ = self.interpolation, self._covered, self._to_coarse
 
     @cached_property
@@ -141,14 +135,17 @@ def turn_onto_faces(
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """The energy on one mesh, and what brings to the next, unless this is the same, but cheaper."""
+    """The energy on one mesh, and the transfer to the next finer one.
+
+    ``cheaper`` is the energy of the level before, if that is the same mesh with clusters.
+    """
 
     energy: MatchingEnergy
     to_finer: Transfer | Subdivision | None = None
     cheaper: MatchingEnergy | None = None
 
     def fields_to_finer(self, x: FloatArray) -> FloatArray:
-        """Return frame coefficients (N, F, 2) on the finer mesh; times mean the same there."""
+        """Return frame coefficients (N, F, 2) on the finer mesh, for the same times."""
         if self.to_finer is None:
             return x
         fields = to_ambient(self.energy.mesh, x)
@@ -167,61 +164,121 @@ class Level:
         return functions if self.to_finer is None else self.to_finer.function_to_fine(functions)
 
     def affordable(self, iterations: int, x: FloatArray) -> int:
-        """Return how many iterations to spend: as many as cost what these do with clusters."""
+        """Return the number of iterations that cost as much as these do with clusters."""
         if self.cheaper is None:
             return iterations
-        share = _COST * (self.cheaper.flow(x).exponent / max(self.energy.flow(x).exponent, 1e-300))
-        return max(_LEAST, int(iterations * min(1.0, share)))
+        ratio = self.cheaper.flow(x).exponent / max(self.energy.flow(x).exponent, 1e-300)
+        share = min(1.0, SETTINGS.cluster_cost_max * ratio)
+        return max(SETTINGS.exact_iterations_min, int(iterations * share))
+
+    def cost(self, x: FloatArray) -> float:
+        """Return about how many products of rows an evaluation at fields (N, F, 2) costs."""
+        return self.energy.discretisation.size * max(self.energy.flow(x).exponent, 1.0)
 
 
-def levels(finest: list[Level]) -> list[Level]:
-    found = list(finest)
-    energy = found[0].energy
-    size = len(energy.mesh.vertices)
-    counts, edges = _vertex_counts(energy.mesh, energy.parameters), np.inf
-    if not counts:
-        return found
-    if not energy.parameters.solver.levels:
-        edges = narrowest(energy.functions)
-    with step("making coarser meshes", size):
-        for count in counts:
-            checkpoint()
-            if edges >= _EDGES > edges * np.sqrt(count / size):
-                # what this mesh resolves and the coarser one does not would come back distorted
-                break
-            energy = found[0].energy
-            transfer = _coarser(energy.mesh, count)
-            smaller = None if transfer is None else energy.problem.restricted(transfer)
-            if smaller is None:
-                break
-            found.insert(0, Level(MatchingEnergy(smaller), transfer))
-    return found
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """The levels of a match, from coarse to fine; ``own`` is the last one of the mesh itself."""
+
+    all: tuple[Level, ...]
+    own: int
+
+    @classmethod
+    def of_mesh(cls, energy: MatchingEnergy) -> "Levels":
+        """Return those of the mesh itself alone."""
+        levels = _of_mesh(energy)
+        return cls(levels, len(levels) - 1)
+
+    def __len__(self) -> int:
+        return len(self.all)
+
+    def __getitem__(self, level: int) -> Level:
+        return self.all[level]
+
+    def cheapest(self, level: int) -> int:
+        """Return the first level on the same mesh, with clusters if there are some."""
+        return level - (self[level].cheaper is not None)
+
+    def exact(self, level: int) -> int:
+        """Return the last level on the same mesh, without clusters."""
+        is_clustered = level + 1 < len(self) and self[level + 1].cheaper is not None
+        return level + is_clustered
+
+    def exact_energy(self, level: int) -> MatchingEnergy:
+        """Return the energy on the mesh of a level, without clusters."""
+        return self[self.exact(level)].energy
+
+    def fields_on(self, level: int, x: FloatArray, origin: int) -> FloatArray:
+        """Return frame coefficients (N, F, 2) of one level on a finer one, or the same one."""
+        for coarser in self.all[origin:level]:
+            x = coarser.fields_to_finer(x)
+        return x
+
+    def error(self, level: int) -> float:
+        """Return the discretisation error of a level relative to the mesh itself.
+
+        It is the larger residual of source and target after averaging on the level and
+        interpolating back; 0 on the mesh itself.
+        """
+        if level >= self.own:
+            return 0.0
+        functions, fine = self[level].energy.functions, self[self.own].energy.functions
+        errors = []
+        for coarse, own in ((functions.source, fine.source), (functions.target, fine.target)):
+            for between in self.all[level : self.own]:
+                coarse = between.functions_to_finer(coarse)
+            errors.append(fine.relative_size(coarse - own))
+        return max(errors)
+
+    def attainable(self, goal: float) -> float:
+        """Return a goal, or the least residual that any flow can have, if that is larger."""
+        return max(goal, range_bound(self[self.own].energy.functions)) if goal else 0.0
+
+    def with_coarser(self) -> "Levels":
+        """Return them with coarser meshes before, as the parameters or the mesh's size require."""
+        found, first = list(self.all), self[0].energy
+        size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min
+        counts = _vertex_counts(first.mesh, first.parameters)
+        if not counts:
+            return self
+        edges = np.inf if first.parameters.solver.levels else narrowest(first.functions)
+        with step("making coarser meshes", size):
+            for count in counts:
+                checkpoint()
+                if edges >= least > edges * np.sqrt(count / size):
+                    # what this mesh resolves and the coarser one does not would be distorted
+                    break
+                energy = found[0].energy
+                transfer = _coarser(energy.mesh, count)
+                smaller = None if transfer is None else energy.problem.restricted(transfer)
+                if smaller is None:
+                    break
+                found.insert(0, Level(MatchingEnergy(smaller), transfer))
+        return Levels(tuple(found), len(found) - 1)
+
+    def subdivided(self) -> "Levels":
+        """Return them with the midpoint subdivision of the finest mesh; AbfmError if none."""
+        last = self.all[-1]
+        finer = Level(MatchingEnergy(last.energy.problem.subdivided()))
+        coarse = replace(last, to_finer=Subdivision(last.energy.mesh))
+        return replace(self, all=(*self.all[:-1], coarse, finer))
+
+    def clustered(self) -> "Levels":
+        """Return them with clusters on the finest mesh, if these are cheaper."""
+        return replace(self, all=(*self.all[:-1], *_of_mesh(self.all[-1].energy)))
 
 
-def on_the_mesh(finest: MatchingEnergy) -> list[Level]:
-    """Return the levels with the finest mesh: first with clusters, where they are cheaper."""
+def _of_mesh(finest: MatchingEnergy) -> tuple[Level, ...]:
     p = finest.parameters
     chosen = p.solver.levels == 1 or p.paper.gradient != "adjoint" or p.paper.method != "nonlinear"
     if chosen or vertex_clusters(finest.mesh) is None:
-        return [Level(finest)]
+        return (Level(finest),)
     clustered = finest.clustered()
-    return [Level(clustered), Level(finest, cheaper=clustered)]
-
-
-def subdivided(level: Level) -> tuple[Level, Level]:
-    """Return a level and the next one, on its mesh's midpoint subdivision; AbfmError if none."""
-    energy = level.energy
-    finer = MatchingEnergy(energy.problem.subdivided())
-    return replace(level, to_finer=Subdivision(energy.mesh)), Level(finer)
-
-
-def fits(mesh: TriangleMesh, most: int) -> bool:
-    """Tell whether a mesh's subdivision has so many vertices at the most."""
-    return len(mesh.vertices) + len(mesh.edges) <= most
+    return Level(clustered), Level(finest, cheaper=clustered)
 
 
 def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
-    """Make the meshes of `levels` ahead, which a match in another thread waits for."""
+    """Make the coarser meshes in advance; a match in another thread waits for them."""
     fine = mesh.normalized()
     with step("making coarser meshes", len(fine.vertices)):
         for count in _vertex_counts(fine, parameters):
@@ -242,7 +299,7 @@ def _coarser(fine: TriangleMesh, count: int, ahead: bool = False) -> Transfer | 
 
 @contextmanager
 def _making(mesh: TriangleMesh) -> Iterator[None]:
-    while not _lock(mesh).acquire(timeout=_INTERVAL):
+    while not _lock(mesh).acquire(timeout=_WAIT_SECONDS):
         checkpoint()
     try:
         yield
@@ -256,13 +313,13 @@ def _lock(mesh: TriangleMesh) -> threading.Lock:
 
 
 def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
-    count = len(mesh.vertices)
+    count, ratio, coarsest = len(mesh.vertices), SETTINGS.level_ratio, SETTINGS.coarsest_vertices
     if p.solver.levels:
-        return [max(int(count / RATIO**step), 4) for step in range(1, p.solver.levels)]
-    if count < _WORTH * COARSEST:
+        return [max(int(count / ratio**step), 4) for step in range(1, p.solver.levels)]
+    if count < SETTINGS.coarsening_factor_min * coarsest:
         return []
-    steps = max(1, round(np.log(count / COARSEST) / np.log(RATIO)))
-    return [int(count * (COARSEST / count) ** (step / steps)) for step in range(1, steps + 1)]
+    steps = max(1, round(np.log(count / coarsest) / np.log(ratio)))
+    return [int(count * (coarsest / count) ** (step / steps)) for step in range(1, steps + 1)]
 
 
 @per_mesh

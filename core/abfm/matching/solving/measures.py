@@ -1,6 +1,4 @@
-"""What flow lines say of a field: what it leaves, and what its map does to areas and shapes."""
-
-from typing import Any
+"""Measurements of a field along flow lines: its residual, and the distortion of its map."""
 
 import numpy as np
 
@@ -10,25 +8,26 @@ from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.maps.distortion import folds, log2_changes
 from abfm.maps.surface_points import vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.solving.settings import SETTINGS
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.matching.terms.landmarks import residual_of_errors
 from abfm.types import BoolArray, FloatArray, IntArray
 
-_FEW = 20_000  # vertices that are asked at most
-_MOST_CUT = 64  # faces that are cut into parts
 
+def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
+    """Return the measurements of fields (N, F, 3) for a `PathStep`.
 
-def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, Any]:
-    """Return what flow lines say of fields (N, F, 3), for a `PathStep`; above 20,000 vertices by so
-    many. All of it is NaN if they lead over too many faces.
+    On meshes above 20,000 vertices they are those of as many. They are left out if flow lines
+    cross too many faces.
 
     Stretches are those of the map of each vertex to where its value came from, by the triangles
     between mapped vertices.
     """
     mesh, functions = energy.mesh, energy.functions
     faces = np.arange(len(mesh.faces))
-    if len(mesh.vertices) > _FEW:
-        faces = np.linspace(0, len(faces) - 1, _FEW // 2).astype(np.int64)
+    most = SETTINGS.flow_line_vertices_max
+    if len(mesh.vertices) > most:
+        faces = np.linspace(0, len(faces) - 1, most // 2).astype(np.int64)
     try:
         flow = ContinuousFlow(mesh, fields, energy.parameters.tau)
     except ParameterError:
@@ -40,7 +39,7 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, Any]:
     area, area_95, shape = log2_changes(mesh, faces, places)
     return {
         "verified_residual": left,
-        "folded": folds(mesh, flow.origins, faces, places, _MOST_CUT)[0],
+        "folded": folds(mesh, flow.origins, faces, places, SETTINGS.cut_faces_max)[0],
         "log2_area": area,
         "log2_shape": shape,
         "log2_area_95": area_95,

@@ -1,9 +1,9 @@
-"""Gauss-Newton for landmarks: how they bend the energy is known, and what it costs to move them.
+"""Gauss-Newton for landmarks, whose part of the second derivative is known.
 
-Where flow lines pass a vertex on the other side they may end elsewhere, and the energy jumps. A
-search that may never go up would stay in front of each such wall, as one landmark there stops all;
-this one goes over it if it must, and whoever runs it keeps the best. A landmark that moved other
-than its derivative said is trusted less in the next step.
+If flow lines pass a vertex on the other side, they may end elsewhere, and the energy jumps. A
+descent would stop at each such jump, even if only one landmark causes it. So the energy may rise
+here, and the caller keeps the best iterate. A landmark that did not move as its derivative
+predicted has less weight in the next step.
 """
 
 from collections.abc import Callable
@@ -18,11 +18,12 @@ from abfm.matching.terms.landmarks import Bends
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 
-_DECREASE, _MOST_TRIALS = 1e-4, 6
-_UP = 0.5  # share by which the energy may rise where no length lowers it
-_ROUNDING = 1e-16
-# what a landmark's error may be off what its derivative said: of sqrt(area), and of its motion
-_OFF, _BENT = 0.01, 0.3
+_DECREASE_SHARE = 1e-4  # of the decrease that the slope predicts, which is sufficient
+_TRIALS_MAX = 6
+_RISE_SHARE_MAX = 0.5  # by which the energy may rise if no length lowers it
+_ROUNDING_SHARE = 1e-16  # of the energy
+_ERROR_USUAL = 0.01  # usual error of a landmark's predicted place, of sqrt(area)
+_ERROR_SHARE = 0.3  # the same, of its motion
 
 Inverse = Callable[[FloatArray], FloatArray]
 
@@ -31,7 +32,7 @@ Inverse = Callable[[FloatArray], FloatArray]
 class Iterate:
     x: FloatArray
     point: Evaluation
-    # (L,), how far each landmark's derivative is trusted, 0 to 1
+    # (L,), weight of each landmark's derivative, 0 to 1
     trust: FloatArray | float = 1.0
     promised: float = np.inf  # the decrease that the last step promised
     failed: bool = False
@@ -45,7 +46,7 @@ class GaussNewton:
     inverse: Inverse  # of A
     bends: Callable[[FloatArray], Bends]  # at fields
     size: Callable[[FloatArray], float]  # of a step
-    longest: float  # the most that it may be
+    longest: float  # its limit
 
     def init(
         self,
@@ -54,7 +55,7 @@ class GaussNewton:
         before: object = None,
         steeper: float = 1.0,
     ) -> Iterate:
-        """Return the first iterate; there is nothing to be learned from a search before."""
+        """Return the first iterate; the curvature of a search before is not used."""
         point = self.evaluate(x) if point is None else point
         return Iterate(x, point)
 
@@ -69,30 +70,30 @@ class GaussNewton:
         slope, full = float((direction * gradient).sum()), self.size(direction)
         length = min(1.0, self.longest / full) if full > 0 else 1.0
         before, tried = state.point.energy, list[tuple[Evaluation, float]]()
-        while len(tried) < _MOST_TRIALS:
+        while len(tried) < _TRIALS_MAX:
             tried.append((self.evaluate(state.x + length * direction), length))
-            if tried[-1][0].energy <= before + _DECREASE * length * slope:
+            if tried[-1][0].energy <= before + _DECREASE_SHARE * length * slope:
                 break
             length /= 2
         point, length = min(tried, key=lambda trial: trial[0].energy)
-        if point.energy > (1 + _UP) * before or point.landmark_errors is None:
+        if point.energy > (1 + _RISE_SHARE_MAX) * before or point.landmark_errors is None:
             return replace(state, failed=True)
         trust = _trust(point.landmark_errors, away.reshape(-1, 2), length * moved)
         return Iterate(point.x, point, trust, abs(slope))
 
     def stop_reason(self, state: Iterate) -> str | None:
-        """Return why to stop at this iterate, or None to go on."""
+        """Return why to stop at this iterate, or None to continue."""
         if state.failed:
             return "line search failed"
-        return "converged" if state.promised <= _ROUNDING * abs(state.point.energy) else None
+        return "converged" if state.promised <= _ROUNDING_SHARE * abs(state.point.energy) else None
 
 
 def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArray:
-    """Return how far landmarks are trusted whose errors (L,) came from residuals (L, 2) and motions
-    that were expected of them.
+    """Return the weights (L,) of landmarks by their errors (L,), residuals before (L, 2) and
+    predicted motions.
     """
     expected = np.linalg.norm(away + moved, axis=1)
-    usual = np.maximum(_OFF, _BENT * np.linalg.norm(moved, axis=1))
+    usual = np.maximum(_ERROR_USUAL, _ERROR_SHARE * np.linalg.norm(moved, axis=1))
     return np.asarray(1 / (1 + ((errors - expected) / usual) ** 2))
 
 
@@ -104,7 +105,7 @@ def with_landmarks(inverse: Inverse, jacobian: sparse.csr_array, bends: FloatArr
     known: list[tuple[FloatArray, tuple[FloatArray, bool]]] = []
 
     def applied(gradient: FloatArray) -> FloatArray:
-        if not known:  # until it is asked for
+        if not known:  # at the first use
             moved = np.empty((len(bends), gradient.size))
             for number in range(len(bends)):
                 checkpoint()

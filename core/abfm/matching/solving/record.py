@@ -1,50 +1,51 @@
-"""The record of a match: its stages, its iterates, and what a display may ask about each."""
+"""The record of a match: its stages and iterates, and the results of its steps."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import Evaluation
 from abfm.matching.path import PathStep
 from abfm.matching.solvability import stood_still, vanished
-from abfm.matching.solving.course import Stage
-from abfm.matching.solving.levels import Level
+from abfm.matching.solving.levels import Level, Levels
+from abfm.matching.solving.schedule import Stage
+from abfm.matching.solving.settings import SETTINGS
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import mean_of_children
 from abfm.outcome import RESIDUAL_NEARLY, worse_residual
 from abfm.types import FloatArray
 
-_MOVING = 10  # iterations after which whatever will move has moved
-
 
 class StopReason(StrEnum):
-    """Why a match stopped; what it came to is its verdict.
+    """Why a match stopped; what it achieved is its verdict.
 
     As text it reads like its value: ``match.stop_reason == "cancelled"``.
     """
 
-    CONVERGED = "converged"  # the gradient is as small as the tolerance asks, or rounding allows
+    CONVERGED = "converged"  # the gradient is within the tolerance, or within rounding
     GOAL_REACHED = "goal reached"  # the residual is well below the goal
-    NO_PROGRESS = "no progress"  # the energy fell too little to go on
+    NO_PROGRESS = "no progress"  # the energy fell too little to continue
     ITERATION_LIMIT = "iteration limit"
     LINE_SEARCH_FAILED = "line search failed"  # no step lowers the energy: often rounding
     CANCELLED = "cancelled"
-    OUT_OF_MEMORY = "out of memory"  # the best field that had been found is kept
-    GIVEN = "given"  # the field was not sought
+    OUT_OF_MEMORY = "out of memory"  # the best field so far is the result
+    GIVEN = "given"  # the field was not solved for
 
     @property
     def is_early(self) -> bool:
-        """Tell whether it was broken off, so that going on may find more."""
+        """Whether it was interrupted, so that more iterations may find more."""
         return self in (StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
 
 
 def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int) -> str | None:
-    """Say what looks wrong while a match runs, in one line without a full stop; None if nothing."""
+    """Return a warning while a match runs, in one line without a full stop; None if there is
+    none.
+    """
     if functions.residual(advected) <= RESIDUAL_NEARLY:
         return None
     if vanished(functions, advected):
@@ -52,13 +53,13 @@ def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int)
             "the source is being squeezed to nothing instead of moved: it may be too far from the "
             "target"
         )
-    if iteration >= _MOVING and stood_still(functions, advected):
+    if iteration >= SETTINGS.warning_iterations_min and stood_still(functions, advected):
         return "the source hardly moves: it may be too far from the target, or sigma too large"
     return None
 
 
 class Look(Protocol):
-    """What an iterate looks like on the mesh itself."""
+    """An iterate on the mesh itself."""
 
     @property
     def velocity(self) -> FloatArray: ...
@@ -68,39 +69,48 @@ class Look(Protocol):
     def warning(self) -> str | None: ...
 
 
+class Score(NamedTuple):
+    """The score of a step by held-out patches, see `held_out`; NaN if nothing is held out."""
+
+    value: float = math.nan  # by which a step is chosen
+    held_out: float = math.nan  # residual of the patches
+    unmoved: float = math.nan  # their residual without motion
+
+    @property
+    def gain(self) -> float:
+        """The residual relative to that without motion."""
+        return self.held_out / self.unmoved if self.unmoved > 0 else math.nan
+
+
 @dataclass(frozen=True, eq=False)
-class Mark:
-    """What a step of the way came to, on the mesh of its level."""
+class StepResult:
+    """The result of a step of the path, on the mesh of its level."""
 
     stage: Stage
     x: FloatArray  # frame coefficients (N, F, 2)
-    carried: FloatArray  # the source, (C, V)
+    carried: FloatArray  # the advected functions of all terms, (C, V)
     residual: float
-    verified_residual: float = math.nan
-    folded: float = math.nan
-    log2_area: float = math.nan
-    log2_shape: float = math.nan
-    log2_area_95: float = math.nan
-    held_out: float = math.nan  # residual of held-out patches, see `held_out`
-    unmoved: float = math.nan  # that of the same patches without motion
-    score: float = math.nan  # by which a step is chosen, see `held_out`
+    measures: Mapping[str, float] = field(default_factory=dict)  # along flow lines, see `measured`
+    score: Score = Score()
 
-    def step(self, velocity: FloatArray) -> PathStep:
-        """Return it for a path, with its fields (N, 4^k F, 3)."""
+    def step(self, velocity: FloatArray, mismatch: float = math.nan) -> PathStep:
+        """Return the step of a path with these fields (N, 4^k F, 3)."""
         return PathStep(
             self.stage.sigma,
             self.stage.alpha,
             self.stage.reach,
             velocity,
             self.residual,
-            self.verified_residual,
-            self.folded,
-            self.log2_area,
-            self.log2_shape,
-            self.log2_area_95,
-            self.held_out / self.unmoved if self.unmoved > 0 else math.nan,
-            score=self.score,
+            **self.measures,
+            held_out=self.score.gain,
+            score=self.score.value,
+            mismatch=mismatch,
         )
+
+    @property
+    def verified_residual(self) -> float:
+        """The residual along flow lines; NaN if it is unknown."""
+        return self.measures.get("verified_residual", math.nan)
 
     @property
     def worse(self) -> float:
@@ -110,25 +120,25 @@ class Mark:
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """One iterate; what it looks like on the mesh is computed when it is first asked for."""
+    """One iterate; its fields and functions on the mesh are computed at their first use."""
 
-    iteration: int  # number of steps taken, all stages together, 0 at the start
+    iteration: int  # number of iterations of all stages so far, 0 at the start
     stage: int  # from 0
-    level: int  # which mesh, from 0, the coarsest; the last one is the mesh itself
-    levels: int  # of how many; a mesh with thin triangles counts twice, first with clusters
-    vertices: int  # of that mesh; clusters of them (`abfm.flow.clusters`) where there are some
+    level: int  # number of the mesh, from 0, the coarsest; the last one is the mesh itself
+    levels: int  # their number; a mesh with thin triangles counts twice, first with clusters
+    vertices: int  # of the level's mesh; clusters of them (`abfm.flow.clusters`) if it has some
     reach: float  # values in this stage
     sigma: float
     alpha: float
     energy: float  # total and its terms, on the mesh of this level scaled to unit area
     regularity: float
     mismatch_energy: float
-    shares: dict[str, float]  # of that, the data terms' by their words
+    shares: dict[str, float]  # of that, the data terms' by their names
     residual: float  # on the mesh of this level
     evaluations: int  # of energy and gradient so far
     look: Look
-    path: tuple[PathStep, ...] = ()  # the steps of this way so far, whose fields come at the end
-    fields: int = 1  # in a row, N
+    path: tuple[PathStep, ...] = ()  # the steps so far, still without fields
+    fields: int = 1  # number of consecutive fields, N
 
     @property
     def velocity(self) -> FloatArray:
@@ -137,23 +147,25 @@ class Iteration:
 
     @property
     def advected(self) -> FloatArray:
-        """The source carried to tau, (V, C); on a coarser level what is so there, interpolated."""
+        """The advected source, (V, C); interpolated from a coarser level."""
         return self.look.advected
 
     @property
     def warning(self) -> str | None:
-        """What looks wrong so far, in one line; None if nothing."""
+        """A warning so far, in one line; None if there is none."""
         return self.look.warning
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class IterateView:
+    """An iterate of some level on the mesh itself."""
+
     x: FloatArray  # frame coefficients (N, F, 2)
-    carried: FloatArray  # the source, (C, V)
-    levels: list[Level]  # from its own to that of the mesh itself, or that of a finer one alone
+    carried: FloatArray  # the advected source, (C, V)
+    levels: tuple[Level, ...]  # from its own to that of the mesh itself, or a finer one alone
     mesh: TriangleMesh  # itself, of area 1
     iteration: int
-    is_trying: bool  # whether there are other ways or smaller sigmas to try
+    is_trying: bool  # whether other variants or smaller sigmas follow
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -177,37 +189,60 @@ class Found:
         return early_warning(self.levels[0].energy.functions, self.carried, self.iteration)
 
 
-class CallerError(Exception):
-    """Memory ran out in what the caller wants done after an iteration: nothing of the solver's."""
-
-    def __init__(self, raised: MemoryError) -> None:
-        self.raised = raised
-
-
 class Record:
+    """The log of a match, which a callback receives."""
+
     def __init__(self, on_iteration: Callable[[Iteration], object] | None) -> None:
         self.history: list[tuple[float, float, float]] = []
         self.stage_of: list[int] = []
         self.schedule: list[Stage] = []
         self.evaluations = 0
-        self.level: int | None = None  # of the latest iterate
-        self.path: tuple[PathStep, ...] = ()  # the steps of the present way so far
-        self.is_trying = False  # whether there is more to try
+        # level and evaluation of the latest fields of the present variant
+        self.latest: tuple[int, Evaluation] | None = None
+        self.learned: Any = None  # the latest iterate of a search, whose pairs hold the curvature
+        self.path: tuple[PathStep, ...] = ()  # the steps of the present variant so far
+        self.is_trying = False  # whether other variants or smaller sigmas follow
+        self.is_calling = False  # whether the callback runs, or has raised an error
+        self._level: int | None = None  # of the latest iterate
         self._on_iteration = on_iteration
 
-    def add(self, levels: list[Level], own: int, stage: Stage, point: Evaluation) -> None:
-        self.level = stage.level
+    def begin(self) -> None:
+        """Forget the latest fields, and the curvature: a variant begins."""
+        self.latest = self.learned = None
+
+    def count(self) -> None:
+        """Count an evaluation."""
+        self.evaluations += 1
+
+    def arrive(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
+        """Note the first fields of a stage, which are an iterate if a level begins."""
+        self.latest = stage.level, point
+        iterations, is_new = len(self.history), self._level != stage.level
+        if not iterations or (
+            is_new and iterations <= levels[-1].energy.parameters.solver.iterations
+        ):
+            self.add(levels, stage, point)
+
+    def add(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
+        """Add an iterate."""
+        self.latest, self._level = (stage.level, point), stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)
-        if self._on_iteration is None:
-            return
+        if self._on_iteration is not None:
+            iteration = self._iteration(levels, stage, point)
+            self.is_calling = True
+            self._on_iteration(iteration)
+            self.is_calling = False
+
+    def _iteration(self, levels: Levels, stage: Stage, point: Evaluation) -> Iteration:
         energy, number = levels[stage.level].energy, len(self.history) - 1
         carried = point.advected[: len(energy.functions.source)]
         shares: dict[str, float] = {}
         for word, share in zip(energy.words, point.shares, strict=True):
             shares[word] = shares.get(word, 0.0) + share
-        between = levels[stage.level : max(own, stage.level) + 1]
-        iteration = Iteration(
+        between = levels.all[stage.level : max(levels.own, stage.level) + 1]
+        mesh = levels[levels.own].energy.mesh
+        return Iteration(
             iteration=number,
             stage=len(self.schedule) - 1,
             level=stage.level,
@@ -222,11 +257,7 @@ class Record:
             shares=shares,
             residual=energy.left(point),
             evaluations=self.evaluations,
-            look=Found(point.x, carried, between, levels[own].energy.mesh, number, self.is_trying),
+            look=IterateView(point.x, carried, between, mesh, number, self.is_trying),
             path=self.path,
             fields=len(point.x),
         )
-        try:
-            self._on_iteration(iteration)
-        except MemoryError as error:
-            raise CallerError(error) from None

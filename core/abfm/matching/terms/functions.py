@@ -30,9 +30,12 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.types import BoolArray, FloatArray
 
-SMALLEST, LARGEST = 1e-100, 1e100
+VALUE_MIN = 1e-100
+VALUE_MAX = 1e100
 """Of functions, as their largest value: squares of such sizes neither underflow nor overflow."""
-_LIGHTEST, _HEAVIEST = 1e-30, 1e30  # the same of masks and weights
+# the same of masks and weights
+_WEIGHT_MIN = 1e-30
+_WEIGHT_MAX = 1e30
 CONSTANT = 1e-9
 """A function is constant whose deviation from its mean is no larger than this share of its norm."""
 
@@ -77,11 +80,12 @@ class FunctionTerm:
         """Raise FunctionError where values are so large or small that squares overflow."""
         sizes = np.maximum(np.abs(self.source).max(axis=1), np.abs(self.target).max(axis=1))
         largest, counting = float(sizes.max()), float(sizes[self.weights > 0].max(initial=0))
-        if largest > LARGEST or 0 < counting < SMALLEST:
-            wrong = largest if largest > LARGEST else counting
+        if largest > VALUE_MAX or 0 < counting < VALUE_MIN:
+            wrong = largest if largest > VALUE_MAX else counting
             raise FunctionError(
                 f"source and target have values of up to {wrong:.3g}, whose squares over- or "
-                f"underflow; scale both by the same factor, to between {SMALLEST:g} and {LARGEST:g}"
+                f"underflow; scale both by the same factor, to between {VALUE_MIN:g} and "
+                f"{VALUE_MAX:g}"
             )
 
     @property
@@ -299,9 +303,9 @@ def checked_weights(
             f"{name} must be finite, not negative, and not zero everywhere: give a {each} one "
             "above 0"
         )
-    if not is_zero and not _LIGHTEST <= array.max() <= _HEAVIEST:
+    if not is_zero and not _WEIGHT_MIN <= array.max() <= _WEIGHT_MAX:
         raise ParameterError(
             f"{name} is {array.max():.3g} at most; expected a largest value between "
-            f"{_LIGHTEST:g} and {_HEAVIEST:g}"
+            f"{_WEIGHT_MIN:g} and {_WEIGHT_MAX:g}"
         )
     return array

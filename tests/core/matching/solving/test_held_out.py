@@ -7,15 +7,15 @@ from scipy.spatial.transform import Rotation
 
 from abfm import MatchingEnergy, Parameters
 from abfm.calculus.operators import vertex_areas
-from abfm.matching.solving.course import Course, Way
-from abfm.matching.solving.held_out import Held, HeldOut, best_between, folds, without
+from abfm.matching.solving.held_out import HeldOut, best_between, folds, without
+from abfm.matching.solving.schedule import Schedule, Variant
 from abfm.mesh import TriangleMesh
 from tests.core.fields import bump
 from tests.shapes import hemisphere, icosphere, torus
 
 SPHERE = icosphere(4)
 MASK = np.clip(SPHERE.vertices[:, 0] + 0.3, 0, 1)
-ONE = Way(0.01, 1)
+ONE = Variant(0.01, 1)
 
 
 def energy(f, g, mask=None):
@@ -68,13 +68,13 @@ def test_each_fold_sees_all_but_its_patches_and_every_vertex_is_hidden_once(mask
 def test_what_is_told_is_the_mismatch_of_what_no_fold_has_seen():
     whole = energy(*bumps(5))
     rest = np.zeros(whole.shape)
-    stage = Course(Parameters.of(iterations=0), whole.functions, 1).stage(0, 1.0, ONE)
+    stage = Schedule(Parameters.of(iterations=0), whole.functions, 1).stage(0, 1.0, ONE)
     left = [
         whole.functions.weighed(hidden).residual(whole.functions.source)
         for _, hidden in without(whole)
     ]
-    found = HeldOut(whole, rest).follow([stage])
-    assert found == pytest.approx((np.sqrt(np.mean(np.square(left))),) * 2)
+    found = HeldOut.at(whole, rest).follow([stage]).score(0.0)
+    assert found == pytest.approx((np.sqrt(np.mean(np.square(left))),) * 3)
 
 
 def test_fields_of_a_fold_know_nothing_of_what_it_hides():
@@ -84,12 +84,11 @@ def test_fields_of_a_fold_know_nothing_of_what_it_hides():
         [],
         Parameters.of(iterations=5, sigma_unit="absolute", divergence=1.0),
     )
-    stage = Course(p, energy(f, g).functions, 1).stage(0, 0.3, ONE)
+    stage = Schedule(p, energy(f, g).functions, 1).stage(0, 0.3, ONE)
     for target in (g, np.where(folds(SPHERE.normalized()) == 0, -g, g)):
         whole = MatchingEnergy(SPHERE, f, target, p)
-        held = HeldOut(whole, np.zeros(whole.shape))
-        held.follow([stage])
-        fields.append(held._fields)
+        held = HeldOut.at(whole, np.zeros(whole.shape)).follow([stage])
+        fields.append([fold.fields for fold in held.folds])
     apart = [
         np.abs(one - other).max() / np.abs(one).max() for one, other in zip(*fields, strict=True)
     ]
@@ -103,10 +102,11 @@ def test_noise_is_not_found_where_it_was_not_seen_and_a_flow_is():
     noisy = f + 0.3 * rng.normal(size=len(f)), f + 0.3 * rng.normal(size=len(f))
     for functions, gains in (((f, g), True), (noisy, False)):
         whole = energy(*functions)
-        course = Course(Parameters.of(iterations=20), whole.functions, 1)
-        still, held = (HeldOut(whole, np.zeros(whole.shape)) for _ in range(2))
-        before = still.follow([course.stage(0, 1e6, Way(1.0, 1))]).discrete
-        after = held.follow([course.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)]).discrete
+        schedule = Schedule(Parameters.of(iterations=20), whole.functions, 1)
+        held = HeldOut.at(whole, np.zeros(whole.shape))
+        before = held.follow([schedule.stage(0, 1e6, Variant(1.0, 1))]).score(0.0).held_out
+        stages = [schedule.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)]
+        after = held.follow(stages).score(0.0).held_out
         assert (after < 0.8 * before) == gains
         assert (after > before) != gains
 
@@ -156,5 +156,7 @@ def test_score_error_moves_sigma_little(scores):
 
 
 def test_score_adds_price_of_areas():
-    assert Held(0.9, 0.5).score(0.2) == pytest.approx(0.55)
-    assert np.isnan(Held(0.9, 0.5).score(np.nan))
+    whole = energy(*bumps(5))
+    held = HeldOut.at(whole, np.zeros(whole.shape))
+    assert held.score(0.2).value == pytest.approx(held.score(0.0).value + 0.05)
+    assert np.isnan(held.score(np.nan).value)

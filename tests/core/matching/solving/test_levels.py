@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,9 +14,8 @@ from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.maps.surface_points import project_onto_surface
 from abfm.matching.solving import levels as module
-from abfm.matching.solving.descent import Descent
-from abfm.matching.solving.levels import Transfer, _making, levels, on_the_mesh, prepare
-from abfm.matching.solving.record import Record
+from abfm.matching.solving.levels import Levels, Transfer, _making, prepare
+from abfm.matching.solving.settings import SETTINGS
 from abfm.mesh import TriangleMesh, coarsening
 from abfm.mesh.coarsening import coarsened
 from abfm.workers.control import CancelledError, Control, controlled
@@ -28,7 +28,7 @@ COARSER = Parameters.of(levels=3)
 
 
 def all_levels(finest):
-    return levels(on_the_mesh(finest))
+    return Levels.of_mesh(finest).with_coarser()
 
 
 def made(mesh):
@@ -45,8 +45,8 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
 
     monkeypatch.setattr(coarsening, "_collapse_edges", never)
     found = made(mesh)
-    assert [len(level.energy.mesh.vertices) for level in found] == [50, 200, 800]
-    for level in found[:-1]:
+    assert [len(level.energy.mesh.vertices) for level in found.all] == [50, 200, 800]
+    for level in found.all[:-1]:
         kept = vars(level.to_finer).keys()
         assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= kept
 
@@ -81,7 +81,7 @@ def test_who_waits_can_be_cancelled():
 
 def chosen(mesh, f, g, monkeypatch, **extras):
     """How many meshes are used where their number is chosen by the mesh and the functions."""
-    monkeypatch.setattr(module, "COARSEST", 160)
+    monkeypatch.setattr(module, "SETTINGS", replace(SETTINGS, coarsest_vertices=160))
     return len(all_levels(MatchingEnergy(mesh, f, g, Parameters(), **extras)))
 
 
@@ -108,7 +108,7 @@ def test_the_energy_is_about_the_same_on_all_meshes():
     g = np.stack([bump(mesh, [0, 1, 0], 0.3), 2 * bump(mesh, [0, 0.6, 0.8], 0.3)], axis=1)
     mask = 0.5 + 0.4 * mesh.vertices[:, 1]
     finest = MatchingEnergy(mesh, f, g, Parameters.of(levels=3), mask=mask, weights=[1.0, 0.3])
-    found = [level.energy for level in all_levels(finest)]
+    found = [level.energy for level in all_levels(finest).all]
     assert [E.discretisation.size for E in found] == [160, 640, 2562]
     assert found[-1] is finest
     for E in found[:-1]:
@@ -128,7 +128,7 @@ def test_fields_there_and_back_move_as_far():
     """In units of each mesh scaled to unit area, whose surfaces differ."""
     ball = icosphere(4)
     f, g = (bump(ball, [0, 0, s], 0.3) for s in (1, -1))
-    level, finer = all_levels(MatchingEnergy(ball, f, g, Parameters.of(levels=2)))
+    level, finer = all_levels(MatchingEnergy(ball, f, g, Parameters.of(levels=2))).all
     coarse, fine = level.energy.mesh, finer.energy.mesh
     field = rotation_field(fine, AXIS)[None]
     down = level.fields_from_finer(field)
@@ -241,10 +241,8 @@ def test_discretisation_errors_of_levels():
     f, g = (bump(mesh, axis, 0.3) for axis in ([0, 0, 1], [0, 1, 0]))
 
     def errors(f, g):
-        descent = Descent(MatchingEnergy(mesh, f, g, COARSER), Record(None))
-        descent.levels = levels(descent.levels)
-        descent.own = len(descent.levels) - 1
-        return [descent.error(level) for level in range(3)]
+        found = all_levels(MatchingEnergy(mesh, f, g, COARSER))
+        return [found.error(level) for level in range(3)]
 
     found = errors(f, g)
     assert 0.01 < found[0] < 0.2

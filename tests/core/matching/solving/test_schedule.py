@@ -1,4 +1,4 @@
-"""The course of a match: its sigmas, ways and stages; the paper's where that is asked for."""
+"""The schedule of a match: its sigmas, ways and stages; the paper's where that is asked for."""
 
 import math
 from dataclasses import replace
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from abfm.matching.solving.course import Course, Stage, Way
+from abfm.matching.solving.schedule import Schedule, Stage, Variant
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, LONGEST, PAPER, WARMEST, Parameters
 from tests.core.fields import bump
@@ -24,14 +24,14 @@ SIGMA, FACTOR = st.floats(1e-3, 1e3), st.floats(1.5, 20)
 @given(SIGMA, FACTOR, st.sampled_from([EXACT, MEASURED]))
 def test_a_given_sigma_is_the_last_and_multiples_of_it_lead_there(sigma, factor, functions):
     given = Parameters.of(sigma=sigma, cooling_factor=factor)
-    sigmas = Course(given, functions, 1).sigmas
+    sigmas = Schedule(given, functions, 1).sigmas
     assert sigmas[-1] == sigma
     assert_allclose(np.divide(sigmas[:-1], sigmas[1:]), factor)
     assert sigmas[0] <= max(sigma, WARMEST) * (1 + 1e-6)
     assert sigmas[0] * factor > WARMEST
     size = functions.function_size
     absolute = given.with_values(sigma=sigma * size, sigma_unit="absolute")
-    assert_allclose(Course(absolute, functions, 1).sigmas, np.multiply(sigmas, size))
+    assert_allclose(Schedule(absolute, functions, 1).sigmas, np.multiply(sigmas, size))
 
 
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
@@ -39,9 +39,9 @@ def test_a_given_sigma_is_the_last_and_multiples_of_it_lead_there(sigma, factor,
 def test_without_one_they_fall_from_the_warmest_more_slowly_for_measured_functions(
     functions, power, unit
 ):
-    course = Course(Parameters.of(sigma_unit=unit), functions, 1)
-    sigmas = np.divide(course.sigmas, 1 if unit == "relative" else functions.function_size)
-    assert (sigmas[0], course.is_measured) == (WARMEST, functions is MEASURED)
+    schedule = Schedule(Parameters.of(sigma_unit=unit), functions, 1)
+    sigmas = np.divide(schedule.sigmas, 1 if unit == "relative" else functions.function_size)
+    assert (sigmas[0], schedule.is_measured) == (WARMEST, functions is MEASURED)
     assert_allclose(sigmas[:-1] / sigmas[1:], 3.0**power)
     assert LAST <= sigmas[-1] < LAST * 3.0**power
 
@@ -52,9 +52,9 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count
     cooling = {"sigma": sigma, "cooling_factor": factor, "cooling_stages": count}
     p = Parameters.of(**PAPER, **cooling, iterations=iterations)
     for functions in (EXACT, MEASURED):
-        course = Course(p, functions, 1)
-        stages = [course.stage(0, sigma, Way(p.alpha, 1)) for sigma in course.sigmas]
-        assert (course.sigmas, course.ways(1)) == (p.stage_sigmas(), [(p.alpha, 1)])
+        schedule = Schedule(p, functions, 1)
+        stages = [schedule.stage(0, sigma, Variant(p.alpha, 1)) for sigma in schedule.sigmas]
+        assert (schedule.sigmas, schedule.variants(1)) == (p.stage_sigmas(), [(p.alpha, 1)])
         assert [stage.iterations for stage in stages] == p.stage_limits()
         for stage in stages:
             assert (stage.reach, stage.goal, stage.until, stage.fixed) == (0, 0, iterations, True)
@@ -63,12 +63,12 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count
 
 def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
     p = Parameters.of(stage_iterations=7, sigma=0.1)
-    course = Course(p, EXACT, 3)
-    *early, last = (course.stage(2, sigma, Way(p.alpha, 1)) for sigma in course.sigmas)
+    schedule = Schedule(p, EXACT, 3)
+    *early, last = (schedule.stage(2, sigma, Variant(p.alpha, 1)) for sigma in schedule.sigmas)
     assert {stage.iterations for stage in early} == {7}
     assert last.iterations == p.solver.iterations
     assert all(stage.fixed and not stage.goal for stage in (*early, last))
-    assert not Course(Parameters.of(stage_iterations=7), MEASURED, 1).is_measured
+    assert not Schedule(Parameters.of(stage_iterations=7), MEASURED, 1).is_measured
 
 
 @pytest.mark.parametrize(
@@ -94,15 +94,18 @@ def test_there_is_a_second_way_with_two_fields_or_for_measured_functions_a_third
     p = Parameters.of(**changes)
     first = (p.alpha, 1)
     ways = [first, other] if other else [first]
-    assert_allclose(Course(p, functions, 1).ways(1), ways)
-    assert Course(p, EXACT, 1).ways(2) == [(p.alpha, 2)]  # as a start has them
+    assert_allclose(Schedule(p, functions, 1).variants(1), ways)
+    assert Schedule(p, EXACT, 1).variants(2) == [(p.alpha, 2)]  # as a start has them
 
 
 def test_after_a_way_that_did_not_find_the_target_the_next_one_looks_as_far_as_there_is():
-    course = Course(Parameters.of(reach=0.5), EXACT, 1)
-    assert [course.reach(left) for left in (0.6, 0.9, np.inf)] == [0.5, LONGEST, LONGEST]
-    for course in (Course(Parameters(), MEASURED, 1), Course(Parameters(sigma=1.0), EXACT, 1)):
-        assert course.reach(0.9) == 1.0
+    schedule = Schedule(Parameters.of(reach=0.5), EXACT, 1)
+    assert [schedule.reach(left) for left in (0.6, 0.9, np.inf)] == [0.5, LONGEST, LONGEST]
+    for schedule in (
+        Schedule(Parameters(), MEASURED, 1),
+        Schedule(Parameters(sigma=1.0), EXACT, 1),
+    ):
+        assert schedule.reach(0.9) == 1.0
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.5), st.sampled_from([1, 2, 4]))
@@ -111,27 +114,27 @@ def test_exact_functions_end_below_the_goal_and_a_quarter_of_the_time_is_for_the
 ):
     p = Parameters.of(iterations=iterations, goal=goal)
     for level in range(meshes):
-        stage = Course(p, EXACT, meshes).stage(level, 1.0, Way(p.alpha, 1), p.solver.reach)
+        stage = Schedule(p, EXACT, meshes).stage(level, 1.0, Variant(p.alpha, 1), p.solver.reach)
         assert 0 < stage.goal < goal
         assert stage.until == (iterations if level == meshes - 1 else int(0.75 * iterations))
-    for course in (Course(p, MEASURED, 1), Course(replace(p, sigma=1.0), EXACT, 1)):
-        assert course.stage(0, 1.0, Way(p.alpha, 1)).goal == 0
+    for schedule in (Schedule(p, MEASURED, 1), Schedule(replace(p, sigma=1.0), EXACT, 1)):
+        assert schedule.stage(0, 1.0, Variant(p.alpha, 1)).goal == 0
 
 
 def test_given_sigma_ends_coarse_levels_at_their_error():
-    """Only in the stage whose result the mesh itself replaces, and in no fixed or free course."""
+    """Only in the stage whose result the mesh itself replaces, and in no fixed or free schedule."""
     p = Parameters(sigma=0.1)
-    course, way = Course(p, EXACT, 2), Way(p.alpha, 1)
-    *early, last = course.sigmas
+    schedule, way = Schedule(p, EXACT, 2), Variant(p.alpha, 1)
+    *early, last = schedule.sigmas
     for reach in (0.0, 1.0):
-        coarse, fine = (course.stage(level, last, way, reach, 0.2) for level in (0, 1))
+        coarse, fine = (schedule.stage(level, last, way, reach, 0.2) for level in (0, 1))
         assert (coarse.goal, coarse.is_search) == (0.2, reach > 0)
         assert (fine.goal, fine.is_search) == (0.0, False)
         for other, sigma in (
-            *((course, sigma) for sigma in early),
-            (Course(p.with_values(stage_iterations=7), EXACT, 2), last),
-            (Course(Parameters(), EXACT, 2), last),
-            (Course(Parameters(), MEASURED, 2), last),
+            *((schedule, sigma) for sigma in early),
+            (Schedule(p.with_values(stage_iterations=7), EXACT, 2), last),
+            (Schedule(Parameters(), EXACT, 2), last),
+            (Schedule(Parameters(), MEASURED, 2), last),
         ):
             assert other.stage(0, sigma, way, reach, 0.2) == other.stage(0, sigma, way, reach)
 

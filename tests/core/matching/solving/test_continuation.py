@@ -11,11 +11,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 import abfm
 from abfm import MatchingEnergy, Parameters, Problem
 from abfm.flow import ContinuousFlow
-from abfm.matching.solving import descent, held_out, solve
-from abfm.matching.solving.course import Course
+from abfm.matching.solving import continuation, descent, held_out
 from abfm.matching.solving.held_out import best_between
+from abfm.matching.solving.levels import Levels
 from abfm.matching.solving.measures import measured
-from abfm.matching.solving.record import Mark
+from abfm.matching.solving.record import StepResult
+from abfm.matching.solving.schedule import Schedule, Variant
 from abfm.mesh.subdivision import mean_of_children, refined
 from abfm.parameters import LAST, WARMEST
 from tests.core.fields import bump, wavy_field
@@ -117,9 +118,9 @@ def test_short_coarse_stages_end_at_the_same_match(width, sigma, count, monkeypa
         return found, [one for one in seen if one.level == 0]
 
     short, few = matched()
-    patched = Course.stage
+    patched = Schedule.stage
     monkeypatch.setattr(
-        Course,
+        Schedule,
         "stage",
         lambda *args, **error: replace(patched(*args, **error), goal=0.0, is_search=False),
     )
@@ -171,7 +172,7 @@ def test_where_none_confirms_the_goal_the_best_step_by_the_worse_witness_is_the_
 @pytest.mark.parametrize(("width", "b"), [(0.1, 30), (0.12, 60), (0.1, 100)])
 def test_what_flow_lines_leave_more_is_shared_by_both_witnesses(width, b, monkeypatch):
     corrected = exact(width, b)[0].path
-    monkeypatch.setattr(solve.Solver, "_correct", lambda solver: None)
+    monkeypatch.setattr(continuation, "_corrected", lambda state, level: state)
     match = abfm.match(SPHERE, *pair(0, b, width), Parameters(refine=0))
     assert match.residual < 0.05 < match.verified_residual
     better = min(corrected, key=worse)
@@ -244,14 +245,14 @@ def test_chosen_sigma_is_a_solution_of_its_own():
 
 def test_choosing_sigma_costs_little(monkeypatch):
     """All folds together take less than twice as many evaluations as the steps themselves."""
-    in_folds, search = [], descent.search
+    in_folds, search = [], descent.search_of
 
     def counted(energy, stage, at):
         return search(energy, stage, lambda: in_folds.append(1), at)
 
     def minimum(*given):
         with monkeypatch.context() as patch:
-            patch.setattr(descent, "search", counted)
+            patch.setattr(descent, "search_of", counted)
             return descent.minimum(*given)
 
     monkeypatch.setattr(held_out, "minimum", minimum)
@@ -342,9 +343,12 @@ def test_what_the_mesh_resolves_is_refined_only_where_flow_lines_alone_are_far_a
     """Otherwise the mesh is not what is in the way."""
 
     def resolved(f, g, mismatch, verified):
-        solver = solve.Solver(MatchingEnergy(SPHERE, f, g, Parameters()), None)
-        stage, x = solver._course.stage(0, 1.0, solver._with), np.zeros(solver.energy.shape)
-        return solver._is_resolved(Mark(stage, x, f[None], mismatch, verified))
+        energy = MatchingEnergy(SPHERE, f, g, Parameters())
+        stage = Schedule(energy.parameters, energy.functions, 1).stage(0, 1.0, Variant(0.01, 1))
+        result = StepResult(
+            stage, np.zeros(energy.shape), f[None], mismatch, {"verified_residual": verified}
+        )
+        return continuation._is_resolved(Levels.of_mesh(energy), result)
 
     one, other = pair(width=0.25)
     assert resolved(one, other, 0.2, 0.2)

@@ -1,4 +1,4 @@
-"""The course of a match: which steps lead from smooth to close, and when one has done its work."""
+"""The schedule of a match: the steps of falling sigma, and when each of them ends."""
 
 import math
 from collections.abc import Sequence
@@ -6,57 +6,50 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from abfm.matching.solvability import is_measured
+from abfm.matching.solving.settings import SETTINGS
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, LONGEST, WARMEST, Parameters
 from abfm.types import FloatArray
 
-_FOUND = 0.75  # residual with which the target is found: the paper's norm leads on, without reach
-_LESS = 1 / 3  # factor of alpha on the less smooth way
-# a step goes on while its energy falls by this share within so many iterations
-_PAYING, _OVER = 0.03, 6
-_STIFF = 0.05  # sigma from which on alpha falls as its square: stiff fields go no closer
-_SHARE = 0.75  # of all iterations, before the mesh itself
-_CLOSE = 0.8  # of the goal: how close a step comes, as flow lines seldom confirm as much
-_ROUNDING = 1e-9  # of a number of steps
-# times the last landmark_sigma with which a path begins, and the power of sigma by which it falls
-_LOOSE, _FASTER = 100.0, 2
-_BARE = (100.0, 10.0, 1.0)  # times the last sigma, where landmarks are alone
+_STEP_ROUNDING = 1e-9  # of a number of steps
 
 
-class Way(NamedTuple):
-    """What a way from smooth to close is walked with."""
+class Variant(NamedTuple):
+    """What all steps of a path have in common."""
 
     alpha: float
-    fields: int  # in a row
+    fields: int  # consecutive ones
 
 
 @dataclass(frozen=True)
 class Stage:
-    """What a part of the way is minimised with; reach is 0 for the parameters' own norm."""
+    """A minimisation of one objective on one level; reach is 0 for the parameters' own norm."""
 
-    level: int  # which mesh, from 0, the coarsest
-    fields: int  # in a row
+    level: int  # number of the mesh, from 0, the coarsest
+    fields: int  # consecutive ones
     sigma: float
     alpha: float
     reach: float
-    iterations: int  # at most, of its own
-    until: int  # at most, of all together
-    fixed: bool  # whether it goes on to the end of its iterations
+    iterations: int  # limit of its own
+    until: int  # limit of all stages together
+    fixed: bool  # whether it uses all its iterations
     goal: float  # residual at which it ends
     landmark_sigma: float = Parameters.landmark_sigma
-    # whether it only searches: it ends where the residual stalls, too, once the target is found
+    # whether it also ends if the residual stalls, once the target is found
     is_search: bool = False
-    # what is taken off what is carried (C, V), before that is held against the target
+    # (C, V), subtracted from the advected functions before they are compared with the target
     shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
 
     def continues(self, before: "Stage") -> bool:
-        """Tell whether what the stage before learned serves; if fixed not with another sigma."""
+        """Return whether the curvature of the stage before is still valid; if fixed, only with the
+        same sigma.
+        """
         names = "level", "fields", "reach", "alpha"
         same = all(getattr(before, name) == getattr(self, name) for name in names)
         return same and not (self.fixed and before.sigma != self.sigma)
 
     def steeper(self, before: "Stage") -> float:
-        """Return how many times as much the energy bends as in the stage before."""
+        """Return the curvature of the energy relative to the stage before."""
         if self.sigma == before.sigma:
             return (before.landmark_sigma / self.landmark_sigma) ** 2
         return (before.sigma / self.sigma) ** 2
@@ -69,23 +62,26 @@ class Stage:
         """
         if self.fixed:
             return True
-        is_searched = self.is_search and residuals[-1] <= _FOUND
+        is_searched = self.is_search and residuals[-1] <= SETTINGS.found_residual
         return falls(energies) and (not is_searched or falls(residuals))
 
 
-def falls(values: Sequence[float], by: float = _PAYING, within: int = _OVER) -> bool:
-    """Return whether values of iterates fell by a share within so many, or are fewer."""
+def falls(
+    values: Sequence[float],
+    by: float = SETTINGS.fall_min,
+    within: int = SETTINGS.fall_iterations,
+) -> bool:
+    """Return whether values fell by a share within the last iterations, or are fewer than these."""
     early = len(values) <= within
     return early or values[-1] < (1 - by) * values[-1 - within]
 
 
-class Course:
-    """The steps of a match by its parameters, on so many meshes, and what they are to find.
+class Schedule:
+    """The steps of a match by its parameters, on a number of meshes, and what ends them.
 
-    What the user gives is where it ends: a given sigma is the last one. Without, functions of
-    little detail are taken to match exactly, and the way ends where that is confirmed; others are
-    taken to be measured, and the way ends where it gains too little of what it has not seen
-    (`held_out`).
+    A given sigma is that of the last step. Without it, functions of little detail are taken to
+    match exactly, and the path ends where both checks confirm the goal. Others are measured, and
+    the path ends where held-out patches gain nothing (`held_out`).
     """
 
     def __init__(
@@ -96,45 +92,50 @@ class Course:
         self._is_bare = has_landmarks and functions.is_constant
         self.is_given = p.sigma is not None
         self._has_detail = is_measured(functions)
-        # as in the paper: every step goes on to the end of its iterations
+        # as in the paper: every step uses all its iterations
         self.is_fixed = p.paper.stage_iterations > 0 or (p.solver.reach == 0 and meshes == 1)
         self.is_measured = self._has_detail and not (self.is_given or self.is_fixed)
-        # towards the goal, as far as flow lines confirm it
+        # ends where flow lines confirm the goal
         self.is_free = not (self.is_given or self.is_fixed or self.is_measured)
         self.unit = 1.0 if p.paper.sigma_unit == "relative" else functions.function_size
         self.sigmas = self._sigmas()
 
-    def ways(self, fields: int) -> list[Way]:
-        """Return those to try: that of measured functions is the one which finds more; with others
-        two fields in a row where one does not come to the goal. A flow along one field keeps the
-        value wherever it is zero, and one of two does not.
+    @property
+    def has_given_end(self) -> bool:
+        """Whether the last step is the result, whatever its residual is."""
+        return self.is_given or self.is_fixed
 
-        In the norm of first order measured functions have one way: its fields follow small scales
-        by themselves, and a third of alpha found no more on 21 of 22 problems.
+    def variants(self, fields: int) -> list[Variant]:
+        """Return the variants of the path that are tried on the first mesh.
+
+        Measured functions have a second one with a smaller alpha, except in the norm of first
+        order, whose fields follow small scales anyway: a third of alpha found no more on 21 of 22
+        problems. Other functions have a second one with two consecutive fields: a flow along one
+        field keeps the value wherever the field is zero, and one along two does not.
         """
-        p, first = self._p, Way(self._p.alpha, fields)
+        p, first = self._p, Variant(self._p.alpha, fields)
         if self.is_fixed or not p.solver.reach:
             return [first]
         if self._has_detail:
-            less = first._replace(alpha=_LESS * p.alpha)
+            less = first._replace(alpha=SETTINGS.second_alpha_share * p.alpha)
             is_smooth = p.alpha > 0 and p.solver.order > 1
             return [first, less] if self.is_measured and is_smooth else [first]
         return [first] if p.solver.segments or fields > 1 else [first, first._replace(fields=2)]
 
-    def reach(self, before: float) -> float:
-        """Return how far a way looks after one that left so much: as far as it can, if that did
+    def reach(self, residual: float) -> float:
+        """Return the reach of a variant after one with this residual: the largest one, if that did
         not find the target.
         """
-        lost = self.is_free and not self.is_found(before) and not self._is_bare
+        lost = self.is_free and not self.is_found(residual) and not self._is_bare
         return LONGEST if lost else self.first_reach
 
     @property
     def first_reach(self) -> float:
-        """How far the first way looks."""
+        """The reach of the first variant."""
         return 0.0 if self._is_bare else self._p.solver.reach
 
     def stage(
-        self, level: int, sigma: float, way: Way, reach: float = 0.0, error: float = 0.0
+        self, level: int, sigma: float, variant: Variant, reach: float = 0.0, error: float = 0.0
     ) -> Stage:
         """Return the stage of a sigma on a level with this discretisation error (residual).
 
@@ -142,26 +143,26 @@ class Course:
         stage then ends at the discretisation error, as a smaller residual on the coarse mesh means
         nothing on the mesh itself, and a search where the residual stalls.
         """
-        p, alpha, is_last = self._p, way.alpha, level >= self._meshes - 1
+        p, alpha, is_last = self._p, variant.alpha, level >= self._meshes - 1
         if self.is_free and not self._is_bare:
-            alpha *= min(1.0, sigma / (_STIFF * self.unit)) ** 2
+            alpha *= min(1.0, sigma / (SETTINGS.stiff_sigma * self.unit)) ** 2
         own = (
             p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
             if self.is_fixed
             else p.solver.iterations
         )
-        goal = _CLOSE * p.goal if self.is_free else 0.0
+        goal = SETTINGS.goal_share * p.goal if self.is_free else 0.0
         is_start = self.is_given and not (self.is_fixed or is_last) and sigma == self.sigmas[-1]
         goal = error if is_start else goal
-        until = p.solver.iterations if is_last else int(_SHARE * p.solver.iterations)
+        coarse = int(SETTINGS.coarse_iteration_share * p.solver.iterations)
         return Stage(
             level,
-            way.fields,
+            variant.fields,
             sigma,
             alpha,
             reach,
             own,
-            until,
+            p.solver.iterations if is_last else coarse,
             self.is_fixed,
             goal,
             self.landmark_sigma(sigma),
@@ -169,13 +170,14 @@ class Course:
         )
 
     def landmark_sigma(self, sigma: float) -> float:
-        """Return that of landmarks beside a sigma: it falls faster, so that landmarks lead."""
+        """Return that of landmarks for a sigma: it falls faster, so that landmarks lead."""
         first, last = self.sigmas[0], self.sigmas[-1]
         if not self._has_landmarks:
             return self._p.landmark_sigma
         times = sigma / last
         if not self._is_bare:
-            times = min(times, max(1.0, _LOOSE * (sigma / first) ** _FASTER))
+            share = (sigma / first) ** SETTINGS.landmark_power
+            times = min(times, max(1.0, SETTINGS.landmark_factor_max * share))
         return self._p.landmark_sigma * times
 
     def _sigmas(self) -> list[float]:
@@ -184,14 +186,14 @@ class Course:
             return p.stage_sigmas()
         last = self.unit * LAST if p.sigma is None else p.sigma
         if self._is_bare:
-            return [last * times for times in _BARE]
+            return [last * times for times in SETTINGS.landmark_sigma_factors]
         ratio = math.sqrt(p.paper.cooling_factor) if self.is_measured else p.paper.cooling_factor
         warmest = self.unit * WARMEST
-        count = max(0, math.floor(math.log(warmest / last, ratio) + _ROUNDING))
+        count = max(0, math.floor(math.log(warmest / last, ratio) + _STEP_ROUNDING))
         if p.sigma is None:
             return [warmest / ratio**step for step in range(count + 1)]
         return [last * ratio**left for left in reversed(range(count + 1))]
 
     @staticmethod
     def is_found(residual: float) -> bool:
-        return residual <= _FOUND
+        return residual <= SETTINGS.found_residual

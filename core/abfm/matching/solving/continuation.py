@@ -1,0 +1,556 @@
+"""The continuation of a match: steps of falling sigma, from the coarsest mesh to the finest.
+
+`init` makes the first state, `step` the next one, `terminate` ends it, and `finish` chooses the
+result. A step minimises one sigma, corrects the best one, or plans what is minimised next: the
+`Phase` of a state says what that is.
+
+1. Search: on the coarsest mesh, sigma falls until both checks confirm the goal, or until
+   held-out patches gain nothing; a second variant follows if the first one fails.
+2. Interpolation: the best sigma of measured functions lies between two steps.
+3. Rise: the best step is continued on the mesh itself, with clusters of its vertices.
+4. Exact: then without clusters, if these change the result.
+5. Refinement: the mesh is subdivided, and the continuation returns to 3.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+
+import numpy as np
+
+from abfm.calculus.vector_fields import to_ambient
+from abfm.errors import AbfmError
+from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
+from abfm.matching.path import PathStep
+from abfm.matching.solvability import RESOLVED, narrowest, unmatched
+from abfm.matching.solving.descent import (
+    Progress,
+    minimise,
+    prolonged,
+    prolonged_without_gradient,
+)
+from abfm.matching.solving.held_out import HeldOut, best_between
+from abfm.matching.solving.levels import Levels, Subdivision
+from abfm.matching.solving.measures import carried_along, measured
+from abfm.matching.solving.record import Record, Score, StepResult, StopReason
+from abfm.matching.solving.schedule import Schedule, Stage, Variant
+from abfm.matching.solving.settings import SETTINGS
+from abfm.matching.solving.start import given, is_lost, on_coarsest, on_finer
+from abfm.outcome import RESIDUAL_NEARLY
+from abfm.parameters import MOST_REFINED
+from abfm.types import FloatArray
+from abfm.workers.control import CancelledError, Control, controlled
+from abfm.workers.progress import step as progress_step
+
+_NO_FIELDS = np.empty((1, 0, 3))
+
+
+class Phase(Enum):
+    """What is planned when all sigmas of a leg are minimised."""
+
+    SEARCH = auto()
+    INTERPOLATION = auto()
+    RISE = auto()
+    EXACT = auto()
+    REFINEMENT = auto()
+    DONE = auto()
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """Sigmas that are minimised on one level, one after the other."""
+
+    level: int
+    sigmas: tuple[float, ...]  # that remain
+    at: FloatArray | Evaluation | None = None  # fields (N, F, 2); None for those of the origin
+    origin: StepResult | None = None  # step of a coarser level, whose score the results have
+    reach: float = 0.0  # of the next stage; 0 once the target is found
+    held_out: HeldOut | None = None
+    after: tuple[StepResult, ...] = ()  # steps that follow in the path
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A continuation under way."""
+
+    levels: Levels
+    home: int  # the level where it ends: the mesh itself or a finer one
+    schedule: Schedule
+    record: Record
+    at_rest: tuple[tuple[FloatArray, FloatArray], ...]  # results without an iteration: x, carried
+    variants: tuple[Variant, ...]  # of the search, in the order in which they are tried
+    variant: Variant
+    phase: Phase
+    start: FloatArray  # (N, F, 2), of the search
+    leg: Leg | None = None
+    path: tuple[StepResult, ...] = ()
+    tried: tuple[tuple[StepResult, ...], ...] = ()  # paths of the variants so far
+    progress: Progress = Progress()
+    unrefined: tuple[StepResult, ...] = ()  # the path before the latest subdivision
+
+    @property
+    def energy(self) -> MatchingEnergy:
+        """The energy on the mesh itself."""
+        return self.levels[self.levels.own].energy
+
+    @property
+    def goal(self) -> float:
+        """The residual that counts as matched."""
+        return self.levels.attainable(self.energy.parameters.goal)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The result of a continuation."""
+
+    path: tuple[PathStep, ...]
+    step: int  # which of them the match is
+    advected: FloatArray  # the source (C, V), on the mesh itself
+    reason: StopReason
+
+
+def solve(energy: MatchingEnergy, record: Record) -> Solution:
+    """Run a continuation to its end, also if it is cancelled or if memory runs out."""
+    state, reason = init(energy, record), None
+    try:
+        while not terminate(state):
+            state = step(state)
+    except CancelledError:
+        reason = StopReason.CANCELLED
+    except MemoryError:
+        if not record.history or record.is_calling:
+            raise
+        reason = StopReason.OUT_OF_MEMORY
+    # here, where nothing of what was under way takes memory any more
+    with controlled(Control()):  # the result is kept although it was cancelled
+        return finish(state, reason)
+
+
+def init(energy: MatchingEnergy, record: Record) -> State:
+    """Return the first state: at the start of the problem if it is of use, else a search."""
+    p, levels, start = energy.parameters, Levels.of_mesh(energy), given(energy)
+    at_rest = [(np.zeros(energy.shape), energy.terms.carried)]
+    variant, schedule = Variant(p.alpha, energy.shape[0]), _schedule(levels)
+    finer, lost = None, True
+    if start is not None:
+        at_rest.append((start, energy.advected(start)))
+        variant = variant._replace(fields=len(start))
+        finer = on_finer(energy, levels)
+        lost = finer is None and is_lost(energy, *at_rest[-1])
+    if schedule.is_measured and p.solver.iterations:
+        # values that are held out would not be new to a field that was fitted to them
+        start, finer, lost = None, None, True
+    leg: Leg | None = None
+    variants: tuple[Variant, ...] = (variant,)
+    if finer is not None:
+        levels, x = finer
+        leg = Leg(len(levels) - 1, tuple(schedule.sigmas[-1:]), x)
+    elif start is not None and not lost:
+        x = start
+        leg = Leg(levels.cheapest(levels.own), tuple(schedule.sigmas[-1:]), x)
+    else:
+        levels = levels.with_coarser()
+        schedule = _schedule(levels)
+        x = on_coarsest(levels, start, not p.solver.iterations)
+        variants = tuple(schedule.variants(len(x)))
+    return State(
+        levels,
+        home=len(levels) - 1,
+        schedule=schedule,
+        record=record,
+        at_rest=tuple(at_rest),
+        start=x,
+        variants=variants,
+        variant=variant,
+        phase=Phase.RISE if leg else Phase.SEARCH,
+        leg=leg,
+    )
+
+
+def _schedule(levels: Levels) -> Schedule:
+    energy = levels[levels.own].energy
+    meshes, has_landmarks = levels.cheapest(levels.own) + 1, energy.landmarks is not None
+    return Schedule(energy.parameters, energy.functions, meshes, has_landmarks)
+
+
+def terminate(state: State) -> bool:
+    """Return whether nothing is left to be minimised."""
+    return state.phase is Phase.DONE
+
+
+def step(state: State) -> State:
+    """Minimise the next sigma of the leg, end the leg, or plan the next one."""
+    if state.leg is None:
+        return _PLANS[state.phase](state)
+    return _minimised(state, state.leg) if state.leg.sigmas else _ended(state, state.leg)
+
+
+def _minimised(state: State, leg: Leg) -> State:
+    """Minimise the next sigma of a leg, and add the result to the path."""
+    schedule, levels, record = state.schedule, state.levels, state.record
+    sigma, is_search = leg.sigmas[0], state.phase is Phase.SEARCH
+    if is_search:
+        is_last = len(state.tried) == len(state.variants) - 1 and sigma == schedule.sigmas[-1]
+        record.is_trying = not (is_last or schedule.is_fixed)
+    error = levels.error(leg.level) if is_search else 0.0
+    at, reach, progress, stages = leg.at, leg.reach, state.progress, list[Stage]()
+    if reach:
+        assert at is not None
+        stages.append(schedule.stage(leg.level, sigma, state.variant, reach, error))
+        progress = minimise(levels, stages[-1], at, progress, record)
+        is_found = schedule.is_found(levels[leg.level].energy.left(progress.point))
+        reach = 0.0 if is_found or sigma == schedule.sigmas[-1] else reach
+        at = progress.point.x
+    if not reach:
+        stages.append(schedule.stage(leg.level, sigma, state.variant, error=error))
+        if at is None:
+            assert leg.origin is not None
+            at = prolonged(levels, stages[-1], leg.origin, record)
+        progress = minimise(levels, stages[-1], at, progress, record)
+    result, held_out = _verified(state, stages[-1], progress.point), leg.held_out
+    if held_out is not None:
+        held_out = held_out.follow(stages)
+        result = replace(result, score=held_out.score(result.measures.get("log2_area", np.nan)))
+    elif leg.origin is not None:
+        result = replace(result, score=leg.origin.score)
+    state = _with_path(replace(state, progress=progress), (*state.path, result))
+    is_spent = is_search and len(record.history) > stages[-1].until
+    is_over = is_spent or _is_over(state) or not (is_search or _gains(state))
+    sigmas = () if is_over else leg.sigmas[1:]
+    at = progress.point.x
+    leg = replace(leg, sigmas=sigmas, at=at, reach=reach, held_out=held_out)
+    return replace(state, leg=leg)
+
+
+def _ended(state: State, leg: Leg) -> State:
+    """Correct the best step of a leg, and let what follows be planned."""
+    state = _corrected(state, leg.level)
+    state = replace(state, leg=None, path=(*state.path, *leg.after))
+    if state.phase is Phase.SEARCH:
+        return replace(state, tried=(*state.tried, state.path))
+    return state
+
+
+def _corrected(state: State, level: int) -> State:
+    """Bring the mean of both checks towards the target, if the larger residual falls.
+
+    A descent sees the discrete flow alone. What this advects more than the mean is subtracted, and
+    the rest compared with the target: a defect correction [Stetter 1978].
+    """
+    there = [i for i, result in enumerate(state.path) if result.stage.level == level]
+    if not state.schedule.is_free or not there:
+        return state
+    index = there[_best(state, [state.path[i] for i in there])]
+    result, progress = state.path[index], state.progress
+    most = SETTINGS.correction_factor_max * state.goal
+    is_near = result.residual <= most and np.isfinite(result.verified_residual)
+    if result.worse <= state.goal or not is_near:
+        return state
+    stage = state.schedule.stage(level, result.stage.sigma, state.variant)
+    stage = replace(stage, goal=0.0, shift=_defect(state.levels, result))
+    corrected = minimise(state.levels, stage, result.x, progress, state.record)
+    found = _verified(state, stage, corrected.point)
+    state = replace(state, progress=replace(corrected, reason=progress.reason))
+    if not found.worse < result.worse:
+        return state
+    return _with_path(state, (*state.path[:index], found, *state.path[index + 1 :]))
+
+
+def _defect(levels: Levels, result: StepResult) -> FloatArray:
+    """Return what a step's level advects more than the mean of its mesh and of flow lines."""
+    energy = levels[result.stage.level].energy
+    count = len(energy.functions.source)
+    mean = result.carried.copy()
+    with progress_step("checking by flow lines", len(energy.mesh.vertices)):
+        mean[:count] += 0.5 * (carried_along(energy, result.x) - result.carried[:count])
+    return energy.advected(result.x) - mean
+
+
+def _verified(state: State, stage: Stage, point: Evaluation) -> StepResult:
+    """Return the result of a step, by both checks."""
+    levels, x = state.levels, point.x
+    energy = levels.exact_energy(stage.level)
+    is_exact = levels.exact(stage.level) == stage.level
+    carried = point.advected if is_exact else energy.advected(x)
+    measures = {}
+    if not state.schedule.is_fixed and energy.parameters.paper.method != "linearised":
+        with (
+            suppress(MemoryError),
+            progress_step("checking by flow lines", len(energy.mesh.vertices)),
+        ):
+            measures = measured(energy, to_ambient(energy.mesh, x))
+    return StepResult(stage, x, carried, energy.left_by(x, carried), measures)
+
+
+def _with_path(state: State, path: tuple[StepResult, ...]) -> State:
+    state.record.path = tuple(result.step(_NO_FIELDS) for result in path)
+    return replace(state, path=path)
+
+
+def _is_over(state: State) -> bool:
+    """Return whether the path ends before the last sigma."""
+    schedule, path = state.schedule, state.path
+    if schedule.has_given_end:
+        return False
+    if schedule.is_measured:
+        return _has_last_landmarks(state, path[-1]) and _best(state, path) < len(path) - 1
+    # a smaller sigma is not tried after a stage that reached its goal
+    is_reached = state.progress.reason is StopReason.GOAL_REACHED
+    return is_reached or path[-1].worse <= state.goal
+
+
+def _gains(state: State) -> bool:
+    """Return whether the last step on its mesh improved on the one before, if it has to."""
+    if state.schedule.has_given_end or len(state.path) < 2:
+        return True
+    before, last = state.path[-2:]
+    return before.stage.level != last.stage.level or last.worse < before.worse
+
+
+def _best(state: State, path: Sequence[StepResult]) -> int:
+    """Return which step of a path is its result."""
+    if state.schedule.has_given_end:
+        return len(path) - 1
+    scores = np.array([_score(state, result) for result in path])
+    if not np.isfinite(scores).any():
+        return len(path) - 1
+    # a step on a finer mesh has the score with which it was chosen on a coarser one
+    least = np.flatnonzero(scores == np.nanmin(scores)).tolist()
+    return max(least, key=lambda index: path[index].stage.level)
+
+
+def _score(state: State, result: StepResult) -> float:
+    if not state.schedule.is_measured:
+        return result.worse
+    # without the last weight of landmarks these still come closer, whatever functions show
+    return result.score.value if _has_last_landmarks(state, result) else np.inf
+
+
+def _has_last_landmarks(state: State, result: StepResult) -> bool:
+    return result.stage.landmark_sigma <= state.energy.parameters.landmark_sigma
+
+
+def _value(state: State, path: Sequence[StepResult]) -> float:
+    value = _score(state, path[_best(state, path)])
+    return value if np.isfinite(value) else np.inf
+
+
+def _finest(state: State) -> list[int]:
+    """Return which steps are on the finest mesh so far, the mesh itself at least."""
+    finest = max((result.stage.level for result in state.path), default=0)
+    least = state.levels.cheapest(max(finest, state.levels.own))
+    return [i for i, result in enumerate(state.path) if result.stage.level >= least]
+
+
+def _end(state: State) -> int:
+    """Return which step on the finest mesh is the result."""
+    finest = _finest(state)
+    return finest[_best(state, [state.path[i] for i in finest])]
+
+
+def _search(state: State) -> State:
+    """Plan the next variant, unless the last one was good enough; then choose the best one."""
+    schedule, number, reach = state.schedule, len(state.tried), state.schedule.first_reach
+    is_enough = False
+    if state.tried:
+        residual = _value(state, state.path)
+        # the residual on a coarse mesh is known only up to its discretisation error
+        nearly = RESIDUAL_NEARLY + state.levels.error(0)
+        enough = state.goal if schedule.is_free else nearly
+        is_enough = not schedule.is_measured and residual <= enough
+        reach = schedule.reach(residual)
+    if number < len(state.variants) and not is_enough:
+        variant = state.variants[number]
+        x = np.repeat(state.start, variant.fields // len(state.start), axis=0)
+        held_out = HeldOut.at(state.levels[0].energy, x) if schedule.is_measured else None
+        leg = Leg(0, tuple(schedule.sigmas), x, reach=reach, held_out=held_out)
+        state.record.begin()
+        return replace(state, variant=variant, path=(), progress=Progress(), leg=leg)
+    best = int(np.argmin([_value(state, path) for path in state.tried]))
+    state.record.is_trying = False
+    phase = Phase.INTERPOLATION if schedule.is_measured else Phase.RISE
+    return replace(state, variant=state.variants[best], path=state.tried[best], phase=phase)
+
+
+def _interpolation(state: State) -> State:
+    """Minimise a sigma that is interpolated between the best step and its neighbours."""
+    state = replace(state, phase=Phase.RISE)
+    index, levels = _best(state, state.path), state.levels
+    three = state.path[index - 1 : index + 2] if index else ()
+    if len(three) < 3:
+        return state
+    scores = [_score(state, result) for result in three]
+    found = best_between([result.stage.sigma for result in three], scores)
+    if found is None:
+        return state
+    sigma, weights = found
+    after = index + (sigma < three[1].stage.sigma)
+    stage = state.schedule.stage(0, sigma, state.variant)
+    if len(state.record.history) > stage.until:
+        return state
+    at = state.path[after - 1].x
+    progress = minimise(levels, stage, at, state.progress, state.record)
+    held_out = float(weights @ [each.score.held_out for each in three])
+    score = Score(float(weights @ scores), held_out, three[1].score.unmoved)
+    result = replace(_verified(state, stage, progress.point), score=score)
+    path = (*state.path[:after], result, *state.path[after:])
+    return _with_path(replace(state, progress=progress), path)
+
+
+def _rise(state: State) -> State:
+    """Plan the best step and those after it on the mesh, with clusters if these are cheaper."""
+    state, top = replace(state, phase=Phase.EXACT), state.levels.cheapest(state.home)
+    if state.path[-1].stage.level >= top:
+        return state
+    index = _best(state, state.path)
+    after = state.path[index + 1 :] if state.schedule.is_measured else ()
+    leg = replace(_brought(state, state.path[index], top), after=after)
+    return replace(state, path=state.path[:index], leg=leg)
+
+
+def _exact(state: State) -> State:
+    """Plan the result on the mesh without clusters, if it depends on these."""
+    state, result = replace(state, phase=Phase.REFINEMENT), state.path[_end(state)]
+    is_corrected = state.schedule.is_free and result.residual <= result.verified_residual
+    if result.stage.level < state.home and result.residual > state.goal and not is_corrected:
+        return replace(state, leg=_brought(state, result, state.home))
+    return state
+
+
+def _brought(state: State, result: StepResult, level: int) -> Leg:
+    """Return the leg that continues a step on a finer level."""
+    sigma, schedule = result.stage.sigma, state.schedule
+    sigmas = [sigma] if schedule.is_measured else [s for s in schedule.sigmas if s <= sigma]
+    return Leg(level, tuple(sigmas), origin=result)
+
+
+def _refinement(state: State) -> State:
+    """Plan the result on the midpoint subdivision, if a check exceeds the goal and it pays."""
+    done, asked = replace(state, phase=Phase.DONE), state.energy.parameters.refine is not None
+    if state.unrefined:
+        before = replace(state, path=state.unrefined)
+        after = state.path[len(before.path) :]
+        worse = min((result.worse for result in after), default=np.inf)
+        if not worse < before.path[_end(before)].worse:
+            return replace(done, path=before.path)
+    if not _may_refine(state):
+        return done
+    try:
+        levels = state.levels.subdivided()
+    except AbfmError:  # of faces without area, or of a term that has no place there
+        return done
+    coarse, fine = (level.energy.functions for level in levels.all[-2:])
+    if not asked and not narrowest(fine) > narrowest(coarse):  # jumps, which no mesh resolves
+        return done
+    levels, result = levels.clustered(), state.path[_end(state)]
+    home, progress = len(levels) - 1, state.progress
+    first = levels.cheapest(home)
+    x = levels.fields_on(first, result.x, result.stage.level)
+    # at least some iterations, and one flow without clusters, which slivers may make expensive
+    costs = SETTINGS.refinement_iterations_min * levels[first].cost(x), levels[home].cost(x)
+    most = np.inf if asked else SETTINGS.refinement_effort_max
+    if progress.effort + max(costs) > most:
+        return done
+    return replace(
+        state,
+        levels=levels,
+        home=home,
+        phase=Phase.RISE,
+        leg=_brought(state, result, first),
+        unrefined=state.path,
+        progress=replace(progress, effort_max=most),
+    )
+
+
+def _may_refine(state: State) -> bool:
+    """Return whether a finer mesh may lower the residual of both checks."""
+    p, schedule, finest = state.energy.parameters, state.schedule, state.levels.all[-1].energy
+    if p.refine == 0 or not p.solver.iterations or schedule.is_fixed or not _finest(state):
+        return False
+    times = sum(isinstance(level.to_finer, Subdivision) for level in state.levels.all)
+    result = state.path[_end(state)]
+    if result.worse <= state.goal or times >= (MOST_REFINED if p.refine is None else p.refine):
+        return False
+    if p.refine is not None:
+        return True
+    count = len(finest.mesh.vertices) + len(finest.mesh.edges)
+    # what is nearly matched may be matched by smoother fields
+    is_vain = result.worse > RESIDUAL_NEARLY and len(state.record.history) > p.solver.iterations
+    is_fine = count > SETTINGS.refined_vertices_max
+    ends = schedule.is_measured or schedule.is_given
+    return not (ends or is_fine or is_vain or _is_resolved(state.levels, result))
+
+
+def _is_resolved(levels: Levels, result: StepResult) -> bool:
+    """Return whether a step has a residual that a finer mesh does not lower."""
+    functions = levels[result.stage.level].energy.functions
+    if not result.worse > RESIDUAL_NEARLY or narrowest(functions) < RESOLVED:
+        return False
+    return result.residual > RESIDUAL_NEARLY or unmatched(functions) is not None
+
+
+_PLANS = {
+    Phase.SEARCH: _search,
+    Phase.INTERPOLATION: _interpolation,
+    Phase.RISE: _rise,
+    Phase.EXACT: _exact,
+    Phase.REFINEMENT: _refinement,
+}
+
+
+def finish(state: State, interruption: StopReason | None = None) -> Solution:
+    """Return the best step, or no motion or the start if none has a smaller residual."""
+    if interruption is not None:
+        state = replace(state, path=_with_latest(state))
+    levels, energy, path = state.levels, state.energy, state.path
+    number, residual = 0, np.inf
+    if _finest(state):
+        number = _end(state)
+        residual = path[number].residual
+    rest = [energy.left_by(x, carried) for x, carried in state.at_rest]
+    if not residual <= max(rest):
+        x, carried = state.at_rest[int(np.argmin(rest))]
+        if path:
+            x = np.repeat(x, len(path[0].x) // len(x), axis=0)
+        stage = state.schedule.stage(levels.own, state.schedule.sigmas[0], state.variant)
+        number, path = 0, (StepResult(stage, x, carried, min(rest)), *path)
+    shape = len(energy.functions.source), len(energy.mesh.vertices)
+    return Solution(
+        tuple(_path_step(levels, result) for result in path),
+        number,
+        np.ascontiguousarray(path[number].carried[: shape[0], : shape[1]]),
+        interruption or state.progress.reason,
+    )
+
+
+def _with_latest(state: State) -> tuple[StepResult, ...]:
+    """Return the path of the best step, with the latest iterate if that has a smaller residual."""
+    levels, own, record = state.levels, state.levels.own, state.record
+    paths = [path for path in (*state.tried, state.path) if path]
+    results = [result for path in paths for result in path]
+    if record.latest is not None:
+        level, point = record.latest
+        residual = levels[level].energy.left(point)
+        results.append(StepResult(record.schedule[-1], point.x, point.advected, residual))
+    if not results:
+        return state.path
+    on_mesh = [result for result in results if result.stage.level >= own]
+    best = min(on_mesh or results, key=lambda result: result.residual)
+    path = next((path for path in paths if best in path), state.path)
+    if best in path and on_mesh:
+        return path
+    level = levels.exact(max(best.stage.level, own))
+    x, carried = prolonged_without_gradient(levels, level, best)
+    stage, residual = replace(best.stage, level=level), levels[level].energy.left_by(x, carried)
+    return (*path, StepResult(stage, x, carried, residual))
+
+
+def _path_step(levels: Levels, result: StepResult) -> PathStep:
+    """Return a step of the path, on the mesh itself or a finer one, in the input's units."""
+    level = max(result.stage.level, levels.own)
+    mesh, unit = levels[level].energy.mesh, levels[levels.own].energy.length_scale
+    x = levels.fields_on(levels.own, result.x, result.stage.level)
+    functions = levels.exact_energy(result.stage.level).functions
+    mismatch = functions.mismatch(result.carried[: len(functions.source)])
+    return result.step(to_ambient(mesh, x) * unit, mismatch)
