@@ -17,7 +17,6 @@ from abfm_viewer.document.label_map import LabelMap
 
 if TYPE_CHECKING:  # a document without a result does not load its type
     from abfm import Correspondence, Match, Registration, Sequence
-    from abfm_viewer.document.kinds import MatchDocument
 
 Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
@@ -181,7 +180,7 @@ class InitialMap:
     def asked(self) -> Asked:
         return Asked(self.word, self.channels, self.mask, self.landmarks, self.landmarks_alone)
 
-    def is_for(self, document: MatchDocument) -> bool:
+    def is_for(self, document: Document) -> bool:
         """Return whether a document still has what it was found for."""
         return self.asked == document.asked
 
@@ -388,6 +387,10 @@ class Document:
     @property
     def result(self) -> Match | Sequence | None:
         return None
+
+    @property
+    def asked(self) -> Asked:
+        return Asked("", self.channels, self.mask, self.pairs, False)
 
     @property
     def runs(self) -> tuple[Run, ...]:

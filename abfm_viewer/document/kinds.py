@@ -16,6 +16,7 @@ from abfm import Parameters
 from abfm.pages.front import Front
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.document import gaussians
+from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.document.document import (
     DEFAULT_PARAMETERS,
     SIDES,
@@ -36,9 +37,8 @@ from abfm_viewer.document.document import (
 from abfm_viewer.document.film import FRAMES_A_SECOND, Film, FilmSettings, settings_of
 from abfm_viewer.document.surface_points import landmarks_of_match
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # a document without a result does not load its type
     from abfm import Match, Sequence
-    from abfm_viewer.document.comparison import Comparison
 
 MEASURED = "measured"
 """Column of a mask that is 0 where functions have no values, and were filled in."""
