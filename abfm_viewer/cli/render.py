@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Any
 import abfm
 from abfm import ParameterError, ResultError
 from abfm.errors import printable
-from abfm.pages.front import best_front
 from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import add_up, adder, angle, positive, size, warn_of_doubt
 from abfm_viewer.cli.progress import frame_progress
-from abfm_viewer.computing.defaults import front_of_film
 from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
@@ -119,20 +117,20 @@ def run(arguments: argparse.Namespace) -> int:
         if is_useless:
             raise UsageError(problem)
     document, known = read_document(path)
-    warn_of_doubt(arguments.input, document.result)
+    warn_of_doubt(arguments.input, document.match)
     document = _chosen(arguments, document)
     if is_movie:
         _movie(arguments, document, known)
         return 0
     if style == "window":
         picture = _picture(arguments, document, known)
-    elif document.result is None:
+    elif document.match is None:
         raise ParameterError(
             f"{arguments.input} holds no result to make a sheet of; add --style window"
         )
     else:
         picture = pictures.match_picture(
-            document.result, arguments.time, arguments.size, document.channel, arguments.up
+            document.match, arguments.time, arguments.size, document.channel, arguments.up
         )
     outputs.write_picture(out, picture)
     print(f"wrote {printable(out)} ({picture.width} x {picture.height})")
@@ -167,12 +165,12 @@ def _write_page(arguments: argparse.Namespace) -> None:
     out = arguments.out
     _refuse_others(arguments, _OF_PAGES, "pictures and movies", "a page")
     document, _ = read_document(Path(arguments.input))
-    match, initial = document.result, document.initial_map
-    found: Any = document.sequence or match
+    match, initial = document.match, document.initial_map
+    found: Any = document.result
     if found is None:
         raise ParameterError(f"{arguments.input} holds no result to make a page of")
     warn_of_doubt(arguments.input, match)
-    if match is not None and document.is_pair and initial is not None:
+    if match is not None and initial is not None:
         found = initial.registration(match)
     outputs.write(out, found, arguments.up)
     print(f"wrote {printable(out)}")
@@ -211,9 +209,7 @@ def _objections(
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
     if arguments.channel is not None:
-        film = document.film
-        count = max(len(document.channels), 1) if film is None else film.channels
-        _check_channel(arguments.channel, count)
+        _check_channel(arguments.channel, document.channel_count)
         document = replace(document, channel=arguments.channel)
     if arguments.streaks:
         moving = {"fade": arguments.fade, "animate": arguments.out.suffix in _MOVIES}
@@ -258,16 +254,12 @@ def _renderer(
 ) -> pictures.DocumentRenderer:
     """Return what draws the document, seen from where an axis that was asked for points upwards."""
     if arguments.up is not None:
-        result, film = document.result, document.film
+        result, turned = document.match, document
         functions = [] if result is None else [result.source[:, 0], result.target[:, 0]]
-        if film is not None:
-            front = front_of_film(film, arguments.up)
-        else:
-            front = best_front(document.surface().mesh, *functions, up=arguments.up)
-        document = replace(document.facing(front), view=replace(document.view, look=None))
-        if document.is_pair:
-            own = best_front(document.surface("source").mesh, up=arguments.up)
-            document = document.facing(own, "source")
+        if document.surface("source") is not document.surface():
+            turned = turned.facing(document.front("source", up=arguments.up), "source")
+        turned = turned.facing(document.front("advected", *functions, up=arguments.up))
+        document = replace(turned, view=replace(document.view, look=None))
     with_bar, with_labels = not arguments.no_color_bar, not arguments.no_labels
     choices = pictures.PictureOptions(
         arguments.transparent, with_bar, with_labels, turns=bool(arguments.turntable)

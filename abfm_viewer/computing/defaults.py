@@ -1,4 +1,4 @@
-"""What any mesh begins with: a source and a target to match; and how a sequence is seen."""
+"""What any mesh begins with: a source and a target to match."""
 
 import math
 
@@ -6,9 +6,8 @@ import numpy as np
 
 import abfm
 from abfm import TriangleMesh
-from abfm.pages.front import Front, best_front, changes_in_time
+from abfm.pages.front import best_front
 from abfm.types import FloatArray
-from abfm_viewer.document.film import Film
 
 WIDTH = 0.13
 """How wide a Gaussian is, if the mesh is fine enough, as a fraction of sqrt(area)."""
@@ -23,14 +22,6 @@ change areas a lot, as where limbs meet the body."""
 _SIDE = 0.1  # how much of the way facing the viewer is worth
 _FEW = 3000  # vertices to average over
 _TILT = np.array([0.02, -0.01, 0.005])
-
-
-def front_of_film(film: Film, up: str | None = None) -> Front:
-    """Look from where most of what changes in time is seen, where it was measured."""
-    changes = changes_in_time(film.frames.values)
-    if (unknown := film.frames.unknown) is not None:
-        changes[unknown] = 0.0
-    return best_front(film.frames.mesh, up=up, changes=changes)
 
 
 def default_functions(mesh: TriangleMesh) -> tuple[str, str]:

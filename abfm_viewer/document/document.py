@@ -1,19 +1,18 @@
-"""What a project holds: immutable, so that undo, saving and pictures all work on whole states."""
+"""What all documents are made of: immutable, so that undo, saving and pictures share them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import KW_ONLY, dataclass, field, replace
 from itertools import compress
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
 from abfm import Parameters, TriangleMesh
-from abfm.pages.front import Front, Triple
-from abfm.types import FloatArray, IntArray
+from abfm.pages.front import Front, Triple, best_front
+from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.document.comparison import Comparison
-from abfm_viewer.document.film import Film, FilmSettings, is_of
 from abfm_viewer.document.label_map import LabelMap
 
 if TYPE_CHECKING:  # a document without a result does not load its type
@@ -47,6 +46,7 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 HODGE_PARTS: tuple[FieldPart, ...] = ("curl-free", "divergence-free", "harmonic")
 FIELD_PARTS: tuple[FieldPart, ...] = get_args(FieldPart)
 CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
+DEFAULT_PARAMETERS = Parameters()
 EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
 _PREFERENCES = (
@@ -70,10 +70,6 @@ _PREFERENCES = (
 """Attributes of a `View` that stay when another document is opened."""
 NEAREST, FARTHEST = 200.0, 0.2
 """Zooms."""
-MEASURED = "measured"
-"""Column of a mask that is 0 where functions have no values, and were filled in."""
-OF_A = "A: "
-"""What names of values from files begin with that are of surface A of two."""
 
 
 @dataclass(frozen=True)
@@ -307,45 +303,81 @@ class Run:
         return np.concatenate([*least[:-1], np.maximum(least[-1], self.residual)])
 
 
+Values = Callable[[Function], FloatArray | None]
+"""The values (V,) of a function; None before they are known."""
+Missing = tuple[tuple[object, ...], Callable[[], BoolArray | None]]
+"""What decides where a function has no values, and what finds it, (V,); None for nowhere."""
+Ranged = tuple[tuple[object, ...], Callable[[], tuple[FloatArray, ...]]]
+"""What decides the range of functions that are shown, and what finds values of that range."""
+
+
 class Identity:
     """What stays the same of a document while it is edited; equal only to itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """A state of the session that undo returns to and a project file keeps."""
+    """A state of the session that undo returns to and a project file keeps.
+
+    `kinds.py` has the kinds of documents. A question that a view asks of all of them has here the
+    answer of those that have nothing of the sort.
+    """
+
+    match_label: ClassVar[str] = "Match"
+    """Label of the button that starts a run; its tip, and that of the button that ends it."""
+    match_tip: ClassVar[str] = (
+        "Find the field whose flow carries the source to the target (Ctrl+Enter)."
+    )
+    cancel_tip: ClassVar[str] = (
+        "End the run and keep the best field so far (Esc); Continue goes on from it."
+    )
+    play_tips: ClassVar[tuple[str, ...]] = (
+        "Show the function on its way (Space).",
+        "A twentieth of τ back.",
+        "A twentieth of τ on.",
+        "Show the source, time 0.",
+    )
+    """Tips of the buttons that play, step back, step on and go to the start."""
+    speed_tip: ClassVar[str] = "1 goes from 0 to τ in four seconds."
+    extrapolates: ClassVar[bool] = True
+    """Whether times after the last one with a target can be shown."""
+    has_one_field: ClassVar[bool] = True
+    """Whether one flow is shown at all times, so that playing waits for all of it."""
+    has_sides: ClassVar[bool] = True
+    """Whether Gaussians and landmarks can be placed on a source and a target."""
+    content: ClassVar[tuple[str, ...]] = ("labels", "lines", "points")
+    """Fields that are lost if they are in no file, besides the result; view and time are not."""
+    exported: ClassVar[tuple[str, ...]] = ()
+    """Fields that are in a file of the result."""
 
     surfaces: tuple[Surface, ...]  # the only one, or A and B
-    channels: tuple[Channel, ...] = ()  # until the default functions of a new mesh are known
+    _: KW_ONLY
     channel: int = 0  # the active one
-    side: Side = "source"  # of it, the active one
-    bump: int = 0  # which of that side's Gaussians the mouse moves
-    parameters: Parameters = field(default_factory=Parameters)
-    mask: str = ""  # spec of the weight of the mismatch at each vertex; empty for none
-    landmarks: tuple[Landmark, ...] = ()
-    landmark: int = 0  # the active one
-    landmarks_alone: bool = False  # whether functions do not count, as long as there are landmarks
-    initial: str = ""  # word of the map from A to B; empty for one that is chosen by what there is
     labels: LabelMap | None = None  # of the source's surface
-    comparison: Comparison | None = None  # of a subject with its population
-    result: Match | None = None
-    initial_map: InitialMap | None = None  # that the result began with
-    # the step at which the result's match ended, where another one of its path is shown
-    chosen: int | None = None
-    runs: tuple[Run, ...] = ()  # those that ended, the latest last
-    time: float = 0.0  # shown, 0 to 2 tau; of a film from its first to its last frame
-    film: Film | None = None  # in place of channels
-    settings: FilmSettings = field(default_factory=FilmSettings)  # of a film's match
-    sequence: Sequence | None = None  # a film's result
+    time: float = 0.0  # shown, from `start` to `end`
     lines: tuple[Point, ...] = ()  # where flow lines start
     points: tuple[Point, ...] = ()  # that are followed, at time 0
-    called: dict[str, str] = field(default_factory=dict)  # functions of results, by their specs
     view: View = field(default_factory=View)
     identity: Identity = field(default_factory=Identity)
 
+    # Answers of documents without functions by specs, and without a match
+
     @property
-    def active(self) -> Channel | None:
-        return self.channels[self.channel] if self.channels else None
+    def channels(self) -> tuple[Channel, ...]:
+        return ()
+
+    @property
+    def parameters(self) -> Parameters:
+        return DEFAULT_PARAMETERS
+
+    @property
+    def mask(self) -> str:
+        """Spec of the weight of the mismatch at each vertex; empty for none."""
+        return ""
+
+    @property
+    def landmarks(self) -> tuple[Landmark, ...]:
+        return ()
 
     @property
     def pairs(self) -> tuple[Landmark, ...]:
@@ -353,28 +385,56 @@ class Document:
         return tuple(landmark for landmark in self.landmarks if landmark.is_whole)
 
     @property
-    def is_of_landmarks(self) -> bool:
-        """Whether landmarks are all that is matched."""
-        return self.landmarks_alone and bool(self.pairs)
+    def result(self) -> Match | Sequence | None:
+        return None
 
     @property
     def asked(self) -> Asked:
-        return Asked(self.initial, self.channels, self.mask, self.pairs, self.landmarks_alone)
+        return Asked("", self.channels, self.mask, self.pairs, False)
 
     @property
-    def weights(self) -> tuple[float, ...]:
-        """Weight of each channel's mismatch; 0 where landmarks alone are matched."""
-        return tuple(0.0 if self.is_of_landmarks else one.weight for one in self.channels)
+    def runs(self) -> tuple[Run, ...]:
+        """Those that ended, the latest last."""
+        return ()
+
+    @property
+    def match(self) -> Match | None:
+        """The result, if it is of two functions."""
+        return None
+
+    @property
+    def initial_map(self) -> InitialMap | None:
+        """The map that the result began with, of two surfaces."""
+        return None
+
+    @property
+    def compared(self) -> Comparison | None:
+        """The comparison of a subject with its population that the active channel is of."""
+        return None
+
+    @property
+    def tracked(self) -> Sequence | None:
+        """The result, if critical points of its fields can be followed."""
+        return None
+
+    @property
+    def channel_count(self) -> int:
+        return max(len(self.channels), 1)
+
+    @property
+    def active(self) -> Channel | None:
+        return self.channels[self.channel] if self.channels else None
+
+    @property
+    def functions(self) -> tuple[Function, ...]:
+        """All that are evaluated."""
+        return ()
+
+    # Surfaces, their names and their fronts
 
     @property
     def name(self) -> str:
-        if self.film is not None and self.film.name != self.surface().name:
-            return f"{self.film.name} on {self.surface().name}"
-        return " to ".join(surface.name for surface in self.surfaces)
-
-    @property
-    def is_pair(self) -> bool:
-        return len(self.surfaces) > 1
+        return self.surface().name
 
     def surface(self, slot: str = "advected") -> Surface:
         """The surface that a slot shows, on which a side's functions are: of two, the source is on
@@ -382,84 +442,135 @@ class Document:
         """
         return self.surfaces[0 if slot == "source" else -1]
 
-    @property
-    def compared(self) -> Comparison | None:
-        """The comparison, as long as the active channel is the one that it is of."""
-        active, found = self.active, self.comparison
-        if found is None or active is None:
-            return None
-        return found if (active.source, active.target) in found.channels else None
-
     def titled(self, slot: str) -> str:
-        """A slot's name, of two surfaces with which of them it shows: ``source on A``, of a film
-        which frame or time.
-        """
-        if self.film is not None and slot in (*SIDES, "advected"):
-            before = self.film.interval(self.time)
-            named = {"source": self.film.frame(before), "target": self.film.frame(before + 1)}
-            return named.get(slot) or f"at {self.film.precisely(self.time)}"
-        if self.compared is not None and not (slot == "advected" and self.result):
-            return self.compared.title(slot)
-        return f"{slot} on {'A' if slot == 'source' else 'B'}" if self.is_pair else slot
+        """A slot's name."""
+        return slot
 
-    def facing(self, front: Front, slot: str = "advected") -> Document:
+    def carried_title(self, kind: str) -> str:
+        """The title of what is carried from the source's surface."""
+        return f"carried {kind}"
+
+    def named(self, side: Side) -> str:
+        """What a side's surface is called."""
+        return side
+
+    def renamed(self, name: str, called: Mapping[str, str]) -> Self:
+        """Return it called by another name, and its functions by names by their specs."""
+        *others, last = self.surfaces
+        return replace(self, surfaces=(*others, replace(last, name=name)))
+
+    def facing(self, front: Front, slot: str = "advected") -> Self:
         """Return it with the surface of a slot seen from another side."""
         seen = self.surface(slot)
         surfaces = (replace(one, front=front) if one is seen else one for one in self.surfaces)
         return replace(self, surfaces=tuple(surfaces))
 
+    def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
+        """The side from which most is seen of the functions on a slot's surface."""
+        return best_front(self.surface(slot).mesh, *functions, up=up)
+
     def known_as(self, side: Side, spec: str) -> str:
         """Return the name of a function's values from files: of two surfaces, A's have a prefix."""
-        return f"{OF_A if self.is_pair and side == 'source' else ''}{spec}"
+        return spec
 
     def known_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return those values, by their names, that are of a side's surface, by specs."""
-        if not self.is_pair:
-            return dict(known)
-        own = {name: name.startswith(OF_A) == (side == "source") for name in known}
-        return {name.removeprefix(OF_A): known[name] for name, is_own in own.items() if is_own}
+        return dict(known)
 
-    def function(self, side: Side, channel: Channel | None = None) -> Function:
-        channel = channel or self.channels[self.channel]
-        return Function(self.surface(side), channel.spec(side))
+    def missing(self, slot: str, values: Values) -> Missing:
+        """Return where a slot's function has no values."""
+        return (), lambda: None
 
-    @property
-    def mask_function(self) -> Function:
-        return Function(self.surface("target"), self.mask)
+    def ranged(self, source: FloatArray, target: FloatArray) -> Ranged:
+        """Return the values whose range colours have."""
+        return (source, target), lambda: (source, target)
 
-    @property
-    def has_missing(self) -> bool:
-        """Whether the mask tells where functions have no values."""
-        return self.mask.endswith(f",column={MEASURED}") and not self.is_pair
-
-    @property
-    def functions(self) -> tuple[Function, ...]:
-        found = [self.function(side, channel) for channel in self.channels for side in SIDES]
-        return tuple(dict.fromkeys([*found, self.mask_function] if self.mask else found))
+    # Times
 
     @property
     def start(self) -> float:
-        return 0.0 if self.film is None else float(self.film.times[0])
+        return 0.0
 
     @property
     def end(self) -> float:
-        if self.film is not None:
-            return float(self.film.times[-1])
         return EXTRAPOLATION * self.parameters.tau
 
     @property
     def last(self) -> float:
-        """The time at which the target is reached, or of a film its last frame."""
-        return self.parameters.tau if self.film is None else self.end
+        """The time at which the last target is reached."""
+        return self.parameters.tau
+
+    @property
+    def flow_time(self) -> float:
+        """The shown time in the flow that is shown."""
+        return self.time
+
+    @property
+    def tau(self) -> float:
+        """How long the flow that is shown takes."""
+        return self.parameters.tau
+
+    @property
+    def interval(self) -> int:
+        """Which flow is shown, of several."""
+        return 0
+
+    @property
+    def ticks(self) -> tuple[float, ...]:
+        """Times of frames."""
+        return ()
+
+    def time_after(self, share: float) -> float:
+        """The time a step later, or earlier if negative: a share of tau."""
+        return self.time + share * self.parameters.tau
+
+    @property
+    def times_shown(self) -> str:
+        """Which times can be shown, in a few words."""
+        return "0 to 2τ"
+
+    @property
+    def slider_tip(self) -> str:
+        """Tip of the time bar's slider."""
+        return "0 is the source, τ the match; beyond, the flow goes on by itself."
 
     @property
     def times_told(self) -> str:
         """Say which times can be shown."""
-        told = f"{self.start:g} to {self.end:g}"
-        return told if self.film else f"{told}, which is {EXTRAPOLATION:g} tau"
+        return f"{self.start:g} to {self.end:g}, which is {EXTRAPOLATION:g} tau"
 
     @property
-    def is_film_outdated(self) -> bool:
-        """Whether a film's result is of other frames or settings."""
-        film, found = self.film, self.sequence
-        return film is not None and found is not None and not is_of(found, film, self.settings)
+    def unit_of_time(self) -> str:
+        return ""
+
+    # The result
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether the document alone tells that its result is of something else."""
+        return False
+
+    def check(self) -> None:
+        """Raise a ValueError if fields do not fit together."""
+
+    def borne_out(self) -> Self:
+        """Return it with a result that was checked."""
+        return self
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether a run of it would find nothing more."""
+        return False
+
+    def view_of_result(self, view: View) -> View:
+        """Return the view in which a result that was opened is seen."""
+        return view
+
+    def lost(self, changes: Collection[str], has_new_result: bool) -> str:
+        """Say what of it is in no file, for the fields that changed."""
+        return f"{self.name} has changes that are in no file."
+
+    @property
+    def large_parts(self) -> tuple[object, ...]:
+        """Parts whose arrays take room in the history."""
+        return tuple(surface.mesh for surface in self.surfaces)

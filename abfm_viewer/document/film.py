@@ -9,7 +9,13 @@ from functools import cached_property
 import numpy as np
 
 import abfm
+from abfm import ParameterError
+from abfm.pages.front import Front, best_front, changes_in_time
 from abfm.types import FloatArray
+
+GAMMA_MAX = 1e6
+FRAMES_A_SECOND = 5.0
+"""How many are played at speed 1."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,12 @@ class FilmSettings:
     def parameters(self) -> abfm.sequences.SequenceParameters:
         """The parameters of the sequence; ParameterError if a value is refused."""
         return abfm.sequences.defaults(alpha=self.alpha, order=self.order, sigma=self.sigma)
+
+    def check(self) -> None:
+        """Raise a ParameterError if a value is refused."""
+        _ = self.parameters
+        if not 0 <= self.gamma <= GAMMA_MAX:
+            raise ParameterError(f"gamma is {self.gamma:g}; expected 0 to {GAMMA_MAX:g}")
 
 
 def settings_of(sequence: abfm.Sequence) -> FilmSettings:
@@ -119,13 +131,15 @@ class Film:
         text = f"{time:.{min(digits, 9)}f}"
         return f"{text} {self.unit}" if self.unit else f"frame {text}"
 
+    def front(self, up: str | None = None) -> Front:
+        """The side from which most of what changes in time is seen, where it was measured."""
+        changes = changes_in_time(self.frames.values)
+        if (unknown := self.frames.unknown) is not None:
+            changes[unknown] = 0.0
+        return best_front(self.frames.mesh, up=up, changes=changes)
+
     def frame(self, number: int) -> str:
         """Return a frame's number, and its time where that is another one."""
         time = float(self.times[number])
         is_number = not self.unit and time == number
         return f"frame {number}" if is_number else f"frame {number}, {self.told(time)}"
-
-
-def is_of(sequence: abfm.Sequence, film: Film, settings: FilmSettings) -> bool:
-    """Return whether a sequence was found for these frames with these settings."""
-    return sequence.frames is film.frames.values and settings_of(sequence) == settings

@@ -123,10 +123,9 @@ class Autosave:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         document, known = content()
         save_project(self.path, document, known, origin)
-        sequence = document.sequence
         if not same(self._state, state):  # discarded meanwhile
             self.path.unlink(missing_ok=True)
-        elif sequence is not None and sequence.solved.all() and not is_film_under_way:
+        elif document.is_complete and not is_film_under_way:
             abfm.sequences.remove_unfinished(self.path)
 
 

@@ -41,7 +41,6 @@ from abfm.types import FloatArray
 from abfm_viewer.document.document import (
     FARTHEST,
     NEAREST,
-    OF_A,
     SIDES,
     Document,
     Identity,
@@ -53,9 +52,10 @@ from abfm_viewer.document.document import (
     View,
 )
 from abfm_viewer.document.film import Film, FilmSettings
+from abfm_viewer.document.kinds import OF_A, FilmDocument, MatchDocument, PairDocument
 from abfm_viewer.document.label_map import LabelMap
 
-_FORMAT = 5
+_FORMAT = 6
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
 _MESH = {
     name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces", "copies", "structure")
@@ -174,17 +174,17 @@ def save_project(
             to_plain(run, without=_COURSE | _SHARES | _RESIDUALS) | {"has_course": run.has_course}
         )
     result = None
-    if document.result is not None:
-        result = abfm.matching.match_arrays(document.result)
+    if (match := document.match) is not None:
+        result = abfm.matching.match_arrays(match)
         own = [name for name, part in result.items() if isinstance(part, np.ndarray)]
         arrays |= {f"result/{name}": result.pop(name) for name in own}
-        result["parameters"] = document.result.parameters
+        result["parameters"] = match.parameters
     of_film, film = _of_film(document)
     arrays |= of_film
     arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
     # the surface's name is the document's in the file, and its front the view's
     kept_apart: tuple[str, ...] = ("identity", "surfaces", "result", "runs", "initial_map")
-    kept_apart += ("labels", "comparison", "film", "settings", "sequence")
+    kept_apart += ("labels", "comparison", "film", "settings")
     plain = to_plain(document, without=kept_apart)
     plain["view"] = to_plain(document.view) | {"front": surface.front}
     content = {
@@ -219,7 +219,7 @@ def _of_surface_a(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what there is of surface A, the map from it and labels on it: arrays, and the rest."""
     arrays: dict[str, Any] = {}
     content: dict[str, Any] = {}
-    if document.is_pair:
+    if len(document.surfaces) > 1:
         first = document.surface("source")
         arrays |= _mesh_arrays(first.mesh, "mesh_a/")
         content["surface_a"] = _SurfaceA(first.name, first.mesh.file_vertex_count, first.front)
@@ -237,9 +237,9 @@ def _of_surface_a(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _of_film(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what there is of a film: arrays, and the rest."""
-    film, sequence = document.film, document.sequence
-    if film is None:
+    if not isinstance(document, FilmDocument):
         return {}, {}
+    film, sequence = document.film, document.result
     frames = film.frames
     arrays: dict[str, Any] = {
         "film/frames": frames.values,
@@ -290,9 +290,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
             )
         content = from_json(archive.read("project.json", _LARGEST_HEADER))
         document, known = _document(content, archive)
-    if document.result is not None:
-        document = replace(document, result=document.result.borne_out())
-    return document, known
+    return document.borne_out(), known
 
 
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
@@ -340,16 +338,17 @@ def _document(
     if (first := header.surface_a) is not None:
         surfaces = (Surface(meshes[0], first.name, first.front), *surfaces)
     labels = None if header.labels is None else _labels(header.labels, arrays, meshes[0])
-    given: dict[str, Any] = {"surfaces": surfaces, "result": result, "runs": runs}
-    given["identity"] = Identity()
-    given |= {"film": None, "settings": FilmSettings(), "sequence": None}
+    given: dict[str, Any] = {"surfaces": surfaces, "identity": Identity(), "labels": labels}
+    kind: type[Document] = MatchDocument if len(surfaces) == 1 else PairDocument
     if header.film is not None:
         _require(len(surfaces) == 1 and result is None, "a film is on one surface, without a match")
-        given["film"], given["sequence"] = _film(header.film, arrays, mesh)
+        given["film"], given["result"] = _film(header.film, arrays, mesh)
         given["settings"] = header.film.settings
-    document: Document = from_plain(
-        Document, plain, "project.document", initial_map=initial, labels=labels, **given
-    )
+        kind = FilmDocument
+    else:
+        given |= {"result": result, "runs": runs}
+        given |= {"initial_map": initial} if kind is PairDocument else {}
+    document: Document = from_plain(kind, plain, "project.document", **given)
     values = {
         f"the values of {spec}": arrays[f"known/{number}"]
         for number, spec in enumerate(header.known)
@@ -357,7 +356,7 @@ def _document(
     entries = {
         name: Entry(
             "real",
-            ("VA" if document.is_pair and name.startswith(OF_A) else "V",),
+            ("VA" if len(surfaces) > 1 and name.startswith(OF_A) else "V",),
             may_be_unknown=True,
         )
         for name in header.known
@@ -449,17 +448,8 @@ def _check(document: Document) -> None:
         terms_from_files(function.spec)
     for weight in (channel.weight for channel in document.channels):
         _require(0 <= weight < np.inf, f"a channel has the weight {weight}; expected 0 or more")
-    film = document.film
-    count = len(document.channels) if film is None else film.channels
-    _within("channel", document.channel, 0, max(count, 1) - 1)
-    if film is not None:
-        settings = document.settings
-        _ = settings.parameters  # which refuses what does not fit
-        _within("gamma", settings.gamma, 0, 1e6)
-    _require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")
-    if document.chosen is not None:
-        steps = len(document.result.path) if document.result else 0
-        _within("chosen", document.chosen, 0, steps - 1)
+    _within("channel", document.channel, 0, document.channel_count - 1)
+    document.check()
     _within("time", document.time, document.start or 0, document.end)
     _check_points(document, "target", *document.lines, *document.points)
     initial = document.initial_map
@@ -469,7 +459,6 @@ def _check(document: Document) -> None:
         for side in SIDES:
             if (point := landmark.point(side)) is not None:
                 _check_points(document, side, point)
-    _within("landmark", document.landmark, 0, max(len(document.landmarks), 1) - 1)
     _check_view(document.view)
     look = document.view.look
     _require(

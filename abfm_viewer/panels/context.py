@@ -1,7 +1,10 @@
 """What panels, menus and keys draw with and act on."""
 
+from typing import TypeVar
+
 from abfm.reading import FRAMES_ENDINGS
 from abfm_viewer.dialogs import Dialogs
+from abfm_viewer.document.document import Document
 from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.exporter import Exporter
@@ -17,6 +20,8 @@ from abfm_viewer.session.session_files import (
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.toolkit import Ui
 
+Kind = TypeVar("Kind", bound=Document)
+
 
 class Context:
     """A session and what a window shows it with, which keeps recent files in a state folder."""
@@ -29,6 +34,12 @@ class Context:
         self.files.ways_out |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
         self.files.ways_out[OTHER_FRAMES] = self.open_frames
         self.files.ways_out[OTHER_TABLE] = self.open_table
+
+    def document(self, kind: type[Kind]) -> Kind:
+        """Return the document that is open, which must be of a kind."""
+        document = self.session.document
+        assert isinstance(document, kind)
+        return document
 
     def open_mesh(self) -> None:
         self.dialogs.open("Open a mesh", MESHES, self.files.open)

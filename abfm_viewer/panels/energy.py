@@ -33,7 +33,7 @@ _MARKS = "Lines: where a stage began (grey), a finer mesh (wide), or a changed p
 
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
-    runs, live = session.document.runs, session.solver.run
+    runs, live = session.editor.draft.runs, session.solver.run
     run, path = live or (runs[-1] if runs else None), trade_off.path_of(session)
     name = "trade_off_live" if session.solver.running else "trade_off"
     has_path = sum(map(math.isfinite, (step.log2_area for step in path))) > 1
@@ -84,7 +84,7 @@ def _iterations(ui: Ui, session: Session, run: Run | None, previous: Sequence[Ru
     ui.beside_if_fits("Clear")
     tip = "Forget the runs before this one."
     if ui.button("Clear##Clear previous", tip, enabled=bool(previous)):
-        latest = () if session.solver.run else session.document.runs[-1:]
+        latest = () if session.solver.run else session.editor.draft.runs[-1:]
         session.editor.change("clear previous runs", runs=latest)
     if run is None:
         ui.note(_NO_RUN)

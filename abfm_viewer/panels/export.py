@@ -11,6 +11,7 @@ from typing import Any
 
 import abfm
 from abfm_viewer.document.document import Document
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.files import outputs
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_step
@@ -63,34 +64,34 @@ def draw(context: Context) -> None:
     if ui.button("Save movie...", tip):
         ask("Save a movie", MOVIES, "movie.mp4", partial(save, exporter.save_movie))
     ui.heading("data")
-    _draw_data(context)
-    _draw_state(ui, session, exporter)
 
 
-def _draw_data(context: Context) -> None:
-    ui, session, ask = context.ui, context.session, context.dialogs.save
-    if session.document.film is not None:
-        _draw_film(context)
-        return
+def draw_result(context: Context) -> None:
+    """Draw the button that saves a match, and that of its labels."""
+    _draw_result(context, "The result")
 
-    def save_result(path: Path) -> None:
-        if session.result is not None:
-            kept = partial(session.saves.exported, session.result)
-            context.exporter.save_result(path, session.result, kept)
 
-    is_there = session.result is not None
-    later = "" if is_there else " There is one after a match."
-    what = "The result"
-    if session.document.is_pair:
-        _draw_registration(context, later)
-        ui.beside_if_fits("Save result...", is_button=True)
-        what = "What was matched on B"
+def draw_registration(context: Context) -> None:
+    """Draw the same of two surfaces, and before it the button that saves the registration."""
+    _draw_registration(context)
+    context.ui.beside_if_fits("Save result...", is_button=True)
+    _draw_result(context, "What was matched on B")
+
+
+def _draw_result(context: Context, what: str) -> None:
+    ui, session = context.ui, context.session
+    later = _later(session)
     tip = (
         f"{what} (.npz), mesh, functions and field (.ply, .vtu), energies (.csv), or a page for a "
         f"browser (.html).{later}"
     )
-    if ui.button("Save result...", tip, enabled=is_there):
-        ask("Save the result", _suffixes(session.result), "match.npz", save_result)
+
+    def save(path: Path) -> None:
+        if session.result is not None:
+            context.exporter.save_result(path, session.result, _kept(session))
+
+    if ui.button("Save result...", tip, enabled=session.result is not None):
+        context.dialogs.save("Save the result", _suffixes(session.result), "match.npz", save)
     if session.document.labels is not None:
         _draw_labels(context, later)
 
@@ -100,14 +101,23 @@ def _suffixes(found: Any) -> tuple[str, ...]:
     return outputs.suffixes(abfm.loading.task_of(found))
 
 
-def _draw_film(context: Context) -> None:
+def _later(session: Session) -> str:
+    return "" if session.result is not None else " There is one after a match."
+
+
+def _kept(session: Session) -> Callable[[], None]:
+    return partial(session.saves.exported, session.document)
+
+
+def draw_film(context: Context) -> None:
+    """Draw the buttons that save a film's fields and their tables."""
     ui, session, ask = context.ui, context.session, context.dialogs.save
-    film, sequence = session.document.film, session.document.sequence
+    document = context.document(FilmDocument)
+    sequence = document.result
 
     def save(path: Path) -> None:
-        if sequence is not None and film is not None:
-            kept = partial(session.saves.exported_film, session.document)
-            context.exporter.save_result(path, sequence, kept)
+        if sequence is not None:
+            context.exporter.save_result(path, sequence, _kept(session))
 
     def save_table(name: str, path: Path) -> None:
         if sequence is not None:
@@ -128,16 +138,15 @@ def _draw_film(context: Context) -> None:
             ask(title, suffixes, name, do)
 
 
-def _draw_registration(context: Context, later: str) -> None:
+def _draw_registration(context: Context) -> None:
     ui, session = context.ui, context.session
 
     def save(path: Path) -> None:
         if (found := session.registration) is not None:
-            kept = partial(session.saves.exported, found.match)
-            context.exporter.save_result(path, found, kept)
+            context.exporter.save_result(path, found, _kept(session))
 
-    is_there = session.result is not None
-    if ui.button("Save registration...", f"{_REGISTRATION}{later}", enabled=is_there):
+    is_there, tip = session.result is not None, f"{_REGISTRATION}{_later(session)}"
+    if ui.button("Save registration...", tip, enabled=is_there):
         suffixes = _suffixes(session.registration)
         context.dialogs.save("Save the registration", suffixes, "registration.npz", save)
 
@@ -156,8 +165,9 @@ def _draw_labels(context: Context, later: str) -> None:
         context.dialogs.save("Save carried labels", LABELS, "carried.label.gii", save)
 
 
-def _draw_state(ui: Ui, session: Session, exporter: Exporter) -> None:
-    """Say what is written and what was: last, so that nothing moves when there is something."""
+def draw_state(context: Context) -> None:
+    """Draw what is written and what was: last, so that nothing moves when there is something."""
+    ui, session, exporter = context.ui, context.session, context.exporter
     if exporter.running:
         draw_step(ui, exporter.step)
         if ui.button("Cancel export", "Stop; an older file stays as it was."):
@@ -202,9 +212,8 @@ def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
     tip = "Frames a second; at most 120, in a GIF 50."
     fps = ui.bounded("fps", movie.fps, Range(5, 60, whole=True), tip, (1.0, 120.0))
     start = bounded_time("from", movie.start, "The first time shown.")
-    tip = "The last time shown; beyond τ the flow goes on."
-    if document.film is not None:
-        tip = "The last time shown."
+    beyond = "; beyond τ the flow goes on" if document.extrapolates else ""
+    tip = f"The last time shown{beyond}."
     end = bounded_time("to", movie.end, tip)
     tip, endless = "How far the surfaces turn meanwhile, in degrees.", (-math.inf, math.inf)
     turn = ui.bounded("turntable", movie.turntable, Range(-360, 360), tip, endless)

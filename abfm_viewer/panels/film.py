@@ -8,8 +8,8 @@ import numpy as np
 
 from abfm.errors import ParameterError
 from abfm.parameters import LAST
-from abfm_viewer.document.document import Document
 from abfm_viewer.document.film import Film
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui, finite
 from abfm_viewer.widgets.widget_record import Range
@@ -38,9 +38,8 @@ _AUTO = {"alpha": Auto(1.0, _CHOSEN), "sigma": Auto(LAST, _CHOSEN)}
 
 def draw_frames(context: Context) -> None:
     """Draw what the film is, its channels and its times."""
-    ui, session, document = context.ui, context.session, context.session.document
-    if (film := document.film) is None:
-        return
+    ui, session, document = context.ui, context.session, context.document(FilmDocument)
+    film = document.film
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
         context.open_mesh()
     ui.beside_if_fits("Open frames...", is_button=True)
@@ -65,7 +64,7 @@ def draw_frames(context: Context) -> None:
     if film.phases is not None or film.period is not None:
         is_circular = film.phases is not None
         if ui.checkbox("circular", is_circular, _CIRCULAR) != is_circular:
-            context.files.set_circular(None if is_circular else film.period)
+            context.files.set_circular(document, None if is_circular else film.period)
     _draw_step(ui, context, film)
 
 
@@ -82,17 +81,16 @@ def _draw_step(ui: Ui, context: Context, film: Film) -> None:
             changed = replace(film, frames=replace(film.frames, times=times), unit="s")
             time = float(np.interp(context.session.document.time, film.times, times))
             change = context.session.editor.change
-            change("change the frame step", film=changed, sequence=None, time=time)
+            change("change the frame step", film=changed, result=None, time=time)
     ui.refusal("frame step")
 
 
 def draw_pair(context: Context) -> None:
     """Draw which two frames are matched by themselves, and the button."""
-    ui, session, document = context.ui, context.session, context.session.document
-    if (film := document.film) is None:
-        return
+    ui, session, document = context.ui, context.session, context.document(FilmDocument)
+    film = document.film
     ui.heading("two frames")
-    now = film.interval(document.time)
+    now = document.interval
     first, last = session.film_match.pair or (now, now + 1)
     ends, limits = Range(0, len(film) - 1, whole=True), (0, len(film) - 1)
     begin, end = (
@@ -103,12 +101,12 @@ def draw_pair(context: Context) -> None:
         session.film_match.pair = begin, end
     if ui.button("Match these two frames", _MATCH, enabled=begin != end, width=-1):
         session.film_match.pair = None
-        context.files.match_frames(begin, end)
+        context.files.match_frames(document, begin, end)
 
 
 def draw_settings(context: Context) -> None:
     """Draw what all intervals are matched with."""
-    ui, document, editor = context.ui, context.session.document, context.session.editor
+    ui, document, editor = context.ui, context.document(FilmDocument), context.session.editor
     settings = document.settings
     for label, name, ends, tip in (
         ("smoothness α##alpha", "alpha", Range(1e-4, 1e4, log=True), _ALPHA),
@@ -133,9 +131,9 @@ def draw_settings(context: Context) -> None:
         ui.line(chosen)
 
 
-def _chosen(document: Document) -> str:
+def _chosen(document: FilmDocument) -> str:
     """Return what was chosen for the fields that are shown."""
-    sequence, settings = document.sequence, document.settings
+    sequence, settings = document.result, document.settings
     if sequence is None:
         return ""
     used = sequence.parameters

@@ -13,12 +13,13 @@ from abfm import FunctionError, TriangleMesh, functions
 from abfm.wording import sentence
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import gaussians
-from abfm_viewer.document.document import SIDES, Document, Side
+from abfm_viewer.document.document import SIDES, Side
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.panels import initial_map, landmarks
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.toolkit import Kind, Ui
 from abfm_viewer.widgets.widget_record import Range
 
 Put: TypeAlias = "Callable[[functions.Family, str], None]"
@@ -49,6 +50,25 @@ _MAP = (
 
 
 def draw_mesh(context: Context) -> None:
+    """Draw what the surface is."""
+    document = context.session.document
+    mesh = document.surface().mesh
+    _draw_meshes(context, document.name, (_size(mesh), "muted"), 2 * [_area(mesh)])
+
+
+def draw_meshes(context: Context) -> None:
+    """Draw what both surfaces are, and the initial map between them."""
+    surfaces = context.session.document.surfaces
+    first, second = (
+        f"{letter}: {surface.name}, {len(surface.mesh.vertices):,} vertices"
+        for letter, surface in zip("AB", surfaces, strict=True)
+    )
+    tips = [f"{_size(surface.mesh)}. {_area(surface.mesh)}" for surface in surfaces]
+    _draw_meshes(context, first, (second, "ink"), tips)
+    initial_map.draw(context)
+
+
+def _draw_meshes(context: Context, first: str, second: tuple[str, Kind], tips: list[str]) -> None:
     ui, document = context.ui, context.session.document
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
         context.open_mesh()
@@ -56,24 +76,13 @@ def draw_mesh(context: Context) -> None:
     ui.align()
     place = landmarks.button_label(document)
     room = ui.room_beside(place)
-    if document.is_pair:
-        first, second = (
-            f"{letter}: {surface.name}, {len(surface.mesh.vertices):,} vertices"
-            for letter, surface in zip("AB", document.surfaces, strict=True)
-        )
-        tips = [f"{_size(surface.mesh)}. {_area(surface.mesh)}" for surface in document.surfaces]
-    else:
-        mesh = document.surface().mesh
-        first, second, tips = document.name, _size(mesh), 2 * [_area(mesh)]
     ui.line(first, "ink", tips[0], room)
     ui.at_right_end(place)
     landmarks.draw_button(context)
-    ui.line(second, "ink" if document.is_pair else "muted", tips[1])
+    ui.line(*second, tips[1])
     for surface in document.surfaces:
         for message in surface.mesh.messages:
             ui.note(message)
-    if document.is_pair:
-        initial_map.draw(context)
 
 
 def _size(mesh: TriangleMesh) -> str:
@@ -107,7 +116,7 @@ def _draw_circular(ui: Ui, session: Session) -> None:
     assert session.active is not None
     specs = session.active.specs
     is_circular = any(functions.without_circle(spec) != spec for spec in specs)
-    period = session.functions.period(session.document)
+    period = session.functions.period(session.editor.draft)
     if not is_circular and period is None:
         return
     if ui.checkbox("circular", is_circular, _CIRCULAR) != is_circular:
@@ -133,7 +142,7 @@ def _draw_channels(context: Context) -> None:
     several = len(session.channels) > 1
     for number, channel in enumerate(session.channels if several else ()):
         weight = "" if channel.weight == 1 else f", weight {channel.weight:g}"
-        source, target = (_called(session.document, spec) for spec in channel.specs)
+        source, target = (_called(session.editor.draft, spec) for spec in channel.specs)
         both = source if source == target else f"{source} to {target}"
         label = f"{number + 1}: {both}{weight}"
         if ui.row(label, number == session.document.channel)[0]:
@@ -156,7 +165,7 @@ def _draw_channels(context: Context) -> None:
                 editor.set_weight(changed, "weight")
 
 
-def _called(document: Document, spec: str) -> str:
+def _called(document: MatchDocument, spec: str) -> str:
     """Return a function in a word or two; of a result as its table calls it."""
     text = document.called.get(spec, spec)
     try:
@@ -237,7 +246,7 @@ class _Side:
 
     def _draw_heading(self) -> None:
         ui, bump = self._ui, self._bump
-        document = self._session.document
+        document = self._session.editor.draft
         color, title = getattr(ui.colors, self._side), document.titled(self._side)
         if self._spec in document.called:
             title = f"{title}: {_called(document, self._spec)}"

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from abfm.reading import VALUES_ENDINGS
 from abfm.wording import sentence
+from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.initial_maps import GIVEN
 from abfm_viewer.session.session_files import MESHES
@@ -81,7 +82,7 @@ _AS_OPENED = {"as opened": _Choice(GIVEN, "The map that the file came with.")}
 
 def draw(context: Context) -> None:
     """Draw the choice of the map between two surfaces."""
-    ui, document, editor = context.ui, context.session.document, context.session.editor
+    ui, document, editor = context.ui, context.document(PairDocument), context.session.editor
     word, mirror, files = _parts(document.initial)
     choices = {**_CHOICES} | (_AS_OPENED if word == GIVEN else {})
     fitting = (
@@ -106,8 +107,6 @@ def draw(context: Context) -> None:
 def draw_notes(context: Context) -> None:
     """Say why there is no map, or what is worth knowing of it."""
     session = context.session
-    if not session.document.is_pair:
-        return
     if session.prepared is not None:
         for note in session.prepared.initial.notes:
             context.ui.note(sentence(note))

@@ -11,6 +11,7 @@ from abfm.outcome import worse_residual
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import share
 from abfm_viewer.document.film import Film
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets import plots
 
@@ -28,10 +29,8 @@ _SIZE, _MOST_DOTS = 2.6, 60
 
 def draw(context: Context) -> None:
     """Draw the plot; a click on it goes to that interval."""
-    ui, session, document = context.ui, context.session, context.session.document
-    if (film := document.film) is None:
-        return
-    sequence = document.sequence
+    ui, session, document = context.ui, context.session, context.document(FilmDocument)
+    film, sequence = document.film, document.result
     is_live = session.film_match.found(document) > 0
     if sequence is None and not is_live:
         ui.note(_NONE)
@@ -56,7 +55,7 @@ def doubtful(sequence: abfm.Sequence) -> BoolArray:
 
 
 def _speeds(context: Context, film: Film) -> None:
-    ui, document = context.ui, context.session.document
+    ui, document = context.ui, context.document(FilmDocument)
     speeds = context.session.film_match.speeds(document)
     episodes = context.shown.tracks.episodes()
     colors = {"stable": (*ui.colors.flow[:3], 0.18), "transient": (*ui.colors.marker[:3], 0.18)}
@@ -135,10 +134,10 @@ def _clicks(context: Context, film: Film, values: FloatArray) -> None:
 
 def _words(context: Context, film: Film, at: int) -> str:
     """Return what an interval is and has come to."""
-    session = context.session
+    session, document = context.session, context.document(FilmDocument)
     lines = [f"{film.frame(at)} to {film.frame(at + 1)}"]
-    speed = session.film_match.speeds(session.document)[at]
-    sequence = session.document.sequence
+    speed = session.film_match.speeds(document)[at]
+    sequence = document.result
     if np.isfinite(speed):
         lines.append(f"speed {speed:.3g}, in {film.unit_of_speed}")
     if sequence is not None and sequence.solved[at]:

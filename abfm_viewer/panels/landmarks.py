@@ -6,7 +6,7 @@ from pathlib import Path
 
 import abfm
 from abfm.wording import counted, share
-from abfm_viewer.document.document import SIDES, Document, Landmark, Side
+from abfm_viewer.document.document import SIDES, Document, Landmark
 from abfm_viewer.document.surface_points import landmarks_of, paired
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
@@ -41,7 +41,7 @@ def draw(context: Context) -> None:
         return
     ui.heading("landmarks")
     if places and not document.pairs:
-        ui.note(f"Click on {_named(document, 'source')}, then on {_named(document, 'target')}.")
+        ui.note(f"Click on {document.named('source')}, then on {document.named('target')}.")
     if document.landmarks:
         _draw_list(context)
     elif ui.button("Open landmarks...", _OPEN):
@@ -54,7 +54,7 @@ def open_file(context: Context) -> None:
 
 def _draw_list(context: Context) -> None:
     ui, session, editor = context.ui, context.session, context.session.editor
-    document, left = session.document, _left(session)
+    document, left = session.editor.draft, _left(session)
     # first, so that they stay where they are while landmarks come
     if ui.button("Remove##landmark", _REMOVE):
         editor.remove_landmark()
@@ -93,13 +93,9 @@ def write(session: Session, path: Path) -> None:
             session.notices.say(f"saved {path}")
 
 
-def _named(document: Document, side: Side) -> str:
-    return {"source": "A", "target": "B"}[side] if document.is_pair else side
-
-
 def _words(document: Document, landmark: Landmark, left: float | None) -> str:
     name = f"{landmark.name}, " if landmark.name else ""
-    missing = [_named(document, side) for side in SIDES if landmark.point(side) is None]
+    missing = [document.named(side) for side in SIDES if landmark.point(side) is None]
     if missing:
         return f"{name}not yet on {missing[0]}, not used"
     return f"{name}{'placed' if left is None else f'{share(left)} away'}"

@@ -65,8 +65,10 @@ def draw_coloring(context: Context) -> None:
     context.session.editor.set_view(f"color by {chosen}", coloring=chosen)
     if chosen == "labels":
         _draw_labels(context, opens=chosen != now)
-    if context.session.document.is_pair:
-        _switch(context, "lines from A to B", "links", "switch lines", _LINKS)
+
+
+def draw_links(context: Context) -> None:
+    _switch(context, "lines from A to B", "links", "switch lines", _LINKS)
 
 
 def _draw_labels(context: Context, opens: bool) -> None:
@@ -110,7 +112,7 @@ def draw_field(context: Context) -> None:
 def draw_tracks(context: Context) -> None:
     """Draw the switch of a film's tracks, and what their colours mean."""
     ui, session = context.ui, context.session
-    with ui.disabled(session.document.sequence is None):
+    with ui.disabled(session.document.result is None):
         _switch(context, "tracks", "tracks", "switch tracks", _TRACKS)
     if found := context.shown.tracks.counts():
         named = {counted(count, kind): CRITICAL[kind] for kind, count in found.items()}
@@ -121,8 +123,8 @@ def draw_clicks(context: Context) -> None:
     ui, document, editor = context.ui, context.session.document, context.session.editor
     ui.heading("a click on a surface")
     tools = dict(zip(CLICK_TOOLS, _CLICKS, strict=True))
-    if document.film is not None and document.view.tool != "landmark":
-        tools.pop("landmark")  # of a film there is no side to place one on
+    if not document.has_sides and document.view.tool != "landmark":
+        tools.pop("landmark")
     tool = ui.radio([*tools], document.view.tool, [*tools.values()])
     editor.set_view("choose what a click does", tool=tool)
     if ui.button("Clear lines", "Remove all flow lines.", enabled=bool(document.lines)):
@@ -153,7 +155,7 @@ def _error(context: Context) -> None:
     elif session.view.transport and transport.note:
         ui.note(f"{transport.note.capitalize()}.")
     target, advected = session.compared("target"), context.shown.flow.advected()
-    if target is not None and advected is not None and session.document.film is None:
+    if target is not None and advected is not None and session.document.has_one_field:
         difference = np.abs(target - advected)
         worst = int(np.argmax(difference))
         ui.note(

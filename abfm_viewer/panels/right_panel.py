@@ -1,9 +1,18 @@
 """The column at the right: the solver always in view, and a tab for each step of the work."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import NamedTuple
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.document.document import Document
+from abfm_viewer.document.kinds import (
+    FilmDocument,
+    MatchDocument,
+    PairDocument,
+    SubjectDocument,
+)
 from abfm_viewer.panels import (
     energy,
     export,
@@ -17,41 +26,71 @@ from abfm_viewer.panels import (
     solver,
 )
 from abfm_viewer.panels.context import Context
+from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import child, tabs, window
+from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
-TABS: dict[str, dict[str, Callable[[Context], None]]] = {
-    "Functions": {
-        "mesh": functions.draw_mesh,
-        "landmarks": landmarks.draw,
-        "functions": functions.draw,
-        "initial map": initial_map.draw_notes,
-    },
-    "Match": {"parameters": parameters.draw, "energy": energy.draw},
-    "Look": {
+Draw = Callable[[Context], None]
+Draws = Mapping[str, Draw]
+Tabs = dict[str, dict[str, Draw]]
+
+
+class Panels(NamedTuple):
+    """How the state of a run or result is drawn, and by label of each tab what is drawn in it, one
+    part below the other.
+    """
+
+    state: Callable[[Ui, Session], None]
+    tabs: Tabs
+
+
+def _tabs(
+    functions: Draws,
+    match: Draws,
+    data: Draw,
+    links: Draws | None = None,
+    tracks: Draws | None = None,
+) -> Tabs:
+    shown: dict[str, Draw] = {
         "coloring": look.draw_coloring,
+        **(links or {}),
         "field": look.draw_field,
+        **(tracks or {}),
         "clicks": look.draw_clicks,
         "compare": look.draw_compare,
         "numbers": look.draw_numbers,
-    },
-    "Export": {"export": export.draw},
+    }
+    return {
+        "Functions": dict(functions),
+        "Match": dict(match),
+        "Look": shown,
+        "Export": {"export": export.draw, "data": data, "state": export.draw_state},
+    }
+
+
+_DRAFT: Draws = {"landmarks": landmarks.draw, "functions": functions.draw}
+_MATCH: Draws = {"parameters": parameters.draw, "energy": energy.draw}
+TABS = _tabs({"mesh": functions.draw_mesh, **_DRAFT}, _MATCH, export.draw_result)
+_PAIR_TABS = _tabs(
+    {"mesh": functions.draw_meshes, **_DRAFT, "initial map": initial_map.draw_notes},
+    _MATCH,
+    export.draw_registration,
+    links={"links": look.draw_links},
+)
+_FILM_TABS = _tabs(
+    {"frames": film.draw_frames, "two frames": film.draw_pair},
+    {"settings": film.draw_settings, "intervals": intervals.draw},
+    export.draw_film,
+    tracks={"tracks": look.draw_tracks},
+)
+PANELS: dict[type[Document], Panels] = {
+    MatchDocument: Panels(solver.draw_match, TABS),
+    SubjectDocument: Panels(solver.draw_subject, TABS),
+    PairDocument: Panels(solver.draw_match, _PAIR_TABS),
+    FilmDocument: Panels(solver.draw_film, _FILM_TABS),
 }
-"""By label, what is drawn in it, one part below the other."""
-OF_FILMS: dict[str, dict[str, Callable[[Context], None]]] = {
-    "Functions": {"frames": film.draw_frames, "two frames": film.draw_pair},
-    "Match": {"settings": film.draw_settings, "intervals": intervals.draw},
-    "Look": {
-        "coloring": look.draw_coloring,
-        "field": look.draw_field,
-        "tracks": look.draw_tracks,
-        "clicks": look.draw_clicks,
-        "compare": look.draw_compare,
-        "numbers": look.draw_numbers,
-    },
-    "Export": TABS["Export"],
-}
-"""The same where a film is open."""
+"""By the kind of the document that is open."""
 # of a tab, at a scale of 1; where a long verdict leaves less, the column scrolls
 _TAB_HEIGHT_MIN = 120
 STEPS = "steps"
@@ -62,14 +101,15 @@ def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
     """Draw the column; a part that fails does not take the others with it."""
     ui, session = context.ui, context.session
     document = session.document
-    accepted = (document.identity, session.channels, session.parameters, document.mask)
-    of_film = document.film, document.settings
-    ui.refusals.accept_after(*accepted, *of_film, session.result, session.running)
-    parts = TABS if document.film is None else OF_FILMS
+    own = (name for name in document.content if name not in Document.content)
+    drafted = (getattr(document, name) for name in own)
+    ui.refusals.accept_after(document.identity, *drafted, document.result, session.running)
+    panels = PANELS[type(document)]
     with window(ui, "panel", rect, scrolls=True):
-        guarded("Solver", solver.draw, context)
+        guarded("Solver", partial(solver.draw, draw_state=panels.state), context)
         label = tabs(ui, STEPS, tuple(TABS))
         is_low = imgui.GetContentRegionAvail()[1] < ui.px(_TAB_HEIGHT_MIN)
         with child(ui, label, 0, False, "at least" if is_low else "exactly"), ui.group(label):
-            for part, draw_part in parts[label].items():
-                guarded(part, draw_part, context)
+            for part, draw_part in panels.tabs[label].items():
+                if type(session.document) is type(document):  # no part has opened another kind
+                    guarded(part, draw_part, context)

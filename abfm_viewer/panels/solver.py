@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import polyscope.imgui as imgui
 
@@ -13,6 +14,7 @@ from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.trade_off import LIMIT, draw_limit
 from abfm_viewer.session.session import Session
@@ -36,7 +38,8 @@ _WARM_TIP = (
 )
 
 
-def draw(context: Context) -> None:
+def draw(context: Context, draw_state: Callable[[Ui, Session], None]) -> None:
+    """Draw the buttons, and the state of the run or of its result."""
     ui, session = context.ui, context.session
     _draw_buttons(ui, session)
     height = min(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
@@ -49,45 +52,50 @@ def draw(context: Context) -> None:
             ui.note(f"{row.name}: {row.verdict}", row.facts.tone)
             ui.note(sentence(row.facts.reason or "it has no result yet"), "ink")
             ui.note(f"The surfaces still show {session.document.name}.")
-        elif session.document.film is not None:
-            _draw_film(ui, session)
-        elif session.solver.running:
-            _draw_progress(ui, session)
         else:
-            _draw_verdict(ui, session)
+            draw_state(ui, session)
+
+
+def draw_subject(ui: Ui, session: Session) -> None:
+    """Draw the same of a subject, or what its comparison shows before there is a match."""
+    compared, solver = session.document.compared, session.solver
+    if compared is None or solver.running or solver.failed or session.result is not None:
+        draw_match(ui, session)
+    else:
+        _draw_compared(ui, compared)
+
+
+def draw_match(ui: Ui, session: Session) -> None:
+    """Draw how far a match is, or what it came to."""
+    if session.solver.running:
+        _draw_progress(ui, session)
+    else:
+        _draw_verdict(ui, session)
 
 
 def _draw_buttons(ui: Ui, session: Session) -> None:
     """Draw them where they always are: a click when the run has just ended hits no other."""
-    is_film, replacing = session.document.film is not None, session.loading.replacing
-    solver = session.film_match if is_film else session.solver
+    document, replacing = session.document, session.loading.replacing
+    runner = session.work.runner
     side = min(ui.px(_SIDE_BUTTON), _SIDE_SHARE * imgui.GetContentRegionAvail()[0])
     others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
-    tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
+    tip = document.match_tip
     if session.result is not None and not session.solver.warm:
         tip += " It begins anew, from no motion."
     if replacing:
-        name = session.document.name
-        tip = f"{replacing}: that takes the place of {name}. Wait, or cancel it."
+        tip = f"{replacing}: that takes the place of {document.name}. Wait, or cancel it."
     ready = not (session.running or session.obstacle or replacing)
-    if is_film:
-        tip = "Find the fields that carry each frame to the next, all together (Ctrl+Enter)."
-    if ui.button(
-        "Match all frames" if is_film else "Match", tip, primary=True, enabled=ready, width=-others
-    ):
+    if ui.button(document.match_label, tip, primary=True, enabled=ready, width=-others):
         session.match()
     ui.beside()
     label, tip = "Pause", "Hold the solver; the window stays as it is (P)."
-    if solver.paused:
+    if runner.paused:
         label, tip = "Resume", "Let the solver go on (P)."
-    if ui.button(label, tip, enabled=solver.running, width=side):
-        solver.resume() if solver.paused else solver.pause()
+    if ui.button(label, tip, enabled=runner.running, width=side):
+        runner.resume() if runner.paused else runner.pause()
     ui.beside()
-    tip = "End the run and keep the best field so far (Esc); Continue goes on from it."
-    if is_film:
-        tip = "End the run and keep the fields that were found (Esc); the next goes on from them."
-    if ui.button("Cancel", tip, enabled=solver.running, width=-1):
-        solver.cancel()
+    if ui.button("Cancel", document.cancel_tip, enabled=runner.running, width=-1):
+        runner.cancel()
 
 
 def draw_switches(ui: Ui, session: Session) -> None:
@@ -131,11 +139,11 @@ def draw_step(ui: Ui, step: Step) -> None:
     ui.note(capital(step.words()))
 
 
-def _draw_film(ui: Ui, session: Session) -> None:
+def draw_film(ui: Ui, session: Session) -> None:
     """Draw how far a film's match is, or what it and the present interval have come to."""
     document, run = session.document, session.film_match
-    film, sequence = document.film, document.sequence
-    assert film is not None
+    assert isinstance(document, FilmDocument)
+    film, sequence = document.film, document.result
     if run.running:
         draw_step(ui, run.step or Step("starting the solver"))
         found = run.found(document)
@@ -145,12 +153,12 @@ def _draw_film(ui: Ui, session: Session) -> None:
         ui.note("No match yet", "ink")
         ui.note("Match finds the fields that carry each frame to the next, all together.")
         return
-    outdated = document.is_film_outdated
+    outdated = document.is_outdated
     facts = sequence.facts
     ui.note(capital(facts.headline), "muted" if outdated else facts.tone)
     if outdated:
         ui.note("Frames or parameters changed since: match all frames again.", "ink")
-    now = film.interval(document.time)
+    now = document.interval
     verdict = sequence.verdicts[now]
     result = of_interval(sequence, now)
     ui.note(f"Frame {now} to {now + 1}: {result}", "muted" if outdated else verdict.kind.tone)
@@ -165,8 +173,6 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
     result, solver = session.result, session.solver
     if solver.failed:
         ui.note(f"The solver stopped: {solver.reason}", "failure")
-    elif result is None and (compared := session.document.compared) is not None:
-        _draw_compared(ui, compared)
     elif result is None:
         ui.note("No match yet", "ink")
         _draw_before(ui, session)
@@ -181,7 +187,7 @@ def _draw_before(ui: Ui, session: Session) -> None:
     if (facts := session.foreseen) is not None:
         _draw_foreseen(ui, facts)
         return
-    failed = session.problem_told != ""
+    failed = session.work.problem_told != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
     ui.note(sentence(about), "failure" if failed else "muted")
 

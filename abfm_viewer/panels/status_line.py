@@ -56,16 +56,13 @@ def _state(context: Context) -> tuple[str, ...]:
     session, solver = context.session, context.session.solver
     if session.running:
         return (_progress(context),)
-    is_playing = session.document.film is not None and session.player.playing
+    # a film, with fields of its own in each interval, is played without what is still to come
+    is_playing = session.player.playing and not session.document.has_one_field
     if context.shown.busy and not is_playing:  # else it would flicker
         return (context.shown.busy,)
     if is_playing and context.shown.quantities.convolving:
         return ("computing streaks; each interval has them when it is played again",)
-    if session.document.sequence is not None:
-        facts = session.document.sequence.facts
-        outdated = ", outdated" if session.document.is_film_outdated else ""
-        return f"{facts.headline}{outdated}", f"{facts.outcome}{outdated}"
-    if solver.failed:
+    if session.work.runner.failed:
         return f"the solver stopped: {solver.reason}", "the solver stopped"
     if (reported := session.facts) is None:
         return ("ready",)
@@ -76,7 +73,7 @@ def _state(context: Context) -> tuple[str, ...]:
 def _progress(context: Context) -> str:
     session, solver = context.session, context.session.solver
     if session.film_match.running:
-        return session.film_match.words(session.document)
+        return session.film_match.words()
     if (snapshot := solver.snapshot) is None:
         return solver.step.words() if solver.step else "starting the solver"
     state = "paused" if solver.paused else "solving"

@@ -4,9 +4,8 @@ import math
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.document.film import Film
 from abfm_viewer.panels.context import Context
-from abfm_viewer.session.player import FRAMES_A_SECOND, REPEATS
+from abfm_viewer.session.player import REPEATS
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.toolkit import Ui, finite
@@ -44,10 +43,10 @@ def draw(context: Context, rect: Rect) -> None:
     ui, before = context.ui, -1
     with window(ui, "time bar", rect), ui.group("time bar"):
         places = rows((rect[2] - rect[0]) / ui.scale)
-        is_film = context.session.document.film is not None
+        extrapolates = context.session.document.extrapolates
         groups = _buttons, _repeat, _beyond, _speed
         for row, draw_group in zip(places, groups, strict=True):
-            if is_film and draw_group is _beyond:
+            if draw_group is _beyond and not extrapolates:
                 continue
             if row == before:
                 ui.beside(ui.px(GAP))
@@ -57,15 +56,9 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _buttons(ui: Ui, session: Session) -> None:
-    player, document, film = session.player, session.document, session.document.film
-    if film is None:
-        tip, step = "Show the function on its way (Space).", STEP * session.parameters.tau
-        times = [session.time - step, session.time + step, 0.0]
-        tips = "A twentieth of τ back.", "A twentieth of τ on.", "Show the source, time 0."
-    else:
-        tip = "Play the film (Space)."
-        times = [film.next_frame(document.time, by) for by in (-1, 1)] + [document.start]
-        tips = "The frame before.", "The next frame.", "Show the first frame."
+    player, document = session.player, session.document
+    times = document.time_after(-STEP), document.time_after(STEP), document.start
+    tip, *tips = document.play_tips
     tip = "Hold (Space)." if player.playing else tip
     if ui.button("Pause" if player.playing else "Play", tip, width=ui.px(52)):
         player.toggle()
@@ -89,9 +82,7 @@ def _beyond(ui: Ui, session: Session) -> None:
 
 
 def _speed(ui: Ui, session: Session) -> None:
-    tip, player = "1 goes from 0 to τ in four seconds.", session.player
-    if session.document.film is not None:
-        tip = f"1 passes {FRAMES_A_SECOND:g} frames a second."
+    tip, player = session.document.speed_tip, session.player
     imgui.SetNextItemWidth(ui.px(64))
     speed = ui.slider("speed", player.speed, Range(0.1, 4.0, log=True), tip)
     if speed is not None:
@@ -106,27 +97,26 @@ def _slider(context: Context) -> None:
     the first frame to the last, with a tick at each.
     """
     ui, session = context.ui, context.session
-    document, film = session.document, session.document.film
+    document = session.document
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
     width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - ui.text_width("time")
     left, top = imgui.GetCursorScreenPos()
     rect = (left, top, left + width, top + imgui.GetFrameHeight())
     ends = Range(document.start, document.end)
-    if film is None:
-        note, about = context.shown.flow.note, "The time that is shown, 0 to 2τ."
-        tip = note or "0 is the source, τ the match; beyond, the flow goes on by itself."
+    note = context.shown.flow.note if document.extrapolates else ""
+    about = f"The time that is shown, {document.times_shown}."
+    tip = note or document.slider_tip
+    if document.extrapolates:
         _track(ui, note, rect, document.time / document.end)
     else:
-        about = f"The time that is shown, {film.told(document.start)} to {film.told(document.end)}."
-        tip = f"{document.titled('source')}; {document.titled('target')} is next."
-        _ticks(ui, film, ends, rect)
+        _ticks(ui, document.ticks, ends, rect)
     grounds = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
     for color in grounds:  # the ground stays in sight
         imgui.PushStyleColor(color, (0, 0, 0, 0))
     imgui.SetNextItemWidth(width)
     slid = ui.slider("time", document.time, ends, tip, tip_above=True)
     imgui.PopStyleColor(len(grounds))
-    if film is None:  # the tick at tau, also over the grab
+    if document.extrapolates:  # the tick at tau, also over the grab
         middle, ink = left + width / 2, imgui.GetColorU32(ui.colors.ink)
         imgui.GetWindowDrawList().AddLine((middle, top), (middle, rect[3]), ink, ui.px(1.5))
     if slid is not None:
@@ -140,7 +130,7 @@ def _slider(context: Context) -> None:
             session.set_time(time)
 
 
-def _ticks(ui: Ui, film: Film, ends: Range, rect: Rect) -> None:
+def _ticks(ui: Ui, times: tuple[float, ...], ends: Range, rect: Rect) -> None:
     """Draw the slider's ground, a tick at each frame as far as they are apart."""
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
@@ -148,9 +138,9 @@ def _ticks(ui: Ui, film: Film, ends: Range, rect: Rect) -> None:
     canvas.AddRectFilled((left, top), (right, bottom), packed(colors.field), rounding)
     inset = imgui.GetStyle().GrabMinSize / 2 + _GRAB_PADDING  # as ImGui's grab is
     start, room = left + inset, right - left - 2 * inset
-    every = max(math.ceil(len(film) * ui.px(_TICKS_APART) / max(room, 1.0)), 1)
+    every = max(math.ceil(len(times) * ui.px(_TICKS_APART) / max(room, 1.0)), 1)
     ink = packed((*colors.muted[:3], 0.6))
-    for time in film.times[::every].tolist():
+    for time in times[::every]:
         x = start + ends.share_of(time) * room
         canvas.AddLine((x, bottom - ui.px(7)), (x, bottom - ui.px(1)), ink, ui.px(1))
 

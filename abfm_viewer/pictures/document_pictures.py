@@ -75,7 +75,7 @@ class DocumentRenderer:
             opened.callback(self._shown.close)
             session.restore(self._document, self._known, None)
             session.update()
-            if problem := session.problem_told:
+            if problem := session.work.problem_told:
                 raise FunctionError(problem)
             self._scene = Scene(self._shown, self._options.turns)
             self._scene.pixels = self._pen.scale

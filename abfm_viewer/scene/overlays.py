@@ -21,8 +21,9 @@ from abfm_viewer.scene.surfaces import viewport
 from abfm_viewer.shown.arrows import Arrows
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.paint import Paint
+from abfm_viewer.shown.quantities import Field
 from abfm_viewer.shown.ribbons import Triangles, normals_at, outward, strips, unit
-from abfm_viewer.shown.shown import Field, Shown
+from abfm_viewer.shown.shown import Shown
 from abfm_viewer.shown.tracks import KINDS
 
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 import abfm
 from abfm import TriangleMesh
 from abfm.pages.colormaps import place_colors
-from abfm.pages.front import Front, best_front, triple
+from abfm.pages.front import Front, triple
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.computing.defaults import front_of_film
 from abfm_viewer.document.document import SIDES, Document, Look, Point, Side
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
@@ -58,7 +57,7 @@ class Scene:
         self.view: SlotView  # known once there are names
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
-        self._flow, self._links = shown.flow, Memo[Links]()
+        self._shown, self._links = shown, Memo[Links]()
         self._landmarks, self._tracks = shown.landmarks, shown.tracks
         self._placing = Placing()
         self.overlays = Overlays(shown, self._placing.placed.discard)
@@ -175,9 +174,9 @@ class Scene:
         both are in view.
         """
         session, ends = self._session, ("source", "advected")
-        if not (session.document.is_pair and session.view.links):
+        if not session.view.links or self._has_one_surface:
             return []
-        origins = self._flow.coordinates()
+        origins = self._shown.flow.coordinates()
         if origins is None or not set(ends) <= set(self.shown):
             return []
         a, b = (session.surface(name).mesh for name in ends)
@@ -302,8 +301,7 @@ class Scene:
             if session.channels and not session.functions.problem(session.document):
                 return None
             known = []
-        film = session.document.film
-        front = best_front(surface.mesh, *known) if film is None else front_of_film(film)
+        front = session.document.front(slot, *known)
         session.editor.amend(surfaces=session.document.facing(front, slot).surfaces)
         return front
 
@@ -336,11 +334,15 @@ class Scene:
                 surfaces.set_style(name, width, view.flat, view.theme)
 
     @property
+    def _has_one_surface(self) -> bool:
+        return len(self._session.document.surfaces) == 1
+
+    @property
     def _viewport(self) -> Viewport:
         return viewport(self._session.surface().mesh)
 
     def _fitted(self, slot: str) -> Fitted:
-        slot = slot if self._session.document.is_pair else "advected"
+        slot = "advected" if self._has_one_surface else slot
         surface, known = self._session.surface(slot), self._fits.get(slot)
         assert surface.front is not None
         if known is None or (known.mesh, known.front) != (surface.mesh, surface.front):
@@ -361,7 +363,7 @@ class Scene:
             zoom, target = 1.0, None
         drawn = None if target is None else self._viewport.drawn(np.array(target))
         self.view, self._views = fitted.fit.view(places, look.front, zoom, drawn), {}
-        if self._session.document.is_pair:
+        if not self._has_one_surface:
             self._views["source"] = self.view.seen_alike(fitted.front, other.fit, other.front)
 
     def _place(self) -> None:

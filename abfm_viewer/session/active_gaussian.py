@@ -14,12 +14,13 @@ def active_gaussian(session: Session, side: Side) -> int | None:
     if session.active is None:
         return None
     count = len(gaussians.gaussians(session.active.spec(side)))
-    wanted = session.document.bump if session.document.side == side else 0
+    draft = session.editor.draft
+    wanted = draft.bump if draft.side == side else 0
     return min(wanted, count - 1) if count else None
 
 
 def why_fixed(session: Session, side: Side) -> str:
-    if session.document.film is not None:
+    if not session.document.has_sides:
         return _FRAMES
     if session.active is None:
         return f"the {side} is still being chosen"
@@ -44,8 +45,8 @@ def widen(session: Session, side: Side, notches: float, merge: str) -> None:
     """Make it wider by so many turns of the wheel, or narrower if negative."""
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:
-        is_film = session.document.film is not None
-        session.notices.say(_FRAMES if is_film else _NONE.format(side, "widen"))
+        has_sides = session.document.has_sides
+        session.notices.say(_NONE.format(side, "widen") if has_sides else _FRAMES)
         return
     spec = session.active.spec(side)
     width = gaussians.gaussians(spec)[chosen].width * _WIDTH_PER_NOTCH**notches

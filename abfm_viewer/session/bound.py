@@ -62,10 +62,10 @@ class Bound:
     def look(self) -> None:
         """Look for such a field on the way of the result."""
         document = self._editor.document
-        if document.result is not None:
+        if document.match is not None:
             self.stop()
             initial = document.initial_map
-            self._wanted = _Wanted(document.result, initial, self.most, Control())
+            self._wanted = _Wanted(document.match, initial, self.most, Control())
             self.update()
 
     def stop(self) -> None:
@@ -82,7 +82,7 @@ class Bound:
         """Take in what was found: call once per frame."""
         if (wanted := self._wanted) is None:
             return
-        if self._editor.document.result is not wanted.result:
+        if self._editor.document.match is not wanted.result:
             self.stop()
             return
         found = self._found.ask(wanted, partial(self._search, wanted))

@@ -10,22 +10,20 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 import abfm
-from abfm import FunctionError, ParameterError, Parameters
+from abfm import FunctionError, Parameters
 from abfm_viewer.document.document import (
     EXTRAPOLATION,
-    SIDES,
     Channel,
     Document,
     Landmark,
     Point,
     Side,
 )
-from abfm_viewer.document.gaussians import landmark
+from abfm_viewer.document.kinds import FilmDocument, MatchDocument
 
 LONGEST, LARGEST = 200, 500_000_000
 """How many steps undo goes back, and bytes of the meshes and results to which it leads, besides
 those of the latest step."""
-_LARGEST_GAMMA = 1e6
 
 
 class Step(NamedTuple):
@@ -54,6 +52,12 @@ class Editor:
         self.moves = 0
         self.past: list[Step] = []
         self.future: list[Step] = []
+
+    @property
+    def draft(self) -> MatchDocument:
+        """The document, which must be one of a match."""
+        assert isinstance(self.document, MatchDocument)
+        return self.document
 
     @property
     def documents(self) -> list[Document]:
@@ -125,7 +129,7 @@ class Editor:
         So does its Gaussian `bump`, by default the same as before, or the first of the other side.
         FunctionError if the text is no spec; whether it fits the mesh turns out in evaluation.
         """
-        document = self.document
+        document = self.draft
         if document.active is None:
             raise FunctionError("there is no channel yet: wait for the default functions")
         abfm.functions.parse(spec)
@@ -150,17 +154,7 @@ class Editor:
 
     def add_channel(self) -> None:
         """Add a channel and make it active: a landmark that stays, far from others' Gaussians."""
-        document = self.document
-        specs = [channel.spec(side) for channel in document.channels for side in SIDES]
-        if not document.is_pair:
-            stays = landmark(specs, document.surface().mesh)
-            self._insert("add a channel", Channel(stays, stays))
-            return
-        source, target = (
-            landmark([one.spec(side) for one in document.channels], document.surface(side).mesh)
-            for side in SIDES
-        )
-        self._insert("add a channel", Channel(source, target))
+        self._insert("add a channel", self.draft.new_channel())
 
     def duplicate_channel(self) -> None:
         if self.document.active:
@@ -202,7 +196,7 @@ class Editor:
     ) -> None:
         wanted = {"channel": channel, "side": side, "bump": bump}
         values = {name: value for name, value in wanted.items() if value is not None}
-        if side is not None and side != self.document.side and bump is None:
+        if side is not None and side != self.draft.side and bump is None:
             values["bump"] = 0
         if any(getattr(self.document, name) != value for name, value in values.items()):
             self.change("select", merge="select", **values)
@@ -229,9 +223,8 @@ class Editor:
         parameters = before.with_values(**values)
         if parameters != before:
             label = label or f"change {', '.join(values)}"
-            time = self.document.time
-            if self.document.film is None:
-                time = min(time * parameters.tau / before.tau, EXTRAPOLATION * parameters.tau)
+            time = self.document.time * parameters.tau / before.tau
+            time = min(time, EXTRAPOLATION * parameters.tau)
             self.change(label, merge, parameters=parameters, time=time)
 
     def reset_parameters(self) -> None:
@@ -239,17 +232,15 @@ class Editor:
 
     def set_initial(self, word: str) -> None:
         """Let A's functions come to B by another map."""
-        if word != self.document.initial:
+        if word != self.draft.initial:
             self.change("change the initial map", initial=word)
 
     def set_film(self, merge: str = "", label: str = "", **values: Any) -> None:
         """Change what a film is matched with; ParameterError if a value is refused."""
+        assert isinstance(self.document, FilmDocument)
         settings = replace(self.document.settings, **values)
         if settings != self.document.settings:
-            _ = settings.parameters  # which refuses what does not fit
-            if not 0 <= settings.gamma <= _LARGEST_GAMMA:
-                given = f"gamma is {settings.gamma:g}"
-                raise ParameterError(f"{given}; expected 0 to {_LARGEST_GAMMA:g}")
+            settings.check()
             self.change(label or f"change {', '.join(values)}", merge, settings=settings)
 
     def set_mask(self, spec: str) -> None:
@@ -294,12 +285,12 @@ class Editor:
         self.set_landmarks("move a landmark", tuple(landmarks), number, merge)
 
     def activate_landmark(self, number: int) -> None:
-        if number != self.document.landmark:
+        if number != self.draft.landmark:
             self.change("select", merge="select", landmark=number)
 
     def remove_landmark(self) -> None:
         """Remove the active one."""
-        landmarks, number = self.document.landmarks, self.document.landmark
+        landmarks, number = self.document.landmarks, self.draft.landmark
         others = (*landmarks[:number], *landmarks[number + 1 :])
         self.set_landmarks("remove a landmark", others, max(min(number, len(others) - 1), 0))
 
@@ -310,23 +301,14 @@ class Editor:
             self.change(label, merge, landmarks=landmarks, landmark=active)
 
     def match_landmarks_alone(self, alone: bool) -> None:
-        if alone != self.document.landmarks_alone:
+        if alone != self.draft.landmarks_alone:
             label = f"match {'landmarks alone' if alone else 'functions as well'}"
             self.change(label, landmarks_alone=alone)
 
 
 def _large_parts(document: Document) -> dict[int, int]:
     """Bytes of the arrays of meshes and results, by the identity of these."""
-    result = document.result
-    held: list[object] = [
-        *(surface.mesh for surface in document.surfaces),
-        *([result] if result else []),
-    ]
-    held += result.path if result else []  # which results of one match share
-    held += [document.initial_map.correspondence.points] if document.initial_map else []
-    held += [document.film.frames] if document.film else []
-    held += [document.sequence] if document.sequence else []
-    arrays = [array for part in held for array in vars(part).values()]
+    arrays = [array for part in document.large_parts for array in vars(part).values()]
     return {id(array): array.nbytes for array in arrays if isinstance(array, np.ndarray)}
 
 

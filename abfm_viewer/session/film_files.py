@@ -13,8 +13,9 @@ import abfm
 from abfm import ResultError, TriangleMesh
 from abfm.reading import read_gifti
 from abfm.types import FloatArray
-from abfm_viewer.document.document import MEASURED, Channel, Document, Surface, View
+from abfm_viewer.document.document import Channel, Surface, View
 from abfm_viewer.document.film import Film, settings_of, unit_of
+from abfm_viewer.document.kinds import MEASURED, FilmDocument, MatchDocument
 
 ALONE = (
     *(".npy", ".mat", ".csv", ".tsv", ".txt", ".1d", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
@@ -87,44 +88,33 @@ def circular_film(film: Film, period: float | None) -> Film:
     return replace(film, frames=made, phases=frames)
 
 
-def document_of_film(film: Film, surface: Surface, view: View) -> Document:
+def document_of_film(film: Film, surface: Surface, view: View) -> FilmDocument:
     """Return a document of frames on a surface, which is seen from where it changes, unless the
     view says otherwise.
     """
     seen = replace(surface, front=None)
-    return Document((seen,), film=film, time=float(film.times[0]), view=view)
+    return FilmDocument((seen,), film, time=float(film.times[0]), view=view)
 
 
-def document_of_sequence(sequence: abfm.Sequence, path: Path) -> Document:
+def document_of_sequence(sequence: abfm.Sequence, path: Path) -> FilmDocument:
     """Return a document that shows a sequence from its beginning, with tracks."""
-    return Document(
+    return FilmDocument(
         (Surface(sequence.mesh, path.name),),
-        film=film_of(path.name, sequence._frames),
+        film_of(path.name, sequence._frames),
         settings=settings_of(sequence),
-        sequence=sequence,
+        result=sequence,
         time=float(sequence.times[0]),
         view=View(tracks=True),
     )
 
 
-def view_of_fields(view: View, sequence: abfm.Sequence) -> View:
-    """Return the view in which a film's fields are seen: with tracks, and arrows, unless something
-    else is shown of the flow already, or nothing is to be shown after matches.
-    """
-    if not (view.flow_after_match and sequence.velocity.any()):
-        return view
-    is_plain = not (view.arrows or view.streaks) and view.coloring == "function"
-    return replace(view, tracks=True, arrows=view.arrows or is_plain)
-
-
 def document_of_pair(
-    document: Document, first: int, last: int
-) -> tuple[Document, dict[str, FloatArray]]:
+    document: FilmDocument, first: int, last: int
+) -> tuple[MatchDocument, dict[str, FloatArray]]:
     """Return a document in which one frame of a film is matched with another one, and the values of
     its functions.
     """
     film = document.film
-    assert film is not None
     known: dict[str, FloatArray] = {}
     called: dict[str, str] = {}
 
@@ -139,7 +129,7 @@ def document_of_pair(
         source, target = (spec(f"frame {k}{of}", film.columns[k][number]) for k in (first, last))
         channels.append(Channel(source, target, weight))
     mask = "" if film.frames.mask is None else spec(MEASURED, film.frames.mask)
-    made = Document(
+    made = MatchDocument(
         document.surfaces,
         tuple(channels),
         mask=mask,

@@ -18,8 +18,8 @@ from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step, telling
 from abfm.workers.worker import Worker, WorkerEndedError, report, stateless
 from abfm_viewer.computing.background import THREADS, Memo, error_line
-from abfm_viewer.document.document import Document
 from abfm_viewer.document.film import FilmSettings
+from abfm_viewer.document.kinds import FilmDocument
 
 _TRIES = 3  # of a process that ends, such as for want of memory, each from where the last one was
 _ENDED = (
@@ -31,7 +31,7 @@ _ENDED = (
 class Ended(NamedTuple):
     """What a run was of and has come to, or in a line why it failed."""
 
-    began: Document
+    began: FilmDocument
     found: abfm.Sequence | str
     was_recovered: bool  # it only told what an earlier one had found
 
@@ -46,11 +46,13 @@ class FilmMatch:
         Returns the file beside which that is, for a document; by default there is none.
     """
 
+    failed = False  # errors of a run are notices
+
     def __init__(self) -> None:
-        self.beside: Callable[[Document], Path | None] = lambda document: None
+        self.beside: Callable[[FilmDocument], Path | None] = lambda document: None
         self.step: Step | None = None  # what it does, read at any time
         self.pair: tuple[int, int] | None = None  # frames to match by themselves, if chosen
-        self._began: Document | None = None  # what the run is of
+        self._began: FilmDocument | None = None  # what the run is of
         self._goes_on = True
         self._fields: dict[int, FloatArray] = {}  # of the run, by interval
         self._fast = 0.0  # the largest of what counted as fast in the run's fields
@@ -65,7 +67,7 @@ class FilmMatch:
         return self._work is not None
 
     @property
-    def began(self) -> Document | None:
+    def began(self) -> FilmDocument | None:
         """What the run is of that is under way, the same object all the time."""
         return self._began
 
@@ -73,11 +75,11 @@ class FilmMatch:
     def paused(self) -> bool:
         return self.running and self._control.paused
 
-    def start(self, document: Document, goes_on: bool = True) -> None:
+    def start(self, document: FilmDocument, goes_on: bool = True) -> None:
         """Match all frames of a document's film, unless a run is under way, after what one of the
         same had found that did not come to its end; or, unless it `goes_on`, tell only that.
         """
-        if self.running or document.film is None:
+        if self.running:
             return
         self._began, self._control, self._fields = document, Control(), {}
         self._fast, self._goes_on = 0.0, goes_on
@@ -96,30 +98,30 @@ class FilmMatch:
         if self.running:
             self._control.cancel()
 
-    def found(self, document: Document) -> int:
+    def found(self, document: FilmDocument) -> int:
         """Return how many fields a run of the document has found."""
         return len(self._fields) if self._is_of(document) else 0
 
-    def fast(self, document: Document) -> float:
+    def fast(self, document: FilmDocument) -> float:
         """Return what counts as fast in any of the fields that a run of the document has found, 0
         without any; it only grows.
         """
         return self._fast if self.found(document) else 0.0
 
-    def words(self, document: Document) -> str:
+    def words(self) -> str:
         """Return in a line what a run does."""
         doing = "paused" if self.paused else self.step.words() if self.step else "matching"
-        if not self._is_of(document) or document.film is None:
+        if self._began is None:
             return doing
-        return f"{doing}, {len(self._fields)} of {document.film.intervals} intervals found"
+        return f"{doing}, {len(self._fields)} of {self._began.film.intervals} intervals found"
 
-    def field(self, document: Document, interval: int) -> FloatArray | None:
+    def field(self, document: FilmDocument, interval: int) -> FloatArray | None:
         """Return the field (F, 3) of an interval, always the same array; None where none is known.
         A run's own fields are shown as soon as there is one.
         """
         if self._is_of(document) and self._fields:
             return self._fields.get(interval)
-        sequence = document.sequence
+        sequence = document.result
         if sequence is None or interval >= len(sequence):
             return None
 
@@ -129,19 +131,18 @@ class FilmMatch:
 
         return self._of_result.get((sequence,), fields)[interval]
 
-    def motion(self, document: Document, interval: int) -> float:
+    def motion(self, document: FilmDocument, interval: int) -> float:
         """Return the share of motion in frames between two, see `abfm.Sequence.motion_shares`; 1
         during a run.
         """
-        sequence = document.sequence
+        sequence = document.result
         if sequence is None or (self._is_of(document) and self._fields):
             return 1.0
         return float(sequence.motion_shares[interval])
 
-    def speeds(self, document: Document) -> FloatArray:
+    def speeds(self, document: FilmDocument) -> FloatArray:
         """Return the root mean square of the speed in each interval, (T - 1,), or NaN."""
         film = document.film
-        assert film is not None
         fields = [self.field(document, interval) for interval in range(film.intervals)]
 
         def measure() -> FloatArray:
@@ -159,14 +160,14 @@ class FilmMatch:
         """Return, once, what a run has come to."""
         if self._work is None or self._began is None or not self._work.done():
             return None
-        work, began, film = self._work, self._began, self._began.film
+        work, began = self._work, self._began
         self._fields, self._work, self._began, self.step = {}, None, None, None
         try:
             found = work.result()
         except Exception as error:
             return Ended(began, error_line(error), not self._goes_on)
         # the frames that it was sent are the document's
-        own = found if film is None else replace(found, _frames=film.frames)
+        own = replace(found, _frames=began.film.frames)
         return Ended(began, own, not self._goes_on)
 
     def close(self) -> None:
@@ -175,7 +176,7 @@ class FilmMatch:
         if self._work is not None:
             wait([self._work], 1.0)
 
-    def _is_of(self, document: Document) -> bool:
+    def _is_of(self, document: FilmDocument) -> bool:
         return self._began is not None and self._began.film is document.film
 
     @factoring_apart()

@@ -5,10 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
-
-import numpy as np
 
 import abfm
 from abfm import AbfmError, TriangleMesh
@@ -17,7 +14,7 @@ from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.computing.evaluation import Evaluated, Evaluators, Functions
 from abfm_viewer.document.document import SIDES, Document, Function, Side
-from abfm_viewer.document.surface_points import landmarks_of_match
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files.project import terms_from_files
 
 
@@ -75,7 +72,7 @@ class DocumentFunctions:
             specs = tuple(one.spec for one in own)
             found = evaluating.ask(specs) if specs else None
             self._evaluated[evaluating] = found or before.get(evaluating, {})
-        is_bare = not any(self._evaluated.values()) and document.film is None
+        is_bare = not any(self._evaluated.values())
         self.bare_since = (self.bare_since or clock.perf_counter()) if is_bare else None
 
     def _found(self, function: Function) -> FloatArray | str:
@@ -87,7 +84,7 @@ class DocumentFunctions:
         found = self._found(function)
         return None if isinstance(found, str) else found
 
-    def period(self, document: Document) -> float | None:
+    def period(self, document: MatchDocument) -> float | None:
         """Return the period of the active channel's source if its values jump by it, or None."""
         if document.active is None:
             return None
@@ -106,7 +103,7 @@ class DocumentFunctions:
         errors = ((one.spec, self.error(one)) for one in document.functions)
         return next((f"{spec}: {error}" for spec, error in errors if error), "")
 
-    def obstacle(self, document: Document) -> str:
+    def obstacle(self, document: MatchDocument) -> str:
         """Say why functions keep a match of the document from starting; nothing if they do not."""
         if not document.channels:
             return "a source and a target for this mesh are being chosen"
@@ -120,7 +117,7 @@ class DocumentFunctions:
         has_weight = any(channel.weight for channel in document.channels)
         return "" if has_weight or document.is_of_landmarks else "all channels have the weight 0"
 
-    def outdated(self, document: Document) -> bool:
+    def outdated(self, document: MatchDocument) -> bool:
         """Tell whether the result was found for another problem; False without a result.
 
         While new values are being computed, the answer is the one before. Of two surfaces the
@@ -133,41 +130,11 @@ class DocumentFunctions:
         def compare() -> bool:
             is_known = self.problem(document) or all(one is not None for one in values)
             if result is not self._compared or is_known:
-                self._compared, self._answer = result, self._differs(result, document)
+                self._compared, self._answer = result, document.differs(result, self.values)
             return self._answer
 
         problem = document.parameters, document.asked
         return self._is_outdated.get((result, problem, document.initial_map, *values), compare)
-
-    def _differs(self, result: abfm.Match, document: Document) -> bool:
-        channels = document.channels
-        if len(channels) != result.source.shape[1]:
-            return True
-        alone = document.landmarks_alone and result.problem.is_of_landmarks
-        weights = result.weights.tolist()
-        if result.parameters != document.parameters or not (
-            alone or [*document.weights] == weights
-        ):
-            return True
-        if document.is_pair:
-            return document.initial_map is None or not document.initial_map.is_for(document)
-        nameless = tuple(replace(pair, name="") for pair in document.pairs)
-        if nameless != landmarks_of_match(result):
-            return True
-        functions = [document.function(side, channel) for side in SIDES for channel in channels]
-        found = [values for one in functions if (values := self.values(one)) is not None]
-        mask = self.values(document.mask_function) if document.mask else np.ones(len(result.source))
-        if mask is None or len(found) < len(functions):
-            return True
-        now, then = np.array(found), np.concatenate([result.source.T, result.target.T])
-        has_value = ~np.isnan(now).any(axis=0)
-        mask = mask * has_value
-        is_compared = mask > 0  # elsewhere values change nothing
-        return not (
-            (document.mask == "" and has_value.all()) == (result.mask is None)
-            and np.array_equal(mask, np.ones(len(mask)) if result.mask is None else result.mask)
-            and np.array_equal(now[:, is_compared], then[:, is_compared])
-        )
 
     def step(self, document: Document) -> Step | None:
         if not document.channels:

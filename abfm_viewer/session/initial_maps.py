@@ -17,7 +17,8 @@ from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import Step
 from abfm.workers.worker import Worker, WorkerEndedError
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
-from abfm_viewer.document.document import SIDES, Asked, Document, InitialMap, Landmark, Side
+from abfm_viewer.document.document import SIDES, Asked, InitialMap, Landmark, Side
+from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.document.surface_points import paired
 from abfm_viewer.session.functions import DocumentFunctions
 
@@ -95,9 +96,9 @@ class InitialMaps:
         """Say why there is no map; nothing if there is one, or will be."""
         return "" if self.busy else self._prepared.error
 
-    def prepared(self, document: Document) -> Prepared | None:
+    def prepared(self, document: PairDocument) -> Prepared | None:
         """Return what is known by now, lately of functions as they were; None before it is."""
-        if not document.is_pair or not document.channels:
+        if not document.channels:
             return None
         kept, result = document.initial_map, document.result
         if kept is not None and result is not None and kept.is_for(document):
@@ -127,7 +128,7 @@ class InitialMaps:
             wanted, self._prepare, self._control, self._first_maps, way, given, asked
         )
 
-    def compared(self, document: Document, side: Side) -> FloatArray | None:
+    def compared(self, document: PairDocument, side: Side) -> FloatArray | None:
         """Return a side's function of the active channel on B, as a flow carries or meets it: a
         target in its own unit is the very array of its values.
         """
@@ -146,7 +147,7 @@ class InitialMaps:
 
         return self._columns[side].get((prepared, channel, own), column)
 
-    def _given(self, document: Document) -> _Given | None:
+    def _given(self, document: PairDocument) -> _Given | None:
         """Return the functions, the mask and the weights; None if some are unknown."""
         known, sides = self._functions.values, []
         for side in SIDES:

@@ -12,6 +12,8 @@ from abfm import AbfmError
 
 _SECONDS_OF_NOTICE, _SECONDS_OF_ERROR = 6.0, 12.0
 _LONGEST_LOG, _MOST_CARDS = 1000, 50
+RUN = "run"
+"""What cards about a match are about."""
 WaysOut = Mapping[str, Callable[[], None]]
 """What can be done about a problem: labels of buttons, and what they do."""
 

@@ -28,20 +28,20 @@ class PathSteps:
     @property
     def shown(self) -> int:
         """The step that is shown, or will be as soon as it is computed; 0 without a result."""
-        result = self._editor.document.result
+        result = self._editor.document.match
         return self._wanted[1] if self._wanted else result.step if result else 0
 
     @property
     def chosen(self) -> int | None:
         """The step at which the result's match ended; None without a result."""
-        document = self._editor.document
+        document = self._editor.draft
         if document.chosen is None and document.result:
             return document.result.step
         return document.chosen
 
     def show(self, step: int) -> None:
         """Show another step of the result's path, the nearest one that there is."""
-        if result := self._editor.document.result:
+        if result := self._editor.document.match:
             self._wanted = result, min(max(step, 0), len(result.path) - 1)
             self.update()
 
@@ -54,7 +54,7 @@ class PathSteps:
         if self._wanted is None:
             return
         document, (then, step) = self._editor.document, self._wanted
-        result = document.result
+        result = document.match
         if result is None or result.path is not then.path or result.step == step:
             self._wanted = None
             return
@@ -71,9 +71,9 @@ class PathSteps:
             self._notices.say(f"step {step + 1}: {self._found.error}", is_error=True)
 
     def _known(self, step: int) -> abfm.Match | None:
-        result = self._editor.document.result
+        result = self._editor.document.match
         for document in self._editor.documents:
-            other = document.result
+            other = document.match
             if result and other and (other.path is result.path) and other.step == step:
                 return other
         return None

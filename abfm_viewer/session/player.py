@@ -6,8 +6,6 @@ Repeat = Literal["once", "loop", "ping-pong"]
 REPEATS: tuple[Repeat, ...] = get_args(Repeat)
 SECONDS = 4.0
 """How long the flow from 0 to tau takes at speed 1."""
-FRAMES_A_SECOND = 5.0
-"""Frames of a film that are passed at speed 1."""
 SECONDS_PER_CYCLE = 1.0
 """How long moving streaks take until they look the same again."""
 _LONGEST_FRAME = 0.1  # seconds: after a hang the time does not leap

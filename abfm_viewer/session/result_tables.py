@@ -17,9 +17,9 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.comparison import Compared, Comparison
 from abfm_viewer.document.document import Channel, Document, Identity, Surface
+from abfm_viewer.document.kinds import SubjectDocument
 from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow, ResultTable
 from abfm_viewer.files.result_tables import POPULATION, TableReader
-from abfm_viewer.session.film_files import view_of_fields
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
 
@@ -58,16 +58,7 @@ def document_of_row(row: ResultRow, read_document: Callable[[Path], Opened]) -> 
     """Return a row's result as its file opens, called by the row's name."""
     assert row.path is not None
     document, known = read_document(row.path)
-    *others, last = document.surfaces
-    named = replace(last, name=f"B of {row.name}" if others else row.name)
-    film = None if document.film is None else replace(document.film, name=row.name)
-    return replace(
-        document,
-        surfaces=(*others, named),
-        film=film,
-        runs=tuple(replace(run, label=row.name) for run in document.runs),
-        called=_called(document.channels, row.texts),
-    ), known
+    return document.renamed(row.name, _called(document.channels, row.texts)), known
 
 
 def _called(channels: tuple[Channel, ...], texts: tuple[tuple[str, str], ...]) -> dict[str, str]:
@@ -111,7 +102,7 @@ def document_of_subject(table: ResultTable, row: ResultRow, what: Compared) -> O
         channels[source, target] = number
         listed.append(Channel(source, target, weight=float(found.channel_weights[number])))
         called |= dict.fromkeys((source, target), channel.name)
-    document = Document(
+    document = SubjectDocument(
         (Surface(found.template, f"{row.name} of {table.title}"),),
         tuple(listed),
         mask="" if (counts == 1).all() else spec(f"{row.name}: mask", counts),
@@ -291,8 +282,9 @@ class Tables:
     def compare(self, what: Compared) -> None:
         """Hold the subject that is shown, and those that are chosen later, against something."""
         self.compared = what
-        if (now := self._session.document.comparison) is not None:
-            other = replace(now, what=what)
+        document = self._session.document
+        if isinstance(document, SubjectDocument):
+            other = replace(document.comparison, what=what)
             self._session.editor.change(f"compare with the {what}", comparison=other)
 
     def update(self) -> None:
@@ -337,12 +329,12 @@ class Tables:
         is_same = len(now) == len(document.surfaces) and now[-1].mesh.digest == mesh.digest
         look = session.view.look if is_same else None
         large = session.view.large if is_same else ""
-        if is_same and document.comparison is not None:  # the same channel as before
+        if is_same and isinstance(document, SubjectDocument):  # the same channel as before
             channel = min(session.document.channel, len(document.channels) - 1)
             document = replace(document, channel=channel)
         view = replace(session.view, look=look, large=large)
-        if document.sequence is not None and session.document.sequence is None:
-            view = view_of_fields(view, document.sequence)
+        if session.document.tracked is None:
+            view = document.view_of_result(view)
         session.restore(replace(document, view=view), known, None)
         self._seen = session.document.identity
         self._beside.add(self._seen)

@@ -3,30 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
-import abfm
 from abfm_viewer.document.document import Document, Identity
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Editor
-
-_CONTENT = (
-    "channels",
-    "parameters",
-    "mask",
-    "initial",
-    "landmarks",
-    "landmarks_alone",
-    "labels",
-    "film",
-    "settings",
-    "lines",
-    "points",
-)
-"""What besides the result would be lost; the view and the time do not count."""
-_FOUND = "result", "sequence"
-_IN_SEQUENCES = "film", "settings", "sequence"
-"""What files of sequences hold."""
 
 
 class Saves:
@@ -39,8 +21,7 @@ class Saves:
         self._editor = editor
         self._saved: dict[Identity, tuple[Document | None, Origin | None]] = {}
         self._left: dict[Identity, Document] = {}
-        self._exported: abfm.Match | None = None
-        self._exported_film: Document | None = None
+        self._exported: dict[type[Document], Document] = {}
         self.mark(editor.document, None)
 
     @property
@@ -66,49 +47,46 @@ class Saves:
         for identity, left in self._left.items():
             is_elsewhere = identity is not document.identity
             has_other = left.result is not None and left.result is not document.result
-            is_film = left.sequence is not None and left.sequence is not document.sequence
-            has_other = has_other or is_film
             is_lost = self._differs(left)
             if is_lost and (is_elsewhere or (has_other and not differs)):
                 found.append(left)
         return tuple(found)
 
     def has_new_result(self, document: Document) -> bool:
+        """Whether a document's match is in no file; another step of the same path is no new one."""
         saved, _ = self._of(document)
-        result, known = document.result, saved.result if saved else None
-        # another step of the same path is no new one
-        known_paths = [] if known is None else [known.path]
-        if self._exported is not None:
-            known_paths.append(self._exported.path)
-        return result is not None and not any(result.path is path for path in known_paths)
+        files = (saved, self._exported.get(type(document)))
+        kept = [file.match for file in files if file is not None]
+        found = document.match
+        return found is not None and not any(one and found.path is one.path for one in kept)
 
-    def exported(self, result: abfm.Match) -> None:
-        """Remember that a result is in a file of its own, the latest such."""
-        self._exported = result
+    def exported(self, document: Document) -> None:
+        """Remember that a document's result is in a file of its own, the latest of its kind."""
+        if not document.is_outdated:  # else the file is not of the document
+            self._exported[type(document)] = document
 
-    def exported_film(self, document: Document) -> None:
-        """Remember that a document's frames, fields and settings are in a file, the latest such."""
-        if not document.is_film_outdated:  # else the file has the settings of the fields
-            self._exported_film = document
+    def lost(self, document: Document) -> str:
+        """Say what of a document is in no file."""
+        return document.lost(self.changes(document), self.has_new_result(document))
 
     def changes(self, document: Document) -> tuple[str, ...]:
         """Return which parts of a document are in no file, by their names in it."""
-        saved, exported = self._of(document)[0], self._exported_film
-        if exported is None or exported.sequence is not document.sequence:
+        saved, exported = self._of(document)[0], self._exported.get(type(document))
+        if exported is None or exported.result is not document.result:
             exported = None
-        elif saved is None:  # of another launch: what it has besides
-            saved = Document(document.surfaces)
+        elif saved is None and document.exported:  # of another launch: what it has besides
+            saved = replace(exported, labels=None, lines=(), points=())
 
         def is_in(file: Document | None, name: str) -> bool:
             if file is None:
                 return False
             mine, other = getattr(document, name), getattr(file, name)
-            return mine is other if name in _FOUND else bool(mine == other)
+            return mine is other if name == "result" else bool(mine == other)
 
         return tuple(
             name
-            for name in (*_CONTENT, *_FOUND)
-            if not (is_in(saved, name) or (name in _IN_SEQUENCES and is_in(exported, name)))
+            for name in (*document.content, "result")
+            if not (is_in(saved, name) or (name in document.exported and is_in(exported, name)))
         )
 
     def origin(self, document: Document) -> Origin | None:

@@ -6,7 +6,7 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -27,7 +27,6 @@ from abfm.wording import capital
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import (
-    OF_A,
     SIDES,
     Channel,
     Document,
@@ -38,6 +37,7 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
+from abfm_viewer.document.kinds import OF_A, FilmDocument, MatchDocument, PairDocument
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.document.surface_points import landmarks_of_match, points_of
 from abfm_viewer.files import result_tables
@@ -53,7 +53,6 @@ from abfm_viewer.session.film_files import (
     is_no_surface,
     is_result,
     read_film,
-    view_of_fields,
 )
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.initial_maps import GIVEN
@@ -140,8 +139,8 @@ def _check_alone(path: Path) -> None:
 def session_of(opened: Opened, origin: Origin | None = None) -> Session:
     """A session that begins with a document."""
     document, known = opened
-    if origin is None and document.sequence is not None:
-        document = replace(document, view=view_of_fields(document.view, document.sequence))
+    if origin is None:
+        document = replace(document, view=document.view_of_result(document.view))
     session = Session(document.surface().mesh, document.name)
     session.restore(document, known, origin)
     session.reset_history()
@@ -183,7 +182,9 @@ def read_document(path: Path) -> Opened:
     return document_of_result(abfm.load_match(path), path)
 
 
-def document_of_result(match: abfm.Match, path: Path) -> Opened:
+def document_of_result(
+    match: abfm.Match, path: Path
+) -> tuple[MatchDocument, dict[str, FloatArray]]:
     """A document that shows a result at tau; its functions are named by their own text, if that
     needs no file, or else by the result's file.
     """
@@ -200,7 +201,7 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
             SIDES, (match.source, match.target), match.problem.specs, strict=True
         )
     )
-    document = Document(
+    document = MatchDocument(
         (Surface(match.mesh, path.name),),
         channels=tuple(map(Channel, sources, targets, _weights(match))),
         landmarks=landmarks_of_match(match),
@@ -231,7 +232,9 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
         starts = points_of(back.carry_points(marks.points(match.mesh)))
         given = zip(starts, document.landmarks, strict=True)
         landmarks = tuple(one.placed("source", start) for start, one in given)
-    opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN)
+    drafted = {one.name: getattr(document, one.name) for one in fields(document)}
+    drafted |= {"surfaces": pair, "landmarks": landmarks, "initial": GIVEN}
+    opened = PairDocument(**drafted)
     kept = InitialMap(
         initial,
         **opened.asked._asdict(),
@@ -361,36 +364,33 @@ class SessionFiles:
         text = f"{name} has several arrays. Which one is the function that changes in time?"
         self._ask("Which array?", text, answers | {"Open none": None})
 
-    def set_circular(self, period: float | None) -> None:
+    def set_circular(self, document: FilmDocument, period: float | None) -> None:
         """Compare phases by cosine and sine in the film that is open, or as numbers again."""
-        session, film = self._session, self._session.document.film
-        if film is None:
-            return
+        session, film = self._session, document.film
 
         def make() -> Do:
             made = circular_film(film, period)
 
             def show() -> None:
-                if session.document.film is film:
+                now = session.document
+                if isinstance(now, FilmDocument) and now.film is film:
                     change = session.editor.change
-                    change("change circular", film=made, sequence=None, channel=0)
+                    change("change circular", film=made, result=None, channel=0)
 
             return show
 
         self._load(Load("computing cosine and sine" if period else "restoring phases", make))
 
-    def match_frames(self, first: int, last: int) -> None:
+    def match_frames(self, document: FilmDocument, first: int, last: int) -> None:
         """Make a match of its own of two frames of the film that is open."""
-        document, film = self._session.document, self._session.document.film
-        if film is not None:
-            name = f"{film.frame(first)} to {film.frame(last)}"
 
-            def make(_: View) -> Opened:
-                made, known = document_of_pair(document, first, last)
-                self.tables.stay_beside(made)
-                return made, known
+        def make(_: View) -> Opened:
+            made, known = document_of_pair(document, first, last)
+            self.tables.stay_beside(made)
+            return made, known
 
-            self.open_made(name, make)
+        film = document.film
+        self.open_made(f"{film.frame(first)} to {film.frame(last)}", make)
 
     def _open_both(self, mesh: Path, second: Path, then: Callable[[Path], None]) -> None:
         """Open a mesh in the background, and then what belongs to it."""
@@ -442,12 +442,12 @@ class SessionFiles:
 
         def read() -> Do:
             document, known = make(self._session.view)
-            ready = "press Play, its field is given" if document.result else "press Match"
-            ready = f"{ready} all frames" if document.film else ready
+            ready = f"press {document.match_label}"
+            ready = "press Play, its field is given" if document.result else ready
 
             def show() -> None:
                 self._session.restore(document, known, None)
-                self._samples[document.identity] = name if document.is_pair else capital(name)
+                self._samples[document.identity] = name if name == document.name else capital(name)
                 self._session.notices.say(f"{name} is ready: {ready}")
 
             return show
@@ -639,11 +639,11 @@ class SessionFiles:
             view = self._session.view.preferences
             if origin:  # with a view of its own, in the size that the user needs on this screen
                 view = replace(document.view, ui_scale=view.ui_scale)
-            elif document.sequence is not None:
-                view = view_of_fields(view, document.sequence)
+            else:
+                view = document.view_of_result(view)
             self._session.restore(replace(document, view=view), known, origin)
 
-        doubt = document.result.doubt if document.result else ""
+        doubt = document.match.doubt if document.match else ""
         return partial(self._show, path, restore, doubt=doubt)
 
     def _offered(self, label: str, again: Do | None = None) -> dict[str, Do]:

@@ -120,7 +120,7 @@ class ShownLandmarks(Jobs):
         """Return where those of the source start on the target's surface."""
         document, prepared = self._session.document, self._session.prepared
         initial = prepared.initial.correspondence if prepared else None
-        if document.is_pair and initial is None:
+        if initial is None and document.surface("source") is not document.surface():
             return None
         mesh = document.surface("source").mesh
         sources = tuple(one.source for one in landmarks if one.source)

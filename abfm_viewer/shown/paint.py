@@ -21,7 +21,8 @@ from abfm.pages.front import Front
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.document import CARRIED, HODGE_PARTS, SIDES, Side, Theme
-from abfm_viewer.shown.shown import Field, Shown
+from abfm_viewer.shown.quantities import Field
+from abfm_viewer.shown.shown import Shown
 
 COMPUTING = ": computing"
 """What follows the title of a surface whose values are still to come."""
@@ -66,7 +67,7 @@ class Painter:
             return self._without_values(name)
         source, target = session.compared("source"), session.compared("target")
         if source is None or target is None:
-            return self._before_the_map(name) if session.document.is_pair else None
+            return self._before_the_map(name)
         own = session.values("source") if target is session.values("target") else source
         colors = self._function_range(source if own is None else own, target)
         if paint := self._on_finer(name, colors):
@@ -104,12 +105,12 @@ class Painter:
         its own unit, though what is compared on B be in another one. None before that is known.
         """
         session, title = self._session, self._session.document.titled(side)
-        is_pair, is_of_a = session.document.is_pair, side == "source"
-        if session.view.coloring in CARRIED and (is_of_a or not is_pair):
+        is_of_source = session.surface(side) is session.surface("source")
+        if session.view.coloring in CARRIED and is_of_source:
             places = session.surface(side).mesh.vertices
             if (paint := self._carried(side, places, title)) is not None:
                 return paint
-        if not (is_pair and is_of_a):
+        if side == "target" or session.compared(side) is session.values(side):
             return self._function(side, values, title, colors)
         if (own := session.values(side)) is None:  # what came to B by an earlier one is on B
             return None
@@ -148,34 +149,8 @@ class Painter:
 
     def _unknown(self, name: str) -> BoolArray | None:
         """Return where a function that a surface shows was not measured; None where nowhere."""
-        document = self._session.document
-        if document.film is not None:
-            return document.film.frames.unknown
-        compared, active = document.compared, document.active
-        if compared is None or active is None:
-            return self._without_value()
-        channel = compared.channels[active.source, active.target]
-        find = partial(compared.unknown, name, channel)
-        return self._unknowns[name].get((compared, channel), find)
-
-    def _without_value(self) -> BoolArray | None:
-        """Return where the active functions have no value, or the mask of frames that became a
-        match; None if they have values everywhere.
-        """
-        functions, document = self._session.functions, self._session.document
-        if document.active is None or document.is_pair:
-            return None
-        active = [document.function(side, document.active) for side in SIDES]
-        given = [values for one in active if (values := functions.values(one)) is not None]
-        mask = functions.values(document.mask_function) if document.has_missing else None
-
-        def find() -> BoolArray | None:
-            missing = [np.isnan(values) for values in given]
-            missing += [] if mask is None else [np.asarray(mask == 0)]
-            found = np.any(missing, axis=0)
-            return found if found.any() else None
-
-        return self._unknowns["functions"].get((mask, *given), find)
+        made_of, find = self._session.document.missing(name, self._session.functions.values)
+        return self._unknowns[name].get(made_of, find)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
         """Show a function of a match on the finer mesh that it was found on, if that is wanted."""
@@ -199,10 +174,10 @@ class Painter:
         is_busy = shown.flow.busy or shown.quantities.busy
         is_behind = shown.flow.is_behind if is_function else is_busy
         title = self._session.document.titled("advected")
-        if self._session.document.film is not None and shown.flow.state is None:
+        if not self._session.document.has_one_field and shown.flow.state is None:
             title = f"{title}, only blended"
         title = self._extrapolated(title, is_behind)
-        unknown = None if self._session.document.compared else self._unknown("advected")
+        unknown = self._unknown("carried")
 
         def make() -> Paint:
             told = title if is_behind else _with_range(title, advected, colors)
@@ -216,10 +191,8 @@ class Painter:
         if kind == "function":
             return self._textured(advected, colors) if self._session.view.streaks else None
         if kind in CARRIED:
-            carried, title = self._shown.flow.coordinates(), f"carried {kind}"
-            if self._session.document.is_pair:
-                title = f"{kind} of A, on B"
-            title = self._extrapolated(title)
+            carried = self._shown.flow.coordinates()
+            title = self._extrapolated(self._session.document.carried_title(kind))
             return None if carried is None else self._carried("advected", carried, title)
         if kind in ("area distortion", "conformal distortion"):
             return self._distortion(kind)
@@ -294,7 +267,7 @@ class Painter:
         return self._kept[name].get((values, labels, title), make)
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
-        unknown = None if self._session.document.compared else self._unknown("advected")
+        unknown = self._unknown("carried")
         texture = self._shown.quantities.texture(advected, colors, unknown)
         if texture is None:
             return None
@@ -375,15 +348,8 @@ class Painter:
         return _labelled(f"{title}, extrapolated" if is_beyond else title, is_behind)
 
     def _function_range(self, source: FloatArray, target: FloatArray) -> ColorRange:
-        if (film := self._session.document.film) is not None:
-            channel = self._session.document.channel
-            of_all = film, channel, *self._look
-            return self._range.get(
-                of_all, lambda: self._own_range(film.frames.values[:, :, channel])
-            )
-        return self._range.get(
-            (source, target, *self._look), lambda: self._own_range(source, target)
-        )
+        made_of, values = self._session.document.ranged(source, target)
+        return self._range.get((*made_of, *self._look), lambda: self._own_range(*values()))
 
     @property
     def _look(self) -> tuple[str, Theme]:

@@ -17,10 +17,9 @@ from abfm.mesh import per_mesh
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import CARRIED
-from abfm_viewer.document.film import Film
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.flow_state import FlowState
-from abfm_viewer.shown.in_between import Frames, InBetween, blended
+from abfm_viewer.shown.in_between import Frames, blended
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -144,8 +143,6 @@ class ShownFlow(Jobs):
         self._coordinates = Carried(self, FlowState.origins)
         self._destinations = Carried(self, FlowState.destinations)
         self._labels: Latest[IntArray] = self.latest()
-        self._between = InBetween(self)
-        self._next = Memo[FlowState]()
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
         self._places = Memo[FloatArray]()
@@ -159,8 +156,6 @@ class ShownFlow(Jobs):
     def state(self) -> FlowState | None:
         """The flow, the same object for the same field; None before there is any."""
         snapshot, result = self._session.snapshot, self._session.result
-        if (film := self._session.document.film) is not None:
-            return self._of_interval(film, film.interval(self._session.document.time))
         if snapshot is not None:
             return self._of(snapshot.shown, snapshot.problem.parameters, final=False)
         return None if result is None else self._of(result, result.parameters, final=True)
@@ -176,17 +171,6 @@ class ShownFlow(Jobs):
         make = partial(FlowState, mesh, read, parameters, final, problem, count, first)
         return self._state.get((found, first), make)
 
-    def _of_interval(
-        self, film: Film, interval: int, memo: Memo[FlowState] | None = None
-    ) -> FlowState | None:
-        field = self._session.film_match.field(self._session.document, interval)
-        if field is None:
-            return None
-        mesh, tau = film.frames.mesh, float(film.frames.durations[interval])
-        motion = self._session.film_match.motion(self._session.document, interval)
-        make = partial(FlowState, mesh, field, Parameters(tau=tau), reach=1.0, motion=motion)
-        return (memo or self._state).get((field, tau, motion), make)
-
     @property
     def time(self) -> float:
         """The shown time in the time of the flow (they differ after tau was changed)."""
@@ -199,8 +183,6 @@ class ShownFlow(Jobs):
         """
         session, flow = self._session, self.state
         self.is_behind = False
-        if session.document.film is not None:
-            return self._in_between(session.document.film, flow)
         source = session.compared("source")
         if source is None or flow is None:
             return source
@@ -219,21 +201,6 @@ class ShownFlow(Jobs):
         self.is_behind = self._source.behind
         return source if carried is None else carried
 
-    def _in_between(self, film: Film, flow: FlowState | None) -> FloatArray:
-        """Return a film's function at the shown time, and compute the next interval in advance."""
-        session, columns, channel = self._session, film.columns, self._session.document.channel
-        interval, share = film.interval(session.document.time), min(session.time / session.tau, 1.0)
-        ends = columns[interval][channel], columns[interval + 1][channel]
-        found = self._between.at(flow, *ends, share)
-        self.is_behind = self._between.is_behind
-        after = interval + 1
-        if session.player.playing and not self.is_behind and after < film.intervals:
-            next_flow = self._of_interval(film, after, self._next)
-            if next_flow is not None:
-                ends = columns[after][channel], columns[after + 1][channel]
-                self._between.prepare(next_flow, *ends)
-        return found
-
     def on_finer_mesh(self, name: str) -> tuple[TriangleMesh, FloatArray] | None:
         """Return the source, the target or the advected function, (V,), on the finer mesh on which
         the result was found; None where it was on none, that is not wanted, or not yet known.
@@ -241,7 +208,7 @@ class ShownFlow(Jobs):
         session, result = self._session, self._session.result
         if result is None or session.snapshot is not None or session.outdated:
             return None
-        if name == "source" and session.document.is_pair:
+        if session.surface(name) is not session.surface():  # it is on A
             return None
         if not (session.view.finer and result.refined):
             return None
@@ -290,8 +257,9 @@ class ShownFlow(Jobs):
     @property
     def _origins(self) -> FloatArray | None:
         """Where each vertex's value is at time 0, (V, 3)."""
-        if not self._session.document.is_pair:
-            return self._session.surface().mesh.vertices
+        surface = self._session.surface()
+        if self._session.surface("source") is surface:
+            return surface.mesh.vertices
         if (prepared := self._session.prepared) is None:
             return None
         first = prepared.initial.correspondence.points
@@ -308,8 +276,6 @@ class ShownFlow(Jobs):
     def is_ready(self) -> bool:
         """Return whether what the view carries along is known at all times of the flow."""
         session, state = self._session, self.state
-        if session.document.film is not None:
-            return True
         source, places = session.compared("source"), self._origins
         if state is None or source is None or places is None or not state.final:
             return True
@@ -332,4 +298,4 @@ class ShownFlow(Jobs):
     @property
     def problem(self) -> str:
         """Say why the shown time could not be computed exactly; nothing if it could."""
-        return self._source.problem or self._coordinates.problem or self._between.error
+        return self._source.problem or self._coordinates.problem

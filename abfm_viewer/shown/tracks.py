@@ -25,7 +25,7 @@ class ShownTracks(Jobs):
     def ways(self) -> tuple[Way, ...]:
         """Return those of the film's result that are wanted and known by now."""
         document = self._session.document
-        sequence = document.sequence
+        sequence = document.tracked
         if sequence is None or not document.view.tracks:
             return ()
         return self._found.ask(sequence, lambda: tuple(ways_of(sequence.tracks()))) or ()
@@ -37,14 +37,12 @@ class ShownTracks(Jobs):
 
     def episodes(self) -> list[abfm.sequences.Episode]:
         """Return when the film's result is slow or fast, as far as it is known by now."""
-        sequence = self._session.document.sequence
+        sequence = self._session.document.tracked
         return [] if sequence is None else self._episodes.ask(sequence, sequence.episodes) or []
 
     def now(self) -> dict[str, FloatArray]:
         """Return where they are at the shown time, (P, 3) by kind."""
         document, places = self._session.document, dict[str, list[FloatArray]]()
-        if document.film is None:
-            return {}
         for way in self.ways():
             if (place := way.at(document.time, self._session.tau / 2)) is not None:
                 places.setdefault(way.kind, []).append(place)

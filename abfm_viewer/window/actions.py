@@ -24,13 +24,6 @@ _ESCAPE = (
     "close a menu; else take a message away; else show all surfaces; else cancel, and keep the "
     "best field, from which Continue goes on"
 )
-_OF_FILMS = {
-    "film": "times of its frames",
-    "settings": "parameters that were changed",
-    "lines": "lines that were clicked on",
-    "points": "points that are followed",
-}
-"""What of a film may be in no file though its fields are."""
 _QUIT = "Save before closing?"
 _MOUSE = (
     ("drag on a surface", "turn them all, each in its place"),
@@ -100,20 +93,8 @@ def what_would_be_lost(session: Session) -> str:
         said.append(f"{name} is being matched; the best field so far is in no file.")
     for document in session.saves.unsaved_documents:
         if not (running and document.identity is session.document.identity):
-            said.append(_lost_of(document, session))
+            said.append(session.saves.lost(document))
     return " ".join(said)
-
-
-def _lost_of(document: Document, session: Session) -> str:
-    changes = session.saves.changes(document)
-    if document.film is not None:
-        if document.sequence is not None and "sequence" in changes:
-            return f"The film {document.name} with its fields is in no file."
-        told = ", ".join(words for name, words in _OF_FILMS.items() if name in changes)
-        return f"Of the film {document.name} are in no file: {told or 'changes'}."
-    if document.result is not None and session.saves.has_new_result(document):
-        return f"The match of {document.name} ({document.result.facts.headline}) is in no file."
-    return f"{document.name} has changes that are in no file."
 
 
 class Actions:
@@ -327,17 +308,13 @@ class Actions:
             self._session.show_step(self._session.steps.shown + count)
 
     def _step(self, share: float) -> None:
-        document = self._session.document
-        if document.film is not None:
-            self._session.set_time(document.film.next_frame(document.time, 1 if share > 0 else -1))
-            return
-        self._session.set_time(document.time + share * document.parameters.tau)
+        self._session.set_time(self._session.document.time_after(share))
 
     def _switch_placing(self) -> None:
-        if self._session.document.film is not None:
-            self._session.notices.say("landmarks are for a match of two functions, not for a film")
-        else:
+        if self._session.document.has_sides:
             self._session.editor.switch_placing()
+        else:
+            self._session.notices.say("landmarks are for a match of two functions, not for a film")
 
     def _switch(self, name: str, what: str) -> None:
         shown = getattr(self._session.view, name)

@@ -93,8 +93,8 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
     if menu_item(ui, "Open frames..."):
         context.open_frames()
     ui.tip("A function on the mesh that is open, at several times: all frames are matched.")
-    is_pair = context.session.document.is_pair
-    if menu_item(ui, "Close second surface", enabled=is_pair):
+    has_second = len(context.session.document.surfaces) > 1
+    if menu_item(ui, "Close second surface", enabled=has_second):
         context.files.close_second()
     if menu_item(ui, "Open landmarks..."):
         landmarks.open_file(context)

@@ -15,6 +15,7 @@ from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.solver import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import THEMES, Document, Identity
+from abfm_viewer.document.kinds import FilmDocument, MatchDocument
 from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
 from abfm_viewer.files.project import Origin, load_origin, load_project
 from abfm_viewer.files.state_folder import StateFolder
@@ -140,10 +141,9 @@ class Recoveries:
             found, run = self._session.solver.unfinished(snapshot, functions)
         except AbfmError:  # the run has just ended: what it leaves comes next
             return _content(document, functions)
-        runs = (*document.runs, run)
-        initial = snapshot.problem.initial
-        found_so_far = replace(document, result=found, initial_map=initial, runs=runs, chosen=None)
-        return _content(found_so_far, functions)
+        assert isinstance(document, MatchDocument)
+        outcome = document.outcome(found, run, snapshot.problem.initial)
+        return _content(replace(document, **outcome), functions)
 
     def _ask_next(self) -> None:
         if self._recoveries:
@@ -186,8 +186,8 @@ class Recoveries:
             session.restore(replace(document, view=view), known, origin, saved=False)
             copy = self._autosave(session.document.identity)
             copy.take_over(recovery)
-            if copy.has_unfinished_film:
-                session.film_match.start(session.document, goes_on=False)
+            if isinstance(document, FilmDocument) and copy.has_unfinished_film:
+                session.film_match.start(document, goes_on=False)
             session.notices.say(f"recovered {document.name}: save it to keep it")
 
         def discard() -> None:

@@ -30,7 +30,8 @@ from abfm_viewer.appearance.samples import (
     part,
     vertices,
 )
-from abfm_viewer.document.document import Channel, Document, Surface, View
+from abfm_viewer.document.document import Channel, Surface, View
+from abfm_viewer.document.kinds import MatchDocument, PairDocument
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
@@ -53,13 +54,13 @@ _ON_THE_HUMANS = Channel("gaussian:vertex=145,width=0.18", "gaussian:vertex=700,
 Corner = tuple[float, float]
 
 
-def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatArray]]:
+def figure_document(figure: int, view: View) -> tuple[MatchDocument, dict[str, FloatArray]]:
     """Return a figure of the paper, drawn in a view's theme and layout, and the values of functions
     that no text describes; set up in a process of its own, in seconds, or AbfmError says why not.
     """
     example, given = experiments.stated_apart(figure)
     parameters = example.problem.parameters
-    document = Document(
+    document = MatchDocument(
         (Surface(example.problem.mesh, example.name),),
         tuple(Channel(source, target) for source, target in example.specs),
         parameters=parameters,
@@ -70,16 +71,16 @@ def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatA
     return document, example.values
 
 
-def pair_document(name: str, view: View) -> tuple[Document, dict[str, FloatArray]]:
+def pair_document(name: str, view: View) -> tuple[PairDocument, dict[str, FloatArray]]:
     """Return two bundled meshes, named ``A to B``, with a function on each."""
     if name == CORTEX:
         return cortex_document(view)
     a, b = name.split(" to ")
     surfaces = (Surface(load_mesh(asset_path(one)), one) for one in (a, b))
-    return Document(tuple(surfaces), (_ON_THE_HUMANS,), view=view.preferences), {}
+    return PairDocument(tuple(surfaces), (_ON_THE_HUMANS,), view=view.preferences), {}
 
 
-def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
+def cortex_document(view: View) -> tuple[PairDocument, dict[str, FloatArray]]:
     """Return both hemispheres of fsaverage5 as spheres, with how deep their sulci are; the left one
     is seen in a mirror. AbfmError without nilearn, which brings them.
     """
@@ -91,7 +92,9 @@ def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
         surfaces.append(Surface(mesh, f"{side} cortex"))
         specs.append(str(abfm.functions.ValuesFile(path=str(folder / f"sulc_{side}.gii.gz"))))
     depth = Channel(specs[0], specs[1])
-    return Document(tuple(surfaces), (depth,), initial="sphere:mirror", view=view.preferences), {}
+    return PairDocument(
+        tuple(surfaces), (depth,), initial="sphere:mirror", view=view.preferences
+    ), {}
 
 
 def _population(folder: Path) -> Path:

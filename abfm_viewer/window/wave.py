@@ -11,8 +11,9 @@ import abfm
 from abfm import TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Document, Surface, View
+from abfm_viewer.document.document import Surface, View
 from abfm_viewer.document.film import Film, FilmSettings
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.scene.slots import rotation
 
 FRAMES, STEP = 24, 0.04
@@ -59,7 +60,7 @@ def fsaverage5() -> Path | None:
     return Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
 
 
-def wave_document(view: View) -> Document:
+def wave_document(view: View) -> FilmDocument:
     """Return a wave on the left cortex of fsaverage5, where nilearn brings it, else on a bundled
     mesh.
     """
@@ -76,4 +77,4 @@ def wave_document(view: View) -> Document:
     film = Film("wave", checked(surface.mesh, frames, times, None, None), "s")
     # met at once: a choice by held-out data takes some ten seconds
     settings = FilmSettings(alpha=1.0, sigma=_SIGMA, order=1)
-    return Document((surface,), film=film, settings=settings, time=float(times[0]), view=view)
+    return FilmDocument((surface,), film, settings=settings, time=float(times[0]), view=view)

@@ -16,7 +16,6 @@ from unittest.mock import patch
 
 from abfm import FunctionError
 from abfm_viewer.automation import Driver
-from abfm_viewer.document.document import Document
 from abfm_viewer.errors import DriverError
 from tests.attack.hunt import FaultError, Trial
 from tests.attack.specimens import specimens
@@ -242,7 +241,7 @@ def differences(one, other):
         replace(each, view=replace(each.view, look=None, large=""), time=0.0)
         for each in (one, other)
     )
-    names = [each.name for each in fields(Document)]
+    names = [each.name for each in fields(one)]
     return [name for name in names if getattr(one, name) != getattr(other, name)]
 
 

@@ -17,7 +17,8 @@ from abfm.batch import Ledger, Row
 from abfm.batch.ledger import Record
 from abfm.io import write_labels, write_stc, write_values
 from abfm.reading import Labels
-from abfm_viewer.document.document import Channel, Document, Surface
+from abfm_viewer.document.document import Channel, Surface
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files.project import Origin, save_project
 from tests.core.reading.test_vtk_grids import legacy
 from tests.core.reading.vtk_files import vtk_bytes
@@ -77,7 +78,9 @@ def _written():
     mirrored = np.arange(COUNT)
     mirrored[used] = used[::-1]
     labels = Labels(keys, {0: "a", 1: "b", 2: "c"}, {k: (0.5, 0.25, k / 2, 1) for k in range(3)})
-    plain = Document((Surface(MESH, "a ball"),), (Channel("gaussian:vertex=7", "coordinate:y"),))
+    plain = MatchDocument(
+        (Surface(MESH, "a ball"),), (Channel("gaussian:vertex=7", "coordinate:y"),)
+    )
     origin = Origin(Path("/nowhere/rich.abfm"), 1, 2)
     one, three = _ON_FILE[:, 0], _ON_FILE
     writers = {

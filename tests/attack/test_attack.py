@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from abfm_viewer.document.document import Document, Surface
+from abfm_viewer.document.document import Surface
+from abfm_viewer.document.kinds import MatchDocument
 from tests.attack import doors
 from tests.attack.hostile import hostile
 from tests.attack.hunt import FaultError, Tally, Trial, hunt, table
@@ -109,7 +110,7 @@ def test_monkey_breaks_nothing():
 
 
 def test_differences_of_documents_are_named():
-    start = Document((Surface(icosphere(0), "sphere"),))
+    start = MatchDocument((Surface(icosphere(0), "sphere"),))
     assert differences(start, replace(start, time=0.5)) == []
     assert differences(start, replace(start, mask="coordinate:x", lines=())) == ["mask"]
 

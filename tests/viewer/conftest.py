@@ -10,7 +10,7 @@ from abfm_viewer.computing.background import Jobs
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
-from abfm_viewer.shown import shown
+from abfm_viewer.shown import quantities
 from abfm_viewer.window import window
 from tests.shapes import icosphere
 from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened
@@ -114,5 +114,5 @@ def coarse_streaks(monkeypatch):
     """Textures of streaks with as many texels as small pictures have pixels: they take as long
     as there are texels.
     """
-    for name in ("_TEXELS", "_TEXELS_OF_PICTURES"):
-        monkeypatch.setattr(shown, name, 512)
+    for name in ("TEXELS", "_TEXELS_OF_PICTURES"):
+        monkeypatch.setattr(quantities, name, 512)

@@ -20,6 +20,7 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import COLUMNS, CORTEX, MESHES, PICTURES, SIDE, TABLE, WAVE
 from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.document.document import Channel, Document, Surface, View
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.window.samples import cortex_document, figure_document
 from abfm_viewer.window.wave import wave_document
@@ -30,7 +31,9 @@ _SUPERSAMPLING = 2  # keeps thin limbs smooth
 
 def draw_all() -> None:
     """Write the pictures, transparent around the surfaces, and the table of vertices."""
-    documents = {name: _mesh_document(name) for name in MESHES}
+    documents: dict[str, tuple[Document, dict[str, FloatArray]]] = {
+        name: _mesh_document(name) for name in MESHES
+    }
     documents |= {f"Figure {figure}": figure_document(figure, _VIEW) for figure in FIGURES}
     documents[CORTEX] = cortex_document(_VIEW)
     documents[WAVE] = wave_document(_VIEW), {}
@@ -53,10 +56,10 @@ def draw_all() -> None:
     TABLE.write_text(json.dumps(vertices, indent=1) + "\n", encoding="utf-8")
 
 
-def _mesh_document(name: str) -> tuple[Document, dict[str, FloatArray]]:
+def _mesh_document(name: str) -> tuple[MatchDocument, dict[str, FloatArray]]:
     mesh = load_mesh(asset_path(name))
     surface = Surface(mesh, name, best_front(mesh))  # as it is opened
-    return Document((surface,), (Channel(*default_functions(mesh)),)), {}
+    return MatchDocument((surface,), (Channel(*default_functions(mesh)),)), {}
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ with Driver(mesh, size=(640, 480), state=state) as gui:
     frames = turning_wave(places / np.linalg.norm(places, axis=1)[:, None], 0.005 * np.arange(240))
     np.save(mesh.with_name("wave.npy"), frames[0])
     gui.window.files.open(mesh.with_name("wave.npy"))
-    gui.wait(lambda session: session.document.film is not None)
+    gui.wait(lambda session: isinstance(session.document, FilmDocument))
     gui.click("Match all frames")
     while True:
         gui.window.frame()
@@ -147,18 +147,18 @@ def test_a_film_goes_on_after_the_app_was_killed(tmp_path):
     assert 0 < count < 239
     with Driver(icosphere(1), size=SIZE, state=state) as gui:
         gui.click("Recover")
-        gui.wait(lambda s: s.document.sequence is not None and not s.running)
-        sequence = gui.session.document.sequence
+        gui.wait(lambda s: s.document.result is not None and not s.running)
+        sequence = gui.session.document.result
         assert gui.session.document.name == "wave.npy on egg.off"
         assert np.count_nonzero(sequence.solved) == count
         assert sequence.confirmed == count
         assert gui.session.saves.unsaved
-        assert not gui.session.document.is_film_outdated
+        assert not gui.session.document.is_outdated
         gui.click("Match all frames")
         gui.wait(lambda s: s.film_match.found(s.document) > count)
         assert not gui.session.film_match.step.task.startswith("choosing")
         gui.click("Cancel")
         gui.wait(lambda s: not s.running)
-        assert np.count_nonzero(gui.session.document.sequence.solved) > count
+        assert np.count_nonzero(gui.session.document.result.solved) > count
         assert not gui.errors
     assert not any(state.glob("autosave-*"))

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from abfm.functions import vertex_normals
 from abfm_viewer.automation import Driver
+from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.document.surface_points import surface_points
 from tests.mesh_writers import off_file
 from tests.messages import check_message
@@ -158,9 +159,9 @@ def complete_half_a_pair(gui, notes):
     gui.pick(30, "source", modifiers=())
     gui.pick(60, "source", modifiers=())
     assert gui.text_of("1: not yet on B, not used") == ""
-    assert session.problem.landmarks == ()
+    assert session.work.problem.landmarks == ()
     gui.pick(31, "advected", modifiers=())  # which shows B, too
-    assert len(session.problem.landmarks) == 1
+    assert len(session.work.problem.landmarks) == 1
     assert gui.text_of("2: not yet on B, not used") == ""
     gui.input.move(3, 60)
     gui.input.click()
@@ -246,7 +247,7 @@ def close_the_second_surface(gui):
     assert session.saves.unsaved
     sources = [one.source for one in session.document.landmarks]
     gui.menu("File", "Close second surface")
-    gui.wait(lambda s: not s.document.is_pair)
+    gui.wait(lambda s: not isinstance(s.document, PairDocument))
     assert [(one.source, one.target) for one in session.document.landmarks] == [
         (source, None) for source in sources
     ]

@@ -11,8 +11,9 @@ from abfm.pages.film_motion import fast_in
 from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.film import FilmSettings
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.document.surface_points import surface_points
-from abfm_viewer.panels.right_panel import OF_FILMS
+from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import NO_VALUE
 from abfm_viewer.session.session_files import open_session
@@ -38,7 +39,7 @@ def film(gui, tmp_path):
     """The app with five frames of a wave on the egg."""
     np.save(tmp_path / "wave.npy", FRAMES)
     gui.window.files.open(tmp_path / "wave.npy")
-    gui.wait(lambda s: s.document.film is not None)
+    gui.wait(lambda s: isinstance(s.document, FilmDocument))
     gui.session.editor.set_film(alpha=1.0, order=1, sigma=0.1)
     return gui
 
@@ -101,7 +102,7 @@ def open_by_the_menu(gui, tmp_path):
     gui.menu("File", "Open frames...")
     gui.click("wave.npy")
     gui.click("Open")
-    gui.wait(lambda s: s.document.film is not None)
+    gui.wait(lambda s: isinstance(s.document, FilmDocument))
     np.testing.assert_array_equal(gui.session.document.film.frames.values[:, :, 0], FRAMES)
     assert gui.session.document.name == "wave.npy on mesh"
 
@@ -113,7 +114,7 @@ def compare_phases_on_a_circle(gui, tmp_path):
     phases[1, :9] = np.nan
     np.save(tmp_path / "phases.npy", phases)
     gui.window.files.open(tmp_path / "phases.npy")
-    gui.wait(lambda s: s.document.film is not None)
+    gui.wait(lambda s: isinstance(s.document, FilmDocument))
     before = gui.session.document.film
     gui.click("Functions", within="steps")
     gui.click("circular")
@@ -142,7 +143,7 @@ def compare_phases_on_a_circle(gui, tmp_path):
     gui.session.editor.set_film(alpha=1.0, order=1, sigma=0.1)
     gui.click("Match all frames")
     gui.wait(lambda s: not s.running)
-    np.testing.assert_allclose(gui.session.document.sequence.velocity, expected.velocity)
+    np.testing.assert_allclose(gui.session.document.result.velocity, expected.velocity)
 
     np.save(tmp_path / "wave.npy", FRAMES)
     gui.window.files.open(tmp_path / "wave.npy")
@@ -192,7 +193,11 @@ def see_the_side_that_changes(gui, tmp_path):
     np.save(paths[1], frames)
     for path, sign in zip(paths, (1, -1), strict=True):
         gui.window.files.open(path)
-        gui.wait(lambda s, path=path: s.document.film and s.document.film.name == path.name)
+        gui.wait(
+            lambda s, path=path: (
+                isinstance(s.document, FilmDocument) and s.document.film.name == path.name
+            )
+        )
         gui.frames(3)
         assert sign * np.dot(session.surface().front.direction, behind) > 0.5
         np.testing.assert_allclose(gui.window.scene.view.rotation, session.surface().front.axes)
@@ -236,9 +241,9 @@ def go_from_frame_to_frame(film):
 
 def carry_frames_from_both_sides(solved):
     session = solved.session
-    sequence = session.document.sequence
+    sequence = session.document.result
     assert sequence.confirmed == len(sequence) == COUNT - 1
-    assert not session.document.is_film_outdated
+    assert not session.document.is_outdated
     field = session.film_match.field(session.document, 2)
     np.testing.assert_array_equal(field, sequence.velocity[2])
     for time in (0.0, 2.25, 3.5, 4.0):
@@ -265,7 +270,7 @@ def carry_frames_from_both_sides(solved):
     np.testing.assert_allclose(shown(solved).values, expected)
     assert shown(solved).bar == "speed, in the mesh's unit per frame"
     solved.key("ctrl+z")
-    while session.document.sequence is not None:
+    while session.document.result is not None:
         solved.key("ctrl+z")
     assert session.editor.redo_label == "match all frames"
 
@@ -286,10 +291,10 @@ def change_parameters(solved, notes):
     solved.type("sigma", "0.2")
     assert session.document.settings == FilmSettings(2.0, 0.2, session.document.settings.gamma, 2)
     assert session.document.settings.gamma == pytest.approx(10, rel=0.2)
-    assert session.document.is_film_outdated
+    assert session.document.is_outdated
     assert any(text.startswith("Frames or parameters changed") for text, _ in notes())
     for _ in range(20):
-        if session.document.is_film_outdated:
+        if session.document.is_outdated:
             solved.key("ctrl+z")
     assert session.document.settings == GIVEN
 
@@ -304,7 +309,7 @@ def click_on_the_plot(solved):
     solved.click("interval 0")
     assert session.document.time == 0.5
     speeds = session.film_match.speeds(session.document)
-    np.testing.assert_allclose(speeds, session.document.sequence.speed)
+    np.testing.assert_allclose(speeds, session.document.result.speed)
     solved.click("what is left")
     assert not session.view.speeds
 
@@ -314,7 +319,7 @@ def draw_tracks(solved):
     solved.click("Look", within="steps")
     solved.check("tracks")
     settled(solved)
-    expected = session.document.sequence.tracks()
+    expected = session.document.result.tracks()
     ways = tracks.ways()
     assert [(way.kind, way.times[0]) for way in ways] == [(t.kind, t.times[0]) for t in expected]
     assert {way.kind for way in ways} == {"spiral"}
@@ -331,7 +336,7 @@ def draw_tracks(solved):
 def follow_points_and_lines(solved):
     """Points through all frames, lines along the present field."""
     session, quantities = solved.session, solved.window.shown.quantities
-    sequence, [vertex] = session.document.sequence, [200]
+    sequence, [vertex] = session.document.result, [200]
     solved.click("Look", within="steps")
     solved.click("follow a point")
     solved.pick(vertex, "advected", modifiers=())
@@ -361,7 +366,9 @@ def match_two_frames(solved):
     solved.type("time", "1.5")
     solved.type("to frame", "3")
     solved.click("Match these two frames")
-    solved.wait(lambda s: s.document.film is None and s.values("target") is not None)
+    solved.wait(
+        lambda s: not isinstance(s.document, FilmDocument) and s.values("target") is not None
+    )
     np.testing.assert_array_equal(session.values("source"), FRAMES[1])
     np.testing.assert_array_equal(session.values("target"), FRAMES[3])
     assert session.obstacle == ""
@@ -373,18 +380,18 @@ def match_two_frames(solved):
 
 def write_all_files(solved, tmp_path):
     session, exporter = solved.session, solved.window.exporter
-    found = session.document.sequence
+    found = session.document.result
     solved.type("time", "1.25")
     solved.window.files.save(tmp_path / "film.abfm")
     solved.wait(lambda s: not s.saves.unsaved)
     other = open_session(tmp_path / "film.abfm")
     document = other.document
     other.close()
-    np.testing.assert_array_equal(document.sequence.velocity, found.velocity)
+    np.testing.assert_array_equal(document.result.velocity, found.velocity)
     np.testing.assert_array_equal(document.film.frames.values[:, :, 0], FRAMES)
     assert (document.time, document.settings) == (1.25, session.document.settings)
-    assert document.sequence.verdicts == found.verdicts
-    assert not document.is_film_outdated
+    assert document.result.verdicts == found.verdicts
+    assert not document.is_outdated
     solved.click("Export", within="steps")
     session.editor.set_film(gamma=2.0)
     told = "Of the film wave.npy on mesh are in no file: parameters that were changed."
@@ -410,10 +417,10 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     sequence.save(path)
     film.session.switch_flow_after_match()
     film.window.files.open(path)
-    film.wait(lambda s: s.document.sequence is not None)
+    film.wait(lambda s: s.document.result is not None)
     document = film.session.document
     assert (document.film.unit, document.settings.gamma) == ("s", 0.0)
-    assert not document.is_film_outdated
+    assert not document.is_outdated
     assert document.view.tracks
     assert document.view.arrows
     settled(film)
@@ -431,7 +438,7 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     film.wait(lambda s: s.document.identity is not before.identity)
     assert not film.session.view.arrows
     film.window.files.open_dropped([tmp_path / "wave.npy"])
-    film.wait(lambda s: s.document.sequence is None)
+    film.wait(lambda s: s.document.result is None)
     np.save(tmp_path / "short.npy", FRAMES[:, :9])
     film.window.files.open(tmp_path / "short.npy")
     film.wait(lambda s: s.notices.cards)
@@ -447,12 +454,12 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     with Driver((mesh, tmp_path / "two.npz"), size=SIZE) as gui:
         gui.wait(lambda _: gui.window.dialogs.is_open)
         gui.click("Open none", "Which array?")
-        assert gui.session.document.film is None
+        assert not isinstance(gui.session.document, FilmDocument)
         for name, sign in (("u", 1), ("v", -1)):
             gui.window.files.open(tmp_path / "two.npz")
             gui.wait(lambda _: gui.window.dialogs.is_asking("Which array?"))
             gui.click(name, "Which array?")
-            gui.wait(lambda s: s.document.film is not None)
+            gui.wait(lambda s: isinstance(s.document, FilmDocument))
             gui.wait(
                 lambda s, sign=sign: (
                     s.document.film.frames.values[0, :, 0] == sign * FRAMES[0]
@@ -469,7 +476,7 @@ def leave_out_vertices_without_values(gui, tmp_path):
     frames[1, :5] = np.nan
     np.save(tmp_path / "two.npy", frames)
     gui.window.files.open(tmp_path / "two.npy")
-    gui.wait(lambda s: s.document.film is not None)
+    gui.wait(lambda s: isinstance(s.document, FilmDocument))
     gui.click("Functions", within="steps")
     gui.choose("channel", "1")
     assert gui.session.document.channel == 1
@@ -488,7 +495,7 @@ def leave_out_vertices_without_values(gui, tmp_path):
     assert gui.window.scene.legend() == (NO_VALUE,)
     gui.click("Functions", within="steps")
     gui.click("Match these two frames")
-    gui.wait(lambda s: s.document.film is None and s.values("target") is not None)
+    gui.wait(lambda s: not isinstance(s.document, FilmDocument) and s.values("target") is not None)
     document = gui.session.document
     names = [[document.called[spec] for spec in one.specs] for one in document.channels]
     assert names == [
@@ -506,7 +513,7 @@ def leave_out_vertices_without_values(gui, tmp_path):
 def open_the_sample(gui, monkeypatch):
     """With and without nilearn."""
     gui.menu("Samples", WAVE)
-    gui.wait(lambda s: s.document.film is not None)
+    gui.wait(lambda s: isinstance(s.document, FilmDocument))
     document = gui.session.document
     assert document.name == "wave on left cortex"
     assert len(document.film) == wave.FRAMES
@@ -523,7 +530,7 @@ def test_each_tab_of_a_film_fits_one_screen(tmp_path):
     with Driver(tmp_path / "wave.npz", size=(1280, 800)) as gui:
         settled(gui)
         assert gui.window.scene.legend() == ("spiral",)
-        for tab in OF_FILMS:
+        for tab in TABS:
             gui.click(tab, within="steps")
             gui.frames(3)
             ends = [

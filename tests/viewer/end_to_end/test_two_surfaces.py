@@ -11,6 +11,7 @@ from abfm.io import write_labels
 from abfm.reading.labels import Labels
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import Channel
+from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.panels.right_panel import TABS
 from tests.mesh_writers import off_file
@@ -72,7 +73,7 @@ def close_and_open_b(gui, files):
         "target": "target on B",
     }
     gui.menu("File", "Close second surface")
-    gui.wait(lambda s: not s.document.is_pair and not s.obstacle)
+    gui.wait(lambda s: not isinstance(s.document, PairDocument) and not s.obstacle)
     assert session.surface().mesh is egg
     assert session.active.source == source
     gui.key("ctrl+z")
@@ -80,7 +81,7 @@ def close_and_open_b(gui, files):
     gui.key("ctrl+y")
     gui.menu("File", "Open second surface...")
     gui.double_click(files["ball"].name)
-    gui.wait(lambda s: s.document.is_pair and not s.obstacle)
+    gui.wait(lambda s: isinstance(s.document, PairDocument) and not s.obstacle)
     assert session.surface("source").mesh is egg
     assert session.document.name == "egg.off to ball.off"
     assert session.active.source == source  # what the user may have set stays
@@ -90,7 +91,7 @@ def close_and_open_b(gui, files):
 def drop_both(gui, files):
     session, before = gui.session, gui.session.document.identity
     gui.window._dropped([str(files["ball"]), str(files["egg"])])
-    gui.wait(lambda s: s.document.identity is not before and s.document.is_pair)
+    gui.wait(lambda s: s.document.identity is not before and isinstance(s.document, PairDocument))
     gui.wait(lambda s: s.document.name == "ball.off to egg.off" and not s.obstacle)
     said = [entry.text for entry in session.notices.log]
     check_message(next(text for text in said if "surface B" in text), "egg.off", "ball.off")

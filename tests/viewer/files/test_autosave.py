@@ -14,15 +14,16 @@ import abfm
 from abfm.io.atomic import temporary_file
 from abfm.sequences import defaults, unfinished_of
 from abfm.sequences.frames import checked
-from abfm_viewer.document.document import Channel, Document, Surface
+from abfm_viewer.document.document import Channel, Surface
 from abfm_viewer.document.film import Film
+from abfm_viewer.document.kinds import FilmDocument, MatchDocument
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
 from tests.shapes import icosphere
 
 SURFACE = Surface(icosphere(1), "sphere")
-DOCUMENT = Document((SURFACE,), (Channel("coordinate:x", "coordinate:y"),))
+DOCUMENT = MatchDocument((SURFACE,), (Channel("coordinate:x", "coordinate:y"),))
 FILM = Film("film", checked(SURFACE.mesh, np.eye(3, len(SURFACE.mesh.vertices)), None, None, None))
 CHANGED = replace(DOCUMENT, surfaces=(replace(SURFACE, name="changed"),))
 
@@ -239,8 +240,8 @@ def film():
     whole = abfm.sequence(*given)
     part = abfm.sequence(*given, on_interval=lambda _: control.cancel(), control=control)
     assert not part.solved.all()
-    document = Document((SURFACE,), film=FILM)
-    return tuple(replace(document, sequence=replace(s, _frames=frames)) for s in (whole, part))
+    document = FilmDocument((SURFACE,), FILM)
+    return tuple(replace(document, result=replace(s, _frames=frames)) for s in (whole, part))
 
 
 def begun(autosave):
@@ -251,7 +252,7 @@ def begun(autosave):
 
 
 def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
-    document, run = Document((SURFACE,), film=FILM), object()
+    document, run = FilmDocument((SURFACE,), FILM), object()
     later = replace(document, time=1.0)
     for seconds, shown, of, is_written in (
         (1, document, run, True),
@@ -270,7 +271,7 @@ def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
 def test_a_film_under_way_that_cannot_be_copied_is_tried_as_often_as_others(tmp_path, clock):
     (tmp_path / "state").touch()
     autosave = Autosave(StateFolder(tmp_path / "state"), seconds=20, clock=clock)
-    document, run, tried = Document((SURFACE,), film=FILM), object(), list[int]()
+    document, run, tried = FilmDocument((SURFACE,), FILM), object(), list[int]()
     for seconds in (1, 2, 3, 19, 22, 23):
         clock.seconds = seconds
         autosave.offer(document, lambda: (document, {}), True, film_run=run)

@@ -38,6 +38,7 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files import project
 from abfm_viewer.files.project import Origin, load_origin, load_project, save_project
@@ -64,7 +65,7 @@ COURSE = np.array([12, 42]), np.array([0.5, 0.0])
 CANCELLED = Verdict(Outcome.NOT_REACHED, "cancelled", "")
 TERMS = ("closeness", "landmarks"), np.array([[2.0, 1.0], [1.0, 0.0]])
 PLAIN = Problem(SPHERE, RESULT.source, RESULT.target, RESULT.parameters)
-DOCUMENT = Document(
+DOCUMENT = MatchDocument(
     (Surface(SPHERE, "a ☃ sphere\udc80", Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))),),
     channels=(
         Channel("file:x.npy + gaussian:vertex=7", "coordinate:y"),
@@ -141,9 +142,9 @@ def assert_same(value, expected, where="document"):
     "document",
     [
         DOCUMENT,
-        Document((Surface(WHOLE, "nothing yet"),)),
-        Document((Surface(WHOLE, "no channels"),), view=View(look=None)),
-        Document((Surface(MERGED, "merged"),)),
+        MatchDocument((Surface(WHOLE, "nothing yet"),)),
+        MatchDocument((Surface(WHOLE, "no channels"),), view=View(look=None)),
+        MatchDocument((Surface(MERGED, "merged"),)),
         replace(DOCUMENT, result=replace(RESULT, problem=PLAIN), runs=()),
         replace(DOCUMENT, result=replace(RESULT, verified_residual=math.nan, folded=math.nan)),
         replace(DOCUMENT, result=replace(RESULT, verdict=CANCELLED)),
@@ -166,7 +167,7 @@ def test_a_project_is_plain_numpy_and_json_and_the_same_one_the_same_bytes(saved
         content = json.loads(archive.read("project.json"))
         with archive.open("result/velocity.npy") as file:
             assert_array_equal(np.load(file, allow_pickle=False), RESULT.velocity)
-    assert content["format_version"] == 5
+    assert content["format_version"] == 6
     assert content["document"]["view"]["theme"] == "dark"
     assert content["known"] == sorted(KNOWN)
     opened, values = load_project(saved)
@@ -208,7 +209,9 @@ def test_large_meshes_are_kept_as_they_are_and_once(tmp_path):
     f = mesh.vertices[:, :1]
     problem = Problem(mesh, f, f, RESULT.parameters)
     result = replace(RESULT, problem=problem, advected=f, fine_velocity=velocity)
-    save_project(path, Document((Surface(mesh, "large"),), result=result), {"file:x.npy": f[:, 0]})
+    save_project(
+        path, MatchDocument((Surface(mesh, "large"),), result=result), {"file:x.npy": f[:, 0]}
+    )
     held = [mesh.vertices, mesh.faces, mesh.vertex_ids, velocity, *4 * [f]]
     assert path.stat().st_size < sum(array.nbytes for array in held) + 50_000
     opened, known = load_project(path)
@@ -272,7 +275,7 @@ channels = st.lists(st.builds(Channel, specs, specs, numbers.map(abs))).map(tupl
 def test_any_view_channels_and_landmarks_come_back(
     tmp_path, view, channels, landmarks, alone, surface
 ):
-    document = Document(
+    document = MatchDocument(
         (surface,), channels=channels, landmarks=landmarks, landmarks_alone=alone, view=view
     )
     save_project(tmp_path / "p.abfm", document, {})
@@ -377,7 +380,7 @@ def test_arrays_that_do_not_fit_are_named(saved, name, array, named):
 @pytest.mark.parametrize(
     ("part", "name", "value", "named"),
     [
-        ("", "format_version", 6, ()),
+        ("", "format_version", 7, ()),
         ("", "format_version", 2, ()),
         ("", "format_version", 0, ("format_version", 0)),
         ("", "format_version", "one", ("one", "format_version")),
@@ -544,7 +547,7 @@ def test_terms_that_read_files(spec, terms):
 
 
 def test_opening_loads_no_solver_before_there_is_a_result(tmp_path):
-    save_project(tmp_path / "p.abfm", Document((Surface(WHOLE, "empty"),)), {})
+    save_project(tmp_path / "p.abfm", MatchDocument((Surface(WHOLE, "empty"),)), {})
     code = (
         "import sys; from abfm_viewer.files.project import load_project; "
         "load_project(sys.argv[1]);"
@@ -595,11 +598,11 @@ def test_a_file_is_unchanged_until_it_is_written_and_none_when_it_is_gone(origin
 
 def test_a_copy_says_of_which_file_it_is_as_long_as_that_is_there(origin, tmp_path):
     copy = tmp_path / "copy.abfm"
-    save_project(copy, Document((Surface(WHOLE, "sphere"),)), {}, origin)
+    save_project(copy, MatchDocument((Surface(WHOLE, "sphere"),)), {}, origin)
     assert load_origin(copy) == origin
     origin.path.unlink()
     assert load_origin(copy) is None
-    save_project(copy, Document((Surface(WHOLE, "sphere"),)), {})
+    save_project(copy, MatchDocument((Surface(WHOLE, "sphere"),)), {})
     assert load_origin(copy) is None
 
 
@@ -614,7 +617,9 @@ def test_a_copy_says_of_which_file_it_is_as_long_as_that_is_there(origin, tmp_pa
 )
 def test_copies_may_say_anything_of_their_origin(tmp_path, text):
     path = tmp_path / "p.abfm"
-    save_project(path, Document((Surface(WHOLE, "sphere"),)), {}, Origin.of(tmp_path / "q.abfm"))
+    save_project(
+        path, MatchDocument((Surface(WHOLE, "sphere"),)), {}, Origin.of(tmp_path / "q.abfm")
+    )
     rewrite(path, {project.MEMBER: text.encode()})
     assert load_origin(path) is None
     assert load_project(path)[0].name == "sphere"
@@ -634,7 +639,7 @@ def test_copies_may_say_anything_of_their_origin(tmp_path, text):
 def test_labels_that_do_not_fit_are_refused(tmp_path, name, value, named):
     labels = LabelMap.of("a.annot", WHOLE, Labels(np.arange(V) % 2 + 1, {1: "one", 2: "two"}))
     path = tmp_path / "p.abfm"
-    save_project(path, Document((Surface(WHOLE, "ball"),), labels=labels), {})
+    save_project(path, MatchDocument((Surface(WHOLE, "ball"),), labels=labels), {})
     assert load_project(path)[0].labels.colors == labels.colors
     changed(path, lambda content: content["labels"].update({name: value}))
     check_message(error_line(path), *named)

@@ -9,7 +9,8 @@ from scipy import ndimage
 import abfm
 from abfm import AbfmError, FunctionError, ParameterError
 from abfm_viewer.appearance.theme import LIGHT
-from abfm_viewer.document.document import Channel, Document, Look, Surface
+from abfm_viewer.document.document import Channel, Look, Surface
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.pictures.canvas import rgb
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.scene import opengl
@@ -33,7 +34,7 @@ def document():
     f, g = (abfm.function(EGG, CHANNEL.spec(side)) for side in ("source", "target"))
     match = abfm.match(EGG, f, g, abfm.Parameters.of(tau=2, iterations=40, refine=0))
     solved = {"parameters": match.parameters, "result": match, "time": 2.0}
-    return Document((Surface(EGG, "egg"),), (CHANNEL,), **solved)
+    return MatchDocument((Surface(EGG, "egg"),), (CHANNEL,), **solved)
 
 
 def viewed(document, **view):

@@ -13,7 +13,8 @@ from abfm.maps import PointMap
 from abfm.pages.front import Front, best_front
 from abfm.pages.registered import fronts
 from abfm_viewer.automation.driver import Driver
-from abfm_viewer.document.document import Channel, Document, Surface
+from abfm_viewer.document.document import Channel, Surface
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files.project import save_project
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.pictures.sheets import match_picture
@@ -32,7 +33,7 @@ def moved(scale, offset):
 def document(mesh):
     f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in ("source", "target"))
     result = abfm.match(mesh, f, g, abfm.Parameters.of(iterations=8, refine=0))
-    return Document(
+    return MatchDocument(
         (Surface(mesh, "egg"),), (CHANNEL,), parameters=result.parameters, result=result, time=1.0
     )
 

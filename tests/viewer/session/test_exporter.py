@@ -12,7 +12,8 @@ import abfm
 from abfm.numerics.factoring_apart import is_factored_apart
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
-from abfm_viewer.document.document import SIDES, Channel, Document, Surface
+from abfm_viewer.document.document import SIDES, Channel, Surface
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files import outputs
 from abfm_viewer.session.exporter import Exporter, MovieSettings, PictureSettings
 from tests.messages import check_message
@@ -29,7 +30,7 @@ def document():
     f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in SIDES)
     match = abfm.match(mesh, f, g, abfm.Parameters.of(tau=3, iterations=3, refine=0))
     known = {"parameters": match.parameters, "result": match, "time": 3.0}
-    return Document((Surface(mesh, "sphere"),), (CHANNEL,), **known)
+    return MatchDocument((Surface(mesh, "sphere"),), (CHANNEL,), **known)
 
 
 @pytest.fixture

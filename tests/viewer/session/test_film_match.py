@@ -11,8 +11,9 @@ import pytest
 import abfm
 from abfm.sequences import defaults
 from abfm.sequences.frames import checked
-from abfm_viewer.document.document import Document, Surface
+from abfm_viewer.document.document import Surface
 from abfm_viewer.document.film import Film, FilmSettings
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.panels.film import _chosen
 from abfm_viewer.session.film_match import FilmMatch
 from tests.messages import check_names
@@ -23,9 +24,9 @@ SPHERE = icosphere(2)
 
 TURNED = [SPHERE.vertices[:, 0] * np.cos(a) + SPHERE.vertices[:, 1] * np.sin(a) for a in range(24)]
 FRAMES = np.array([np.exp(2 * each) for each in TURNED])
-DOCUMENT = Document(
+DOCUMENT = FilmDocument(
     (Surface(SPHERE, "sphere"),),
-    film=Film("waves", checked(SPHERE, FRAMES, None, None, None)),
+    Film("waves", checked(SPHERE, FRAMES, None, None, None)),
     settings=FilmSettings(sigma=0.3, gamma=0.5),
 )
 
@@ -144,7 +145,7 @@ def cancelled(session, when):
     until(lambda: when(session), session)
     session.cancel()
     until(lambda: not session.running, session)
-    return session.document.sequence, session.notices.latest.text
+    return session.document.result, session.notices.latest.text
 
 
 def test_cancelled_runs_keep_their_fields_and_earlier_results(film):
@@ -166,9 +167,9 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(film):
     assert now > count
     check_names(told, "cancelled", now, 119, count)
     film.undo()
-    assert film.document.sequence is first
+    assert film.document.result is first
     film.redo()
-    assert film.document.sequence is second
+    assert film.document.result is second
     film.editor.set_film(alpha=2.0)  # with which nothing was found
     third, told = cancelled(film, lambda session: session.film_match.running)
     again = 0 if third is second else int(third.solved.sum())
@@ -183,9 +184,9 @@ def test_chosen_settings_are_shown_and_stay_automatic(session):
     session.match()
     until(lambda: not session.running, session)
     document = session.document
-    used = document.sequence.parameters
+    used = document.result.parameters
     assert used.automatic == ("alpha", "order")
     assert document.settings == FilmSettings()
-    assert not document.is_film_outdated
-    chosen = f"order {used.solver.order}, α {used.alpha:.3g}, σ {document.sequence.sigma:.3g}"
+    assert not document.is_outdated
+    chosen = f"order {used.solver.order}, α {used.alpha:.3g}, σ {document.result.sigma:.3g}"
     assert _chosen(document) == f"chosen: {chosen}"

@@ -42,10 +42,10 @@ def test_coarse_meshes_are_made_ahead_once_for_a_mesh_and_a_number_of_levels(ask
     until(lambda: asked, session)
     for changes in ({"sigma": 0.1}, {"levels": 2}):
         session.editor.set_parameter(**changes)
-        until(lambda: not session._coarse_meshes.busy)
+        until(lambda: not session.work._coarse_meshes.busy)
         for _ in range(3):
             session.update()
-            until(lambda: not session._coarse_meshes.busy)
+            until(lambda: not session.work._coarse_meshes.busy)
     assert asked == [(SPHERE, 0), (SPHERE, 2)]
     off_the_screen = Session(SPHERE, "sphere", at_once=True)  # where none are needed
     off_the_screen.editor.amend(channels=(PAIR,))
@@ -289,7 +289,7 @@ def ball():
     def view_of_flow(velocity=1.0, **view):
         session.editor.amend(view=View(**view))
         match = SimpleNamespace(mesh=SPHERE, velocity=np.full((1, len(SPHERE.faces), 3), velocity))
-        return session._view_of_flow(match)
+        return session._run._view_of_flow(match)
 
     session.view_of_flow = view_of_flow
     yield session
@@ -308,7 +308,7 @@ def test_what_the_user_hid_stays_hidden_and_what_he_chose_stays_chosen(ball):
     assert ball.view_of_flow(flow_after_match=False) is None
     for chosen in ({"streaks": True}, {"coloring": "speed"}):
         assert ball.view_of_flow(**chosen) is ball.view
-        ball._flow_seen = None
+        ball._run.flow_seen = None
     assert ball.view_of_flow().arrows
     assert ball.view_of_flow(arrows=True) is ball.view
     assert ball.view_of_flow() is ball.view

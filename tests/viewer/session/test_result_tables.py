@@ -8,7 +8,8 @@ import numpy as np
 from abfm.batch import Ledger, Row
 from abfm.outcome import Facts, Outcome
 from abfm.population import Channel as PopulationChannel
-from abfm_viewer.document.document import Channel, Document, Surface
+from abfm_viewer.document.document import Channel, Surface
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.document.result_table import ResultRow, ResultTable
 from abfm_viewer.files.result_tables import _texts
 from abfm_viewer.session.film_files import document_of_sequence
@@ -24,7 +25,7 @@ def test_a_film_is_called_by_its_row():
     row = ResultRow(0, "f1", _MATCHED, path)
     document, _ = document_of_row(row, lambda path: (document_of_sequence(solved(), path), {}))
     assert document.name == "f1"
-    assert not document.is_film_outdated
+    assert not document.is_outdated
 
 
 def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
@@ -33,7 +34,7 @@ def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
     assert texts == (("curvature:mean", "file:b.npy"),)
     assert _texts(Ledger(tmp_path).entry(Row("f", {"mesh": "a.off", "frames": "f.npy"}))) == ()
     row = ResultRow(0, "r", _MATCHED, Path("e11a.npz"), texts)
-    opened = Document((Surface(icosphere(1), "e11a.npz"),), (Channel("one", "two"),))
+    opened = MatchDocument((Surface(icosphere(1), "e11a.npz"),), (Channel("one", "two"),))
     document, _ = document_of_row(row, lambda _: (opened, {}))
     assert document.called == {"one": "curvature:mean", "two": "file:b.npy"}
     two = replace(row, texts=(*texts, *texts))  # of another number of channels

@@ -16,10 +16,10 @@ from tests.core.sequences.turning_film import solved
 def film(session):
     """A session with a film whose fields are in no file."""
     found = document_of_sequence(solved(), Path("film.npz"))
-    session.restore(replace(found, sequence=None), {}, None)
+    session.restore(replace(found, result=None), {}, None)
     session.reset_history()
-    session.editor.change("match all frames", sequence=found.sequence)
-    assert session.saves.changes(session.document) == ("sequence",)
+    session.editor.change("match all frames", result=found.result)
+    assert session.saves.changes(session.document) == ("result",)
     return session
 
 
@@ -28,7 +28,7 @@ def exported(film, path):
     told = []
     exporter = Exporter(lambda text, failed: told.append((text, failed)))
     document, saves = film.document, film.saves
-    exporter.save_result(path, document.sequence, partial(saves.exported_film, document))
+    exporter.save_result(path, document.result, partial(saves.exported, document))
     exporter.wait()
     assert told == [(f"saved {path}", False)]
 
@@ -47,7 +47,7 @@ def test_what_a_file_of_a_sequence_does_not_hold_is_unsaved(film, tmp_path):
     exported(film, tmp_path / "film.npz")
     film.editor.set_film(gamma=3.0)
     assert film.saves.changes(film.document) == ("settings",)
-    film.saves.exported_film(film.document)  # whose file has the settings of its fields
+    film.saves.exported(film.document)  # whose file has the settings of its fields
     assert film.saves.changes(film.document) == ("settings",)
     film.undo()
     film.editor.add_point("lines", Point(0, (1.0, 0.0, 0.0)))

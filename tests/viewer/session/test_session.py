@@ -9,7 +9,8 @@ import pytest
 from abfm import FunctionError, Parameters
 from abfm.outcome import Outcome
 from abfm.pages.front import Front
-from abfm_viewer.document.document import Channel, Document, Look, Surface, View
+from abfm_viewer.document.document import Channel, Look, Surface, View
+from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.session.editor import LONGEST, Editor
 from abfm_viewer.session.player import SECONDS, Player
 from abfm_viewer.session.session import Session
@@ -194,7 +195,7 @@ def test_channels_without_weight_stand_in_the_way_but_those_that_are_left_have_s
 
 @pytest.fixture
 def editor():
-    return Editor(Document((Surface(SPHERE, "sphere"),)))
+    return Editor(MatchDocument((Surface(SPHERE, "sphere"),)))
 
 
 def move(editor, time, merge="", label="move"):
@@ -276,7 +277,7 @@ def test_what_the_mouse_turned_stays_unless_a_step_chose_another_look(editor):
     assert editor.document.view.look == front
     editor.redo()
     assert editor.document.view.look == above
-    ball = Document((Surface(EGG, "egg"),))
+    ball = MatchDocument((Surface(EGG, "egg"),))
     editor.go_to(ball, "open egg")
     editor.undo()
     assert editor.document.view.look == above
@@ -348,7 +349,7 @@ def test_ping_pong_turns_at_both_ends_and_another_way_to_repeat_goes_forward_aga
 
 
 def test_a_pair_that_no_flow_matches_is_foreseen_and_can_be_rescaled(session):
-    until(lambda: session.foreseen is None and not session._foreseen.busy, session)
+    until(lambda: session.foreseen is None and not session.work._foreseen.busy, session)
     session.editor.set_spec("target", "expression:5*y+3")
     session.editor.set_spec("source", "coordinate:x")
     ready(session)

@@ -13,6 +13,7 @@ import pytest
 from abfm import AbfmError, MeshError, Parameters, Problem, load_match, match
 from abfm.io import export_vtu
 from abfm_viewer.document.document import Channel
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.session import session_files
 from abfm_viewer.session.film_files import is_named_as_frames
@@ -243,7 +244,7 @@ def test_a_session_begins_with_any_kind_of_file_and_nothing_to_undo(desk, tmp_pa
 
 def frames_of(desk):
     """The values of the film that is open, (T, V)."""
-    desk.wait(lambda: desk.session.document.film is not None)
+    desk.wait(lambda: isinstance(desk.session.document, FilmDocument))
     return desk.session.document.film.frames.values[:, :, 0]
 
 

@@ -11,7 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import abfm
 from abfm import Parameters, ResultError
 from abfm.registration import MEASURED
-from abfm_viewer.document.document import Channel, Document, Point, Surface
+from abfm_viewer.document.document import Channel, Point, Surface
+from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
@@ -85,7 +86,7 @@ def test_the_same_text_on_both_surfaces_is_known_for_each(pair, tmp_path):
     files = Channel("file:there.npy", "file:there.npy")
     rng = np.random.default_rng(0)
     on_a, on_b = rng.normal(size=len(A.vertices)), rng.normal(size=len(B.vertices))
-    document = Document(SURFACES, (files,), parameters=SHORT)
+    document = PairDocument(SURFACES, (files,), parameters=SHORT)
     pair.restore(document, {"A: file:there.npy": on_a, "file:there.npy": on_b}, None)
     ready(pair)
     assert_array_equal(pair.values("source"), on_a)
@@ -164,10 +165,10 @@ def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, monkeypatch):
     pair.editor.place_landmark("source", Point(0, (1.0, 0.0, 0.0)))
     pair.editor.place_landmark("target", Point(9, (1.0, 0.0, 0.0)))
     pair.update()
-    spec = pair.problem
+    spec = pair.work.problem
     assert len(spec.landmarks) == 1
     assert spec.initial.landmarks == ()  # so that its result is outdated
     assert not spec.initial.is_for(pair.document)
     may_go_on.set()
     ready(pair)
-    assert pair.problem.initial.is_for(pair.document)
+    assert pair.work.problem.initial.is_for(pair.document)

@@ -19,7 +19,7 @@ def of_the_module():
 def session(of_the_module):
     document = of_the_module.document
     yield of_the_module
-    of_the_module.editor.amend(**vars(document))
+    of_the_module.editor.document = document
     until(lambda: not of_the_module.obstacle, of_the_module)
 
 

@@ -10,9 +10,9 @@ from abfm import AbfmError, Parameters
 from abfm.calculus import commuting_fields, gradient, pushforward, relative_bracket, to_ambient
 from abfm.pages.colormaps import NO_VALUES, color_range, linear_table
 from abfm_viewer.session.film_files import document_of_sequence
-from abfm_viewer.shown import shown as shown_module
+from abfm_viewer.shown import quantities as quantities_module
 from abfm_viewer.shown.flow_state import FlowState
-from abfm_viewer.shown.shown import Field, carried_gradient
+from abfm_viewer.shown.quantities import Field, carried_gradient
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
 from tests.core.sequences.turning_film import solved
@@ -24,7 +24,7 @@ from tests.viewer.sessions import SPHERE, matched, until
 
 @pytest.fixture(autouse=True)
 def _coarse(monkeypatch):
-    monkeypatch.setattr(shown_module, "_TEXELS", 128)
+    monkeypatch.setattr(quantities_module, "TEXELS", 128)
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def test_a_film_plays_without_streaks_until_they_are_there_and_keeps_them(
     assert at(times[0]) is None
     assert (shown.quantities.convolving, shown.is_ready) == (True, True)
     may_convolve.set()
-    velocity = document.sequence.velocity
+    velocity = document.result.velocity
 
     def of_interval(interval):
         """The streaks of an interval, as soon as they are shown."""
@@ -158,7 +158,7 @@ def test_moving_streaks_are_computed_once_and_lead_back_to_the_first(session, sh
     session.editor.set_view("show", animate=True)
     first = texture(shown)
     streaks = first.streaks
-    assert len(streaks.images) == shown_module._PHASES
+    assert len(streaks.images) == quantities_module._PHASES
     session.player.phase = (session.player.phase + 0.4) % 1
     second = texture(shown)
     assert second.streaks is streaks
@@ -234,8 +234,8 @@ def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monk
     for factor, final in ((0, True), (1, False)):
         state = FlowState(flow.mesh, factor * flow.velocity, flow.parameters, final)
         with raises(AbfmError):
-            shown_module.commuting(state, 0)
-    monkeypatch.setattr(shown_module, "_LARGEST", 100)
+            quantities_module.commuting(state, 0)
+    monkeypatch.setattr(quantities_module, "_LARGEST", 100)
     for part, why in (("commuting", "up to 100 vertices; this mesh has 642"), ("whole", "")):
         session.editor.set_view("show", part=part)
         shown.quantities.field()
@@ -248,7 +248,7 @@ def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monk
 
 def test_the_whole_field_after_one_that_commutes_was_asked_for(session, shown, held):
     begun, may_end = held(
-        shown_module, "field_part", lambda flow, segment, part: part == "commuting"
+        quantities_module, "field_part", lambda flow, segment, part: part == "commuting"
     )
     session.editor.set_view("arrows", arrows=True)
     until(lambda: shown.quantities.field() is not None, session)

@@ -13,7 +13,8 @@ from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import Painter, _most
-from abfm_viewer.shown.shown import Field, Shown
+from abfm_viewer.shown.quantities import Field
+from abfm_viewer.shown.shown import Shown
 from tests.core.fields import wavy_field
 from tests.messages import check_message
 from tests.viewer.sessions import PAIR, SPHERE, ready, until

@@ -1,0 +1,439 @@
+"""The kinds of documents: a match, a pair of surfaces, a subject of a population, and a film.
+
+Each is what the user drafts, with the result and the view: a kind has its own fields, and answers
+what views ask of all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from abfm import Parameters
+from abfm.pages.front import Front
+from abfm.types import BoolArray, FloatArray
+from abfm_viewer.document import gaussians
+from abfm_viewer.document.comparison import Comparison
+from abfm_viewer.document.document import (
+    DEFAULT_PARAMETERS,
+    SIDES,
+    Asked,
+    Channel,
+    Document,
+    Function,
+    InitialMap,
+    Landmark,
+    Missing,
+    Ranged,
+    Run,
+    Side,
+    Surface,
+    Values,
+    View,
+)
+from abfm_viewer.document.film import FRAMES_A_SECOND, Film, FilmSettings, settings_of
+from abfm_viewer.document.surface_points import landmarks_of_match
+
+if TYPE_CHECKING:  # a document without a result does not load its type
+    from abfm import Match, Sequence
+
+MEASURED = "measured"
+"""Column of a mask that is 0 where functions have no values, and were filled in."""
+OF_A = "A: "
+"""What names of values from files begin with that are of surface A of two."""
+
+
+@dataclass(frozen=True, eq=False)
+class MatchDocument(Document):
+    """Two functions on a surface, in channels, and how they are matched."""
+
+    content: ClassVar[tuple[str, ...]] = (
+        *("channels", "parameters", "mask", "landmarks", "landmarks_alone"),
+        *Document.content,
+    )
+
+    channels: tuple[Channel, ...] = ()  # until the default functions of a new mesh are known
+    parameters: Parameters = DEFAULT_PARAMETERS
+    mask: str = ""
+    side: Side = field(default="source", kw_only=True)  # of the active channel, the active one
+    bump: int = field(default=0, kw_only=True)  # which of that side's Gaussians the mouse moves
+    landmarks: tuple[Landmark, ...] = field(default=(), kw_only=True)
+    landmark: int = field(default=0, kw_only=True)  # the active one
+    # whether functions do not count, as long as there are landmarks
+    landmarks_alone: bool = field(default=False, kw_only=True)
+    result: Match | None = field(default=None, kw_only=True)
+    # the step at which the result's match ended, where another one of its path is shown
+    chosen: int | None = field(default=None, kw_only=True)
+    runs: tuple[Run, ...] = field(default=(), kw_only=True)  # those that ended, the latest last
+    # functions of results, by their specs
+    called: dict[str, str] = field(default_factory=dict, kw_only=True)
+
+    @property
+    def match(self) -> Match | None:
+        return self.result
+
+    @property
+    def is_of_landmarks(self) -> bool:
+        """Whether landmarks are all that is matched."""
+        return self.landmarks_alone and bool(self.pairs)
+
+    @property
+    def initial(self) -> str:
+        """Word of the map from A to B; empty for one that is chosen by what there is."""
+        return ""
+
+    @property
+    def asked(self) -> Asked:
+        return Asked(self.initial, self.channels, self.mask, self.pairs, self.landmarks_alone)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weight of each channel's mismatch; 0 where landmarks alone are matched."""
+        return tuple(0.0 if self.is_of_landmarks else one.weight for one in self.channels)
+
+    def function(self, side: Side, channel: Channel | None = None) -> Function:
+        channel = channel or self.channels[self.channel]
+        return Function(self.surface(side), channel.spec(side))
+
+    @property
+    def mask_function(self) -> Function:
+        return Function(self.surface("target"), self.mask)
+
+    @property
+    def functions(self) -> tuple[Function, ...]:
+        found = [self.function(side, channel) for channel in self.channels for side in SIDES]
+        return tuple(dict.fromkeys([*found, self.mask_function] if self.mask else found))
+
+    def new_channel(self) -> Channel:
+        """A channel of a landmark that stays, far from others' Gaussians."""
+        specs = [channel.spec(side) for channel in self.channels for side in SIDES]
+        stays = gaussians.landmark(specs, self.surface().mesh)
+        return Channel(stays, stays)
+
+    def renamed(self, name: str, called: Mapping[str, str]) -> Self:
+        runs = tuple(replace(run, label=name) for run in self.runs)
+        return replace(super().renamed(name, called), runs=runs, called=dict(called))
+
+    def missing(self, slot: str, values: Values) -> Missing:
+        """Return where active functions have none, or the mask of frames that became a match."""
+        active = [] if self.active is None else [self.function(side) for side in SIDES]
+        given = [found for one in active if (found := values(one)) is not None]
+        is_of_frames = self.mask.endswith(f",column={MEASURED}")
+        mask = values(self.mask_function) if active and is_of_frames else None
+
+        def find() -> BoolArray | None:
+            missing = [np.isnan(found) for found in given]
+            missing += [] if mask is None else [np.asarray(mask == 0)]
+            found = np.any(missing, axis=0)
+            return found if found.any() else None
+
+        return (mask, *given), find
+
+    def outcome(
+        self, match: Match | None, run: Run | None, initial: InitialMap | None
+    ) -> dict[str, Any]:
+        """Return the fields that a run changes, and the map that it began with."""
+        runs = self.runs if run is None else (*self.runs, run)
+        return {"result": match, "runs": runs, "chosen": None}
+
+    def check(self) -> None:
+        steps = len(self.result.path) if self.result else 0
+        for name, count in (("chosen", steps), ("landmark", max(len(self.landmarks), 1))):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value < count:
+                raise ValueError(f"{name} is {value}; expected 0 to {count - 1}")
+        if self.bump < 0:
+            raise ValueError(f"bump is {self.bump}; expected 0 or more")
+
+    def borne_out(self) -> Self:
+        return replace(self, result=self.result.borne_out()) if self.result else self
+
+    def differs(self, result: Match, values: Values) -> bool:
+        """Return whether a result is of another problem than this document's."""
+        alone = self.landmarks_alone and result.problem.is_of_landmarks
+        return (
+            len(self.channels) != result.source.shape[1]
+            or result.parameters != self.parameters
+            or not (alone or [*self.weights] == result.weights.tolist())
+            or self.has_other_functions(result, values)
+        )
+
+    def has_other_functions(self, result: Match, values: Values) -> bool:
+        """Return whether landmarks, the mask or functions differ where these are compared."""
+        nameless = tuple(replace(pair, name="") for pair in self.pairs)
+        if nameless != landmarks_of_match(result):
+            return True
+        functions = [self.function(side, channel) for side in SIDES for channel in self.channels]
+        found = [known for one in functions if (known := values(one)) is not None]
+        mask = values(self.mask_function) if self.mask else np.ones(len(result.source))
+        if mask is None or len(found) < len(functions):
+            return True
+        now, then = np.array(found), np.concatenate([result.source.T, result.target.T])
+        has_value = ~np.isnan(now).any(axis=0)
+        mask = mask * has_value
+        is_compared = mask > 0  # elsewhere values change nothing
+        return not (
+            (self.mask == "" and has_value.all()) == (result.mask is None)
+            and np.array_equal(mask, np.ones(len(mask)) if result.mask is None else result.mask)
+            and np.array_equal(now[:, is_compared], then[:, is_compared])
+        )
+
+    def lost(self, changes: Collection[str], has_new_result: bool) -> str:
+        if self.result is None or not has_new_result:
+            return super().lost(changes, has_new_result)
+        return f"The match of {self.name} ({self.result.facts.headline}) is in no file."
+
+    @property
+    def large_parts(self) -> tuple[object, ...]:
+        found = () if self.result is None else (self.result, *self.result.path)
+        return (*super().large_parts, *found)  # steps of one match share arrays
+
+
+@dataclass(frozen=True, eq=False)
+class PairDocument(MatchDocument):
+    """Two surfaces, A and B: functions of A come to B by an initial map, and are matched there."""
+
+    content: ClassVar[tuple[str, ...]] = ("initial", *MatchDocument.content)
+
+    initial: str = field(default="", kw_only=True)
+    initial_map: InitialMap | None = field(default=None, kw_only=True)
+
+    @property
+    def name(self) -> str:
+        return " to ".join(surface.name for surface in self.surfaces)
+
+    def titled(self, slot: str) -> str:
+        return f"{slot} on {'A' if slot == 'source' else 'B'}"
+
+    def carried_title(self, kind: str) -> str:
+        return f"{kind} of A, on B"
+
+    def named(self, side: Side) -> str:
+        return {"source": "A", "target": "B"}[side]
+
+    def renamed(self, name: str, called: Mapping[str, str]) -> Self:
+        found = super().renamed(name, called)
+        a, b = found.surfaces
+        return replace(found, surfaces=(a, replace(b, name=f"B of {name}")))
+
+    def known_as(self, side: Side, spec: str) -> str:
+        return f"{OF_A}{spec}" if side == "source" else spec
+
+    def known_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        own = {name: name.startswith(OF_A) == (side == "source") for name in known}
+        return {name.removeprefix(OF_A): known[name] for name, is_own in own.items() if is_own}
+
+    def new_channel(self) -> Channel:
+        source, target = (
+            gaussians.landmark([one.spec(side) for one in self.channels], self.surface(side).mesh)
+            for side in SIDES
+        )
+        return Channel(source, target)
+
+    def missing(self, slot: str, values: Values) -> Missing:
+        return Document.missing(self, slot, values)
+
+    def outcome(
+        self, match: Match | None, run: Run | None, initial: InitialMap | None
+    ) -> dict[str, Any]:
+        return super().outcome(match, run, initial) | {"initial_map": initial}
+
+    def has_other_functions(self, result: Match, values: Values) -> bool:
+        return self.initial_map is None or not self.initial_map.is_for(self)
+
+    @property
+    def large_parts(self) -> tuple[object, ...]:
+        initial = self.initial_map
+        found = () if initial is None else (initial.correspondence.points,)
+        return (*super().large_parts, *found)
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectDocument(MatchDocument):
+    """A subject of a population on the template, compared with the mean of the others."""
+
+    comparison: Comparison = field(kw_only=True)
+
+    @property
+    def compared(self) -> Comparison | None:
+        active, found = self.active, self.comparison
+        if active is None:
+            return None
+        return found if (active.source, active.target) in found.channels else None
+
+    def titled(self, slot: str) -> str:
+        if self.compared is None or (slot == "advected" and self.result):
+            return slot
+        return self.compared.title(slot)
+
+    def missing(self, slot: str, values: Values) -> Missing:
+        compared, active = self.compared, self.active
+        if compared is None or active is None:
+            return super().missing(slot, values)
+        channel = compared.channels[active.source, active.target]
+        return (compared, channel), lambda: compared.unknown(slot, channel)
+
+
+_FILM_PARTS = {
+    "film": "times of its frames",
+    "settings": "parameters that were changed",
+    "lines": "lines that were clicked on",
+    "points": "points that are followed",
+}
+"""What of a film may be in no file though its fields are."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilmDocument(Document):
+    """A function that changes in time, as frames, and what all intervals are matched with."""
+
+    match_label: ClassVar[str] = "Match all frames"
+    match_tip: ClassVar[str] = (
+        "Find the fields that carry each frame to the next, all together (Ctrl+Enter)."
+    )
+    cancel_tip: ClassVar[str] = (
+        "End the run and keep the fields that were found (Esc); the next goes on from them."
+    )
+    play_tips: ClassVar[tuple[str, ...]] = (
+        "Play the film (Space).",
+        "The frame before.",
+        "The next frame.",
+        "Show the first frame.",
+    )
+    speed_tip: ClassVar[str] = f"1 passes {FRAMES_A_SECOND:g} frames a second."
+    extrapolates: ClassVar[bool] = False
+    has_one_field: ClassVar[bool] = False
+    has_sides: ClassVar[bool] = False
+    content: ClassVar[tuple[str, ...]] = ("film", "settings", *Document.content)
+    exported: ClassVar[tuple[str, ...]] = ("film", "settings", "result")
+
+    film: Film
+    settings: FilmSettings = field(default=FilmSettings(), kw_only=True)  # of its match
+    result: Sequence | None = field(default=None, kw_only=True)
+
+    @property
+    def name(self) -> str:
+        surface = self.surface().name
+        return surface if self.film.name == surface else f"{self.film.name} on {surface}"
+
+    def titled(self, slot: str) -> str:
+        before = self.interval
+        titles = {
+            "source": self.film.frame(before),
+            "advected": f"at {self.film.precisely(self.time)}",
+            "target": self.film.frame(before + 1),
+        }
+        return titles.get(slot, slot)
+
+    @property
+    def channel_count(self) -> int:
+        return self.film.channels
+
+    @property
+    def unit_of_time(self) -> str:
+        return self.film.unit
+
+    def renamed(self, name: str, called: Mapping[str, str]) -> Self:
+        return replace(super().renamed(name, called), film=replace(self.film, name=name))
+
+    def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
+        return self.film.front(up)
+
+    def missing(self, slot: str, values: Values) -> Missing:
+        return (self.film,), lambda: self.film.frames.unknown
+
+    def ranged(self, source: FloatArray, target: FloatArray) -> Ranged:
+        channel = self.channel  # one range for all frames
+        return (self.film, channel), lambda: (self.film.frames.values[:, :, channel],)
+
+    @property
+    def start(self) -> float:
+        return float(self.film.times[0])
+
+    @property
+    def end(self) -> float:
+        return float(self.film.times[-1])
+
+    @property
+    def last(self) -> float:
+        return self.end
+
+    @property
+    def flow_time(self) -> float:
+        return self.time - float(self.film.times[self.interval])
+
+    @property
+    def tau(self) -> float:
+        return float(self.film.frames.durations[self.interval])
+
+    @property
+    def interval(self) -> int:
+        return self.film.interval(self.time)
+
+    @property
+    def ticks(self) -> tuple[float, ...]:
+        return tuple(self.film.times.tolist())
+
+    def time_after(self, share: float) -> float:
+        return self.film.next_frame(self.time, 1 if share > 0 else -1)
+
+    @property
+    def times_shown(self) -> str:
+        return f"{self.film.told(self.start)} to {self.film.told(self.end)}"
+
+    @property
+    def slider_tip(self) -> str:
+        return f"{self.titled('source')}; {self.titled('target')} is next."
+
+    @property
+    def times_told(self) -> str:
+        return f"{self.start:g} to {self.end:g}"
+
+    @property
+    def tracked(self) -> Sequence | None:
+        return self.result
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether the result is of other frames or settings."""
+        found = self.result
+        return found is not None and not (
+            found.frames is self.film.frames.values and settings_of(found) == self.settings
+        )
+
+    def check(self) -> None:
+        self.settings.check()
+
+    @property
+    def is_complete(self) -> bool:
+        return self.result is not None and bool(self.result.solved.all())
+
+    def view_of_result(self, view: View) -> View:
+        """Return the view in which fields are seen: with tracks, and arrows, unless something else
+        is shown of the flow already, or nothing is to be shown after matches.
+        """
+        found = self.result
+        if found is None or not (view.flow_after_match and found.velocity.any()):
+            return view
+        is_plain = not (view.arrows or view.streaks) and view.coloring == "function"
+        return replace(view, tracks=True, arrows=view.arrows or is_plain)
+
+    def lost(self, changes: Collection[str], has_new_result: bool) -> str:
+        if self.result is not None and "result" in changes:
+            return f"The film {self.name} with its fields is in no file."
+        named = ", ".join(words for name, words in _FILM_PARTS.items() if name in changes)
+        return f"Of the film {self.name} are in no file: {named or 'changes'}."
+
+    @property
+    def large_parts(self) -> tuple[object, ...]:
+        found = (self.film.frames, *(() if self.result is None else (self.result,)))
+        return (*super().large_parts, *found)
+
+
+def document_on(surfaces: tuple[Surface, ...], **values: Any) -> MatchDocument:
+    """Return a document of one surface, or of two to be registered."""
+    kind = MatchDocument if len(surfaces) == 1 else PairDocument
+    return kind(surfaces, **values)

@@ -1,0 +1,457 @@
+"""What a session does with documents of each kind: what it computes for one, and its run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any, Literal
+
+import abfm
+from abfm import Parameters
+from abfm.types import FloatArray
+from abfm.wording import counted
+from abfm.workers.progress import Step
+from abfm_viewer.computing.background import Latest, Memo
+from abfm_viewer.computing.evaluation import Evaluators
+from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
+from abfm_viewer.document.document import Document, Identity, Point, Side, View
+from abfm_viewer.document.film import FRAMES_A_SECOND
+from abfm_viewer.document.kinds import FilmDocument, MatchDocument, PairDocument
+from abfm_viewer.document.surface_points import points_of, surface_points
+from abfm_viewer.session.film_match import FilmMatch
+from abfm_viewer.session.initial_maps import Prepared
+from abfm_viewer.session.notices import RUN, WaysOut
+from abfm_viewer.session.parts import Parts
+
+Start = Callable[[bool | None], None]
+"""Starts a run, as `Session.match` does."""
+_STREAK_FACES_MAX = 50_000  # of a mesh that gets streaks after a match: within two seconds
+
+
+class MatchRun:
+    """The solver's run, and what its result changes in the document, which may be another by then.
+
+    `remedied` is the number of moves of the history when a remedy began the run: its result belongs
+    to that step.
+    """
+
+    def __init__(self, parts: Parts, start: Start) -> None:
+        self._parts, self._start = parts, start
+        self.began: Document = parts.document
+        self.remedied = -1
+        self.flow_seen: Identity | None = None  # of a document whose flow was shown
+
+    @property
+    def snapshot(self) -> Snapshot | None:
+        is_of_run = self.began.identity is self._parts.document.identity
+        return self._parts.solver.snapshot if is_of_run else None
+
+    def start(self, problem: ProblemSpec, functions: Evaluators, field: FloatArray | None) -> None:
+        self.began, self.remedied = self._parts.document, -1
+        self._parts.solver.start(problem, functions, field)
+
+    def collect(self) -> None:
+        """Take in the result of a run that has ended."""
+        parts, solver = self._parts, self._parts.solver
+        if (ended := solver.collect()) is None:
+            return
+        match, run, solved = ended
+        parts.notices.mend(RUN)
+        failed = solver.failed
+        replaced = self.began.identity is not parts.document.identity
+        document = self.began if replaced else parts.document
+        self.began = parts.document
+        assert isinstance(document, MatchDocument)
+        outcome = document.outcome(match, run, solved.initial)
+        if match is not None:
+            parts.saves.found(replace(document, **outcome))
+        if replaced:
+            solver.forget()
+            return
+        again: WaysOut = {"Try again": partial(self._start, None)}
+        if match is not None:  # the newest field that was known
+            again = {
+                "Continue": partial(self._start, True),
+                "Match again": partial(self._start, False),
+            }
+            self._show(match, outcome)
+        if failed:
+            parts.notices.say(f"the solver stopped: {solver.reason}", True, RUN, again)
+
+    def _show(self, match: abfm.Match, outcome: dict[str, Any]) -> None:
+        parts, editor = self._parts, self._parts.editor
+        view = None
+        if not (parts.solver.failed or parts.at_once or parts.dragging):
+            view = self._view_of_flow(match)
+        outcome["view"] = view or parts.view
+        if self.remedied == editor.moves:
+            editor.amend(**outcome)
+        else:
+            editor.change("match", **outcome)
+        if view is not None:
+            editor.amend(time=0.0)
+            parts.player.play_once()
+
+    def _view_of_flow(self, match: abfm.Match) -> View | None:
+        """The view of the flow after a match; None where there is nothing to play.
+
+        Streaks where there is time for them, else arrows. The flow is left as the user has it if it
+        is shown already, or is shown as something else than the function; and where the user hid it
+        after an earlier match of this document, it stays hidden.
+        """
+        view, document = self._parts.view, self._parts.document
+        if not view.flow_after_match or not match.velocity.any():
+            return None
+        known, self.flow_seen = self.flow_seen is document.identity, document.identity
+        if known or view.arrows or view.streaks or view.coloring != "function":
+            return view
+        streaks = self._parts.draws_quickly and len(match.mesh.faces) <= _STREAK_FACES_MAX
+        return replace(view, streaks=streaks, arrows=not streaks)
+
+
+class Work:
+    """Answers about the document that is shown; here those that need no functions by specs."""
+
+    def __init__(self, parts: Parts, runner: Solver | FilmMatch) -> None:
+        self.parts, self.runner = parts, runner
+
+    @property
+    def busy(self) -> str:
+        """Say what is computed of the document in the background."""
+        return ""
+
+    @property
+    def step(self) -> Step | None:
+        """How far that is."""
+        return None
+
+    @property
+    def obstacle(self) -> str:
+        """Say why a match cannot start; nothing if it can."""
+        return ""
+
+    @property
+    def problem_told(self) -> str:
+        """Say what keeps a match from starting until the user does something about it."""
+        return ""
+
+    @property
+    def prepared(self) -> Prepared | None:
+        """What is matched on surface B of two, as far as it is known by now."""
+        return None
+
+    @property
+    def registration(self) -> abfm.Registration | None:
+        """The result with the initial map that it began with, of two surfaces."""
+        return None
+
+    @property
+    def foreseen(self) -> abfm.Facts | None:
+        """What is known of a match before it is solved, if something prevents it."""
+        return None
+
+    @property
+    def facts(self) -> abfm.Facts | None:
+        """What is reported of the result."""
+        result = self.parts.document.result
+        return None if result is None else result.facts
+
+    @property
+    def outdated(self) -> bool:
+        return self.parts.document.is_outdated
+
+    def values(self, side: Side) -> FloatArray | None:
+        """The active channel's function of a side on its surface, (V,), if it is known; of a film
+        the frame before or after the shown time.
+        """
+        raise NotImplementedError
+
+    def compared(self, side: Side) -> FloatArray | None:
+        """The same as a flow carries or meets it, (V,), on B where there are two surfaces."""
+        return self.values(side)
+
+    def error(self, of: Side | Literal["mask"]) -> str:
+        """Say why the active channel's source or target, or the mask, has no values."""
+        return ""
+
+    def on_flow(self, slot: str, point: Point) -> Point | None:
+        """Return a point of a slot where the flow meets it; None where that is not known."""
+        return point
+
+    def defaults(self) -> tuple[tuple[str, str] | None, str]:
+        """Return specs of a source and a target, None before they are known, and why there are
+        none.
+        """
+        return None, ""
+
+    def start(self, goes_on: bool | None) -> None:
+        """Start a run; unless it is given, the solver is set to whether it `goes_on` from the
+        present field.
+        """
+        raise NotImplementedError
+
+    def follow(self) -> None:
+        """Compute what the document asks for: call once per frame."""
+        raise NotImplementedError
+
+    def played(self, elapsed: float) -> float:
+        """Return the time that is shown after so many seconds."""
+        raise NotImplementedError
+
+
+class MatchWork(Work):
+    """Functions on one surface: their values, and the match of them."""
+
+    def __init__(self, parts: Parts, run: MatchRun) -> None:
+        super().__init__(parts, parts.solver)
+        self._run = run
+        self._coarse_meshes: Latest[None] = parts.jobs.latest()
+        self._foreseen: Latest[abfm.Facts | None] = parts.jobs.latest()
+
+    @property
+    def document(self) -> MatchDocument:
+        document = self.parts.document
+        assert isinstance(document, MatchDocument)
+        return document
+
+    @property
+    def outdated(self) -> bool:
+        return self.parts.functions.outdated(self.document)
+
+    def values(self, side: Side) -> FloatArray | None:
+        if self.document.active is None:
+            return None
+        return self.parts.functions.values(self.document.function(side))
+
+    def error(self, of: Side | Literal["mask"]) -> str:
+        document, functions = self.document, self.parts.functions
+        if of == "mask":
+            return functions.error(document.mask_function)
+        return functions.error(document.function(of)) if document.active else ""
+
+    @property
+    def busy(self) -> str:
+        return self.parts.functions.busy(self.document)
+
+    @property
+    def step(self) -> Step | None:
+        return self.parts.functions.step(self.document)
+
+    @property
+    def obstacle(self) -> str:
+        return self.parts.functions.obstacle(self.document)
+
+    @property
+    def problem_told(self) -> str:
+        return self.parts.functions.problem(self.document)
+
+    @property
+    def problem(self) -> ProblemSpec:
+        document, prepared = self.document, self.prepared
+        return ProblemSpec(
+            document.surface().mesh,
+            document.channels,
+            document.parameters,
+            document.mask,
+            document.pairs,
+            document.landmarks_alone,
+            None if prepared is None else prepared.initial,
+        )
+
+    @property
+    def foreseen(self) -> abfm.Facts | None:
+        if self.parts.solver.running or self.obstacle:
+            return None
+        goal = Parameters(goal=self.document.parameters.goal)
+        spec = replace(self.problem, parameters=goal)
+        given = spec, self.parts.functions.of_document(self.document)
+        return self._foreseen.newest(spec.mesh, _foreseen, *given)
+
+    def defaults(self) -> tuple[tuple[str, str] | None, str]:
+        return self.parts.functions.defaults(self.document)
+
+    def start(self, goes_on: bool | None) -> None:
+        parts = self.parts
+        self.take_usual_parameters()
+        field, document = None, self.document
+        warm = parts.solver.warm if goes_on is None else goes_on
+        result, mesh = document.result, document.surface().mesh
+        if warm and result is not None and result.mesh.digest == mesh.digest:
+            field = result.start_for(document.parameters)
+        parts.player.playing = False
+        parts.editor.amend(time=document.parameters.tau)
+        self._run.start(self.problem, parts.functions.of_document(self.document), field)
+
+    def take_usual_parameters(self) -> None:
+        """Match functions as their kind is, unless the user set parameters."""
+
+    def follow(self) -> None:
+        parts = self.parts
+        parts.functions.update(self.document)
+        obstacle = self.obstacle
+        # the functions come first, and pictures off the screen solve nothing
+        if not (obstacle or parts.at_once):
+            # a match that begins earlier waits for its coarse meshes
+            mesh, parameters = self.document.surface().mesh, self.document.parameters
+            prepare = partial(parts.solver.prepare, mesh, parameters)
+            self._coarse_meshes.ask((mesh, parameters.solver.levels), prepare)
+        if parts.dragging or not obstacle:  # what cannot be evaluated must not end a run
+            parts.solver.follow_problem(self.problem, parts.dragging)
+
+    def played(self, elapsed: float) -> float:
+        document = self.document
+        tau, end = document.parameters.tau, document.end
+        return self.parts.player.advance(document.time, elapsed, tau, end)
+
+
+class PairWork(MatchWork):
+    """Two surfaces: the initial map as well, by which functions of A come to B."""
+
+    def __init__(self, parts: Parts, run: MatchRun) -> None:
+        super().__init__(parts, run)
+        self._registration: Memo[abfm.Registration] = Memo()
+        self._facts: Latest[abfm.Facts] = parts.jobs.latest()
+
+    @property
+    def document(self) -> PairDocument:
+        document = self.parts.document
+        assert isinstance(document, PairDocument)
+        return document
+
+    @property
+    def prepared(self) -> Prepared | None:
+        return self.parts.initial_maps.prepared(self.document)
+
+    @property
+    def facts(self) -> abfm.Facts | None:
+        """What is reported of the match on B, marked as incomplete, until the complete map is
+        measured.
+        """
+        result, found = self.document.result, self.registration
+        if result is None or found is None:
+            return super().facts
+        facts = self._facts.ask(found, lambda: found.facts)
+        return facts or replace(result.facts, is_complete=False)
+
+    def compared(self, side: Side) -> FloatArray | None:
+        if self.document.active is None:
+            return None
+        return self.parts.initial_maps.compared(self.document, side)
+
+    @property
+    def busy(self) -> str:
+        finding = "finding the initial map" if self.parts.initial_maps.busy else ""
+        return super().busy or finding
+
+    @property
+    def step(self) -> Step | None:
+        return super().step or self.parts.initial_maps.step
+
+    @property
+    def obstacle(self) -> str:
+        maps = self.parts.initial_maps
+        is_under_way = maps.busy and not self.parts.solver.running
+        if not (obstacle := super().obstacle) and (self.prepared is None or is_under_way):
+            return maps.error or "the initial map is being found"
+        return obstacle
+
+    @property
+    def problem_told(self) -> str:
+        error = self.parts.initial_maps.error if self.prepared is None else ""
+        return super().problem_told or error
+
+    def on_flow(self, slot: str, point: Point) -> Point | None:
+        if slot != "source":
+            return point
+        if (prepared := self.prepared) is None:
+            text = "no point on A yet: there is no initial map that takes it to B"
+            self.parts.notices.say(text)
+            return None
+        on_a = surface_points(self.document.surface(slot).mesh, [point])
+        [carried] = points_of(prepared.initial.correspondence.carry_points(on_a))
+        return carried
+
+    def take_usual_parameters(self) -> None:
+        usual = self.prepared.usual if self.prepared else None
+        if usual is not None and usual != self.document.parameters == Parameters():
+            label = "parameters for measured functions"
+            self.parts.editor.set_parameter(label=label, **usual.to_dict())
+            text = f"{label} were set, as the functions of A and B look measured"
+            self.parts.notices.say(text)
+
+
+class FilmWork(Work):
+    """A film: its frames are there, and all its intervals are matched in one run."""
+
+    def __init__(self, parts: Parts, start: Start) -> None:
+        super().__init__(parts, parts.film_match)
+        self._start = start
+
+    @property
+    def document(self) -> FilmDocument:
+        document = self.parts.document
+        assert isinstance(document, FilmDocument)
+        return document
+
+    def values(self, side: Side) -> FloatArray | None:
+        document = self.document
+        frame = document.interval + (side == "target")
+        return document.film.columns[frame][document.channel]
+
+    def start(self, goes_on: bool | None) -> None:
+        self.parts.film_match.start(self.document)
+
+    def follow(self) -> None:
+        self.parts.functions.bare_since = None
+
+    def played(self, elapsed: float) -> float:
+        document = self.document
+        start, whole = document.start, document.end - document.start
+        seconds = document.film.intervals / FRAMES_A_SECOND
+        time = self.parts.player.advance(document.time - start, elapsed, whole, whole, seconds)
+        return min(start + time, document.end)
+
+    def collect(self) -> None:
+        """Take in the fields of a run that has ended."""
+        parts = self.parts
+        if (ended := parts.film_match.collect()) is None:
+            return
+        began, found, was_recovered = ended
+        if isinstance(found, str):
+            again = {"Try again": partial(self._start, None)}
+            parts.notices.say(f"the solver stopped: {found}", True, RUN, again)
+            return
+        count = int(found.solved.sum())
+        if parts.document.identity is not began.identity:
+            if count:
+                parts.saves.found(replace(began, result=found))
+            return
+        if was_recovered:
+            if count:
+                parts.editor.amend(result=found)
+            return
+        earlier = self.document.result
+        if count:  # else nothing takes the place of what there is
+            view = replace(self.document, result=found).view_of_result(parts.view)
+            parts.editor.change("match all frames", result=found, view=view)
+            if view.flow_after_match:
+                parts.editor.amend(time=self.document.start)
+                parts.player.play_once()
+        if count < len(found):
+            parts.notices.say(_broken_off(count, len(found), earlier))
+
+
+def _foreseen(spec: ProblemSpec, functions: Evaluators) -> abfm.Facts | None:
+    return abfm.matching.foreseen(spec.problem(functions))
+
+
+def _broken_off(count: int, whole: int, earlier: abfm.Sequence | None) -> str:
+    """Say what a film's run that was cancelled has found, and where its earlier result is."""
+    told = f"cancelled: {count} of {counted(whole, 'interval')} found"
+    if earlier is None or not earlier.solved.any():
+        return told
+    if not count:
+        return f"{told}, the earlier result stays"
+    more = int(earlier.solved.sum())
+    return f"{told}; Undo (Ctrl+Z) brings back the earlier result, which has {more}"

@@ -1,0 +1,185 @@
+"""The flow of a film, which has a field of its own in each interval, and its quantities."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+import abfm
+from abfm import Parameters
+from abfm.pages.film_motion import fast_in
+from abfm.types import FloatArray
+from abfm_viewer.computing.background import Latest, Memo
+from abfm_viewer.document.document import HODGE_PARTS, FieldPart
+from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.surface_points import surface_points
+from abfm_viewer.session.session import Session
+from abfm_viewer.shown import quantities
+from abfm_viewer.shown.flow_state import FlowState
+from abfm_viewer.shown.in_between import InBetween
+from abfm_viewer.shown.quantities import (
+    Field,
+    FieldQuantities,
+    Streaks,
+    convolved,
+    field_part,
+)
+from abfm_viewer.shown.shown_flow import ShownFlow
+
+_STREAKS_BYTES_MAX = 300_000_000  # of a film's intervals that are kept
+
+
+def _film(session: Session) -> FilmDocument:
+    document = session.document
+    assert isinstance(document, FilmDocument)
+    return document
+
+
+class FilmFlow(ShownFlow):
+    """The flow of the interval of the shown time: of a run under way, else of the result."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__(session)
+        self._between = InBetween(self)
+        self._next = Memo[FlowState]()
+
+    @property
+    def state(self) -> FlowState | None:
+        document = _film(self._session)
+        return self._of_interval(document, document.interval, self._state)
+
+    def _of_interval(
+        self, document: FilmDocument, interval: int, memo: Memo[FlowState]
+    ) -> FlowState | None:
+        run, film = self._session.film_match, document.film
+        if (field := run.field(document, interval)) is None:
+            return None
+        tau, motion = float(film.frames.durations[interval]), run.motion(document, interval)
+        parameters = Parameters(tau=tau)
+        make = partial(FlowState, film.frames.mesh, field, parameters, reach=1.0, motion=motion)
+        return memo.get((field, tau, motion), make)
+
+    def advected(self) -> FloatArray | None:
+        """Return the function at the shown time, and compute the next interval in advance."""
+        document, session = _film(self._session), self._session
+        columns, channel = document.film.columns, document.channel
+        interval, share = document.interval, min(session.time / session.tau, 1.0)
+        ends = columns[interval][channel], columns[interval + 1][channel]
+        found = self._between.at(self.state, *ends, share)
+        self.is_behind = self._between.is_behind
+        after = interval + 1
+        if session.player.playing and not self.is_behind and after < document.film.intervals:
+            next_flow = self._of_interval(document, after, self._next)
+            if next_flow is not None:
+                ends = columns[after][channel], columns[after + 1][channel]
+                self._between.prepare(next_flow, *ends)
+        return found
+
+    @property
+    def is_ready(self) -> bool:
+        return True
+
+    @property
+    def problem(self) -> str:
+        return super().problem or self._between.error
+
+
+class FilmQuantities(FieldQuantities):
+    """Quantities of a film's fields, whose arrows have one scale in all intervals."""
+
+    def __init__(self, session: Session, flow: ShownFlow) -> None:
+        super().__init__(session, flow)
+        self._fast_in: Latest[float] = self.latest()
+        self._determined: Latest[FloatArray] = self.latest()
+        self._kept_streaks: OrderedDict[tuple[object, ...], Streaks] = OrderedDict()
+
+    def _part(self, flow: FlowState, segment: int, part: FieldPart) -> Field | None:
+        unit = _film(self._session).film.unit_of_speed
+        return self._field.newest(flow.mesh, _part_of_interval, flow, segment, part, unit)
+
+    @property
+    def _is_of_interval(self) -> bool:
+        """Whether the field that is shown is that of an interval, or a part of it."""
+        return self._session.view.part in ("whole", *HODGE_PARTS)
+
+    def _determined_shares(self) -> FloatArray | None:
+        document = _film(self._session)
+        if document.result is None or not self._is_of_interval:
+            return None
+        if self._session.film_match.found(document):
+            return None
+        return self._determined.newest(document.film, _determined, document.result)
+
+    def fast(self, field: Field) -> float | None:
+        """Return what speed counts as fast in any interval; None before that is known. It only
+        grows while a run goes on.
+        """
+        document = _film(self._session)
+        if not self._is_of_interval:
+            return field.fast
+        if (found := self._session.film_match.fast(document)) or document.result is None:
+            return found
+        return self._fast_in.newest(document.film, fast_in, document.result)
+
+    def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
+        """Return the streaks of an interval, which are kept for when it is shown again.
+
+        While a film plays they are None where they are still to be computed; else those of an
+        earlier interval stay until then.
+        """
+        kept, key = self._kept_streaks, _key_of(field, (fade, moving))
+        if key in kept:
+            kept.move_to_end(key)
+            return field.mesh, kept[key]
+        make = partial(convolved, field, quantities.TEXELS, fade, moving)
+        found, last = self._streaks.ask((field, fade, moving), make), self._streaks.value
+        if last is not None and last.field.of is not None and last.field.mesh is field.mesh:
+            if any(each.field.mesh is not field.mesh for each in kept.values()):
+                kept.clear()  # those of another film
+            kept[_key_of(last.field, last.look)] = last
+            while len(kept) > max(_STREAKS_BYTES_MAX // last.images.nbytes, 4):
+                kept.popitem(last=False)
+        if found is None and not self._session.player.playing:
+            is_of_mesh = last is not None and last.field.mesh is field.mesh
+            return field.mesh, last if is_of_mesh else None
+        return field.mesh, found
+
+    def paths(self) -> list[abfm.flow.FlowLine]:
+        """The ways of the points that are followed, through all intervals."""
+        document = _film(self._session)
+        flow, points, sequence = self.flow.state, document.points, document.result
+        if flow is None or not points or sequence is None:
+            return []
+        whole = document.end - document.start
+        lasting = document.film.frames.durations * len(sequence) / whole
+
+        def through_all() -> list[abfm.flow.FlowLine]:
+            starts = surface_points(flow.mesh, points)
+            fields = sequence.velocity * lasting[:, None, None]  # each as long as the others
+            return abfm.flow.flow_lines(flow.mesh, fields, starts, whole, whole)
+
+        return self._paths.ask((sequence, points), through_all) or []
+
+    @property
+    def path_time(self) -> float:
+        """The shown time as if all intervals were of one length."""
+        document = _film(self._session)
+        even = np.linspace(0, document.end - document.start, len(document.film))
+        return float(np.interp(document.time, document.film.times, even))
+
+
+def _part_of_interval(flow: FlowState, segment: int, part: FieldPart, unit: str) -> Field:
+    assert not callable(flow.found)
+    return replace(field_part(flow, segment, part), of=flow.found, part=part, unit=unit)
+
+
+def _determined(sequence: abfm.Sequence) -> FloatArray:
+    return sequence.determined
+
+
+def _key_of(field: Field, look: tuple[bool, bool]) -> tuple[object, ...]:
+    """Return what streaks of an interval are kept by, with what they are of."""
+    return id(field.of if field.of is not None else field), field.part, *look
