@@ -13,6 +13,8 @@ from typing import Any
 import abfm
 from abfm import Correspondence, Match, Registration, ResultError, TriangleMesh
 from abfm.errors import one_line, printable
+from abfm.maps import Distortion
+from abfm.outcome import Facts
 from abfm.registration import report
 from abfm.wording import percents
 from abfm_viewer import pictures
@@ -31,7 +33,8 @@ too, as JSON in the element with the id "facts".
 It warns of folded faces, of less than {100 * COVERAGE_MIN:g}% of A that is covered, and where
 5% of the vertices come back more than {RETURN_EDGES_MAX:g} edges from where they were.
 
-Also of maps without functions (`Correspondence.save`), and of results of `abfm match`.
+Also for results of `abfm match` and `abfm symmetric`, and for maps without functions
+(`Correspondence.save`).
 
 Examples:
   abfm report reg.npz --out report.html
@@ -57,12 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check(out, [".html"])
     with long_steps(quiet):
         found = _loaded(arguments.input)
-        match = found.match if isinstance(found, Registration) else None
-        options.warn_of_doubt(arguments.input, match)
+        options.warn_of_doubt(arguments.input, getattr(found, "match", None))
         with share_progress("report", quiet) as update:
             update("measuring", 0.0)
             distortion = found.distortion()
-            facts = _facts(arguments, found, report.map_details(found, distortion))
+            facts = _facts(arguments, found, distortion)
             drawn = pictures.registration_pictures(
                 found, distortion, arguments.width, arguments.up, update
             )
@@ -77,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _loaded(path: str) -> Correspondence:
-    """Return what a file holds; a match on one surface as a registration of it to itself."""
+    """Return the map of a file; a match on one surface as a registration of it to itself."""
     found = abfm.load(path)
     if isinstance(found, Match):
         return Registration(Correspondence.of_same_faces(found.mesh, found.mesh), found)
@@ -88,9 +90,9 @@ def _loaded(path: str) -> Correspondence:
 
 
 def _facts(
-    arguments: argparse.Namespace, found: Correspondence, of_map: dict[str, Any]
+    arguments: argparse.Namespace, found: Correspondence, distortion: Distortion
 ) -> dict[str, Any]:
-    """Return all that the page tells, as plain numbers and texts; None for unknown numbers."""
+    """Return the content of the page as plain numbers and texts; None for unknown numbers."""
     name = printable(Path(arguments.input).name)
     facts: dict[str, Any] = {
         "abfm": version("abfm"),
@@ -99,41 +101,50 @@ def _facts(
         "a": _sizes(found.a),
         "b": _sizes(found.b),
         "headline": "a map without functions",
-        "map": of_map,
     }
-    if isinstance(found, Registration):
-        match = found.match
-        if found.a is not found.b:
-            facts["initial_map"] = report.map_details(found.initial)
-            facts |= report.initial_details(found.initial)
+    reported: Facts | None = getattr(found, "facts", None)
+    if reported is not None:
         facts |= abfm.loading.task_of(found).details(found)
-        facts |= {
-            "why": found.facts.reason,
-            "advice": found.facts.advice,
-            "tone": found.facts.tone,
-            "notes": [*found.notes, *match.mesh.messages],
-            "changed_parameters": match.parameters.changed(),
-        }
-        if (errors := match.landmark_errors) is not None:
-            facts["landmarks"] = {
-                "errors": errors.tolist(),
-                "farthest": float(errors.max()),
-                "alone": match.problem.is_of_landmarks,
-            }
-        facts["functions"] = list(zip(*match.problem.specs, strict=True))
-    facts["warnings"] = _warnings(of_map, found)
+        facts |= {"why": reported.reason, "advice": reported.advice, "tone": reported.tone}
+    if "map" not in facts:
+        facts["map"] = report.map_details(found, distortion)
+    if isinstance(found, Registration):
+        facts |= _of_registration(found)
+        if found.a is found.b:  # the initial map is the identity
+            for name in report.initial_details(found.initial):
+                del facts[name]
+    facts["warnings"] = _warnings(facts["map"], reported)
     return dict(_finite(facts))
+
+
+def _of_registration(found: Registration) -> dict[str, Any]:
+    """Return what a registration has besides its map and verdict."""
+    match = found.match
+    facts: dict[str, Any] = {
+        "notes": [*found.notes, *match.mesh.messages],
+        "changed_parameters": match.parameters.changed(),
+        "functions": list(zip(*match.problem.specs, strict=True)),
+    }
+    if found.a is not found.b:
+        facts["initial_map"] = report.map_details(found.initial)
+    if (errors := match.landmark_errors) is not None:
+        facts["landmarks"] = {
+            "errors": errors.tolist(),
+            "farthest": float(errors.max()),
+            "alone": match.problem.is_of_landmarks,
+        }
+    return facts
 
 
 def _sizes(mesh: TriangleMesh) -> dict[str, int]:
     return {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
 
 
-def _warnings(of_map: dict[str, Any], found: Correspondence) -> list[str]:
+def _warnings(of_map: dict[str, Any], reported: Facts | None) -> list[str]:
     folded, collapsed, faces = (of_map[name] for name in ("folded", "collapsed", "faces"))
     apart, covered = of_map["there_and_back"]["p95"], of_map["coverage"]
-    texts = list(found.facts.warnings) if isinstance(found, Registration) else []
-    if folded and not isinstance(found, Registration):
+    texts = [] if reported is None else list(reported.warnings)
+    if folded and reported is None:
         part = percents(folded / faces, ".3g")
         texts.append(f"{folded:,} of {faces:,} faces are folded, {part}")
     if collapsed:

@@ -17,6 +17,7 @@ import abfm as library
 from abfm import Correspondence, Parameters, PointMap, TriangleMesh
 from abfm.maps import project_onto_surface
 from abfm.mesh.shapes import even_sphere
+from abfm.registration.symmetric import SymmetricRegistration
 from abfm_viewer import pictures
 from abfm_viewer.errors import DrawingError
 from tests.messages import check_message, check_names
@@ -213,6 +214,18 @@ def test_a_match_on_one_surface_has_its_page(abfm, tmp_path):
     assert "A match on a surface of 162 vertices" in page.text
     assert "function 1, carried, back" in page.pictures
     assert "initial_map" not in json.loads(page.facts)
+
+
+def test_another_kind_of_map_shows_its_own_facts(registered, abfm, tmp_path):
+    functions = waves(B.vertices), waves(A.vertices)
+    backward = library.register(B, A, *functions, initial="closest", parameters=BRIEF)
+    found = SymmetricRegistration.of_both(registered, backward)
+    found.save(tmp_path / "s.npz")
+    abfm("report", tmp_path / "s.npz", "--out", tmp_path / "s.html", *SMALL)
+    page = Page((tmp_path / "s.html").read_text(encoding="utf-8"))
+    assert found.facts.headline[1:] in page.text
+    assert json.loads(page.facts)["asymmetry_95"] == found.facts.numbers["asymmetry_95"]
+    assert "the map, on B, front" in page.pictures
 
 
 @pytest.mark.parametrize("is_mirrored", [False, True])
