@@ -127,6 +127,13 @@ class Facts:
             return "warning"
         return self.outcome.tone
 
+    @property
+    def notes(self) -> list[str]:
+        """The reason, the warnings and the advice, one line each."""
+        warnings = (f"warning: {warning}" for warning in self.warnings)
+        advice = f"advice: {self.advice}" if self.advice else ""
+        return [line for line in (self.reason, *warnings, advice) if line]
+
     def number(self, name: str) -> float:
         """Return a measurement; NaN if it is unknown."""
         value = self.numbers.get(name)

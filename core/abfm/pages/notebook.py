@@ -11,6 +11,7 @@ from typing import Any
 from abfm.errors import AbfmError, ParameterError, brief, one_line, printable
 from abfm.matching import Match
 from abfm.mesh import TriangleMesh
+from abfm.outcome import Facts
 from abfm.pages.html import environment
 from abfm.pages.of_meshes import coarser, mesh_page
 from abfm.pages.of_populations import population_page
@@ -113,9 +114,8 @@ def _kind(what: Any) -> str:
 
 def _verdict(what: Any) -> tuple[str, str]:
     """Return the headline of a result, and how it is shown."""
-    if isinstance(what, Correspondence) and not isinstance(what, Registration):
-        return correspondence_headline(what), "ink"
-    return what.facts.headline, what.facts.tone
+    facts: Facts | None = getattr(what, "facts", None)
+    return (correspondence_headline(what), "ink") if facts is None else (facts.headline, facts.tone)
 
 
 def _vertex_count(what: Any) -> int:

@@ -32,7 +32,7 @@ def population_page(found: Population, title: str, up: str | None = None) -> Pag
     if (count := len(found.channels)) > MOST_CHANNELS:
         notes.append(f"these are the first {MOST_CHANNELS} of {count} channels")
     facts = found.facts
-    return Page(title, facts.headline, panels, tone=facts.tone, notes=[*facts.warnings, *notes])
+    return Page(title, facts.headline, panels, tone=facts.tone, notes=[*facts.notes, *notes])
 
 
 def _layers(found: Population, c: int) -> list[Layer]:

@@ -24,7 +24,7 @@ from abfm.pages.registered import (
 )
 from abfm.registration import Correspondence, Registration
 from abfm.types import FloatArray
-from abfm.wording import share
+from abfm.wording import capital, share
 from abfm.workers.progress import step
 
 _FRAMES = 7, 41  # fewest and most keys of what is carried
@@ -94,7 +94,9 @@ def registration_page(
 
 
 def correspondence_page(found: Correspondence, title: str, up: str | None = None) -> Page:
-    """Return the page of a map: A with its coordinates, and B with those that come from A."""
+    """Return the page of a map: A with its coordinates, and B with those that come from A; with the
+    facts of the map if it has any.
+    """
     coordinates, carried = found.a.vertices, found.carry(found.a.vertices)
     colors = [color_range(values) for values in coordinates.T]
     sides = zip(
@@ -115,7 +117,12 @@ def correspondence_page(found: Correspondence, title: str, up: str | None = None
         "folded faces": f"{distortion.folded:,} of {len(distortion.flipped):,}",
         "A covered": f"{100 * found.coverage():.3g}%",
     }
-    return Page(title, correspondence_headline(found), panels, facts=facts)
+    sizes = correspondence_headline(found)
+    reported: Facts | None = getattr(found, "facts", None)
+    if reported is None:
+        return Page(title, sizes, panels, facts=facts)
+    tone, notes = reported.tone, reported.notes
+    return Page(title, reported.headline, panels, None, tone, capital(sizes), facts, notes)
 
 
 def correspondence_headline(found: Correspondence) -> str:
@@ -210,9 +217,7 @@ def _page(found: Match | Registration, title: str, about: str, panels: list[Pane
     match = found.match if isinstance(found, Registration) else found
     tau = match.parameters.tau
     clock = Clock(0.0, tau, _SECONDS, first=tau, ticks=np.linspace(0, tau, 5).tolist())
-    told = [found.facts.reason, *(f"warning: {each}" for each in found.facts.warnings)]
-    if advice := found.facts.advice:
-        told.append(f"advice: {advice}")
+    told = found.facts.notes
     if (count := match.source.shape[1]) > MOST_CHANNELS:
         told.append(f"these are the first {MOST_CHANNELS} of {count} pairs of functions")
     words = found.facts.headline, found.facts.tone

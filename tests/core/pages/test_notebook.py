@@ -100,7 +100,7 @@ def test_page_of_a_population_has_means_and_deviation():
     page = notebook.page_of(population)
     assert page.tone == "warning"
     check_message(page.headline, "4 of 5", "0.012")
-    check_message(page.notes[0], "e", "folds 20%")
+    check_message(page.notes[1], "e", "folds 20%")
     for c in range(2):
         before, after, deviation = (panel.layers[c] for panel in page.panels)
         np.testing.assert_array_equal(before.values, population.plain_mean(c))
