@@ -537,7 +537,8 @@ class Document:
     @property
     def times_told(self) -> str:
         """Say which times can be shown."""
-        return f"{self.start:g} to {self.end:g}, which is {EXTRAPOLATION:g} tau"
+        beyond = f", which is {EXTRAPOLATION:g} tau" if self.extrapolates else ""
+        return f"{self.start:g} to {self.end:g}{beyond}"
 
     @property
     def unit_of_time(self) -> str:

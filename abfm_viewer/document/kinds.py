@@ -389,10 +389,6 @@ class FilmDocument(Document):
         return f"{self.titled('source')}; {self.titled('target')} is next."
 
     @property
-    def times_told(self) -> str:
-        return f"{self.start:g} to {self.end:g}"
-
-    @property
     def tracked(self) -> Sequence | None:
         return self.result
 

@@ -324,6 +324,13 @@ class PairWork(MatchWork):
         return self.parts.initial_maps.prepared(self.document)
 
     @property
+    def registration(self) -> abfm.Registration | None:
+        result, initial = self.document.result, self.document.initial_map
+        if result is None or initial is None:
+            return None
+        return self._registration.get((result, initial), lambda: initial.registration(result))
+
+    @property
     def facts(self) -> abfm.Facts | None:
         """What is reported of the match on B, marked as incomplete, until the complete map is
         measured.
