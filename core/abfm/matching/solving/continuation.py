@@ -75,7 +75,6 @@ class State:
     """A continuation under way."""
 
     levels: Levels
-    home: int  # the level where it ends: the mesh itself or a finer one
     schedule: Schedule
     record: Record
     at_rest: tuple[tuple[FloatArray, FloatArray], ...]  # results without an iteration: x, carried
@@ -92,7 +91,7 @@ class State:
     @property
     def energy(self) -> MatchingEnergy:
         """The energy on the mesh itself."""
-        return self.levels[self.levels.own].energy
+        return self.levels[self.levels.mesh_level].energy
 
     @property
     def goal(self) -> float:
@@ -148,7 +147,7 @@ def init(energy: MatchingEnergy, record: Record) -> State:
         leg = Leg(len(levels) - 1, tuple(schedule.sigmas[-1:]), x)
     elif start is not None and not lost:
         x = start
-        leg = Leg(levels.cheapest(levels.own), tuple(schedule.sigmas[-1:]), x)
+        leg = Leg(levels.cheapest(levels.mesh_level), tuple(schedule.sigmas[-1:]), x)
     else:
         levels = levels.with_coarser()
         schedule = _schedule(levels)
@@ -156,7 +155,6 @@ def init(energy: MatchingEnergy, record: Record) -> State:
         variants = tuple(schedule.variants(len(x)))
     return State(
         levels,
-        home=len(levels) - 1,
         schedule=schedule,
         record=record,
         at_rest=tuple(at_rest),
@@ -169,8 +167,8 @@ def init(energy: MatchingEnergy, record: Record) -> State:
 
 
 def _schedule(levels: Levels) -> Schedule:
-    energy = levels[levels.own].energy
-    meshes, has_landmarks = levels.cheapest(levels.own) + 1, energy.landmarks is not None
+    energy = levels[levels.mesh_level].energy
+    meshes, has_landmarks = levels.cheapest(levels.mesh_level) + 1, energy.landmarks is not None
     return Schedule(energy.parameters, energy.functions, meshes, has_landmarks)
 
 
@@ -339,7 +337,7 @@ def _value(state: State, path: Sequence[StepResult]) -> float:
 def _finest(state: State) -> list[int]:
     """Return which steps are on the finest mesh so far, the mesh itself at least."""
     finest = max((result.stage.level for result in state.path), default=0)
-    least = state.levels.cheapest(max(finest, state.levels.own))
+    least = state.levels.cheapest(max(finest, state.levels.mesh_level))
     return [i for i, result in enumerate(state.path) if result.stage.level >= least]
 
 
@@ -400,7 +398,7 @@ def _interpolation(state: State) -> State:
 
 def _rise(state: State) -> State:
     """Plan the best step and those after it on the mesh, with clusters if these are cheaper."""
-    state, top = replace(state, phase=Phase.EXACT), state.levels.cheapest(state.home)
+    state, top = replace(state, phase=Phase.EXACT), state.levels.cheapest(len(state.levels) - 1)
     if state.path[-1].stage.level >= top:
         return state
     index = _best(state, state.path)
@@ -413,8 +411,9 @@ def _exact(state: State) -> State:
     """Plan the result on the mesh without clusters, if it depends on these."""
     state, result = replace(state, phase=Phase.REFINEMENT), state.path[_end(state)]
     is_corrected = state.schedule.is_free and result.residual <= result.verified_residual
-    if result.stage.level < state.home and result.residual > state.goal and not is_corrected:
-        return replace(state, leg=_brought(state, result, state.home))
+    last = len(state.levels) - 1
+    if result.stage.level < last and result.residual > state.goal and not is_corrected:
+        return replace(state, leg=_brought(state, result, last))
     return state
 
 
@@ -444,18 +443,16 @@ def _refinement(state: State) -> State:
     if not asked and not narrowest(fine) > narrowest(coarse):  # jumps, which no mesh resolves
         return done
     levels, result = levels.clustered(), state.path[_end(state)]
-    home, progress = len(levels) - 1, state.progress
-    first = levels.cheapest(home)
+    progress, first = state.progress, levels.cheapest(len(levels) - 1)
     x = levels.fields_on(first, result.x, result.stage.level)
     # at least some iterations, and one flow without clusters, which slivers may make expensive
-    costs = SETTINGS.refinement_iterations_min * levels[first].cost(x), levels[home].cost(x)
+    costs = SETTINGS.refinement_iterations_min * levels[first].cost(x), levels[-1].cost(x)
     most = np.inf if asked else SETTINGS.refinement_effort_max
     if progress.effort + max(costs) > most:
         return done
     return replace(
         state,
         levels=levels,
-        home=home,
         phase=Phase.RISE,
         leg=_brought(state, result, first),
         unrefined=state.path,
@@ -513,7 +510,7 @@ def finish(state: State, interruption: StopReason | None = None) -> Solution:
         x, carried = state.at_rest[int(np.argmin(rest))]
         if path:
             x = np.repeat(x, len(path[0].x) // len(x), axis=0)
-        stage = state.schedule.stage(levels.own, state.schedule.sigmas[0], state.variant)
+        stage = state.schedule.stage(levels.mesh_level, state.schedule.sigmas[0], state.variant)
         number, path = 0, (StepResult(stage, x, carried, min(rest)), *path)
     shape = len(energy.functions.source), len(energy.mesh.vertices)
     return Solution(
@@ -526,7 +523,7 @@ def finish(state: State, interruption: StopReason | None = None) -> Solution:
 
 def _with_latest(state: State) -> tuple[StepResult, ...]:
     """Return the path of the best step, with the latest iterate if that has a smaller residual."""
-    levels, own, record = state.levels, state.levels.own, state.record
+    levels, least, record = state.levels, state.levels.mesh_level, state.record
     paths = [path for path in (*state.tried, state.path) if path]
     results = [result for path in paths for result in path]
     if record.latest is not None:
@@ -535,12 +532,12 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
         results.append(StepResult(record.schedule[-1], point.x, point.advected, residual))
     if not results:
         return state.path
-    on_mesh = [result for result in results if result.stage.level >= own]
+    on_mesh = [result for result in results if result.stage.level >= least]
     best = min(on_mesh or results, key=lambda result: result.residual)
     path = next((path for path in paths if best in path), state.path)
     if best in path and on_mesh:
         return path
-    level = levels.exact(max(best.stage.level, own))
+    level = levels.exact(max(best.stage.level, least))
     x, carried = prolonged_without_gradient(levels, level, best)
     stage, residual = replace(best.stage, level=level), levels[level].energy.left_by(x, carried)
     return (*path, StepResult(stage, x, carried, residual))
@@ -548,9 +545,9 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
 
 def _path_step(levels: Levels, result: StepResult) -> PathStep:
     """Return a step of the path, on the mesh itself or a finer one, in the input's units."""
-    level = max(result.stage.level, levels.own)
-    mesh, unit = levels[level].energy.mesh, levels[levels.own].energy.length_scale
-    x = levels.fields_on(levels.own, result.x, result.stage.level)
+    level = max(result.stage.level, levels.mesh_level)
+    mesh, unit = levels[level].energy.mesh, levels[levels.mesh_level].energy.length_scale
+    x = levels.fields_on(levels.mesh_level, result.x, result.stage.level)
     functions = levels.exact_energy(result.stage.level).functions
     mismatch = functions.mismatch(result.carried[: len(functions.source)])
     return result.step(to_ambient(mesh, x) * unit, mismatch)

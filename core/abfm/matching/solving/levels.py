@@ -178,10 +178,12 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """The levels of a match, from coarse to fine; ``own`` is the last one of the mesh itself."""
+    """The levels of a match, from coarse to fine; ``mesh_level`` is the last one of the
+    mesh itself, before finer ones.
+    """
 
     all: tuple[Level, ...]
-    own: int
+    mesh_level: int
 
     @classmethod
     def of_mesh(cls, energy: MatchingEnergy) -> "Levels":
@@ -220,19 +222,19 @@ class Levels:
         It is the larger residual of source and target after averaging on the level and
         interpolating back; 0 on the mesh itself.
         """
-        if level >= self.own:
+        if level >= self.mesh_level:
             return 0.0
-        functions, fine = self[level].energy.functions, self[self.own].energy.functions
+        functions, fine = self[level].energy.functions, self[self.mesh_level].energy.functions
         errors = []
-        for coarse, own in ((functions.source, fine.source), (functions.target, fine.target)):
-            for between in self.all[level : self.own]:
+        for coarse, exact in ((functions.source, fine.source), (functions.target, fine.target)):
+            for between in self.all[level : self.mesh_level]:
                 coarse = between.functions_to_finer(coarse)
-            errors.append(fine.relative_size(coarse - own))
+            errors.append(fine.relative_size(coarse - exact))
         return max(errors)
 
     def attainable(self, goal: float) -> float:
         """Return a goal, or the least residual that any flow can have, if that is larger."""
-        return max(goal, range_bound(self[self.own].energy.functions)) if goal else 0.0
+        return max(goal, range_bound(self[self.mesh_level].energy.functions)) if goal else 0.0
 
     def with_coarser(self) -> "Levels":
         """Return them with coarser meshes before, as the parameters or the mesh's size require."""

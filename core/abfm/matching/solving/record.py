@@ -162,7 +162,7 @@ class IterateView:
 
     x: FloatArray  # frame coefficients (N, F, 2)
     carried: FloatArray  # the advected source, (C, V)
-    levels: tuple[Level, ...]  # from its own to that of the mesh itself, or a finer one alone
+    levels: tuple[Level, ...]  # from that of the iterate to the mesh itself; a finer one alone
     mesh: TriangleMesh  # itself, of area 1
     iteration: int
     is_trying: bool  # whether other variants or smaller sigmas follow
@@ -240,8 +240,8 @@ class Record:
         shares: dict[str, float] = {}
         for word, share in zip(energy.words, point.shares, strict=True):
             shares[word] = shares.get(word, 0.0) + share
-        between = levels.all[stage.level : max(levels.own, stage.level) + 1]
-        mesh = levels[levels.own].energy.mesh
+        between = levels.all[stage.level : max(levels.mesh_level, stage.level) + 1]
+        mesh = levels[levels.mesh_level].energy.mesh
         return Iteration(
             iteration=number,
             stage=len(self.schedule) - 1,

@@ -146,7 +146,7 @@ class Schedule:
         p, alpha, is_last = self._p, variant.alpha, level >= self._meshes - 1
         if self.is_free and not self._is_bare:
             alpha *= min(1.0, sigma / (SETTINGS.stiff_sigma * self.unit)) ** 2
-        own = (
+        limit = (
             p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
             if self.is_fixed
             else p.solver.iterations
@@ -161,7 +161,7 @@ class Schedule:
             sigma,
             alpha,
             reach,
-            own,
+            limit,
             p.solver.iterations if is_last else coarse,
             self.is_fixed,
             goal,

@@ -13,8 +13,8 @@ class ContinuationSettings:
 
     # residual at which the norm of the search has found the target: "A norm that reaches far"
     found_residual: float = 0.75
-    # of alpha, in the second variant of measured functions: a cortex correlates to 0.923 with this
-    # variant, to 0.905 without it
+    # of alpha, in the second variant of measured functions: with an earlier choice of sigma, a
+    # cortex correlates to 0.923 with this variant, to 0.905 without it
     second_alpha_share: float = 1 / 3
     # times the user's sigma, where landmarks alone are matched: they need no search
     landmark_sigma_factors: tuple[float, ...] = (100.0, 10.0, 1.0)
@@ -30,8 +30,8 @@ class ContinuationSettings:
     # sigma below which alpha falls as its square: if it never falls, 39 of 41 problems are
     # confirmed, in 1.6 times the time
     stiff_sigma: float = 0.05
-    # of the goal, at which a step ends: flow lines seldom confirm as much, and steps that end at
-    # the goal itself take 1.4 times the time on 41 problems
+    # of the goal, at which a step ends, as flow lines seldom confirm as much: with 1 (and no bound
+    # of the work of finer meshes) 41 problems take 1.4 times the time
     goal_share: float = 0.8
     # of all iterations, before the mesh itself: nothing is lost on 67 problems, and runs of few
     # iterations reach their mesh
@@ -40,7 +40,8 @@ class ContinuationSettings:
     # takes 781 iterations, not 641, to the same end
     correction_factor_max: float = 1.6
 
-    # vertices of the coarsest mesh, and of the ratio of two meshes: "From coarse to fine"
+    # vertices of the coarsest mesh, and the ratio of vertices of consecutive meshes: "From coarse
+    # to fine"
     coarsest_vertices: int = 2500
     level_ratio: float = 4.0
     # times the coarsest mesh's vertices, below which a mesh is solved on itself alone: 7,500
