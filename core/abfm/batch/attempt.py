@@ -37,6 +37,7 @@ class Task:
     identity: str
     contents: Mapping[str, bytes] | None = None  # of files, where the worker does not see them
     version: str = field(default_factory=own_version)  # of abfm, where it is asked for
+    tries: int = 1  # with this one; others ended with their process
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def attempt(task: Task) -> Answer:
         warnings.simplefilter("always", AbfmWarning)
         answer = _answer(task)
     texts = [str(each.message) for each in caught if issubclass(each.category, AbfmWarning)]
-    record = replace(answer.record, warning="; ".join(texts))
+    record = replace(answer.record, tries=task.tries, warning="; ".join(texts))
     answer, ledger = replace(answer, record=record), Ledger(task.folder)
     if not answer.is_blind and answer.result is None and ledger.is_seen(task.identity):
         ledger.record(task.row, answer.record)

@@ -191,7 +191,7 @@ def test_running_again_solves_nothing_and_says_the_same(abfm, folder, found, mon
     def refuse(*arguments):
         raise AssertionError("a row was solved again")
 
-    monkeypatch.setattr(sys.modules["abfm.batch.run"].Workers, "_by_one", refuse)
+    monkeypatch.setattr(sys.modules["abfm.batch.run"].Workers, "_answers", refuse)
     before = (folder / "out" / "population.npz").read_bytes()
     words = [
         "population",
