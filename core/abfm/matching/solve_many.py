@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor, Future
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from abfm.io import temporary_folder
 from abfm.matching.match import match
@@ -59,25 +59,26 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
     ...     [match.mesh is mesh for match in abfm.solve_many(problems, executor)]
     [True, True]
     """
-    all_problems, meshes, found = list(problems), dict[str, bytes](), dict[int, Future[Parcel]]()
+    numbered, meshes = deque(enumerate(problems)), dict[str, bytes]()
+    named, found = dict[int, dict[str, Any]](), dict[int, Future[Parcel]]()
     with temporary_folder() as folder:
         wanted = folder / "wanted"
         wanted.touch()
 
-        def submit(number: int) -> Future[Parcel]:
-            parcel, _ = pack(all_problems[number], meshes)
+        def submit(task: tuple[int, Problem]) -> Future[Parcel]:
+            number, problem = task
+            parcel, named[number] = pack(problem, meshes)
             meshes.update(parcel.values)
             sent = parcel._replace(values={name: meshes[name] for name in parcel.names})
             return executor.submit(_solve, _Task(sent, wanted))
 
         try:
             following = 0
-            for number, future in completed(submit, deque(range(len(all_problems))), wanted.exists):
+            for (number, _), future in completed(submit, numbered, wanted.exists):
                 found[number] = future
                 while following in found:
-                    problem = all_problems[following]
                     parcel = found.pop(following).result()
-                    yield parcel.unpack(pack(problem, meshes)[1])[0]
+                    yield parcel.unpack(named.pop(following))[0]
                     following += 1
         finally:
             wanted.unlink()
