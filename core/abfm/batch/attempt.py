@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, Protocol, Self
 
 from abfm.batch.cost import Cost
 from abfm.batch.ledger import Ledger, Record
@@ -28,16 +29,33 @@ EXPECTED = f"{Outcome.IMPOSSIBLE}: "
 """Begin of the step of a row that no flow can match."""
 
 
+class Computation(Protocol):
+    """Something to compute from files whose result goes back as a value, and into no folder."""
+
+    @property
+    def name(self) -> str: ...
+
+    def files(self) -> list[str]:
+        """Return the absolute names of the files that it reads, whether they exist or not."""
+
+    def moved(self, places: Mapping[str, str]) -> Self:
+        """Return the same with files, by their absolute names, elsewhere."""
+
+    def computed(self) -> object:
+        """Return the result."""
+
+
 @dataclass(frozen=True)
 class Task:
-    """A row to solve, and the folder for its result, known by what is in it."""
+    """A row to solve, and the folder for its result, known by what is in it; or a computation."""
 
-    row: Row
-    folder: str
-    identity: str
+    row: Row | Computation
+    folder: str = ""
+    identity: str = ""
     contents: Mapping[str, bytes] | None = None  # of files, where the worker does not see them
     version: str = field(default_factory=own_version)  # of abfm, where it is asked for
     tries: int = 1  # with this one; others ended with their process
+    number: int = 0  # among those that are solved
 
 
 @dataclass(frozen=True)
@@ -46,6 +64,7 @@ class Answer:
 
     record: Record = Record()
     result: bytes | None = None  # of the file, where the folder is not seen
+    value: Any = None  # of a computation
     is_blind: bool = False  # files are not seen: the task is to be sent again, with their contents
 
 
@@ -60,9 +79,11 @@ def attempt(task: Task) -> Answer:
         answer = _answer(task)
     texts = [str(each.message) for each in caught if issubclass(each.category, AbfmWarning)]
     record = replace(answer.record, tries=task.tries, warning="; ".join(texts))
-    answer, ledger = replace(answer, record=record), Ledger(task.folder)
-    if not answer.is_blind and answer.result is None and ledger.is_seen(task.identity):
-        ledger.record(task.row, answer.record)
+    answer = replace(answer, record=record)
+    if isinstance(task.row, Row) and not answer.is_blind and answer.result is None:
+        ledger = Ledger(task.folder)
+        if ledger.is_seen(task.identity):
+            ledger.record(task.row, answer.record)
     return answer
 
 
@@ -79,6 +100,8 @@ def _answer(task: Task) -> Answer:
             if task.contents:
                 folder = temporary_folder()
                 row = _with_contents(row, task.contents, opened.enter_context(folder))
+            if not isinstance(row, Row):
+                return Answer(value=row.computed())
             prepared = row.task()
             digest = prepared.digest
             return _solved(task, prepared)
@@ -111,13 +134,14 @@ def _solved(task: Task, prepared: Solvable) -> Answer:
 def _save(task: Task, prepared: Solvable, path: Path) -> Record:
     """Solve, write the result, and return what it took."""
     control, cost, began = present_control() or Control(), Cost(), time.monotonic()
-    _report_expected(task, prepared)
+    row = task.row
+    assert isinstance(row, Row)
+    _report_expected(task, row, prepared)
     with counted_row_products() as products:
         monitor = Monitor(control, cost.watch(prepared.goal), checkpoint=path)
         found = prepared.solve(monitor)
     if control.cancelled:
         raise CancelledError
-    row = task.row
     if (
         task.contents is None
         and type(row)(row.name, row.options, row.folder, row.declared).key != row.key
@@ -130,7 +154,7 @@ def _save(task: Task, prepared: Solvable, path: Path) -> Record:
     return Record(prepared.digest, seconds=seconds, row_products=count, **dataclasses.asdict(cost))
 
 
-def _report_expected(task: Task, prepared: Solvable) -> None:
+def _report_expected(task: Task, row: Row, prepared: Solvable) -> None:
     """Report a row that no flow can match before it is solved, which may take long: as a step, and
     in the ledger.
     """
@@ -139,12 +163,14 @@ def _report_expected(task: Task, prepared: Solvable) -> None:
         return
     if ledger.is_seen(task.identity):
         expected = f"{facts.outcome}: {facts.reason}"
-        ledger.record(task.row, Record(prepared.digest, expected=expected))
-    with step(f"{EXPECTED}{one_line(task.row.name, 80)}: {facts.reason}"):
+        ledger.record(row, Record(prepared.digest, expected=expected))
+    with step(f"{EXPECTED}{one_line(row.name, 80)}: {facts.reason}"):
         pass
 
 
-def _with_contents(row: Row, contents: Mapping[str, bytes], folder: Path) -> Row:
+def _with_contents(
+    row: Row | Computation, contents: Mapping[str, bytes], folder: Path
+) -> Row | Computation:
     """Return the row with files in a folder, each where it is from the others."""
     places = dict[str, str]()
     for path, content in contents.items():

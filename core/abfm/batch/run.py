@@ -11,7 +11,7 @@ from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 
-from abfm.batch.attempt import EXPECTED, Answer, Task, attempt
+from abfm.batch.attempt import EXPECTED, Answer, Computation, Task, attempt
 from abfm.batch.cluster import CONNECTING, NO_WORKERS, Cluster, LostError
 from abfm.batch.ledger import Entry, Ledger, Record
 from abfm.batch.on_dask import OnDask
@@ -19,7 +19,7 @@ from abfm.batch.rows import Row
 from abfm.errors import AbfmWarning, one_line
 from abfm.reading import read_bytes
 from abfm.workers.control import CancelledError, Control
-from abfm.workers.executor import Processes, completed
+from abfm.workers.executor import CALLS_SUBMITTED_MAX, Processes, completed, in_order
 from abfm.workers.worker import WorkerEndedError
 
 TRIES = 3
@@ -27,6 +27,8 @@ TRIES = 3
 ENDED = f"the process that solved it ended {TRIES} times, as for want of memory"
 ROWS_READ_MIN = 500
 """Rows whose entries are read also if the run is cancelled before; of more that takes long."""
+VALUES_SUBMITTED_MAX = 256
+"""Computations that are submitted at once: their results are in memory until they are taken."""
 REPORTED_STEPS = (CONNECTING, NO_WORKERS, EXPECTED)
 """Beginnings of the steps that a user sees while rows are solved, see `abfm.workers.progress`."""
 
@@ -109,7 +111,7 @@ class Workers:
         rows, control, ledger = list(rows), control or Control(), Ledger(folder)
         identity = ledger.make()
         entries, tasks, warned = dict[str, Entry](), deque[Task](), set[str]()
-        for row in rows:
+        for number, row in enumerate(rows):
             if control.cancelled and len(entries) >= ROWS_READ_MIN:
                 break
             if row.key in entries:
@@ -118,13 +120,14 @@ class Workers:
             if entries[row.key].state != "done" and not control.cancelled:
                 ledger.forget(row)
                 entries[row.key] = Entry(row, "missing")
-                tasks.append(Task(row, os.fspath(ledger.folder), identity))
+                tasks.append(Task(row, os.fspath(ledger.folder), identity, number=number))
         if not control.cancelled and tasks:
             with closing(self._answers(tasks, control)) as answers:
                 for task, answer in answers:
                     if answer.result is not None:
                         ledger.write_result(answer.record.digest, answer.result)
-                    entry = entries[task.row.key] = ledger.record(task.row, answer.record)
+                    row = rows[task.number]
+                    entry = entries[row.key] = ledger.record(row, answer.record)
                     text = entry.record.warning
                     if text and text not in warned:  # of the first row that has it
                         warned.add(text)
@@ -137,8 +140,16 @@ class Workers:
             for row in rows
         ]
 
+    def compute(
+        self, computations: Iterable[Computation], control: Control | None = None
+    ) -> Generator[Answer, None, None]:
+        """Yield what comes of each computation, in their order, until it is cancelled."""
+        tasks = deque(Task(each, number=number) for number, each in enumerate(computations))
+        with closing(self._answers(tasks, control or Control(), VALUES_SUBMITTED_MAX)) as answers:
+            yield from in_order((task.number, answer) for task, answer in answers)
+
     def _answers(
-        self, tasks: deque[Task], control: Control
+        self, tasks: deque[Task], control: Control, most: int = CALLS_SUBMITTED_MAX
     ) -> Generator[tuple[Task, Answer], None, None]:
         """Yield each task with what came of it, as it comes, until no more are wanted."""
         missing = len(tasks)
@@ -152,7 +163,7 @@ class Workers:
             executor, watched = self._executor(control)
             with watched as is_alive:
                 for task, future in completed(
-                    lambda task: executor.submit(attempt, task), tasks, is_wanted
+                    lambda task: executor.submit(attempt, task), tasks, is_wanted, most
                 ):
                     found = _found(task, future)
                     if isinstance(found, Task):

@@ -19,7 +19,7 @@ from abfm.matching.result import Match
 from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh
 from abfm.workers.control import Control
-from abfm.workers.executor import completed
+from abfm.workers.executor import completed, in_order
 from abfm.workers.messages import Parcel, pack
 
 _CHECK_SECONDS = 0.1  # between two checks whether a match is still wanted
@@ -60,7 +60,7 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
     [True, True]
     """
     numbered, meshes = deque(enumerate(problems)), dict[str, bytes]()
-    named, found = dict[int, dict[str, Any]](), dict[int, Future[Parcel]]()
+    named = dict[int, dict[str, Any]]()
     with temporary_folder() as folder:
         wanted = folder / "wanted"
         wanted.touch()
@@ -73,13 +73,10 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
             return executor.submit(_solve, _Task(sent, wanted))
 
         try:
-            following = 0
-            for (number, _), future in completed(submit, numbered, wanted.exists):
-                found[number] = future
-                while following in found:
-                    parcel = found.pop(following).result()
-                    yield parcel.unpack(named.pop(following))[0]
-                    following += 1
+            ended = completed(submit, numbered, wanted.exists)
+            futures = in_order((number, future) for (number, _), future in ended)
+            for number, future in enumerate(futures):
+                yield future.result().unpack(named.pop(number))[0]
         finally:
             wanted.unlink()
 

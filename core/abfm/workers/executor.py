@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextvars import Context, copy_context
 from functools import partial
@@ -78,6 +78,7 @@ def completed(
     submit: Callable[[Task], Future[Result]],
     tasks: deque[Task],
     is_wanted: Callable[[], bool],
+    most: int = CALLS_SUBMITTED_MAX,
 ) -> Iterator[tuple[Task, Future[Result]]]:
     """Submit tasks and yield each with its future as it ends, until no more are wanted.
 
@@ -89,11 +90,13 @@ def completed(
         They are taken from its left end; tasks that are added meanwhile are submitted, too.
     is_wanted : callable
         Whether to go on; called before each task that is submitted, and ten times a second.
+    most : int
+        How many tasks are submitted at once.
     """
     waiting, ended = dict[Future[Result], Task](), SimpleQueue[Future[Result]]()
     try:
         while (tasks or waiting) and is_wanted():
-            if tasks and len(waiting) < CALLS_SUBMITTED_MAX:
+            if tasks and len(waiting) < most:
                 task = tasks.popleft()
                 future = submit(task)
                 waiting[future] = task
@@ -107,3 +110,13 @@ def completed(
     finally:
         for future in waiting:
             future.cancel()
+
+
+def in_order(numbered: Iterable[tuple[int, Result]]) -> Iterator[Result]:
+    """Yield what comes with the numbers 0, 1, 2, ... in any order, in their order."""
+    early, following = dict[int, Result](), 0
+    for number, each in numbered:
+        early[number] = each
+        while following in early:
+            yield early.pop(following)
+            following += 1
