@@ -104,7 +104,7 @@ def _answer(task: Task) -> Answer:
                 return Answer(value=row.computed())
             prepared = row.task()
             digest = prepared.digest
-            return _solved(task, prepared)
+            return _solved(task, row, prepared)
     except CancelledError:
         raise
     except AbfmError as error:
@@ -117,25 +117,24 @@ def _answer(task: Task) -> Answer:
         return Answer(Record(digest, f"{type(error).__name__}: {one_line(error)}"))
 
 
-def _solved(task: Task, prepared: Solvable) -> Answer:
+def _solved(task: Task, row: Row, prepared: Solvable) -> Answer:
     """Have the result in the folder; its bytes where that is not seen."""
     ledger = Ledger(task.folder)
     if ledger.is_seen(task.identity):
         path = ledger.result(prepared.digest)
         if ledger.has(prepared.digest):
             remove_unfinished(path)
-            return Answer(Record(prepared.digest))
-        return Answer(_save(task, prepared, path))
+            entry = ledger.entry(row)  # of this run, if its answer was lost with a worker of Dask
+            return Answer(entry.record if entry.state == "done" else Record(prepared.digest))
+        return Answer(_save(task, row, prepared, path))
     with temporary_folder() as folder:
         path = folder / "result.npz"
-        return Answer(_save(task, prepared, path), path.read_bytes())
+        return Answer(_save(task, row, prepared, path), path.read_bytes())
 
 
-def _save(task: Task, prepared: Solvable, path: Path) -> Record:
+def _save(task: Task, row: Row, prepared: Solvable, path: Path) -> Record:
     """Solve, write the result, and return what it took."""
     control, cost, began = present_control() or Control(), Cost(), time.monotonic()
-    row = task.row
-    assert isinstance(row, Row)
     _report_expected(task, row, prepared)
     with counted_row_products() as products:
         monitor = Monitor(control, cost.watch(prepared.goal), checkpoint=path)

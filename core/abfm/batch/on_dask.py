@@ -70,7 +70,9 @@ class OnDask:
         return bool(self._client.status == "running")
 
     def close(self) -> None:
-        """Close the connection, which cancels the calls."""
+        """Cancel the calls, all at once, and close the connection."""
+        with suppress(Exception):  # of a scheduler that is gone
+            self.executor.shutdown(wait=False)
         self._opened.close()
 
     @contextmanager

@@ -179,7 +179,7 @@ class Workers:
         except CancelledError:  # while it was connecting
             pass
         finally:
-            if control.cancelled:
+            if missing:
                 self.close()  # rows under way would go on before those of the next run
 
     def _executor(

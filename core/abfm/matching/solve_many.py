@@ -60,7 +60,7 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
     [True, True]
     """
     numbered, meshes = deque(enumerate(problems)), dict[str, bytes]()
-    named = dict[int, dict[str, Any]]()
+    named, submitted = dict[int, dict[str, Any]](), list[Future[Parcel]]()
     with temporary_folder() as folder:
         wanted = folder / "wanted"
         wanted.touch()
@@ -70,7 +70,8 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
             parcel, named[number] = pack(problem, meshes)
             meshes.update(parcel.values)
             sent = parcel._replace(values={name: meshes[name] for name in parcel.names})
-            return executor.submit(_solve, _Task(sent, wanted))
+            submitted.append(executor.submit(_solve, _Task(sent, wanted)))
+            return submitted[-1]
 
         try:
             ended = completed(submit, numbered, wanted.exists)
@@ -79,6 +80,8 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
                 yield future.result().unpack(named.pop(number))[0]
         finally:
             wanted.unlink()
+            for future in submitted:
+                future.cancel()
 
 
 class _Task(NamedTuple):

@@ -80,7 +80,8 @@ def completed(
     is_wanted: Callable[[], bool],
     most: int = CALLS_SUBMITTED_MAX,
 ) -> Iterator[tuple[Task, Future[Result]]]:
-    """Submit tasks and yield each with its future as it ends, until no more are wanted.
+    """Submit tasks and yield each with its future as it ends, until no more are wanted. Nothing is
+    cancelled.
 
     Parameters
     ----------
@@ -94,22 +95,18 @@ def completed(
         How many tasks are submitted at once.
     """
     waiting, ended = dict[Future[Result], Task](), SimpleQueue[Future[Result]]()
-    try:
-        while (tasks or waiting) and is_wanted():
-            if tasks and len(waiting) < most:
-                task = tasks.popleft()
-                future = submit(task)
-                waiting[future] = task
-                future.add_done_callback(ended.put)
-                continue
-            try:
-                future = ended.get(timeout=_POLL_SECONDS)
-            except Empty:
-                continue
-            yield waiting.pop(future), future
-    finally:
-        for future in waiting:
-            future.cancel()
+    while (tasks or waiting) and is_wanted():
+        if tasks and len(waiting) < most:
+            task = tasks.popleft()
+            future = submit(task)
+            waiting[future] = task
+            future.add_done_callback(ended.put)
+            continue
+        try:
+            future = ended.get(timeout=_POLL_SECONDS)
+        except Empty:
+            continue
+        yield waiting.pop(future), future
 
 
 def in_order(numbered: Iterable[tuple[int, Result]]) -> Iterator[Result]:

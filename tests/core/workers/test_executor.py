@@ -86,7 +86,7 @@ def test_tasks_that_are_added_meanwhile_are_completed():
     assert sorted(found) == [1, 9, 25]
 
 
-def test_no_more_than_wanted_are_submitted_and_the_rest_is_cancelled():
+def test_no_more_than_wanted_are_submitted():
     submitted = []
 
     def submit(task):
@@ -98,7 +98,6 @@ def test_no_more_than_wanted_are_submitted_and_the_rest_is_cancelled():
     with closing(completed(submit, deque(range(9)), lambda: True, 3)) as pairs:
         next(pairs)
     assert len(submitted) == 3
-    assert [future.cancelled() for future in submitted] == [False, True, True]
     assert list(completed(submit, deque([0]), lambda: False)) == []
 
 
