@@ -178,7 +178,8 @@ def test_a_process_is_replaced_that_was_ended_though_it_was_told_by_an_error(tmp
     monkeypatch.setattr("abfm.workers.executor.Worker", Here)
     with Workers(ONE) as workers:
         with raises(OSError, "no space left"):
-            workers.run([pair("first")], tmp_path, on_change=refuse, control=control)
+            rows = [pair("first"), pair("third", 5, 13)]
+            workers.run(rows, tmp_path, on_change=refuse, control=control)
         (entry,) = workers.run([pair("second", 3, 12)], tmp_path)
     assert entry.state == "done"
     assert [each.is_closed for each in made] == [True, True]
