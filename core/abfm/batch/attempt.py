@@ -32,9 +32,6 @@ EXPECTED = f"{Outcome.IMPOSSIBLE}: "
 class Computation(Protocol):
     """Something to compute from files whose result goes back as a value, and into no folder."""
 
-    @property
-    def name(self) -> str: ...
-
     def files(self) -> list[str]:
         """Return the absolute names of the files that it reads, whether they exist or not."""
 

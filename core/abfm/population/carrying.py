@@ -88,10 +88,6 @@ class Carrying:
     drift: str = ""
     at_edges: bool = False
 
-    @property
-    def name(self) -> str:
-        return self.subject.name
-
     def files(self) -> list[str]:
         """Return the absolute names of the files that it reads."""
         found = list[str]()

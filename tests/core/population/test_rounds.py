@@ -57,7 +57,7 @@ def names():
         for each in computations:
             if control.cancelled:
                 return
-            names.append(f"{each.name}, carried")
+            names.append(f"{each.subject.name}, carried")
             yield attempt(Task(each, contents={}))
 
     def run(self, rows, folder, *, on_change, control):
