@@ -34,7 +34,6 @@ from .matching.path import PathStep as PathStep
 from .matching.problem import Problem as Problem
 from .matching.problem import load_problem as load_problem
 from .matching.result import Match as Match
-from .matching.solve_many import Monitor as Monitor
 from .matching.solve_many import solve_many as solve_many
 from .matching.solving.record import Iteration as Iteration
 from .matching.solving.record import StopReason as StopReason

@@ -230,7 +230,7 @@ def lack_memory(chance):
 
 
 class Batches:
-    """Kills the client, the scheduler and workers of a batch that was solved undisturbed once.
+    """Kills the client and workers of a batch that was solved undisturbed once.
 
     It resumes, solves no finished row again, and ends with the same files, bit for bit.
     """

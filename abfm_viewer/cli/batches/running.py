@@ -12,7 +12,8 @@ from typing import Any
 
 from abfm import Control, ResultError
 from abfm.batch import Cluster, Entry, Ledger, Row, run
-from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN, LostError
+from abfm.batch.cluster import LostError
+from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN
 from abfm.errors import one_line, printable
 from abfm.outcome import Outcome
 from abfm.wording import counted

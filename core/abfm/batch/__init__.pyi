@@ -1,3 +1,4 @@
+from .cluster import Cluster as Cluster
 from .cost import Cost as Cost
 from .kinds import KINDS as KINDS
 from .kinds import kind_of_columns as kind_of_columns
@@ -5,7 +6,6 @@ from .ledger import Entry as Entry
 from .ledger import Ledger as Ledger
 from .rows import Row as Row
 from .rows import problem_row as problem_row
-from .run import Cluster as Cluster
 from .run import Workers as Workers
 from .run import run as run
 from .table import combinations as combinations

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, Protocol, Self
 
 from abfm.batch.cost import Cost
 from abfm.batch.ledger import Ledger, Record
@@ -28,15 +29,30 @@ EXPECTED = f"{Outcome.IMPOSSIBLE}: "
 """Begin of the step of a row that no flow can match."""
 
 
+class Computation(Protocol):
+    """Something to compute from files whose result goes back as a value, and into no folder."""
+
+    def files(self) -> list[str]:
+        """Return the absolute names of the files that it reads, whether they exist or not."""
+
+    def moved(self, places: Mapping[str, str]) -> Self:
+        """Return the same with files, by their absolute names, elsewhere."""
+
+    def computed(self) -> object:
+        """Return the result."""
+
+
 @dataclass(frozen=True)
 class Task:
-    """A row to solve, and the folder for its result, known by what is in it."""
+    """A row to solve, and the folder for its result, known by what is in it; or a computation."""
 
-    row: Row
-    folder: str
-    identity: str
+    row: Row | Computation
+    folder: str = ""
+    identity: str = ""
     contents: Mapping[str, bytes] | None = None  # of files, where the worker does not see them
     version: str = field(default_factory=own_version)  # of abfm, where it is asked for
+    tries: int = 1  # with this one; others ended with their process
+    number: int = 0  # among those that are solved
 
 
 @dataclass(frozen=True)
@@ -45,6 +61,7 @@ class Answer:
 
     record: Record = Record()
     result: bytes | None = None  # of the file, where the folder is not seen
+    value: Any = None  # of a computation
     is_blind: bool = False  # files are not seen: the task is to be sent again, with their contents
 
 
@@ -58,10 +75,12 @@ def attempt(task: Task) -> Answer:
         warnings.simplefilter("always", AbfmWarning)
         answer = _answer(task)
     texts = [str(each.message) for each in caught if issubclass(each.category, AbfmWarning)]
-    record = replace(answer.record, warning="; ".join(texts))
-    answer, ledger = replace(answer, record=record), Ledger(task.folder)
-    if not answer.is_blind and answer.result is None and ledger.is_seen(task.identity):
-        ledger.record(task.row, answer.record)
+    record = replace(answer.record, tries=task.tries, warning="; ".join(texts))
+    answer = replace(answer, record=record)
+    if isinstance(task.row, Row) and not answer.is_blind and answer.result is None:
+        ledger = Ledger(task.folder)
+        if ledger.is_seen(task.identity):
+            ledger.record(task.row, answer.record)
     return answer
 
 
@@ -78,9 +97,11 @@ def _answer(task: Task) -> Answer:
             if task.contents:
                 folder = temporary_folder()
                 row = _with_contents(row, task.contents, opened.enter_context(folder))
+            if not isinstance(row, Row):
+                return Answer(value=row.computed())
             prepared = row.task()
             digest = prepared.digest
-            return _solved(task, prepared)
+            return _solved(task, row, prepared)
     except CancelledError:
         raise
     except AbfmError as error:
@@ -93,30 +114,30 @@ def _answer(task: Task) -> Answer:
         return Answer(Record(digest, f"{type(error).__name__}: {one_line(error)}"))
 
 
-def _solved(task: Task, prepared: Solvable) -> Answer:
+def _solved(task: Task, row: Row, prepared: Solvable) -> Answer:
     """Have the result in the folder; its bytes where that is not seen."""
     ledger = Ledger(task.folder)
     if ledger.is_seen(task.identity):
         path = ledger.result(prepared.digest)
         if ledger.has(prepared.digest):
             remove_unfinished(path)
-            return Answer(Record(prepared.digest))
-        return Answer(_save(task, prepared, path))
+            entry = ledger.entry(row)  # of this run, if its answer was lost with a worker of Dask
+            return Answer(entry.record if entry.state == "done" else Record(prepared.digest))
+        return Answer(_save(task, row, prepared, path))
     with temporary_folder() as folder:
         path = folder / "result.npz"
-        return Answer(_save(task, prepared, path), path.read_bytes())
+        return Answer(_save(task, row, prepared, path), path.read_bytes())
 
 
-def _save(task: Task, prepared: Solvable, path: Path) -> Record:
+def _save(task: Task, row: Row, prepared: Solvable, path: Path) -> Record:
     """Solve, write the result, and return what it took."""
     control, cost, began = present_control() or Control(), Cost(), time.monotonic()
-    _report_expected(task, prepared)
+    _report_expected(task, row, prepared)
     with counted_row_products() as products:
         monitor = Monitor(control, cost.watch(prepared.goal), checkpoint=path)
         found = prepared.solve(monitor)
     if control.cancelled:
         raise CancelledError
-    row = task.row
     if (
         task.contents is None
         and type(row)(row.name, row.options, row.folder, row.declared).key != row.key
@@ -129,7 +150,7 @@ def _save(task: Task, prepared: Solvable, path: Path) -> Record:
     return Record(prepared.digest, seconds=seconds, row_products=count, **dataclasses.asdict(cost))
 
 
-def _report_expected(task: Task, prepared: Solvable) -> None:
+def _report_expected(task: Task, row: Row, prepared: Solvable) -> None:
     """Report a row that no flow can match before it is solved, which may take long: as a step, and
     in the ledger.
     """
@@ -138,12 +159,14 @@ def _report_expected(task: Task, prepared: Solvable) -> None:
         return
     if ledger.is_seen(task.identity):
         expected = f"{facts.outcome}: {facts.reason}"
-        ledger.record(task.row, Record(prepared.digest, expected=expected))
-    with step(f"{EXPECTED}{one_line(task.row.name, 80)}: {facts.reason}"):
+        ledger.record(row, Record(prepared.digest, expected=expected))
+    with step(f"{EXPECTED}{one_line(row.name, 80)}: {facts.reason}"):
         pass
 
 
-def _with_contents(row: Row, contents: Mapping[str, bytes], folder: Path) -> Row:
+def _with_contents(
+    row: Row | Computation, contents: Mapping[str, bytes], folder: Path
+) -> Row | Computation:
     """Return the row with files in a folder, each where it is from the others."""
     places = dict[str, str]()
     for path, content in contents.items():

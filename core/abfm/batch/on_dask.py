@@ -1,250 +1,110 @@
-"""Rows on `dask.distributed`. It keeps no state: what is done is in the ledger."""
+"""A connection to a Dask cluster, whose executor solves rows. It keeps no state: what is done is
+in the ledger.
+"""
 
 from __future__ import annotations
 
 import gc
 import logging
 import os
-import secrets
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from abfm.batch.attempt import Answer, Task, attempt
-from abfm.batch.ledger import Ledger, Record
-from abfm.batch.local_cluster import MODULE, Wanted
+from abfm.batch.cluster import CONNECTING, NO_WORKERS, Cluster, LostError
 from abfm.batch.rows import own_version
-from abfm.batch.run import (
-    CONNECTING,
-    ENDED,
-    NO_WORKERS,
-    ONE_THREAD,
-    TRIES,
-    Cluster,
-    LostError,
-    Notes,
-    seen_here,
-)
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.reading import from_json, read_bytes
 from abfm.workers.control import CancelledError, Control
-from abfm.workers.process import OwnProcess, ProcessEndedError
 from abfm.workers.progress import step
 
-if TYPE_CHECKING:
-    from distributed import Client, Future
-
-_EVERY = 0.1  # seconds between two looks at whether it is to go on
-_COUNTS_EVERY = 2.0  # seconds between two looks at whether there are workers
-_CLOSING = 2.0  # seconds for saying goodbye
+_POLL_SECONDS = 0.1  # between two checks whether the connection is still wanted
+_COUNT_SECONDS = 2.0  # between two checks whether there are workers
+_CLOSE_SECONDS = 2.0  # for closing the connection
 _LOGGERS = "distributed", "tornado", "asyncio"
-_ALIVE = "running", "connecting"  # states of a client
-_MOST_STARTS = 4  # of a cluster that dies, without a row between
-_LARGEST = 64 << 20  # bytes of a scheduler's file
-TASKS_SUBMITTED_MAX = 2000
-"""Tasks that a cluster has at once: more than it has workers, and few enough to cancel quickly."""
-
-
-class _LostError(Exception):
-    """The scheduler is gone."""
+_SCHEDULER_FILE_BYTES_MAX = 64 << 20
 
 
 class OnDask:
-    """A Dask cluster that solves tasks, to be used in a ``with``: it is connected to, or started
-    where it is this machine's, when there are first some, and kept for the next ones.
+    """A connection to the scheduler of a cluster, until it is closed.
+
+    Parameters
+    ----------
+    cluster : Cluster
+    control : Control
+        To stop waiting for the scheduler, by a `CancelledError`.
+
+    Raises
+    ------
+    AbfmError
+        If there is no such scheduler, or its cluster has no abfm or another one.
     """
 
-    def __init__(self, cluster: Cluster) -> None:
-        self.cluster, self._client, self._processes = cluster, None, 0
-        self._quiet, self._connection = ExitStack(), ExitStack()
-
-    def __enter__(self) -> OnDask:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._disconnect()
-        self._quiet.close()
-
-    def solve(self, tasks: list[Task], notes: Notes, control: Control) -> None:
-        """Solve tasks, and take down what comes of each as it comes."""
+    def __init__(self, cluster: Cluster, control: Control) -> None:
         if find_spec("distributed") is None:
             raise AbfmError(
-                'several processes need dask.distributed: pip install "abfm[cluster]", or say '
-                "--jobs 1"
+                'a cluster needs dask.distributed: pip install "abfm[cluster]", or use processes '
+                "of this machine (--jobs N)"
             )
-        left = {task.row.key: task for task in tasks}
-        starts = 0
+        from distributed import Client  # optional, and it takes a while to load
 
-        def done(task: Task) -> None:
-            nonlocal starts
-            starts = 0
-            del left[task.row.key]
-
-        ledger = notes.ledger
-        while left and not control.cancelled:
-            starts += 1
-            try:
-                client = self._connected(ledger, len(left), control)
-                _submitted(client, list(left.values()), notes, done, control)
-            except CancelledError:
-                break
-            except _LostError as error:
-                self._disconnect()
-                if not self.cluster.is_local:
-                    raise LostError(
-                        f"the scheduler does not answer any more; {len(left)} rows are left: run "
-                        "the same again to go on"
-                    ) from error
-                if starts == _MOST_STARTS:
-                    raise LostError(
-                        f"the processes of this machine ended {starts} times before a row was "
-                        f"done; see {one_line(_log(ledger))}, or say --jobs 1"
-                    ) from error
-        if control.cancelled and self.cluster.is_local:
-            self._disconnect()  # rows under way would go on before those of the next run
-
-    def _connected(self, ledger: Ledger, tasks: int, control: Control) -> Client:
-        """Return the client, of a cluster of as many processes as so many tasks can use."""
-        wanted = min(self.cluster.processes, tasks) if self.cluster.is_local else 0
-        client: Client | None = self._client
-        if client is None or client.status not in _ALIVE or wanted > self._processes:
-            self._disconnect()
-            connection = _connected(self.cluster, ledger, wanted, self._quiet, control)
-            client = self._client = self._connection.enter_context(connection)
-            self._processes = wanted
-        return client
-
-    def _disconnect(self) -> None:
-        self._client = None
-        self._connection.close()
-
-
-def _submitted(
-    client: Client,
-    tasks: list[Task],
-    notes: Notes,
-    done: Callable[[Task], None],
-    control: Control,
-) -> None:
-    """Submit tasks and wait for them, or until no more are wanted."""
-    token, ended = secrets.token_hex(4), SimpleQueue[str]()
-    waiting: dict[str, tuple[Future[Any], Task]] = {}
-
-    def submit(task: Task) -> None:
-        kind = "seen" if task.contents is None else "sent"
-        key = f"abfm-{task.row.key[:24]}-{token}-{kind}"
-        future = client.submit(attempt, task, key=key, pure=False)
-        waiting[key] = future, task
-        future.add_done_callback(lambda future: ended.put(future.key))
-
-    following = iter(tasks)
-    with _workers_told(client) as look:
-        while True:
-            if control.cancelled:
-                client.cancel([future for future, _ in waiting.values()])
-                return
-            if len(waiting) < TASKS_SUBMITTED_MAX and (task := next(following, None)):
-                submit(task)
-                continue
-            if not waiting:
-                return
-            try:
-                key = ended.get(timeout=_EVERY)
-            except Empty:
-                if client.status not in _ALIVE:
-                    raise _LostError from None
-                look()
-                continue
-            future, task = waiting.pop(key)
-            # the ledger is asked first: answers are lost with the worker that has them
-            if not (future.status == "finished" and notes.is_written(task)):
-                answer = _answer(future)
-                if answer.is_blind:
-                    submit(seen_here(task))
-                    continue
-                notes.write(task, answer)
-            done(task)
-
-
-@contextmanager
-def _workers_told(client: Client) -> Iterator[Callable[[], None]]:
-    """Yield what is to be called again and again, and tells while the cluster has no workers."""
-    looked, is_told = 0.0, False
-    with ExitStack() as told:
-
-        def look() -> None:
-            nonlocal looked, is_told
-            if time.monotonic() - looked < _COUNTS_EVERY:
-                return
-            workers = True  # or unknown, as of a scheduler that is gone, which is told elsewhere
-            with suppress(Exception):
-                workers = bool(client.sync(client.scheduler.ncores, callback_timeout=_CLOSING))
-            if is_told and workers:
-                told.close()
-            elif not (is_told or workers):
-                told.enter_context(step(NO_WORKERS))
-            looked, is_told = time.monotonic(), not workers
-
-        yield look
-
-
-def _answer(future: Future[Any]) -> Answer:
-    from distributed import KilledWorker
-
-    if future.status not in ("finished", "error"):
-        raise _LostError
-    try:
-        answer: Answer = future.result()
-        return answer
-    except KilledWorker:
-        return Answer(Record(reason=ENDED, tries=TRIES))
-    except Exception as error:
-        if future.status not in ("finished", "error"):
-            raise _LostError from error
-        return Answer(Record(reason=f"{type(error).__name__}: {one_line(error)}"))
-
-
-@contextmanager
-def _connected(
-    cluster: Cluster, ledger: Ledger, processes: int, quiet: ExitStack, control: Control
-) -> Iterator[Client]:
-    """Yield a client of the cluster, which is started where it is this machine's, with so many
-    processes, and have nothing logged until all ends.
-    """
-    process = None
-    try:
-        if cluster.is_local:
-            process = OwnProcess(MODULE, ONE_THREAD)
-            process.send(Wanted(processes, os.fspath(_log(ledger)), TRIES))
-        from distributed import Client  # which takes a while, as the process does to start
-
-        quiet.enter_context(_silent())
-        if process is not None:
-            client = _client(Client, process.receive(), control)
-        else:
-            address = cluster.scheduler
-            if address is None:
-                address = _address_in(cluster.scheduler_file or "")
+        with ExitStack() as opened:
+            opened.enter_context(_silent())
+            address = cluster.scheduler or _address_in(cluster.scheduler_file or "")
             with step(CONNECTING):
-                client = _client(Client, address, control)
-    except ProcessEndedError as error:
-        raise _LostError from error
-    else:
-        try:
-            if process is None:
-                _check_alike(client)
-            yield client
-        finally:
-            with suppress(Exception):
-                client.close(timeout=_CLOSING)
-    finally:
-        if process is not None:
-            process.close()
+                self._client = _client(Client, address, control)
+            opened.callback(_closed, self._client)
+            _check_alike(self._client)
+            self._opened = opened.pop_all()
+        self.executor: Executor = self._client.get_executor(pure=False)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the scheduler answers; a client that connects again has lost its calls."""
+        return bool(self._client.status == "running")
+
+    def close(self) -> None:
+        """Cancel the calls, all at once, and close the connection."""
+        with suppress(Exception):  # of a scheduler that is gone
+            self.executor.shutdown(wait=False)
+        self._opened.close()
+
+    @contextmanager
+    def watched(self) -> Iterator[Callable[[], bool]]:
+        """Yield a function that returns whether the scheduler answers; it is to be called
+        repeatedly, and reports a step while there are no workers.
+        """
+        checked, is_reported = 0.0, False
+        with ExitStack() as reported:
+
+            def is_alive() -> bool:
+                nonlocal checked, is_reported
+                if time.monotonic() - checked < _COUNT_SECONDS:
+                    return self.is_alive
+                has_workers, scheduler = True, self._client.scheduler
+                with suppress(Exception):  # of a scheduler that is gone
+                    has_workers = bool(
+                        self._client.sync(scheduler.ncores, callback_timeout=_CLOSE_SECONDS)
+                    )
+                if is_reported and has_workers:
+                    reported.close()
+                elif not (is_reported or has_workers):
+                    reported.enter_context(step(NO_WORKERS))
+                checked, is_reported = time.monotonic(), not has_workers
+                return self.is_alive
+
+            yield is_alive
+
+
+def _closed(client: Any) -> None:
+    with suppress(Exception):
+        client.close(timeout=_CLOSE_SECONDS)
 
 
 def _address_in(path: str | os.PathLike[str]) -> str:
@@ -253,7 +113,7 @@ def _address_in(path: str | os.PathLike[str]) -> str:
     if not os.path.isfile(path):
         raise ResultError(f"there is no scheduler's file {name}")
     try:
-        content = read_bytes(path, _LARGEST)
+        content = read_bytes(path, _SCHEDULER_FILE_BYTES_MAX)
     except OSError as error:
         raise ResultError(f"cannot read the scheduler's file {name}: {one_line(error)}") from error
     try:
@@ -267,9 +127,9 @@ def _address_in(path: str | os.PathLike[str]) -> str:
     return address
 
 
-def _client(make: Callable[..., Client], address: str, control: Control) -> Client:
+def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
     """Connect, which takes half a minute where nobody answers, unless it is cancelled."""
-    made = SimpleQueue["Client | str"]()
+    made = SimpleQueue[Any]()
 
     def connect() -> None:
         try:
@@ -289,37 +149,33 @@ def _client(make: Callable[..., Client], address: str, control: Control) -> Clie
     threading.Thread(target=connect, daemon=True).start()
     while not control.cancelled:
         with suppress(Empty):
-            client = made.get(timeout=_EVERY)
+            client = made.get(timeout=_POLL_SECONDS)
             if isinstance(client, str):
                 raise ResultError(f"no scheduler answers at {one_line(address)}: {client}")
             return client
     raise CancelledError
 
 
-def _check_alike(client: Client) -> None:
+def _check_alike(client: Any) -> None:
     """Refuse a cluster that has no abfm, whose workers would end, or another one."""
     here, found = own_version(), dict[str, Any]()
     try:
         found["the scheduler"] = client.run_on_scheduler(version, "abfm")
         of_workers = client.run(version, "abfm", on_error="return")
-        found |= {f"worker {one_line(address)}": told for address, told in of_workers.items()}
+        found |= {f"worker {one_line(address)}": theirs for address, theirs in of_workers.items()}
     except PackageNotFoundError as error:
         found["the scheduler"] = error
     except OSError as error:
-        raise _LostError from error
-    for who, told in found.items():
-        if isinstance(told, PackageNotFoundError) or (isinstance(told, str) and told != here):
-            has = f"abfm {told}" if isinstance(told, str) else "no abfm"
+        raise LostError(f"the scheduler does not answer any more: {one_line(error)}") from error
+    for who, theirs in found.items():
+        if isinstance(theirs, PackageNotFoundError) or (isinstance(theirs, str) and theirs != here):
+            has = f"abfm {theirs}" if isinstance(theirs, str) else "no abfm"
             raise ResultError(f"{who} has {has}; install abfm {here} there, as it is here")
-
-
-def _log(ledger: Ledger) -> Any:
-    return ledger.own / "workers.log"
 
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Have nothing logged of connections that break, which is told in one line or mended."""
+    """Log nothing of connections that break, which is reported in one line or recovered from."""
     names = [name for name in logging.root.manager.loggerDict if name.startswith(_LOGGERS)]
     loggers = [logging.getLogger(name) for name in (*_LOGGERS, *names)]
     before = [logger.level for logger in loggers]

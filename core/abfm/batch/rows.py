@@ -159,7 +159,7 @@ class Row:
         found: dict[str, None] = {}
 
         def note(path: str) -> str:
-            found.update(dict.fromkeys(_with_companions(path)))
+            found.update(dict.fromkeys(with_companions(path)))
             return path
 
         columns = _columns(self.declared)
@@ -245,7 +245,7 @@ def _text(value: Any) -> str:
 
 def _content(path: str) -> str:
     """Return a name of what a file holds, and what it is made of besides."""
-    sums = [_sum_of(each) for each in _with_companions(path)]
+    sums = [_sum_of(each) for each in with_companions(path)]
     # readers go by suffixes
     return f"{hashlib.sha256(' '.join(sums).encode()).hexdigest()}{Path(path).suffix.lower()}"
 
@@ -268,7 +268,7 @@ def _sum(path: str, size: int, changed: int) -> str:
     return found.hexdigest()
 
 
-def _with_companions(path: str) -> list[str]:
+def with_companions(path: str) -> list[str]:
     """Return a file and those that its reader takes besides."""
     low = path.lower()
     if low.endswith(".sym.vts"):

@@ -1,97 +1,36 @@
-"""Many rows, by one process, by a cluster of this machine's cores, or by a cluster elsewhere."""
+"""Solve many rows by processes of this machine or by a cluster elsewhere."""
 
 from __future__ import annotations
 
 import os
-import threading
 import warnings
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import CancelledError as FutureCancelledError
+from concurrent.futures import Executor, Future
+from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import replace
 
-from abfm.batch.attempt import EXPECTED, Answer, Task, attempt
+from abfm.batch.attempt import EXPECTED, Answer, Computation, Task, attempt
+from abfm.batch.cluster import CONNECTING, NO_WORKERS, Cluster, LostError
 from abfm.batch.ledger import Entry, Ledger, Record
+from abfm.batch.on_dask import OnDask
 from abfm.batch.rows import Row
-from abfm.errors import AbfmWarning, ParameterError, ResultError, brief, one_line
+from abfm.errors import AbfmWarning, one_line
 from abfm.reading import read_bytes
-from abfm.workers.control import Control
-from abfm.workers.worker import Worker, WorkerEndedError, stateless
+from abfm.workers.control import CancelledError, Control
+from abfm.workers.executor import CALLS_SUBMITTED_MAX, Processes, completed, in_order
+from abfm.workers.worker import WorkerEndedError
 
-if TYPE_CHECKING:
-    from abfm.batch.on_dask import OnDask
-
-ONE_THREAD = {
-    f"{name}_NUM_THREADS": "1" for name in ("OMP", "MKL", "OPENBLAS", "NUMBA", "VECLIB_MAXIMUM")
-}
-"""What makes compiled libraries compute in one thread: a row takes one core, and sums of several
-threads come out differently.
-"""
 TRIES = 3
-"""How often a row is tried whose worker dies."""
+"""How often a row is tried whose process dies."""
 ENDED = f"the process that solved it ended {TRIES} times, as for want of memory"
 ROWS_READ_MIN = 500
 """Rows whose entries are read also if the run is cancelled before; of more that takes long."""
-CONNECTING = "connecting to the scheduler"
-NO_WORKERS = "waiting for workers: the cluster has none"
+VALUES_SUBMITTED_MAX = 256
+"""Computations that are submitted at once: their results are in memory until they are taken."""
 REPORTED_STEPS = (CONNECTING, NO_WORKERS, EXPECTED)
 """Beginnings of the steps that a user sees while rows are solved, see `abfm.workers.progress`."""
-
-
-class LostError(ResultError):
-    """Who solved the rows is gone; what is done is kept."""
-
-
-@dataclass(frozen=True)
-class Cluster:
-    """Who solves the rows.
-
-    Parameters
-    ----------
-    jobs : int, optional
-        So many processes of this machine; by default one for each core that this process may use.
-        More than one need ``dask.distributed``, the extra ``cluster``.
-    scheduler : str, optional
-        Instead of these, the address of the scheduler of a Dask cluster, such as
-        ``tcp://10.0.0.1:8786``; or
-    scheduler_file : path, optional
-        the file in which the scheduler has its address.
-
-    Raises
-    ------
-    ParameterError
-        If more than one of them is given, or a number that is none of processes.
-    """
-
-    jobs: int | None = None
-    scheduler: str | None = None
-    scheduler_file: str | os.PathLike[str] | None = None
-
-    def __post_init__(self) -> None:
-        given = [each for each in (self.jobs, self.scheduler, self.scheduler_file) if each]
-        if len(given) > 1:
-            raise ParameterError("give one of jobs, scheduler and scheduler_file, or none")
-        if self.jobs is not None and not (isinstance(self.jobs, int) and 1 <= self.jobs <= 4096):
-            raise ParameterError(
-                f"jobs is {brief(self.jobs)}; expected a number of processes, 1 to 4096"
-            )
-
-    @property
-    def is_local(self) -> bool:
-        """Whether the processes are this machine's, and started for the run."""
-        return self.scheduler is None and self.scheduler_file is None
-
-    @property
-    def processes(self) -> int:
-        """How many there are, where they are this machine's."""
-        return self.jobs or cores()
-
-
-def cores() -> int:
-    """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def run(
@@ -132,8 +71,8 @@ def run(
 
 
 class Workers:
-    """Who solves rows, to be used in a ``with``: its processes are started when there is first
-    something to solve, and kept from one `run` to the next.
+    """Who solves rows, to be used in a ``with``: processes, or a connection to a cluster, that are
+    started when there is first something to solve and kept from one `run` to the next.
 
     Parameters
     ----------
@@ -142,15 +81,23 @@ class Workers:
     """
 
     def __init__(self, cluster: Cluster | None = None) -> None:
-        self.cluster, self._open = cluster or Cluster(), ExitStack()
-        self._one: Worker[None] | None = None
+        self.cluster = cluster or Cluster()
+        self._processes: Processes | None = None
         self._dask: OnDask | None = None
 
     def __enter__(self) -> Workers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._open.close()
+        self.close()
+
+    def close(self) -> None:
+        """End the processes at once, or close the connection; the next run starts others."""
+        if self._processes is not None:
+            self._processes.shutdown(cancel_futures=True)
+        if self._dask is not None:
+            self._dask.close()
+        self._processes = self._dask = None
 
     def run(
         self,
@@ -163,8 +110,8 @@ class Workers:
         """Solve rows that have no result in a folder yet, see `abfm.batch.run`."""
         rows, control, ledger = list(rows), control or Control(), Ledger(folder)
         identity = ledger.make()
-        entries, tasks = dict[str, Entry](), list[Task]()
-        for row in rows:
+        entries, tasks, warned = dict[str, Entry](), deque[Task](), set[str]()
+        for number, row in enumerate(rows):
             if control.cancelled and len(entries) >= ROWS_READ_MIN:
                 break
             if row.key in entries:
@@ -173,111 +120,95 @@ class Workers:
             if entries[row.key].state != "done" and not control.cancelled:
                 ledger.forget(row)
                 entries[row.key] = Entry(row, "missing")
-                tasks.append(Task(row, os.fspath(ledger.folder), identity))
-        notes = Notes(ledger, on_change, entries)
-        if not tasks or control.cancelled:
-            pass
-        elif self.cluster.is_local and min(self.cluster.processes, len(tasks)) == 1:
-            self._by_one(tasks, notes, control)
-        else:
-            self._by_many(tasks, notes, control)
+                tasks.append(Task(row, os.fspath(ledger.folder), identity, number=number))
+        if not control.cancelled and tasks:
+            with closing(self._answers(tasks, control)) as answers:
+                for task, answer in answers:
+                    if answer.result is not None:
+                        ledger.write_result(answer.record.digest, answer.result)
+                    row = rows[task.number]
+                    entry = entries[row.key] = ledger.record(row, answer.record)
+                    text = entry.record.warning
+                    if text and text not in warned:  # of the first row that has it
+                        warned.add(text)
+                        message = f"row {one_line(entry.row.name)}: {text}"
+                        warnings.warn(message, AbfmWarning, stacklevel=2)
+                    on_change(entry)
         # not read from the folder again, which takes long for many rows
         return [
             replace(entries[row.key], row=row) if row.key in entries else Entry(row, "missing")
             for row in rows
         ]
 
-    def _by_one(self, tasks: list[Task], notes: Notes, control: Control) -> None:
-        """Solve in one process, replaced when it dies, and ended when no more is wanted."""
-        if self._one is None:
-            self._one = self._open.enter_context(closing(Worker(stateless, ENDED, ONE_THREAD)))
-        worker, over = self._one, threading.Event()
+    def compute(
+        self, computations: Iterable[Computation], control: Control | None = None
+    ) -> Generator[Answer, None, None]:
+        """Yield what comes of each computation, in their order, until it is cancelled."""
+        tasks = deque(Task(each, number=number) for number, each in enumerate(computations))
+        with closing(self._answers(tasks, control or Control(), VALUES_SUBMITTED_MAX)) as answers:
+            yield from in_order((task.number, answer) for task, answer in answers)
 
-        def close() -> None:
-            over.wait()
-            if control.cancelled:
-                worker.close()  # who waits for the row under way is told
+    def _answers(
+        self, tasks: deque[Task], control: Control, most: int = CALLS_SUBMITTED_MAX
+    ) -> Generator[tuple[Task, Answer], None, None]:
+        """Yield each task with what came of it, as it comes, until no more are wanted."""
+        missing = len(tasks)
 
-        def watch(control: Control) -> None:
-            if control.cancelled:
-                over.set()
+        def is_wanted() -> bool:
+            if not is_alive():
+                raise FutureCancelledError
+            return not control.cancelled
 
-        # not by who cancels, such as a signal's handler in the middle of a call to the worker
-        closer = threading.Thread(target=close, daemon=True)
-        closer.start()
         try:
-            with control.watched(watch):
-                for task in tasks:
-                    answer = _tried(worker, task, control)
-                    if answer is None:
-                        return
-                    notes.write(task, answer)
+            executor, watched = self._executor(control)
+            with watched as is_alive:
+                for task, future in completed(
+                    lambda task: executor.submit(attempt, task), tasks, is_wanted, most
+                ):
+                    found = _found(task, future)
+                    if isinstance(found, Task):
+                        tasks.appendleft(found)
+                    else:
+                        missing -= 1
+                        yield task, found
+        except FutureCancelledError as error:
+            raise LostError(
+                f"the scheduler does not answer any more; {missing} rows are left: run the same "
+                "again to go on"
+            ) from error
+        except CancelledError:  # while it was connecting
+            pass
         finally:
-            over.set()
-            closer.join()
-            if control.cancelled:
-                self._one = None
+            if missing:
+                self.close()  # rows under way would go on before those of the next run
 
-    def _by_many(self, tasks: list[Task], notes: Notes, control: Control) -> None:
-        # not where one process does it all
-        from abfm.batch.on_dask import OnDask
-
-        if self._dask is None:
-            self._dask = self._open.enter_context(OnDask(self.cluster))
-        self._dask.solve(tasks, notes, control)
-
-
-class Notes:
-    """Keeps the entry of each task that ends, by the key of its row, and reports it; a warning only
-    for the first row that has it.
-    """
-
-    def __init__(
-        self, ledger: Ledger, on_change: Callable[[Entry], object], entries: dict[str, Entry]
-    ) -> None:
-        self.ledger, self._on_change, self._entries = ledger, on_change, entries
-        self._warned = set[str]()
-
-    def is_written(self, task: Task) -> bool:
-        """Report a task whose worker has written its entry; return False if it has not."""
-        entry = self.ledger.entry(task.row)
-        if entry.state == "missing":
-            return False
-        self._keep(entry)
-        return True
-
-    def write(self, task: Task, answer: Answer) -> None:
-        """Write the entry of a task, and report it."""
-        if answer.result is not None:
-            self.ledger.write_result(answer.record.digest, answer.result)
-        self._keep(self.ledger.record(task.row, answer.record))
-
-    def _keep(self, entry: Entry) -> None:
-        self._entries[entry.row.key] = entry
-        text = entry.record.warning
-        if text and text not in self._warned:
-            self._warned.add(text)
-            warnings.warn(f"row {one_line(entry.row.name)}: {text}", AbfmWarning, stacklevel=2)
-        self._on_change(entry)
+    def _executor(
+        self, control: Control
+    ) -> tuple[Executor, AbstractContextManager[Callable[[], bool]]]:
+        """Return an executor, and what yields a function that returns whether it is alive."""
+        if self.cluster.is_local:
+            if self._processes is None:
+                self._processes = Processes(self.cluster.processes)
+            return self._processes, nullcontext(lambda: True)
+        if self._dask is None or not self._dask.is_alive:
+            self.close()
+            self._dask = OnDask(self.cluster, control)
+        return self._dask.executor, self._dask.watched()
 
 
-def _tried(worker: Worker[None], task: Task, control: Control) -> Answer | None:
-    """Try a task in a worker that may die; None where no answer is wanted any more."""
-    for tries in range(1, TRIES + 1):
-        try:
-            answer = worker.call(_attempt, task).result()
-            if answer.is_blind:  # they are nowhere, which the row tells itself
-                answer = worker.call(_attempt, replace(task, contents={})).result()
-        except WorkerEndedError:
-            if control.cancelled:
-                return None
-        else:
-            return replace(answer, record=replace(answer.record, tries=tries))
-    return Answer(Record(reason=ENDED, tries=TRIES))
-
-
-def _attempt(state: None, task: Task) -> Answer:
-    return attempt(task)
+def _found(task: Task, future: Future[Answer]) -> Answer | Task:
+    """Return what came of a task, or the task that is to be submitted next."""
+    try:
+        answer = future.result()
+    except WorkerEndedError:
+        if task.tries < TRIES:
+            return replace(task, tries=task.tries + 1)
+        return Answer(Record(reason=ENDED, tries=TRIES))
+    except FutureCancelledError:
+        raise
+    except Exception as error:  # a bug, or what Dask reports of workers that died
+        return Answer(Record(reason=f"{type(error).__name__}: {one_line(error)}"))
+    return seen_here(task) if answer.is_blind else answer
 
 
 def seen_here(task: Task) -> Task:

@@ -83,11 +83,14 @@ class Entry(NamedTuple):
                 limit = f"more than {_LONGEST_TEXT} characters, or some that cannot be shown"
                 raise ValueError(f"{name} has {limit}")
             return
-        if self.may_be_unknown:
-            array = array[~np.isnan(array)]
-        if self.kind in ("real", "single") and not np.isfinite(array).all():
+        # without copies of arrays that may be larger than the memory
+        least, most = (np.fmin, np.fmax) if self.may_be_unknown else (np.minimum, np.maximum)
+        ends = [each.reduce(array, axis=None) for each in (least, most)]
+        if self.may_be_unknown and np.isnan(ends).all():
+            return
+        if self.kind in ("real", "single") and not np.isfinite(ends).all():
             raise ValueError(f"{name} has values that are not finite")
-        for value in (array.min(), array.max()) if array.size else ():
+        for value in ends:
             if not self.low <= value.item() <= self.high:
                 bounds = f"{self.low:g} to {self.high:g}"
                 raise ValueError(f"{name} has the value {value:g}; expected {bounds}")

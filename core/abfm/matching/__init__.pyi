@@ -22,7 +22,6 @@ from .result import Match as Match
 from .result import match_arrays as match_arrays
 from .solvability import peaks as peaks
 from .solvability import resolution as resolution
-from .solve_many import Monitor as Monitor
 from .solve_many import solve_many as solve_many
 from .solving.levels import prepare as prepare
 from .solving.record import StopReason as StopReason

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.matching.judging.verdict import FOLDED
-from abfm.population.statistics import Others, correlation, relative_distance
+from abfm.population.statistics import Others, Shares, correlation, relative_distance
 from abfm.types import BoolArray, FloatArray
 
 FEWEST = 5
@@ -72,7 +72,7 @@ class Compared(NamedTuple):
 
     def others(self, fits: BoolArray) -> list[Others]:
         """Return what means of others are made of, by channels, of those that fit."""
-        shares = np.where(fits[:, None], self.weights[:, None] * self.masks, 0)
+        shares = Shares(self.weights * fits, self.masks)
         return [Others.of(each, shares) for each in self.values]
 
 

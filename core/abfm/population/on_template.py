@@ -130,11 +130,6 @@ def edge_middles(mesh: TriangleMesh) -> SurfacePoints:
     return SurfacePoints(mesh, faces, 0.5 - 0.5 * np.eye(3)[opposite])
 
 
-def stacked(found: Sequence[OnTemplate]) -> tuple[FloatArray, FloatArray]:
-    """Return values (N, V, C) and masks (N, V) of N subjects."""
-    return np.stack([each.values for each in found]), np.stack([each.mask for each in found])
-
-
 def checked_mask(mesh: TriangleMesh, text: str | None, whose: str) -> FloatArray:
     """Evaluate a mask (V,), 1 where there is none; a ParameterError says what is wrong with it."""
     found = given_mask(mesh, text or None, f"the mask of {whose}")

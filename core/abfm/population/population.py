@@ -19,7 +19,7 @@ from abfm.outcome import Facts, Outcome
 from abfm.population import statistics
 from abfm.population.on_template import MapFacts
 from abfm.population.settings import BOUND
-from abfm.population.statistics import Others, Phase
+from abfm.population.statistics import Others, Phase, Shares
 from abfm.population.subjects import Channel
 from abfm.types import BoolArray, FloatArray
 
@@ -288,19 +288,18 @@ class Population(Display):
     def _number(self, name: str) -> FloatArray:
         return np.asarray(self.numbers[:, _NUMBERS.index(name)])
 
-    def _before(self, channel: str | int) -> tuple[FloatArray, FloatArray]:
+    def _before(self, channel: str | int) -> tuple[FloatArray, Shares]:
         return self._counted(self.before, self.masks_before, channel)
 
-    def _after(self, channel: str | int) -> tuple[FloatArray, FloatArray]:
+    def _after(self, channel: str | int) -> tuple[FloatArray, Shares]:
         return self._counted(self.values, self.masks, channel)
 
     def _counted(
         self, values: FloatArray, masks: FloatArray, channel: str | int
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, Shares]:
         """Return values of a channel, (N, V), and how much each counts."""
         own = values[:, :, self._channel(channel)]
-        counts = (self.weights * self.fits)[:, None] * masks
-        return own, np.where(np.isfinite(own), counts, 0)
+        return own, Shares(self.weights * self.fits, masks, own)
 
     def _channel(self, channel: str | int) -> int:
         names = [each.name for each in self.channels]

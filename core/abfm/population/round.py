@@ -1,29 +1,29 @@
-"""What a round came to: who fits, the mean of those who do, and all that is told of them."""
+"""What a round came to: who fits, and what is known of each subject on the template."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+import tempfile
+import weakref
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from abfm.population import statistics
+from abfm.errors import ResultError, one_line
 from abfm.population.misfits import Judged
 from abfm.population.on_template import MapFacts
-from abfm.population.population import Population
-from abfm.population.target import Target
-from abfm.types import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from abfm.population.work import Work
+from abfm.types import FloatArray
 
 
 class Round(NamedTuple):
     """What a round came to."""
 
     judged: Judged
-    before: tuple[FloatArray, FloatArray]  # values (N, V, C) and masks (N, V)
-    after: tuple[FloatArray, FloatArray]
+    before: FloatArray  # (N, V, C)
+    masks_before: FloatArray  # (N, V)
+    after: FloatArray
+    masks: FloatArray
     log2_areas: FloatArray  # (N, F)
     drift: FloatArray
     drift_file: str
@@ -31,64 +31,42 @@ class Round(NamedTuple):
     digests: tuple[str, ...]
     facts: tuple[MapFacts, ...]
 
-    def target(self, work: Work) -> Target:
-        """Return the mean of those who fit."""
-        values, masks = self.after
-        shares = (work.weights * self.judged.fits)[:, None] * masks
-        means = np.stack(
-            [statistics.mean(values[:, :, c], shares) for c in work.cohort.registered_by]
-        )
-        return Target.filled(work.template, means, work.mask * (shares > 0).any(axis=0))
 
-    def middles(self, work: Work) -> FloatArray:
-        """Return the mean over surface and subjects of each channel, before, (C,)."""
-        values, masks = self.before
-        shares = (work.weights * self.judged.fits)[:, None] * masks
-        found = []
-        for own in np.moveaxis(values, 2, 0):
-            mean = statistics.mean(own, np.where(np.isfinite(own), shares, 0))
-            known = np.where(np.isfinite(mean), work.areas, 0)
-            found.append(known @ np.nan_to_num(mean) / known.sum() if known.any() else 0.0)
-        return np.array(found)
+class Stack:
+    """Arrays of one shape, one for each subject, in a temporary file of a folder: so that memory
+    does not grow with the number of subjects. The file is removed when nothing uses it any more.
+    """
 
-    def population(
-        self, work: Work, changes: Sequence[float], phases: FloatArray, order: IntArray
-    ) -> Population:
-        """Return it with the subjects in another order."""
-        cohort, judged = work.cohort, self.judged
-        channel_weights = np.zeros(len(cohort.channels))
-        channel_weights[cohort.registered_by] = work.channel_weights
-        counts = (work.weights * judged.fits)[:, None] * np.ones(self.log2_areas.shape[1])
-        numbers = np.array(
-            [
-                [like.correlation, like.distance, like.log2_area, *facts]
-                for like, facts in zip(judged.likeness, self.facts, strict=True)
-            ]
-        )
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._shape: tuple[int, ...] = (0,)
+        try:
+            with ExitStack() as opened:
+                self._file = opened.enter_context(tempfile.TemporaryFile(dir=folder))
+                self._close = weakref.finalize(self, opened.pop_all().close)
+        except OSError as error:
+            raise self._refused(error) from error
 
-        def ordered(texts: Sequence[str]) -> tuple[str, ...]:
-            return tuple(texts[i] for i in order)
+    def add(self, array: FloatArray) -> None:
+        """Add the array of the next subject."""
+        self._shape = (self._shape[0] + 1, *array.shape)
+        try:
+            self._file.write(np.ascontiguousarray(array, dtype=np.float64).data)
+        except OSError as error:
+            raise self._refused(error) from error
 
-        return Population(
-            work.template,
-            cohort.channels,
-            ordered([subject.name for subject in cohort.subjects]),
-            work.weights[order],
-            channel_weights,
-            judged.fits[order],
-            ordered(judged.reasons),
-            ordered(self.verdicts),
-            ordered(self.digests),
-            self.before[0][order],
-            self.after[0][order],
-            self.before[1][order],
-            self.after[1][order],
-            work.mask,
-            numbers[order],
-            phases,
-            statistics.mean(self.log2_areas, counts),
-            statistics.deviation(self.log2_areas, counts),
-            self.drift,
-            np.array(changes),
-            work.settings.bound,
+    def array(self) -> FloatArray:
+        """Return all of them, (N, ...), which cannot be changed; no more can be added."""
+        try:
+            self._file.flush()
+        except OSError as error:
+            raise self._refused(error) from error
+        found = np.memmap(self._file, np.float64, "r", shape=self._shape)
+        self._close()
+        return found.view(np.ndarray)
+
+    def _refused(self, error: OSError) -> ResultError:
+        return ResultError(
+            f"cannot write in {one_line(self._folder)}: {one_line(error)}; choose a folder that is "
+            "writable and has space left"
         )

@@ -10,15 +10,16 @@ with displacements; first order, as the mean of fields is not the field of a mea
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from abfm.batch import Cluster, Entry, Ledger, Row, Workers
+from abfm.batch.attempt import Answer
 from abfm.mesh import MeshLike
-from abfm.population.carrying import FOLDER, Carrying
+from abfm.population.carrying import Carrying
 from abfm.population.population import Population
 from abfm.population.settings import Settings
 from abfm.population.subjects import Cohort
@@ -40,9 +41,9 @@ def register_population(
 ) -> Population:
     """Register subjects to a template by their functions, and make their mean.
 
-    Each registration of each round, and what each subject is when it is carried by it, is a row of
-    a batch, whose results are in the folder: run again, it does nothing twice, and it gives the
-    same bits, whoever solves them and in whatever order the subjects stand.
+    Each registration of each round is a row of a batch, whose results are in the folder: run again,
+    it registers no subject twice, and it gives the same bits, whoever solves them and in whatever
+    order the subjects stand.
 
     Parameters
     ----------
@@ -80,12 +81,12 @@ def register_population(
             entries = solver.registered(work.rows(target, number), number)
             found = work.round(entries, fits, number)
             fits.append(found.judged.fits)
-            mean = found.target(work)
+            mean = work.target(found)
             changes.append(mean.distance(target, work.areas, work.channel_weights))
             target = mean
             if changes[-1] <= work.settings.bound or number == work.settings.rounds:
                 phases = work.phases(entries, found)
-                return found.population(work, changes, phases, np.argsort(order))
+                return work.population(found, changes, phases, np.argsort(order))
 
 
 @dataclass(frozen=True)
@@ -101,24 +102,22 @@ class _Solver:
         ledger = Ledger(self.folder)
         ledger.make()
         ledger.write_rows(rows, f"round {number} of a population")  # for abfm batch --status
-        return self._solved(rows, self.folder, f"round {number}: registering", self.on_change)
-
-    def carried(self, rows: Sequence[Carrying], task: str) -> list[Entry]:
-        return self._solved(rows, self.folder / FOLDER, task, lambda entry: None)
-
-    def _solved(
-        self, rows: Sequence[Row], folder: Path, task: str, tell: Callable[[Entry], object]
-    ) -> list[Entry]:
-        with step(task, len(rows), f" {len(rows)} subjects") as done:
-            ledger = Ledger(folder)
+        with step(f"round {number}: registering", len(rows), f" {len(rows)} subjects") as done:
             count = len(rows) - len({r.key for r in rows if ledger.entry(r).state != "done"})
 
-            def told(entry: Entry) -> None:
+            def report(entry: Entry) -> None:
                 nonlocal count
                 count += 1
                 done(count / len(rows))
-                tell(entry)
+                self.on_change(entry)
 
-            entries = self.workers.run(rows, folder, on_change=told, control=self.control)
+            entries = self.workers.run(rows, self.folder, on_change=report, control=self.control)
         checkpoint()
         return entries
+
+    def carried(self, tasks: Sequence[Carrying], what: str) -> Generator[Answer, None, None]:
+        with step(what, len(tasks), f" {len(tasks)} subjects") as done:
+            for count, answer in enumerate(self.workers.compute(tasks, self.control), 1):
+                yield answer
+                done(count / len(tasks))
+        checkpoint()

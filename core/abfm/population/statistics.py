@@ -1,21 +1,24 @@
 """Means and deviations over subjects, how alike they are, and what of them is position and what is
 value.
 
-Values are (N, V), of N subjects at V vertices; shares (N, V), not negative, say how much each
+Values are (V,) of each of N subjects at V vertices; shares (V,), not negative, say how much each
 counts at each vertex: its weight, times its mask where that lies. What has no share is not looked
-at, and may be unknown.
+at, and may be unknown. Subjects are added up one by one, so values may be in a file.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from abfm.types import BoolArray, FloatArray, IntArray
 
+Subjects: TypeAlias = Sequence[FloatArray] | FloatArray
+"""An array (V,) for each of N subjects."""
 _CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
 _ROUNDING = 1e-14  # of squares: a variance that is less is none
 
@@ -29,46 +32,76 @@ class Phase(NamedTuple):
     factor: float  # C_R: how much larger squares are before than after
 
 
-def mean(values: FloatArray, shares: FloatArray) -> FloatArray:
+def mean(values: Subjects, shares: Subjects) -> FloatArray:
     """Return the mean over subjects, (V,); NaN where none counts."""
-    return _divided((shares * _counted(values, shares)).sum(axis=0), shares.sum(axis=0))
+    return Others.of(values, shares).mean()
 
 
-def deviation(values: FloatArray, shares: FloatArray) -> FloatArray:
+def deviation(values: Subjects, shares: Subjects) -> FloatArray:
     """Return the standard deviation over subjects, (V,); NaN where fewer than two count.
 
     The variance is unbiased for independent subjects of one variance, with any shares ``w``: its
     divisor is ``sum w - sum w^2 / sum w``, of equal ones ``w (n - 1)``.
     """
-    total, squares = shares.sum(axis=0), (shares**2).sum(axis=0)
-    counted = _counted(values, shares)
-    middle = np.nan_to_num(mean(values, shares))
-    spread = (shares * (counted - middle) ** 2).sum(axis=0)
-    several = (shares > 0).sum(axis=0) > 1
+    found = Others.of(values, shares)
+    middle, total = np.nan_to_num(found.mean()), found.total
+    squares, spread = np.zeros_like(total), np.zeros_like(total)
+    for own, share in zip(values, shares, strict=True):
+        squares += share**2
+        spread += share * (_counted(own, share) - middle) ** 2
+    several = found.number > 1
     divisor = np.where(several, total - squares / np.where(several, total, 1), 0)
     return np.sqrt(_divided(spread, divisor))
+
+
+class Shares(Sequence[FloatArray]):
+    """How much each subject counts at each vertex: its weight times its mask, where its value is
+    known, if values are given.
+    """
+
+    def __init__(
+        self, weights: FloatArray, masks: Subjects, values: Subjects | None = None
+    ) -> None:
+        self._weights, self._masks, self._values = weights, masks, values
+
+    def __len__(self) -> int:
+        return len(self._weights)
+
+    def __getitem__(self, subject: Any) -> Any:
+        shares = self._weights[subject] * self._masks[subject]
+        if self._values is None:
+            return shares
+        return np.where(np.isfinite(self._values[subject]), shares, 0)
 
 
 class Others(NamedTuple):
     """What the means of all subjects but one are made of."""
 
-    values: FloatArray  # (N, V), 0 where they do not count
-    shares: FloatArray
+    values: Subjects
+    shares: Subjects
     sums: FloatArray  # (V,)
     total: FloatArray
     number: IntArray  # how many count at each vertex
 
     @classmethod
-    def of(cls, values: FloatArray, shares: FloatArray) -> Others:
-        counted, counts = _counted(values, shares), shares > 0
-        sums = (shares * counted).sum(axis=0)
-        return cls(counted, shares, sums, shares.sum(axis=0), counts.sum(axis=0))
+    def of(cls, values: Subjects, shares: Subjects) -> Others:
+        sums, total = np.zeros_like(shares[0]), np.zeros_like(shares[0])
+        number = np.zeros(len(total), dtype=np.int64)
+        for own, share in zip(values, shares, strict=True):
+            sums += share * _counted(own, share)
+            total += share
+            number += share > 0
+        return cls(values, shares, sums, total, number)
+
+    def mean(self) -> FloatArray:
+        """Return the mean of all, (V,); NaN where none counts."""
+        return _divided(self.sums, self.total)
 
     def without(self, subject: int) -> FloatArray:
         """Return the mean of all but this one, (V,); NaN where none of them counts."""
         own = self.shares[subject]
         left = np.where(self.number > (own > 0), self.total - own, 0)
-        return _divided(self.sums - own * self.values[subject], left)
+        return _divided(self.sums - own * _counted(self.values[subject], own), left)
 
 
 def correlation(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from abfm.batch.cluster import Cluster
 from abfm.batch.ledger import Entry
-from abfm.batch.run import Cluster
 from abfm.errors import ParameterError, ResultError, brief, one_line, printable
 from abfm.io import check_values_name
 from abfm.matching.task import MAX_DISTORTION

@@ -6,65 +6,70 @@ import hashlib
 import math
 import os
 import shlex
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing, suppress
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from abfm.batch import Entry, Row
+from abfm.batch.attempt import Answer
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.functions import quoted
 from abfm.io.atomic import write_atomically
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh, load_mesh
+from abfm.mesh.options import read_flag
 from abfm.parameters import Parameters
+from abfm.population import statistics
 from abfm.population.carrying import Carried, Carrying
 from abfm.population.misfits import Compared, Likeness, judge, left_for_good
 from abfm.population.on_template import (
+    MapFacts,
     OnTemplate,
     checked_mask,
     displacement_in,
     known_functions,
-    stacked,
 )
-from abfm.population.round import Round
+from abfm.population.population import Population
+from abfm.population.round import Round, Stack
 from abfm.population.settings import Settings
-from abfm.population.statistics import Moments, phase_and_amplitude
+from abfm.population.statistics import Moments, Others, Shares, phase_and_amplitude
 from abfm.population.subjects import Cohort, Subject
 from abfm.population.target import Target
 from abfm.reading import side_of
 from abfm.sequences.noise import noise
-from abfm.tasks.inputs import MESH_INPUTS, by_name, mesh_options
-from abfm.types import BoolArray, FloatArray
+from abfm.tasks.inputs import MESH_INPUTS, absolute, mesh_options
+from abfm.types import BoolArray, FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-Solve: TypeAlias = Callable[[Sequence[Carrying], str], list[Entry]]
-"""Returns what has come of rows, in their order; the text says what is done, for progress."""
+Carry: TypeAlias = Callable[[Sequence[Carrying], str], Generator[Answer, None, None]]
+"""Yields what comes of computations, in their order; the text says what is done, for progress."""
 _TARGETS = "targets"  # folder of templates, functions that subjects are registered to, mean fields
 _LOOKS = 3  # at who fits, in a round, each with the mean field of those who did before
 _LISTENED_TO = 3  # subjects, for noise
 _BY_FUNCTIONS = "embedding", "landmarks"  # initial maps of which none is found without
 
-_MESH_INPUTS = by_name(MESH_INPUTS)
-
 
 class Work:
     """All that stays the same from round to round.
 
-    ``solve`` has rows solved that carry subjects.
+    ``carry`` carries subjects.
     """
 
     def __init__(
-        self, cohort: Cohort, template: MeshLike, folder: Path, settings: Settings, solve: Solve
+        self, cohort: Cohort, template: MeshLike, folder: Path, settings: Settings, carry: Carry
     ) -> None:
-        self.cohort, self.settings, self._solve = cohort, settings, solve
+        self.cohort, self.settings, self._carry = cohort, settings, carry
         self.folder = Path(os.path.abspath(os.path.expanduser(folder)))
         options = {name: str(value) for name, value in settings.options.items()}
-        self.of_meshes = {name: options[name] for name in _MESH_INPUTS if name in options}
+        self.of_meshes = {
+            each.name: each.read(options[each.name]) for each in MESH_INPUTS if each.name in options
+        }
         self.path = self._file_of(template)
         self.template = self._mesh(self.path)
         names = [cohort.channels[c].name for c in cohort.registered_by]
@@ -87,12 +92,8 @@ class Work:
         self.areas = vertex_areas(self.template) * self.mask
         self.weights = np.array([subject.weight for subject in cohort.subjects])
 
-    def _options(self) -> Mapping[str, Any]:
-        values = {name: _MESH_INPUTS[name].read(text) for name, text in self.of_meshes.items()}
-        return mesh_options(values).given
-
     def _mesh(self, path: str) -> TriangleMesh:
-        return load_mesh(path, **self._options())
+        return load_mesh(path, **mesh_options(self.of_meshes).given)
 
     def _file_of(self, template: MeshLike) -> str:
         """Return the path of a template; one that is not a file is written, with all vertices of
@@ -100,7 +101,8 @@ class Work:
         """
         if isinstance(template, str | os.PathLike):
             return os.path.abspath(os.path.expanduser(template))
-        options = {} if isinstance(template, TriangleMesh) else self._options()
+        is_checked = isinstance(template, TriangleMesh)
+        options = {} if is_checked else mesh_options(self.of_meshes).given
         mesh = as_mesh(template, "template", **options)
         vertices, faces = mesh.on_file(mesh.vertices, 0.0), mesh.vertex_ids[mesh.faces]
         side = side_of(mesh.structure)
@@ -145,12 +147,16 @@ class Work:
                 "one subject alone has a weight above 0: give another one too, or the template's "
                 "own functions"
             )
-        rows = [self._carrying(subject) for subject in self.cohort.subjects]
-        entries = self._solve(rows, "comparing")
-        # why others failed their registrations tell, too
-        failures = [entry.reason for entry in entries]
-        found = [each.load().before if each.path else self._nothing() for each in entries]
-        values, masks = stacked(found)
+        tasks = [self._carrying(subject) for subject in self.cohort.subjects]
+        stacks, failures = [Stack(self._targets()) for _ in range(2)], list[str]()
+        with closing(self._carry(tasks, "comparing")) as answers:
+            for answer in answers:
+                # why others failed their registrations tell, too
+                failures.append(answer.record.reason)
+                found = self._nothing().before if answer.value is None else answer.value.before
+                for stack, array in zip(stacks, found, strict=True):
+                    stack.add(array)
+        values, masks = (stack.array() for stack in stacks)
         judged = judge(self._compared(values, masks), None, failures)
         alike = np.array([each.correlation for each in judged.likeness])
         chosen = np.where(judged.fits & (self.weights > 0) & np.isfinite(alike), alike, -math.inf)
@@ -177,9 +183,12 @@ class Work:
         matched = [values[:, :, c] for c in self.cohort.registered_by]
         return Compared(matched, masks, self.weights, self.areas, self.channel_weights)
 
-    def _nothing(self) -> OnTemplate:
+    def _nothing(self) -> Carried:
+        """Return what is known of a subject that is not on the template."""
         count = len(self.template.vertices)
-        return OnTemplate(np.full((count, len(self.cohort.channels)), np.nan), np.zeros(count))
+        values = np.full((count, len(self.cohort.channels)), np.nan)
+        nothing = OnTemplate(values, np.zeros(count))
+        return Carried(nothing, nothing, np.full(len(self.template.faces), np.nan))
 
     def rows(self, target: Target, number: int) -> list[Row]:
         """Write a target, and return a row for each subject."""
@@ -211,21 +220,24 @@ class Work:
         pairs += options.items()
         return Row(subject.name, pairs)
 
-    def _carrying(self, subject: Subject, **by: object) -> Carrying:
-        """Return a row that carries a subject, by a registration or else by its initial map."""
-        first: dict[str, object] = {
-            "initial": self.settings.initial,
-            "landmarks": subject.landmarks,
-            "one-based": self.settings.options.get("one-based", ""),
-        }
-        pairs = {
-            "surface": subject.surface or self.path,
-            "template": self.path,
-            "functions": shlex.join(subject.functions),
-            "mask": subject.mask,
-            **self.of_meshes,
-        }
-        return Carrying(subject.name, pairs | (by or first))
+    def _carrying(self, subject: Subject) -> Carrying:
+        """Return what carries a subject by its initial map."""
+        is_one_based = read_flag(str(self.settings.options.get("one-based") or "no"))
+        initial, cwd = self.settings.initial, os.getcwd()
+        one = Carrying(subject, self.path, self.of_meshes, initial, is_one_based)
+        return one.renamed(absolute(cwd))
+
+    def _by_registration(
+        self, subject: Subject, entry: Entry, drift: str, at_edges: bool = False
+    ) -> Carrying:
+        """Return what carries a subject by its registration and along a mean field."""
+        return replace(
+            self._carrying(subject),
+            initial="",
+            registration=os.fspath(entry.path or ""),
+            drift=drift,
+            at_edges=at_edges,
+        )
 
     def round(self, entries: Sequence[Entry], before: Sequence[BoolArray], number: int) -> Round:
         """Carry all subjects by their maps less the mean field of those who fitted at the end of
@@ -279,50 +291,70 @@ class Work:
         drift = self._mean_field(entries, fits)
         place = self._written(f"round-{number}-drift", drift)
         known = [i for i, entry in enumerate(entries) if entry.path is not None]
-        rows = [
-            self._carrying(self.cohort.subjects[i], registration=entries[i].path, drift=place)
-            for i in known
-        ]
-        found = dict(zip(known, self._solve(rows, "carrying"), strict=True))
-        failures = [
-            f"it was not carried: {found[i].reason or 'there is no result'}"
-            if i in found and found[i].path is None
-            else why
-            for i, why in enumerate(failures)
-        ]
-        self._require_two(failures)
-        areas, nothing = face_areas(self.template), self._nothing()
-        unknown = Carried(nothing, nothing, np.full(len(areas), np.nan))
-        carried, after, logs = list[Carried](), list[OnTemplate](), list[FloatArray]()
-        maps = list[Likeness]()
-        with step("summing", about=f" {len(rows)} subjects") as done:
-            for i, failure in enumerate(failures):
-                checkpoint()
-                each = unknown if failure else found[i].load()
+        tasks = [self._by_registration(self.cohort.subjects[i], entries[i], place) for i in known]
+        stacks = [Stack(self._targets()) for _ in range(5)]
+        failures, others = list(failures), list[tuple[str, MapFacts, Likeness]]()
+        areas = face_areas(self.template)
+        with closing(self._carry(tasks, "carrying")) as answers:
+            for i, entry in enumerate(entries):
+                each = self._nothing()
+                if entry.path is not None:
+                    answer = next(answers)
+                    each = answer.value or each
+                    if answer.value is None:
+                        failures[i] = f"it was not carried: {answer.record.reason}"
                 assert each.after is not None
                 assert each.log2_area is not None
-                after.append(each.after)
-                logs.append(each.log2_area)
-                carried.append(each)
+                arrays = (*each.before, *each.after, each.log2_area)
+                for stack, array in zip(stacks, arrays, strict=True):
+                    stack.add(array)
                 changed = float(np.average(np.abs(each.log2_area), weights=areas))
-                maps.append(Likeness(math.nan, math.nan, changed, each.facts.folded))
-                done((i + 1) / len(failures))
-            values, masks = stacked(after)
-            judged = judge(self._compared(values, masks), maps, failures, for_good)
+                like = Likeness(math.nan, math.nan, changed, each.facts.folded)
+                others.append((each.verdict, each.facts, like))
+        self._require_two(failures)
+        before, masks_before, after, masks, log2_areas = (stack.array() for stack in stacks)
+        verdicts, facts, maps = zip(*others, strict=True)
+        with step("summing", about=f" {len(tasks)} subjects"):
+            judged = judge(self._compared(after, masks), maps, failures, for_good)
+        digests = [
+            "" if failure else entry.digest
+            for failure, entry in zip(failures, entries, strict=True)
+        ]
         return Round(
             judged,
-            stacked([each.before for each in carried]),
-            (values, masks),
-            np.stack(logs),
+            before,
+            masks_before,
+            after,
+            masks,
+            log2_areas,
             drift,
             place,
-            tuple(each.verdict for each in carried),
-            tuple(
-                "" if failure else entry.digest
-                for failure, entry in zip(failures, entries, strict=True)
-            ),
-            tuple(each.facts for each in carried),
+            verdicts,
+            tuple(digests),
+            facts,
         )
+
+    def shares(self, found: Round, masks: FloatArray) -> Shares:
+        """Return how much subjects that fit count at vertices where masks (N, V) say so."""
+        return Shares(self.weights * found.judged.fits, masks)
+
+    def target(self, found: Round) -> Target:
+        """Return the mean of those who fit."""
+        shares = self.shares(found, found.masks)
+        others = [Others.of(found.after[:, :, c], shares) for c in self.cohort.registered_by]
+        means = np.stack([each.mean() for each in others])
+        return Target.filled(self.template, means, self.mask * (others[0].total > 0))
+
+    def _middles(self, found: Round) -> FloatArray:
+        """Return the mean over surface and subjects of each channel, before, (C,)."""
+        middles = []
+        for c in range(len(self.cohort.channels)):
+            own = found.before[:, :, c]
+            fits = self.weights * found.judged.fits
+            mean = statistics.mean(own, Shares(fits, found.masks_before, own))
+            known = np.where(np.isfinite(mean), self.areas, 0)
+            middles.append(known @ np.nan_to_num(mean) / known.sum() if known.any() else 0.0)
+        return np.array(middles)
 
     def phases(self, entries: Sequence[Entry], found: Round) -> FloatArray:
         """Part the variance of each channel, (C, 4), by the middles of edges, where values are
@@ -330,20 +362,71 @@ class Work:
         """
         ends = self.template.edges
         areas = edge_areas(self.template) * self.mask[ends].mean(axis=1)
-        middles = found.middles(self)
+        middles = self._middles(found)
         sums = [[Moments.at(len(ends)) for _ in middles] for _ in range(2)]
         counting = np.flatnonzero(found.judged.fits & (self.weights > 0)).tolist()
-        by = {"drift": found.drift_file, "at": "edges"}
-        rows = [
-            self._carrying(self.cohort.subjects[i], registration=entries[i].path, **by)
+        tasks = [
+            self._by_registration(self.cohort.subjects[i], entries[i], found.drift_file, True)
             for i in counting
         ]
-        for i, entry in zip(counting, self._solve(rows, "parting position and value"), strict=True):
-            checkpoint()
-            carried = entry.load()
-            for part, there in zip(sums, (carried.before, carried.after), strict=True):
-                _add(part, there, self.weights[i], middles)
+        with closing(self._carry(tasks, "parting position and value")) as answers:
+            for i in counting:
+                answer = next(answers)
+                if answer.value is None:
+                    name = one_line(self.cohort.subjects[i].name, 60)
+                    raise ResultError(f"{name} was not carried: {answer.record.reason}")
+                for part, there in zip(sums, answer.value[:2], strict=True):
+                    _add(part, there, self.weights[i], middles)
         return np.array([phase_and_amplitude(x, y, areas) for x, y in zip(*sums, strict=True)])
+
+    def population(
+        self, found: Round, changes: Sequence[float], phases: FloatArray, order: IntArray
+    ) -> Population:
+        """Return what a round came to, with the subjects in another order."""
+        cohort, judged = self.cohort, found.judged
+        channel_weights = np.zeros(len(cohort.channels))
+        channel_weights[cohort.registered_by] = self.channel_weights
+        numbers = [
+            [like.correlation, like.distance, like.log2_area, *facts]
+            for like, facts in zip(judged.likeness, found.facts, strict=True)
+        ]
+        everywhere = [np.ones(len(self.template.faces))] * len(cohort.subjects)
+        counts = Shares(self.weights * judged.fits, everywhere)
+
+        def ordered(texts: Sequence[str]) -> tuple[str, ...]:
+            return tuple(texts[i] for i in order)
+
+        def stacked(arrays: FloatArray) -> FloatArray:
+            if (order == np.arange(len(order))).all():
+                return arrays
+            stack = Stack(self._targets())
+            for i in order:
+                stack.add(arrays[i])
+            return stack.array()
+
+        return Population(
+            self.template,
+            cohort.channels,
+            ordered([subject.name for subject in cohort.subjects]),
+            self.weights[order],
+            channel_weights,
+            judged.fits[order],
+            ordered(judged.reasons),
+            ordered(found.verdicts),
+            ordered(found.digests),
+            stacked(found.before),
+            stacked(found.after),
+            stacked(found.masks_before),
+            stacked(found.masks),
+            self.mask,
+            np.array(numbers)[order],
+            phases,
+            statistics.mean(found.log2_areas, counts),
+            statistics.deviation(found.log2_areas, counts),
+            found.drift,
+            np.array(changes),
+            self.settings.bound,
+        )
 
     def _function_written(self, name: str, values: FloatArray) -> str:
         """Write values (V,), and return the text of the function that they are."""

@@ -3,7 +3,6 @@
 import gc
 import json
 import threading
-import time
 from importlib.metadata import PackageNotFoundError, version
 from unittest.mock import Mock
 
@@ -11,11 +10,10 @@ import pytest
 from distributed import Client, LocalCluster
 
 import abfm
-from abfm.batch import Cluster, Row, Workers, local_cluster, on_dask, run
-from abfm.batch.local_cluster import mend
-from abfm.batch.run import CONNECTING, ENDED, NO_WORKERS, LostError
+from abfm.batch import Cluster, Workers, on_dask, run
+from abfm.batch.cluster import CONNECTING, NO_WORKERS, LostError
+from abfm.batch.run import ENDED
 from abfm.errors import AbfmError, ResultError
-from abfm.workers.process import ProcessEndedError
 from abfm.workers.progress import telling
 from tests.core.batch.rows import ONE, Deadly, pair, results
 from tests.messages import check_message, raises
@@ -40,7 +38,7 @@ def elsewhere():
         yield cluster
 
 
-def test_two_workers_find_the_same_files_and_survive_a_deadly_row(alone, tmp_path, capfd):
+def test_two_processes_find_the_same_files_and_survive_a_deadly_row(alone, tmp_path, capfd):
     deadly = Deadly("deadly", pair(target=30).options)
     lost, before = pair("lost", mesh="nowhere.off"), children()
     rows = [*ROWS[:2], lost, deadly, *ROWS[2:]]
@@ -48,60 +46,11 @@ def test_two_workers_find_the_same_files_and_survive_a_deadly_row(alone, tmp_pat
     by_name = {entry.row.name: entry for entry in entries if entry.state != "done"}
     assert by_name.keys() == {"deadly", "lost"}
     assert (by_name["deadly"].reason, by_name["deadly"].record.tries) == (ENDED, 3)
+    assert {entry.record.tries for entry in entries if entry.row is not deadly} == {1}
     assert results(tmp_path) == alone
     assert not list(tmp_path.rglob(".abfm-*"))
     assert children() == before
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("deaths", [2, 4])
-def test_processes_of_this_machine_that_end_are_started_again_a_few_times(
-    deaths, alone, elsewhere, tmp_path, monkeypatch
-):
-    starts = []
-
-    def start(module, changed):
-        """A process that has a cluster; the first few end before it has."""
-        starts.append(module)
-        answer = {"return_value": elsewhere.scheduler_address}
-        return Mock(receive=Mock(**{"side_effect": ProcessEndedError} if died() else answer))
-
-    def died():
-        return len(starts) <= deaths
-
-    monkeypatch.setattr("abfm.batch.on_dask.OwnProcess", start)
-    if deaths == 4:
-        with raises(ResultError, 4):
-            run(ROWS, tmp_path, Cluster(jobs=2))
-    else:
-        run(ROWS, tmp_path, Cluster(jobs=2))
-        assert results(tmp_path) == alone
-    assert starts == ["abfm.batch.local_cluster"] * min(deaths + 1, 4)
-
-
-def test_workers_that_dask_gives_up_are_started_anew():
-    options = {"processes": False, "n_workers": 2, "threads_per_worker": 1}
-    with LocalCluster(**options, dashboard_address="127.0.0.1:0", silence_logs=60) as cluster:
-        assert mend(cluster, 2) == 2
-        first, second = cluster.workers.values()
-        cluster.sync(first.close)
-        assert mend(cluster, 2) == 1
-        with cluster.get_client() as client:
-            client.wait_for_workers(2, timeout=60)
-            while mend(cluster, 2) < 2:
-                time.sleep(0.05)
-            assert first not in cluster.workers.values()
-            assert second in cluster.workers.values()
-
-
-def test_a_cluster_of_this_machine_ends_where_no_worker_is_left(monkeypatch):
-    left, ends = iter([2, 1, 2, 0]), []
-    monkeypatch.setattr(local_cluster, "_EVERY", 0)
-    monkeypatch.setattr(local_cluster, "mend", lambda cluster, count: next(left))
-    monkeypatch.setattr(local_cluster, "_end", ends.append)
-    local_cluster._tend(None, 2)
-    assert ends == [1]
-    assert next(left, None) is None
 
 
 @pytest.mark.parametrize("is_seen", [True, False])
@@ -199,7 +148,7 @@ def test_a_scheduler_file_that_may_not_be_read_is_told(tmp_path, monkeypatch):
 
 
 def test_workers_are_waited_for_and_that_is_told(alone, tmp_path, monkeypatch):
-    monkeypatch.setattr(on_dask, "_COUNTS_EVERY", 0.2)
+    monkeypatch.setattr(on_dask, "_COUNT_SECONDS", 0.2)
     told = []
 
     def note(step):
@@ -237,9 +186,7 @@ def test_a_cluster_without_abfm_is_refused():
     on_dask._check_alike(client)
 
 
-def test_several_processes_need_dask(tmp_path, monkeypatch):
-    monkeypatch.setattr("abfm.batch.on_dask.find_spec", lambda name: None)
+def test_a_cluster_needs_dask(tmp_path, monkeypatch):
+    monkeypatch.setattr(on_dask, "find_spec", lambda name: None)
     with raises(AbfmError, "abfm[cluster]"):
-        run(ROWS, tmp_path, Cluster(jobs=2))
-    (entry,) = run([Row("r", pair().options)], tmp_path, Cluster(jobs=2))
-    assert entry.state == "done"  # one row needs one process
+        run(ROWS, tmp_path, Cluster(scheduler="tcp://1"))

@@ -3,23 +3,25 @@
 import multiprocessing
 import os
 import signal
+import sys
 import tempfile
 import threading
-import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from abfm import Monitor, ParameterError, Parameters, Problem, match, solve_many
-from abfm.matching.solve_many import _meshes, _Task
+from abfm import ParameterError, Parameters, Problem, match, solve_many
 from abfm.parameters import PAPER
+from abfm.workers.executor import Processes
 from tests.core.fields import bump
 from tests.messages import raises
 from tests.shapes import icosphere
 
+solve_many_module = sys.modules["abfm.matching.solve_many"]
 SPHERE, OTHER = icosphere(2), icosphere(2, 1.1)
 QUICK = Parameters.of(iterations=5)
 ENDLESS = Parameters.of(
@@ -57,27 +59,6 @@ def test_matches_are_those_of_match_in_the_order_of_the_problems_with_their_mesh
     assert list(solve_many([], executor)) == []
 
 
-def test_all_tell_what_they_have_come_to_and_end_with_their_best_when_stopped(executor):
-    monitor = Monitor()
-    matches = solve_many([problem(index, ENDLESS) for index in range(4)], executor, monitor=monitor)
-
-    def stop():
-        end = time.monotonic() + 60
-        while not {0, 1} <= {k for k, told in monitor.reports.items() if told.iteration > 3}:
-            assert time.monotonic() < end
-            time.sleep(0.01)
-        monitor.stop()
-
-    stopping = threading.Thread(target=stop)
-    stopping.start()
-    found = list(matches)
-    stopping.join()
-    assert 2 <= len(found) < 4  # those that had not begun are left out
-    for one in found:
-        assert one.stop_reason == "cancelled"
-        assert one.energy_history[-1, 0] < one.energy_history[0, 0]
-
-
 def test_problems_under_way_stop_when_no_more_are_asked_for(executor):
     matches = solve_many([problem(0), problem(1, ENDLESS), problem(2, ENDLESS)], executor)
     next(matches)
@@ -94,37 +75,34 @@ def test_an_error_comes_in_the_place_of_its_problem(executor):
 
 
 class Elsewhere(Executor):
-    """Runs a task as in another process, which may see a folder in place of this one's."""
-
-    def __init__(self, folder=None):
-        self.folder, self.sizes = folder, []
-        _meshes._kept.clear()
+    """Runs a task as on another machine, which does not see the files of this one."""
 
     def submit(self, function, task, /):
         future = Future()
-        _meshes.here.clear()
-        self.sizes.append(sum(map(len, task.parcel.values.values())))
-        future.set_result(function(task._replace(folder=self.folder or task.folder)))
+        future.set_result(function(task._replace(wanted=Path("/nowhere"))))
         return future
 
 
-def test_who_does_not_see_the_files_gets_the_mesh_with_the_problem(folder):
-    elsewhere = Elsewhere(folder / "not here")
-    [found] = solve_many([problem(0)], elsewhere)
+def test_other_machines_need_no_files_and_keep_a_mesh():
+    solve_many_module._mesh.cache_clear()
+    problems = [problem(index) for index in range(3)]
+    found = list(solve_many(problems, Elsewhere()))
+    assert_array_equal(found[0].velocity, match(problems[0]).velocity)
+    assert solve_many_module._mesh.cache_info().misses == 1
+
+
+def test_processes_of_this_machine_match_alike():
+    processes = Processes(2)
+    (found,) = solve_many([problem(0)], processes)
+    processes.shutdown()
     assert_array_equal(found.velocity, match(problem(0)).velocity)
-    assert elsewhere.sizes[0] == 0 < elsewhere.sizes[1]
-
-
-def test_a_process_reads_a_mesh_once(monkeypatch):
-    read, usual = [], _Task.mesh
-    monkeypatch.setattr(_Task, "mesh", lambda *given: read.append(given) or usual(*given))
-    assert len(list(solve_many([problem(index) for index in range(3)], Elsewhere()))) == 3
-    assert len(read) == 1
 
 
 def test_a_process_that_is_killed_is_told():
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as processes:
         pid = processes.submit(os.getpid).result()
-        monitor = Monitor(lambda report: os.kill(pid, signal.SIGKILL))
+        killing = threading.Timer(1, os.kill, (pid, signal.SIGKILL))
+        killing.start()
         with pytest.raises(BrokenProcessPool):
-            list(solve_many([problem(0, ENDLESS)], processes, monitor=monitor))
+            list(solve_many([problem(0, ENDLESS)], processes))
+        killing.join()

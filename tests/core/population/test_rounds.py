@@ -2,8 +2,8 @@
 process: that others solve them alike is tested with batches.
 """
 
-import shlex
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from abfm.functions import quoted
 from abfm.io import write_surface
 from abfm.mesh.shapes import even_sphere
 from abfm.population import Channel, Cohort, Settings, Subject
-from abfm.population.carrying import Carrying, load_carried
+from abfm.population.carrying import Carrying
 from abfm.population.target import Target
 from abfm.population.work import Work
 from abfm.workers.control import CancelledError, Control
@@ -50,21 +50,29 @@ def field(number):
 
 @pytest.fixture(scope="module", autouse=True)
 def names():
-    """Solve rows here; names of those that were."""
+    """Solve rows and carry here; names of those that were."""
     names = []
+
+    def compute(self, computations, control):
+        for each in computations:
+            if control.cancelled:
+                return
+            names.append(f"{each.subject.name}, carried")
+            yield attempt(Task(each, contents={}))
 
     def run(self, rows, folder, *, on_change, control):
         ledger = Ledger(folder)
         identity = ledger.make()
         for row in rows:
             if ledger.entry(row).state != "done" and not control.cancelled:
-                names.append(row.name if row.kind == "registration" else f"{row.name}, carried")
+                names.append(row.name)
                 record = attempt(Task(row, str(ledger.folder), identity, {})).record
                 on_change(ledger.record(row, record))
         return ledger.entries(rows)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Workers, "run", run)
+        patch.setattr(Workers, "compute", compute)
         yield names
 
 
@@ -73,6 +81,11 @@ def solved(names):
     """Names of rows that a test solves."""
     names.clear()
     return names
+
+
+def registered(names):
+    """Names of the rows that were registered, and not carried."""
+    return [name for name in names if not name.endswith(", carried")]
 
 
 class Place:
@@ -279,16 +292,14 @@ def test_fields_are_those_that_made_the_subjects(usual, kept):
 
 def test_it_goes_on_and_does_nothing_twice(kept, usual, solved):
     again = kept.registered(held_out=["label"])
-    assert solved == []
-    results = [kept.folder / "out" / f"{usual.digests[2]}.npz"]
-    results += sorted((kept.folder / "out" / "carried").glob("*.npz"))[:3]
-    contents = [result.read_bytes() for result in results]
-    for result in results:
-        result.unlink()
+    assert registered(solved) == []
+    result = kept.folder / "out" / f"{usual.digests[2]}.npz"
+    content = result.read_bytes()
+    result.unlink()
     third = kept.registered(held_out=["label"])
-    assert len(solved) == 4
-    assert [name for name in solved if not name.endswith(", carried")] == ["over"]
-    assert [result.read_bytes() for result in results] == contents
+    assert registered(solved) == ["over"]
+    assert result.read_bytes() == content
+    assert not list((kept.folder / "out" / "targets").glob("tmp*"))
     for other in (again, third):
         other.save(kept.folder / "other.npz")
         usual.save(kept.folder / "usual.npz")
@@ -296,44 +307,41 @@ def test_it_goes_on_and_does_nothing_twice(kept, usual, solved):
         assert one == two
 
 
-@pytest.mark.parametrize("at", ["", "edges"])
-def test_what_is_carried_is_the_same_where_files_are_sent(kept, usual, tmp_path, at):
+@pytest.mark.parametrize("at_edges", [False, True])
+def test_what_is_carried_is_the_same_where_files_are_sent(kept, usual, at_edges):
     """As to workers that see no folder; also of a subject without a channel that is held out."""
     out, first = kept.folder / "out", kept.subjects[0]
-    row = Carrying(
-        "plus",
-        {
-            "surface": kept.template,
-            "template": kept.template,
-            "functions": shlex.join((first.functions[0], "")),
-            "mask": "expression:1 + 0.5*x",
-            "registration": out / f"{usual.digests[0]}.npz",
-            "drift": next((out / "targets").glob("round-2-drift-*.npy")),
-            "at": at,
-        },
+    mask, drift = "expression:1 + 0.5*x", next((out / "targets").glob("round-2-drift-*.npy"))
+    one = Carrying(
+        replace(first, functions=(first.functions[0], ""), mask=mask),
+        str(kept.template),
+        registration=str(out / f"{usual.digests[0]}.npz"),
+        drift=str(drift),
+        at_edges=at_edges,
     )
-    here = Ledger(tmp_path)
-    attempt(Task(row, str(here.folder), here.make()))
-    sent = attempt(seen_here(Task(row, str(tmp_path / "nowhere"), "unknown")))
-    assert sent.result == here.entry(row).path.read_bytes()
-    found = here.entry(row).load()
-    assert len(found.before.mask) == len(MESH.edges if at else MESH.vertices)
-    assert np.isnan(found.after.values).all(axis=0).tolist() == [False, True]
-    assert found.after.mask.min() < 0.9 < 1.1 < found.after.mask.max()
-
-
-def test_damaged_files_of_what_is_carried_are_told(kept, usual, tmp_path):
-    path = next((kept.folder / "out" / "carried").glob("*.npz"))
-    damaged = tmp_path / "carried.npz"
-    damaged.write_bytes(path.read_bytes()[:-300])
-    with raises(AbfmError):
-        load_carried(damaged)
+    task = Task(one)
+    here, whole = attempt(task).value, seen_here(task)
+    assert len(whole.contents) == 4
+    moved = [path.rename(path.with_suffix(".moved")) for path in map(Path, whole.contents)]
+    try:
+        assert attempt(task).is_blind
+        sent = attempt(whole).value
+    finally:
+        for path, name in zip(moved, whole.contents, strict=True):
+            path.rename(name)
+    for ends in ("before", "after"):
+        found, other = getattr(here, ends), getattr(sent, ends)
+        assert np.array_equal(found.values, other.values, equal_nan=True)
+        assert np.array_equal(found.mask, other.mask)
+    assert len(here.before.mask) == len(MESH.edges if at_edges else MESH.vertices)
+    assert np.isnan(here.after.values).all(axis=0).tolist() == [False, True]
+    assert here.after.mask.min() < 0.9 < 1.1 < here.after.mask.max()
 
 
 def test_the_order_of_subjects_says_nothing(kept, usual, solved):
     order = [3, 5, 0, 4, 1, 2]
     other = kept.registered(held_out=["label"], order=order)
-    assert solved == []
+    assert registered(solved) == []
     assert other.names == tuple(usual.names[i] for i in order)
     for name in ("values", "before", "masks", "fits", "numbers", "weights"):
         one, two = getattr(usual, name), getattr(other, name)
@@ -547,7 +555,7 @@ def test_landmarks_take_points_where_functions_tell_nothing(tmp_path, solved):
     solved.clear()
     mark(MESH.vertices[near])
     other = place.registered(own)
-    assert [name for name in solved if not name.endswith(", carried")] == ["b"]
+    assert registered(solved) == ["b"]
     assert other.displacement[1] < 0.1 * found.displacement[1]
 
 
@@ -595,7 +603,7 @@ def test_weights_that_say_nothing_change_no_row(tmp_path, solved):
     place.registered(Settings(options=BRIEF, rounds=1))
     solved.clear()
     place.registered(Settings(options=BRIEF, rounds=1, weights={"height": 1.0}))
-    assert solved == []
+    assert registered(solved) == []
 
 
 def test_who_cannot_be_carried_is_told_and_stops_nobody(tmp_path):
@@ -680,8 +688,7 @@ def test_it_ends_when_asked_and_goes_on_later(tmp_path, solved):
         place.registered(on_change=lambda entry: control.cancel(), control=control)
     assert len(solved) == 4  # three of them to find the first target
     found = place.registered(Settings(options=BRIEF, rounds=1))
-    registered = [name for name in solved if not name.endswith(", carried")]
-    assert sorted(registered) == ["minus", "plus", "still"]
+    assert sorted(registered(solved)) == ["minus", "plus", "still"]
     assert found.fits.all()
 
 

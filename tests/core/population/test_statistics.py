@@ -1,19 +1,24 @@
 """Means, deviations and their parts against NumPy, and against what is known of them."""
 
 import math
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from abfm.errors import ResultError
+from abfm.population.round import Stack
 from abfm.population.statistics import (
     Moments,
     Others,
+    Shares,
     correlation,
     deviation,
     mean,
     phase_and_amplitude,
     relative_distance,
 )
+from tests.messages import raises
 
 RNG = np.random.default_rng(5)
 VALUES, AREAS = RNG.normal(size=(6, 40)), RNG.uniform(0.5, 2, 40)
@@ -154,3 +159,32 @@ def test_points_that_are_not_known_both_before_and_after_are_left_out():
 def test_without_variance_there_are_no_parts():
     x = np.stack([np.sin(ANGLES)] * 3)
     assert phase_and_amplitude(moments(x), moments(x), np.ones(400))[:3] == (0, 0, 0)
+
+
+def test_stacks_are_kept_in_a_file_that_goes_with_them(tmp_path):
+    stack = Stack(tmp_path)
+    for values in VALUES:
+        stack.add(values)
+    found = stack.array()
+    assert np.array_equal(found, VALUES)
+    with pytest.raises(ValueError, match="read-only"):
+        found[0] = 1
+    assert list(tmp_path.iterdir()) == []
+    with raises(ResultError, "nowhere"):
+        Stack(tmp_path / "nowhere")
+
+
+def test_full_disk_is_reported(tmp_path):
+    stack = Stack(tmp_path)
+    stack._file = Mock(write=Mock(side_effect=OSError(28, "No space left on device")))
+    with raises(ResultError, tmp_path.name, "No space left"):
+        stack.add(VALUES)
+
+
+def test_shares_are_weights_times_masks_where_values_are_known():
+    values = VALUES.copy()
+    values[1, 2] = np.nan
+    shares = Shares(np.arange(6.0), 0.5 * ONES, values)
+    assert len(shares) == 6
+    assert shares[1][:4].tolist() == [0.5, 0.5, 0, 0.5]
+    assert [each[0] for each in shares] == [0, 0.5, 1, 1.5, 2, 2.5]

@@ -59,10 +59,8 @@ def anew(before, after):
 
 
 def victims(client):
-    """Return numbers of processes by what they are: of the client and of its own cluster."""
-    holders, workers = [], []
+    """Return numbers of processes by what they are: of the client and of its own workers."""
+    workers = []
     with suppress(psutil.NoSuchProcess):
-        holders = psutil.Process(client).children()
-        below = [each for holder in holders for each in holder.children()]
-        workers = [each.pid for each in below if "spawn_main" in " ".join(each.cmdline())]
-    return {"client": [client], "scheduler": [each.pid for each in holders], "worker": workers}
+        workers = [each.pid for each in psutil.Process(client).children()]
+    return {"client": [client], "worker": workers}

@@ -1,0 +1,119 @@
+"""Calls in several processes as a `concurrent.futures.Executor`, and one loop over any executor."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextvars import Context, copy_context
+from functools import partial
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
+
+from abfm.workers.progress import tell, telling
+from abfm.workers.worker import Worker, stateless
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+ONE_THREAD = {
+    f"{name}_NUM_THREADS": "1" for name in ("OMP", "MKL", "OPENBLAS", "NUMBA", "VECLIB_MAXIMUM")
+}
+"""What makes compiled libraries compute in one thread: a call takes one core, and sums of several
+threads come out differently.
+"""
+ENDED = "the process has ended"
+CALLS_SUBMITTED_MAX = 2000
+"""Calls that an executor has at once: more than it has workers, and few enough to cancel quickly.
+"""
+_POLL_SECONDS = 0.1  # between two checks whether results are still wanted
+
+
+class Processes(Executor):
+    """Processes of this machine, each of which computes in one thread.
+
+    A process starts when a call first needs it. If a process dies, its call raises
+    `WorkerEndedError`; other calls are not affected, and the next call starts another process.
+    Steps of calls are reported to the thread that submitted them.
+
+    Parameters
+    ----------
+    count : int
+        How many processes there are at most.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._threads = ThreadPoolExecutor(count)  # each waits for one process
+        self._workers = [Worker(stateless, ENDED, ONE_THREAD) for _ in range(count)]
+        self._idle = self._workers[::-1]  # the last one is called next
+
+    def submit(
+        self, function: Callable[..., Result], /, *given: Any, **named: Any
+    ) -> Future[Result]:
+        call = partial(function, *given, **named)
+        return self._threads.submit(self._call, call, copy_context())
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Refuse further calls; ``cancel_futures`` also ends, at once, those under way."""
+        self._threads.shutdown(wait and not cancel_futures, cancel_futures=cancel_futures)
+        if wait or cancel_futures:
+            for worker in self._workers:
+                worker.close()
+        self._threads.shutdown(wait)
+
+    def _call(self, call: Callable[[], Result], submitted: Context) -> Result:
+        worker = self._idle.pop()
+        try:
+            with telling(lambda step: submitted.run(tell, step)):
+                return worker.call(_called, call).result()
+        finally:
+            self._idle.append(worker)
+
+
+def _called(state: None, call: Callable[[], Result]) -> Result:
+    return call()
+
+
+def completed(
+    submit: Callable[[Task], Future[Result]],
+    tasks: deque[Task],
+    is_wanted: Callable[[], bool],
+    most: int = CALLS_SUBMITTED_MAX,
+) -> Iterator[tuple[Task, Future[Result]]]:
+    """Submit tasks and yield each with its future as it ends, until no more are wanted. Nothing is
+    cancelled.
+
+    Parameters
+    ----------
+    submit : callable
+        Submits a task to an executor.
+    tasks : deque
+        They are taken from its left end; tasks that are added meanwhile are submitted, too.
+    is_wanted : callable
+        Whether to go on; called before each task that is submitted, and ten times a second.
+    most : int
+        How many tasks are submitted at once.
+    """
+    waiting, ended = dict[Future[Result], Task](), SimpleQueue[Future[Result]]()
+    while (tasks or waiting) and is_wanted():
+        if tasks and len(waiting) < most:
+            task = tasks.popleft()
+            future = submit(task)
+            waiting[future] = task
+            future.add_done_callback(ended.put)
+            continue
+        try:
+            future = ended.get(timeout=_POLL_SECONDS)
+        except Empty:
+            continue
+        yield waiting.pop(future), future
+
+
+def in_order(numbered: Iterable[tuple[int, Result]]) -> Iterator[Result]:
+    """Yield what comes with the numbers 0, 1, 2, ... in any order, in their order."""
+    early, following = dict[int, Result](), 0
+    for number, each in numbered:
+        early[number] = each
+        while following in early:
+            yield early.pop(following)
+            following += 1
