@@ -146,7 +146,7 @@ class Case(NamedTuple):
             f"{100 * self.noise:g}%",
             f"{self.displacement:g}",
             *error_cells(compared(found, moving.errors)),
-            f"{chosen.solver.order}, {chosen.alpha:g}, {found[1].sigma:.1g}",
+            f"{chosen.order}, {chosen.alpha:g}, {found[1].sigma:.1g}",
         ]
 
 

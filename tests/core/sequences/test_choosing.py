@@ -7,7 +7,6 @@ import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.sequences import SequenceParameters, Unfinished, defaults, load_sequence
 from abfm.sequences.choosing import NORMS, Norm, norms
-from abfm.sequences.parameters import checked_parameters
 from tests.core.sequences.films import turning
 from tests.messages import raises
 from tests.shapes import icosphere
@@ -32,7 +31,7 @@ def test_smooth_motion_without_noise_gets_the_smoother_norm(found):
     assert found.parameters.sigma is None
     assert "chosen by held-out data: alpha, order, sigma" in found.settings
     match = found[0].problem.parameters
-    assert (match.solver.order, match.alpha) == choice(found)[:2]
+    assert (match.order, match.alpha) == choice(found)[:2]
     assert type(match) is Parameters
 
 
@@ -55,13 +54,6 @@ def test_given_values_are_kept():
     assert kept.parameters.alpha == 0.5
     assert kept.sigma == 0.3
     assert kept.parameters.automatic == ("order",)
-
-
-def test_parameters_of_a_match_are_given():
-    plain = Parameters.of(alpha=0.5, order=1, sigma=0.2)
-    taken = checked_parameters(plain)
-    assert (taken.alpha, taken.solver.order, taken.sigma, taken.automatic) == (0.5, 1, 0.2, ())
-    assert checked_parameters(None) == checked_parameters(defaults()) == defaults()
 
 
 def test_only_the_norm_can_be_automatic():

@@ -137,7 +137,7 @@ def test_smoothness_in_time_brings_fields_of_noisy_frames_closer():
 
 
 def test_gamma_0_is_frame_by_frame(film):
-    absolute = FAST.with_values(sigma_unit="absolute")  # whatever other frames there are
+    absolute = replace(FAST, sigma_unit="absolute")  # whatever other frames there are
     alone = abfm.sequence(SPHERE, film[0][:2], parameters=absolute, gamma=0)
     among = abfm.sequence(SPHERE, film[0], parameters=absolute, gamma=0)
     assert_array_equal(among.velocity[0], alone.velocity[0])
@@ -403,7 +403,7 @@ def test_what_is_no_motion_ties_to_no_neighbour():
     assert whole.verdicts[2].kind == "impossible"
     scale = checked(SPHERE, whole.frames[:, :, 0], None, None, None).deviation
     alone = abfm.sequence(
-        SPHERE, moved, parameters=FAST.with_values(sigma=0.3 * scale, sigma_unit="absolute")
+        SPHERE, moved, parameters=replace(FAST, sigma=0.3 * scale, sigma_unit="absolute")
     )
     # but that sweeps end where the energy of all has settled
     apart = np.linalg.norm(whole.velocity[:2] - alone.velocity)
@@ -574,15 +574,10 @@ def test_files(found, tmp_path):
         (np.ones((2, 642)), {"mask": np.arange(642) - 1.0}, ("mask",)),
         (np.zeros((2, 642)), {"times": [-1e308, 1e308]}, ()),
         (np.zeros((2, 642)), {"weights": [1, 2]}, ()),
-        (np.zeros((2, 642)), {"parameters": abfm.Parameters.of(segments=2)}, ("segments",)),
+        (np.zeros((2, 642)), {"parameters": abfm.Parameters()}, ("parameters",)),
     ],
 )
 def test_what_does_not_fit_is_told_in_a_line(frames, given, named):
     with raises(AbfmError, *named) as error:
         abfm.sequence(SPHERE, frames, **given)
     assert "\n" not in str(error.value)
-
-
-def test_defaults_say_what_they_take():
-    with raises(AbfmError, "segments"):
-        defaults(segments=3)
