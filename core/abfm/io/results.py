@@ -20,7 +20,7 @@ from abfm.mesh.draft import NO_COPIES, FileNumbers
 from abfm.reading import Archive, open_plain
 from abfm.workers.control import CancelledError
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 """Of result files and of projects."""
 MEND = "match again and save, or take another copy of the file"
 LARGEST = 1e154
