@@ -21,7 +21,7 @@ def found():
 
 
 def choice(sequence):
-    return sequence.parameters.solver.order, sequence.parameters.alpha, sequence.sigma
+    return sequence.parameters.order, sequence.parameters.alpha, sequence.sigma
 
 
 def test_smooth_motion_without_noise_gets_the_smoother_norm(found):
@@ -31,7 +31,7 @@ def test_smooth_motion_without_noise_gets_the_smoother_norm(found):
     assert found.parameters.sigma is None
     assert "chosen by held-out data: alpha, order, sigma" in found.settings
     match = found[0].problem.parameters
-    assert (match.order, match.alpha) == choice(found)[:2]
+    assert (match.solver.order, match.alpha) == choice(found)[:2]
     assert type(match) is Parameters
 
 
