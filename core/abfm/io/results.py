@@ -473,6 +473,9 @@ def _check_indices(arrays: Arrays, prefix: str = "") -> None:
 
 
 def _check_parameters(text: str) -> None:
-    parameters = from_json(text)
+    try:
+        parameters = from_json(text)
+    except ValueError as error:
+        raise ValueError(f"parameters: {error}") from None
     if not isinstance(parameters, dict) or dict in map(type, parameters.values()):
         raise ValueError("parameters are not one flat JSON object")
