@@ -6,14 +6,14 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
 from abfm.errors import ParameterError, brief
-from abfm.parameters import FIELDS, Parameters, checked
+from abfm.parameters import FIELDS, Parameters, Settings
 
 CHOSEN = ("alpha", "order")
 """Parameters of the norm of fields, which are chosen unless they are given; so is sigma."""
 
 
 @dataclass(frozen=True)
-class SequenceParameters:
+class SequenceParameters(Settings):
     """Parameters of a sequence, as in `abfm.Parameters`; see `defaults`.
 
     Attributes
@@ -33,8 +33,7 @@ class SequenceParameters:
     automatic: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in TAKEN:
-            object.__setattr__(self, name, checked(FIELDS[name], getattr(self, name)))
+        super().__post_init__()
         unknown = [name for name in self.automatic if name not in CHOSEN]
         if unknown:
             raise ParameterError(
