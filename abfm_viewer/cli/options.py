@@ -116,9 +116,11 @@ def given_texts(
         name = option(name.strip())
         if name in map(option, MAIN_FIELDS):
             raise UsageError(f"--set {brief(word)}: {name} has its own option, --{name}")
-        if not sign or name not in rare:
-            nearest = did_you_mean(name, rare) or f": expected one of {', '.join(rare)}"
-            raise UsageError(f"--set {brief(word)} is not NAME=VALUE{nearest}")
+        if name not in rare:
+            nearest = did_you_mean(name, rare) or f"; expected one of {', '.join(rare)}"
+            raise UsageError(f"--set: {brief(name)} is not known{nearest}")
+        if not sign:
+            raise UsageError(f"--set {brief(word)} is not NAME=VALUE")
         yield name, text.strip()
     for each in inputs:
         if each.is_rare:
