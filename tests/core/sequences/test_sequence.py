@@ -421,7 +421,7 @@ def test_a_gap_in_time_is_matched_though_its_field_is_slow_beside_others():
 def test_what_squeezes_a_bump_is_no_motion_to_a_smaller_one_elsewhere():
     frames = np.concatenate([bumps([0], 0.4), bumps([3], 0.2)])
     film = checked(SPHERE, frames, None, None, None)
-    problem = film.problem(0, FAST)
+    problem = film.problem(0, FAST.of_interval(1.0, 0.3))
     functions = problem.functions
     gone = functions.source * 0.01  # as if all of it were squeezed away
     left = functions.residual(gone)
@@ -455,8 +455,8 @@ def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
     [told] = abfm.sequence(long, waves).verdicts
     check_message(told.reason)
     film = checked(mesh, [bump(0.0), bump(0.05)], None, None, None)
-    problem, levels = film.problem(0, FAST), noise_levels(film)
-    left = film.problem(0, FAST).functions.residual(problem.functions.source)
+    problem, levels = film.problem(0, FAST.of_interval(1.0, 0.3)), noise_levels(film)
+    left = film.problem(0, FAST.of_interval(1.0, 0.3)).functions.residual(problem.functions.source)
     still = Said(problem.functions.source, np.zeros((2, 3)), left, left, 0.0)
     told = verdict_of(problem, still, levels, True)
     check_message(told.reason, "0.88")
