@@ -17,7 +17,7 @@ def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
     If it is optional, "auto" is None.
     """
     entry = FIELDS[name]
-    noun = f"a {'whole ' * is_whole(entry)}number{' or auto' * is_optional}"
+    noun = f"a {'whole ' * is_whole(entry)}number{', nor auto' * is_optional}"
 
     @lru_cache(maxsize=1000)  # of a column's cells, most are alike
     def read(text: str) -> Any:
@@ -28,8 +28,7 @@ def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
             try:
                 value = int(text) if is_whole(entry) else parse_number(text)
             except ValueError:
-                given = f"{name} is {brief(text)}; expected {noun}"
-                raise ParameterError(f"{given}{hint(text)}") from None
+                raise ParameterError(f"{brief(text)} is not {noun}{hint(text)}") from None
         return checked(entry, value)
 
     return read
