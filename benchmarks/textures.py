@@ -135,8 +135,8 @@ class Case(NamedTuple):
         moving = moving_texture(mesh, self.texture, self.motion, self.displacement)
         frames = moving.noisy(self.noise, _NOISE_SEED)
         found = [
-            sequence(mesh, frames, parameters=defaults(**norm))
-            for norm in ({"order": 1, "alpha": 1.0}, {})
+            sequence(mesh, frames, parameters=each)
+            for each in (defaults(order=1, alpha=1.0), defaults())
         ]
         chosen = found[1].parameters
         return [
@@ -146,7 +146,7 @@ class Case(NamedTuple):
             f"{100 * self.noise:g}%",
             f"{self.displacement:g}",
             *error_cells(compared(found, moving.errors)),
-            f"{chosen.solver.order}, {chosen.alpha:g}, {found[1].sigma:.1g}",
+            f"{chosen.order}, {chosen.alpha:g}, {found[1].sigma:.1g}",
         ]
 
 

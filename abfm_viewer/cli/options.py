@@ -100,7 +100,7 @@ def add_inputs(
         name = each.name if each.is_argument else f"--{each.name}"
         groups[each.group].add_argument(name, **settings)
     if rare:
-        names = ", ".join(each.name for each in rare)
+        names = ", ".join(each.name.replace("-", "_") for each in rare)  # which do not wrap
         text = f"set one of {names}, which the README describes; repeatable"
         add = adder(groups[rare[0].group])
         add("--set", text, "NAME=VALUE", action="append", default=[])
@@ -110,16 +110,19 @@ def given_texts(
     arguments: argparse.Namespace, inputs: Sequence[Input]
 ) -> Iterator[tuple[str, str]]:
     """Yield the names and texts of the inputs that were given."""
-    rare = by_name(each for each in inputs if each.is_rare)
+    rare, settings = by_name(each for each in inputs if each.is_rare), dict[str, str]()
     for word in arguments.set if rare else ():
         name, sign, text = word.partition("=")
         name = option(name.strip())
         if name in map(option, MAIN_FIELDS):
             raise UsageError(f"--set {brief(word)}: {name} has its own option, --{name}")
-        if not sign or name not in rare:
-            nearest = did_you_mean(name, rare) or f": expected one of {', '.join(rare)}"
-            raise UsageError(f"--set {brief(word)} is not NAME=VALUE{nearest}")
-        yield name, text.strip()
+        if name not in rare:
+            nearest = did_you_mean(name, rare) or f"; expected one of {', '.join(rare)}"
+            raise UsageError(f"--set: {brief(name)} is not known{nearest}")
+        if not sign:
+            raise UsageError(f"--set {brief(word)} is not NAME=VALUE")
+        settings[name] = text.strip()  # the last one counts, as of options
+    yield from settings.items()
     for each in inputs:
         if each.is_rare:
             continue

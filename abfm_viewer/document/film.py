@@ -43,7 +43,7 @@ def settings_of(sequence: abfm.Sequence) -> FilmSettings:
     """Return the settings that a sequence was found with."""
     given = sequence.parameters
     alpha = None if "alpha" in given.automatic else given.alpha
-    order = None if "order" in given.automatic else given.solver.order
+    order = None if "order" in given.automatic else given.order
     return FilmSettings(alpha, given.sigma, sequence.gamma, order)
 
 

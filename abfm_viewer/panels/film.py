@@ -140,7 +140,7 @@ def _chosen(document: FilmDocument) -> str:
     words = [
         f"{word} {value:.3g}"
         for word, given, value in (
-            ("order", settings.order, used.solver.order),
+            ("order", settings.order, used.order),
             ("α", settings.alpha, used.alpha),
             ("σ", settings.sigma, sequence.sigma),
         )

@@ -5,17 +5,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from abfm import Parameters
-from abfm.parameters import (
-    CHOICES,
-    FIELDS,
-    KEEPING_AREAS,
-    LAST,
-    NOTE,
-    TABLE_1,
-    TITLES,
-    is_whole,
-    row_of,
-)
+from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST, TABLE_1, is_whole, row_of
 from abfm.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
@@ -151,7 +141,7 @@ def _preset(ui: Ui, session: Session) -> None:
     rows = {row.name: row for row in TABLE_1.values()}
     tips = {_OWN: ""} if shown == _OWN else {}
     tips[_DEFAULTS] = "What is best for most meshes and functions."
-    tips |= {name: f"{TITLES[row.figure]}\n\n{NOTE}" for name, row in rows.items()}
+    tips |= {name: row.about for name, row in rows.items()}
     about = "All parameters at once: the defaults, or a row of the paper's Table 1."
     chosen = ui.combo("preset", shown, tips, f"{about}\n\n{tips[shown]}".strip())
     if chosen == shown:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import Field, asdict, dataclass, field, fields, replace
 from typing import Any, Literal, NamedTuple, Self, get_args, get_origin, get_type_hints
 
@@ -102,8 +103,47 @@ def _of(name: str, default: Any, symbol: str = "", range: Range | None = None) -
     return field(default=default, metadata=about)
 
 
+def is_whole(entry: Field[Any]) -> bool:
+    """Return whether a parameter is a whole number, or None."""
+    return str(entry.type).startswith("int")
+
+
+def checked(entry: Field[Any], value: Any) -> Any:
+    """Return the value of a parameter as Python's own number or text, checked alone.
+
+    Raises
+    ------
+    ParameterError
+        If it is out of range, not a number, or not one of the choices.
+    """
+    if value is None and entry.default is None:
+        return None
+    if choices := CHOICES.get(entry.name):
+        if isinstance(value, str) and value in choices:
+            return value
+        expected = " or ".join(map(repr, choices))
+    else:
+        range: Range = entry.metadata["range"]
+        kind = int if is_whole(entry) else float
+        with suppress(TypeError, ValueError, OverflowError):
+            number = math.nan if isinstance(value, bool) else kind(value)
+            if number == value and math.isfinite(number) and range.holds(value):
+                return number
+        expected = f"{'a whole number' if kind is int else 'a number'} {range}"
+    raise ParameterError(f"{entry.name} is {brief(value)}; expected {expected}")
+
+
+class Settings:
+    """Base of frozen dataclasses whose fields are parameters, which it checks."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if name in FIELDS:
+                object.__setattr__(self, name, checked(FIELDS[name], value))
+
+
 @dataclass(frozen=True)
-class SolverSettings:
+class SolverSettings(Settings):
     """Settings of the minimisation and of its continuation; see `Parameters` for their fields."""
 
     order: int = _of("order", 2, "", Range(1, 2))
@@ -115,12 +155,9 @@ class SolverSettings:
     max_displacement: float = _of("max_displacement", 0.1, "", _ABOVE_0)
     tolerance: float = _of("tolerance", 1e-4, "", _FROM_0)
 
-    def __post_init__(self) -> None:
-        _check(self)
-
 
 @dataclass(frozen=True)
-class PaperSettings:
+class PaperSettings(Settings):
     """Settings that reproduce the paper's scheme; see `Parameters` for their fields."""
 
     sigma_unit: Literal["relative", "absolute"] = _of("sigma_unit", "relative")
@@ -133,60 +170,9 @@ class PaperSettings:
     stage_iterations: int = _of("stage_iterations", 0, "*", _WHOLE_FROM_0)
     preconditioner: Literal["hodge", "none"] = _of("preconditioner", "hodge")
 
-    def __post_init__(self) -> None:
-        _check(self)
-
-
-CHOICES: dict[str, tuple[str, ...]] = {
-    name: get_args(hint)
-    for name, hint in get_type_hints(PaperSettings).items()
-    if get_origin(hint) is Literal
-}
-
-
-def is_whole(entry: Field[Any]) -> bool:
-    """Return whether a parameter is a whole number, or None."""
-    return str(entry.type).startswith("int")
-
-
-def _check(settings: Any) -> None:
-    """Set the fields of settings to their checked values."""
-    for entry in fields(settings):
-        if entry.metadata:
-            object.__setattr__(settings, entry.name, checked(entry, getattr(settings, entry.name)))
-
-
-def checked(entry: Field[Any], value: Any) -> Any:
-    """Return the value of a parameter alone, or raise a ParameterError."""
-    return (_checked_choice if entry.name in CHOICES else _checked_number)(entry, value)
-
-
-def _checked_choice(entry: Field[Any], value: Any) -> str:
-    if isinstance(value, str) and value in CHOICES[entry.name]:
-        return value
-    expected = " or ".join(map(repr, CHOICES[entry.name]))
-    raise ParameterError(f"{entry.name} is {brief(value)}; expected {expected}")
-
-
-def _checked_number(entry: Field[Any], value: Any) -> float | None:
-    """Return a value as one of Python's own numbers, or the None that a default is."""
-    if value is None and entry.default is None:
-        return None
-    range: Range = entry.metadata["range"]
-    kind = int if is_whole(entry) else float
-    try:
-        number = math.nan if isinstance(value, bool) else kind(value)
-        fits = number == value and math.isfinite(number) and range.holds(value)
-    except (TypeError, ValueError, OverflowError):
-        fits = False
-    if not fits:
-        name = "a whole number" if kind is int else "a number"
-        raise ParameterError(f"{entry.name} is {brief(value)}; expected {name} {range}")
-    return number
-
 
 @dataclass(frozen=True)
-class Parameters:
+class Parameters(Settings):
     """Parameters of a match; lengths and areas are those of the mesh scaled to unit area.
 
     The metadata of each field, of `SolverSettings` and `PaperSettings` as well, has its ``symbol``
@@ -207,11 +193,11 @@ class Parameters:
     landmark_sigma: float = _of("landmark_sigma", 0.01, "", _ABOVE_0)
     goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
     refine: int | None = _of("refine", None, "", Range(0, MOST_REFINED))
-    solver: SolverSettings = SolverSettings()
-    paper: PaperSettings = PaperSettings()
+    solver: SolverSettings = field(default_factory=SolverSettings)
+    paper: PaperSettings = field(default_factory=PaperSettings)
 
     def __post_init__(self) -> None:
-        _check(self)
+        super().__post_init__()
         for name, kind in NESTED.items():
             if not isinstance(value := getattr(self, name), kind):
                 raise ParameterError(f"{name} is {brief(value)}; expected abfm.{kind.__name__}()")
@@ -267,18 +253,11 @@ class Parameters:
         return {name: value for name, value in self.to_dict().items() if value != usual[name]}
 
     def with_values(self, **values: Any) -> Self:
-        """Return the same with other values of some parameters, by the names of `to_dict`.
-
-        Raises
-        ------
-        ParameterError
-            If a name is unknown, or a value does not fit.
-        """
+        """Return the same with other values of some parameters, by the names of `to_dict`."""
         known = self.to_dict()
         if unknown := sorted(values.keys() - known.keys()):
-            raise ParameterError(
-                f"unknown parameter {brief(unknown[0])}; expected one of {', '.join(sorted(known))}"
-            )
+            names = ", ".join(sorted(known))
+            raise ParameterError(f"unknown parameter {brief(unknown[0])}; expected one of {names}")
         parts = {}
         for name, kind in NESTED.items():
             own = {each.name: values.pop(each.name) for each in fields(kind) if each.name in values}
@@ -287,24 +266,20 @@ class Parameters:
 
     @classmethod
     def of(cls, **values: Any) -> Self:
-        """Return parameters by the names of `to_dict`; missing ones take their defaults.
-
-        Raises
-        ------
-        ParameterError
-            If a name is unknown, or a value does not fit.
-        """
+        """Return parameters by the names of `to_dict`; missing ones take their defaults."""
         return cls().with_values(**values)
 
 
-NESTED: dict[str, type[SolverSettings | PaperSettings]] = {
-    "solver": SolverSettings,
-    "paper": PaperSettings,
-}
-MAIN_FIELDS = {entry.name: entry for entry in fields(Parameters) if entry.name not in NESTED}
+NESTED = {"solver": SolverSettings, "paper": PaperSettings}
+MAIN_FIELDS = {each.name: each for each in fields(Parameters) if each.name not in NESTED}
 """The declarations of the parameters that most users set."""
-FIELDS = MAIN_FIELDS | {entry.name: entry for kind in NESTED.values() for entry in fields(kind)}
+FIELDS = MAIN_FIELDS | {each.name: each for kind in NESTED.values() for each in fields(kind)}
 """The declarations of all parameters, by name, in the order of `Parameters.to_dict`."""
+CHOICES: dict[str, tuple[str, ...]] = {
+    name: get_args(hint)
+    for name, hint in get_type_hints(PaperSettings).items()
+    if get_origin(hint) is Literal
+}
 
 
 def option(name: str) -> str:
@@ -355,6 +330,10 @@ class Row:
     @property
     def name(self) -> str:
         return f"Fig. {self.figure}"
+
+    @property
+    def about(self) -> str:
+        return f"{TITLES[self.figure]}\n\n{NOTE}"
 
     @property
     def values(self) -> dict[str, Any]:

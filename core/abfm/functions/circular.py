@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import AbfmWarning, FunctionError, ParameterError, brief
 from abfm.functions.family import POSITIVE, Family, Spec, choice, parameter
+from abfm.functions.sides import warn_once
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray
@@ -131,10 +132,7 @@ def warn_of_period(mesh: TriangleMesh, values: FloatArray, period: float) -> Non
         f"values jump by about {_PERIODS[found]} between neighbours, and their period is "
         f"{_PERIODS.get(period, f'{period:g}')}: give the period that they have"
     )
-    reported = mesh.cache.setdefault(warn_of_period, set())
-    if text not in reported:
-        reported.add(text)
-        warnings.warn(text, AbfmWarning, stacklevel=3)
+    warn_once(mesh, text)
 
 
 def phase_warning(mesh: TriangleMesh, rows: FloatArray) -> str:

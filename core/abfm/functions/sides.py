@@ -13,10 +13,16 @@ def warn_of_sides(mesh: TriangleMesh, path: str | os.PathLike[str], side: str = 
     """Warn once if a surface and a file, of this side by its metadata, are of two hemispheres."""
     own = side_of(mesh.structure)
     text = _difference(mesh.file_name or "the surface", own, path, side or hemisphere(path))
-    reported = mesh.cache.setdefault(warn_of_sides, set())
-    if text and text not in reported:
+    if text:
+        warn_once(mesh, text)
+
+
+def warn_once(mesh: TriangleMesh, text: str) -> None:
+    """Warn, unless this text was a warning about the mesh before."""
+    reported = mesh.cache.setdefault(warn_once, set())
+    if text not in reported:
         reported.add(text)
-        warnings.warn(text, AbfmWarning, stacklevel=3)
+        warnings.warn(text, AbfmWarning, stacklevel=4)
 
 
 def warn_of_mixed_sides(mesh: TriangleMesh, paths: Iterable[str]) -> None:

@@ -230,13 +230,13 @@ class _Parser:
         if not self.take(":"):
             if not re.compile(r"[+)]|$").match(self.text, self.position):
                 self.fail(f"':' after {name}")
-            return _build(cls, [])
+            return cls(**_values(cls, []))
         if cls.is_open_ended:
             return cls(**{str(cls.positional): self.formula()})
         if issubclass(cls, Scaled | Circular):
             return self.wrapped(cls, depth)
         if cls is not Permuted:
-            return _build(cls, self.arguments())
+            return cls(**_values(cls, self.arguments()))
         path = _unquoted(self.take(_QUOTED) or self.take(r"[^(]*"))
         if not self.take(r"\("):
             self.fail("'(' and the function to compose, as in permuted:map.txt(gaussian:vertex=1)")
@@ -287,10 +287,6 @@ class _Parser:
             self.position += 1
         found.append(self.text[start : self.position])
         return [argument.strip() for argument in found]
-
-
-def _build(cls: type[Family], arguments: list[str]) -> Family:
-    return cls(**_values(cls, arguments))
 
 
 def _values(cls: type[Family], arguments: list[str]) -> dict[str, Any]:

@@ -2,6 +2,7 @@ from .atomic import check_writable as check_writable
 from .atomic import remove_temporary as remove_temporary
 from .atomic import temporary_folder as temporary_folder
 from .atomic import write_atomically as write_atomically
+from .atomic import write_whole as write_whole
 from .bids_names import BidsName as BidsName
 from .bids_names import bids_name as bids_name
 from .bids_names import parse_bids_name as parse_bids_name

@@ -63,6 +63,12 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
                     os.close(descriptor)
 
 
+def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
+    """Write a file of bytes, or of text in UTF-8, by `write_atomically`."""
+    with write_atomically(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Refuse, before there is anything to write, a path that `write_atomically` would refuse.
 

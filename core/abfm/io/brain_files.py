@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import ResultError, brief, one_line
-from abfm.io.atomic import write_atomically
+from abfm.io.atomic import write_atomically, write_whole
 from abfm.io.cifti_files import (
     CIFTI_LABELS,
     CIFTI_VALUES,
@@ -160,7 +160,7 @@ def write_values(
         image = import_module("nibabel.freesurfer").MGHImage
         shape = (len(array), 1, 1) + ((count,) if count > 1 else ())
         data = image(columns.T.reshape(shape), np.eye(4)).to_bytes()
-        _write_bytes(path, gzip.compress(data, mtime=0) if ending == ".mgz" else data)
+        write_whole(path, gzip.compress(data, mtime=0) if ending == ".mgz" else data)
         return
     if ending in FREESURFER_VALUES:
         if count != 1:
@@ -267,12 +267,7 @@ def _write_gifti(
             image.labeltable.labels.append(label)
     data = image.to_bytes()
     is_packed = os.fspath(path).lower().endswith(".gz")
-    _write_bytes(path, gzip.compress(data, mtime=0) if is_packed else data)
-
-
-def _write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
-    with write_atomically(path) as temporary:
-        temporary.write_bytes(data)
+    write_whole(path, gzip.compress(data, mtime=0) if is_packed else data)
 
 
 def _write_plain(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import ResultError
-from abfm.io.atomic import write_atomically
+from abfm.io.atomic import write_whole
 from abfm.io.source_estimates import even_step
 from abfm.reading import STRUCTURES, Labels
 
@@ -89,5 +89,4 @@ def _write(
     cortex = _cifti2().BrainModelAxis.from_surface(used, values.shape[1], name=structure)
     image = _cifti2().Cifti2Image(values[:, used].astype(np.float32), header=(rows, cortex))
     image.nifti_header.set_intent(f"NIFTI_INTENT_CONNECTIVITY_DENSE_{intent}")
-    with write_atomically(path) as temporary:
-        temporary.write_bytes(image.to_bytes())
+    write_whole(path, image.to_bytes())

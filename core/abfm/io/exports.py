@@ -11,7 +11,7 @@ from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkTriangle
 
 from abfm.errors import ResultError
-from abfm.io.atomic import write_atomically
+from abfm.io.atomic import write_atomically, write_whole
 from abfm.io.tables import write_csv
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
@@ -54,8 +54,7 @@ def export_ply(
     ]
     count, corners = np.full(len(mesh.faces), 3, dtype="u1"), mesh.faces.astype("<i4")
     body = _records(vertex) + _records({"count": count, "vertex_indices": corners} | face)
-    with write_atomically(path) as temporary:
-        temporary.write_bytes("\n".join(header).encode("ascii") + body)
+    write_whole(path, "\n".join(header).encode("ascii") + body)
 
 
 def export_vtu(

@@ -2,7 +2,6 @@
 in a zip, checked whole when written, and each when it is asked for.
 """
 
-import json
 import math
 import os
 import zipfile
@@ -17,10 +16,10 @@ from abfm.errors import ResultError, brief, one_line
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
 from abfm.mesh.draft import NO_COPIES, FileNumbers
-from abfm.reading import Archive, open_plain
+from abfm.reading import Archive, from_json, open_plain
 from abfm.workers.control import CancelledError
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 """Of result files and of projects."""
 MEND = "match again and save, or take another copy of the file"
 LARGEST = 1e154
@@ -478,12 +477,8 @@ def _check_indices(arrays: Arrays, prefix: str = "") -> None:
 
 def _check_parameters(text: str) -> None:
     try:
-        # so that no integer is too large for the test of tau
-        parameters = json.loads(text, parse_int=float)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"parameters are not JSON: {error}") from error
+        parameters = from_json(text)
+    except ValueError as error:
+        raise ValueError(f"parameters: {error}") from None
     if not isinstance(parameters, dict) or dict in map(type, parameters.values()):
         raise ValueError("parameters are not one flat JSON object")
-    tau = parameters.get("tau")
-    if not isinstance(tau, float) or not np.isfinite(tau):
-        raise ValueError(f"parameters give tau = {brief(tau)}; expected a finite number")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import ResultError, one_line
-from abfm.io.atomic import write_atomically
+from abfm.io.atomic import write_whole
 from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import read_bytes, read_stc
 from abfm.types import IntArray
@@ -62,8 +62,7 @@ def write_stc(
         )
     head = np.array([1000 * when[0], 1000 * even_step(path, when)], dtype=">f4").tobytes()
     numbers = np.array([len(vertices), *vertices, len(when)], dtype=">u4")
-    with write_atomically(path) as temporary:
-        temporary.write_bytes(head + numbers.tobytes() + film.astype(">f4").tobytes())
+    write_whole(path, head + numbers.tobytes() + film.astype(">f4").tobytes())
     other = _other_hemisphere(path)
     try:
         content = read_bytes(other) if other.is_file() else b""
@@ -73,8 +72,7 @@ def write_stc(
             return "" if fits else f"MNE cannot open it with {other.name}, which has other times"
     except (OSError, ValueError) as error:
         return f"MNE cannot open it with {other.name}: {one_line(error)}"
-    with write_atomically(other) as temporary:
-        temporary.write_bytes(head + np.array([0, len(when)], dtype=">u4").tobytes())
+    write_whole(other, head + np.array([0, len(when)], dtype=">u4").tobytes())
     return ""
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import ResultError
-from abfm.io.atomic import write_atomically
+from abfm.io.atomic import write_atomically, write_whole
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray
@@ -82,9 +82,7 @@ def write_textured(
             f"coordinates have shape {places.shape}; expected ({len(mesh.faces)}, 3, 2)"
         )
     if len(files) == 1:
-        content = _glb(mesh, places, png, alpha_mode)
-        with write_atomically(files[0]) as temporary:
-            temporary.write_bytes(content)
+        write_whole(files[0], _glb(mesh, places, png, alpha_mode))
         return
     obj, mtl, image = files
     # what names others takes its place after them

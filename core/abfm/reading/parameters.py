@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -11,14 +11,13 @@ from abfm.parameters import CHOICES, FIELDS, checked, is_whole
 from abfm.reading.text_tables import parse_number
 
 
-def parameter_reader(name: str, chosen: Collection[str] = ()) -> Callable[[str], Any]:
+def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
     """Return what turns a text into the value of a parameter, or raises a ParameterError.
 
-    "auto" is accepted for parameters that are ``chosen``, or whose default is None.
+    If it is optional, "auto" is None.
     """
     entry = FIELDS[name]
-    is_optional = entry.default is None or name in chosen
-    noun = "a whole number" if is_whole(entry) else "a number"
+    noun = f"a {'whole ' * is_whole(entry)}number{', nor auto' * is_optional}"
 
     @lru_cache(maxsize=1000)  # of a column's cells, most are alike
     def read(text: str) -> Any:
@@ -29,8 +28,7 @@ def parameter_reader(name: str, chosen: Collection[str] = ()) -> Callable[[str],
             try:
                 value = int(text) if is_whole(entry) else parse_number(text)
             except ValueError:
-                auto = ", nor auto" if is_optional else ""
-                raise ParameterError(f"{brief(text)} is not {noun}{auto}{hint(text)}") from None
+                raise ParameterError(f"{brief(text)} is not {noun}{hint(text)}") from None
         return checked(entry, value)
 
     return read

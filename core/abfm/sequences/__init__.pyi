@@ -7,7 +7,6 @@ from .exports import export_tracks as export_tracks
 from .exports import vertex_speed as vertex_speed
 from .frames import Frames as Frames
 from .parameters import CHOSEN as CHOSEN
-from .parameters import DEFAULTS as DEFAULTS
 from .parameters import TAKEN as TAKEN
 from .parameters import SequenceParameters as SequenceParameters
 from .parameters import defaults as defaults

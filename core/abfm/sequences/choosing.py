@@ -65,7 +65,7 @@ def norms(given: SequenceParameters) -> list[Norm]:
     found = [
         Norm(norm.order, norm.alpha if is_free["alpha"] else given.alpha)
         for norm in NORMS
-        if is_free["order"] or norm.order == given.solver.order
+        if is_free["order"] or norm.order == given.order
     ]
     return list(dict.fromkeys(found))
 
@@ -95,7 +95,7 @@ def chosen(frames: Frames, given: SequenceParameters, levels: FloatArray) -> Cho
         If there are too few vertices to hold any out, and sigma is not given.
     """
     made_for, candidates = _Given(frames, given, levels), norms(given)
-    usual = Norm(given.solver.order, given.alpha)
+    usual = Norm(given.order, given.alpha)
     if given.sigma is not None and len(candidates) == 1:
         return Choice(candidates[0], given.sigma)
     sigmas = cooling(given.sigma or SIGMA_MIN, SIGMA_MAX)

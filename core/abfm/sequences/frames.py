@@ -136,7 +136,7 @@ def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: 
     """Return the absolute sigma of an interval of that duration, by which the balance of both terms
     is the same for all durations.
     """
-    unit = frames.deviation if given.paper.sigma_unit == "relative" else 1.0
+    unit = frames.deviation if given.sigma_unit == "relative" else 1.0
     return float(sigma * unit * np.sqrt(duration))
 
 
@@ -146,7 +146,7 @@ def interval_parameters(
     """Return the parameters of the problem of an interval: its duration as tau."""
     duration = float(frames.durations[interval])
     absolute = sigma_of(frames, given, sigma, duration)
-    return given.of_match(tau=duration, sigma=absolute, sigma_unit="absolute")
+    return given.of_interval(duration, absolute)
 
 
 def _fill_in(mesh: TriangleMesh, frames: FloatArray, seen: BoolArray, counted: BoolArray) -> None:

@@ -1,32 +1,20 @@
-"""Parameters of a sequence: those of a match that it takes, and which of them it chooses."""
+"""Parameters of a sequence, and which of them it chooses."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal
 
 from abfm.errors import ParameterError, brief
-from abfm.parameters import FIELDS, Parameters
+from abfm.parameters import FIELDS, Parameters, Settings
 
-DEFAULTS: dict[str, Any] = {
-    "alpha": 1.0,
-    "order": 1,
-    "divergence": 1.0,
-    "reach": 0.0,
-    "levels": 1,
-    "refine": 0,
-    "segments": 1,
-}
-"""Parameters whose defaults differ from those of a match."""
-TAKEN = ("alpha", "beta", "divergence", "order", "sigma", "sigma_unit", "goal")
-"""Parameters that may be given."""
 CHOSEN = ("alpha", "order")
 """Parameters of the norm of fields, which are chosen unless they are given; so is sigma."""
 
 
 @dataclass(frozen=True)
-class SequenceParameters(Parameters):
-    """Parameters of a sequence, see `defaults`.
+class SequenceParameters(Settings):
+    """Parameters of a sequence, as in `abfm.Parameters`; see `defaults`.
 
     Attributes
     ----------
@@ -35,6 +23,13 @@ class SequenceParameters(Parameters):
         chosen values.
     """
 
+    alpha: float = 1.0
+    beta: float = 0.0
+    divergence: float | None = 1.0
+    order: int = 1
+    sigma: float | None = None
+    sigma_unit: Literal["relative", "absolute"] = "relative"
+    goal: float = 0.05
     automatic: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -46,50 +41,43 @@ class SequenceParameters(Parameters):
             )
         object.__setattr__(self, "automatic", tuple(n for n in CHOSEN if n in self.automatic))
 
-    def of_match(self, **changes: Any) -> Parameters:
-        """Return the parameters of an ordinary match, with changes."""
-        own = {entry.name: getattr(self, entry.name) for entry in fields(Parameters)}
-        return Parameters(**own).with_values(**changes)
+    def to_dict(self) -> dict[str, Any]:
+        """Return all fields as plain values."""
+        return asdict(self)
+
+    def of_interval(self, duration: float, sigma: float) -> Parameters:
+        """Return the parameters of a match from one frame to the next, with an absolute sigma."""
+        own = {name: getattr(self, name) for name in TAKEN}
+        own |= {"tau": duration, "sigma": sigma, "sigma_unit": "absolute"}
+        return Parameters.of(**own, reach=0.0, levels=1, refine=0, segments=1)
 
 
-def defaults(**changes: Any) -> SequenceParameters:
-    """Return the parameters of a sequence, with changes of those in `TAKEN`.
+TAKEN = tuple(each.name for each in fields(SequenceParameters) if each.name in FIELDS)
+"""Parameters that may be given."""
+
+
+def defaults(
+    alpha: float | None = None, order: int | None = None, **others: Any
+) -> SequenceParameters:
+    """Return the parameters of a sequence, with changes.
 
     ``alpha``, ``order`` and ``sigma`` are chosen by held-out data where they are None or not given.
 
     Raises
     ------
     ParameterError
-        If another one is given, or a value is out of range.
+        If a value is out of range.
     """
-    unknown = sorted(changes.keys() - set(TAKEN))
-    if unknown:
+    norm = {"alpha": alpha, "order": order}
+    others |= {name: value for name, value in norm.items() if value is not None}
+    automatic = tuple(name for name in norm if name not in others)
+    return SequenceParameters(**others, automatic=automatic)
+
+
+def checked_parameters(parameters: SequenceParameters | None) -> SequenceParameters:
+    """Return the parameters of a sequence, the defaults for None."""
+    if not isinstance(parameters, SequenceParameters | None):
         raise ParameterError(
-            f"a sequence does not take {brief(unknown[0])}; expected one of {', '.join(TAKEN)}"
+            f"parameters is {brief(parameters)}; expected abfm.sequences.defaults(...)"
         )
-    automatic = tuple(name for name in CHOSEN if changes.get(name) is None)
-    given = {name: value for name, value in changes.items() if name not in automatic}
-    return SequenceParameters.of(**DEFAULTS | given, automatic=automatic)
-
-
-def checked_parameters(parameters: Parameters | None) -> SequenceParameters:
-    """Return the parameters of a sequence; those of a match are kept as they are given.
-
-    Raises
-    ------
-    ParameterError
-        If one is changed that sequences do not take.
-    """
-    if parameters is None:
-        return defaults()
-    usual, of_match = Parameters.of(**DEFAULTS).to_dict(), Parameters().to_dict()
-    given = parameters.to_dict()
-    for name, value in given.items():
-        if name in FIELDS and name not in TAKEN and value not in (usual[name], of_match[name]):
-            raise ParameterError(
-                f"a sequence does not take {name}; expected changes of {', '.join(TAKEN)} alone, "
-                "see abfm.sequences.defaults"
-            )
-    taken = {name: given[name] for name in TAKEN}
-    automatic = parameters.automatic if isinstance(parameters, SequenceParameters) else ()
-    return SequenceParameters.of(**DEFAULTS | taken, automatic=automatic)
+    return parameters or defaults()

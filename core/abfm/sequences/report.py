@@ -32,7 +32,7 @@ def details(sequence: Sequence) -> dict[str, Any]:
         "frames": len(sequence.frames),
         "channels": sequence.frames.shape[2],
         "times": sequence.times.tolist(),
-        "order": sequence.parameters.solver.order,
+        "order": sequence.parameters.order,
         "alpha": sequence.parameters.alpha,
         "sigma": finite(sequence.sigma),
         "gamma": sequence.gamma,

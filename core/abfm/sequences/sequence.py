@@ -87,7 +87,7 @@ class Sequence(Solution, Display):
         chosen = [*given.automatic, *(["sigma"] if given.sigma is None else [])]
         how = f" (chosen by held-out data: {', '.join(chosen)})" if chosen else ""
         numbers = f"alpha {given.alpha:.3g}, sigma {self.sigma:.3g}, gamma {self.gamma:.3g}"
-        return f"norm of order {given.solver.order}, {numbers}{how}"
+        return f"norm of order {given.order}, {numbers}{how}"
 
     def __getitem__(self, interval: int) -> Match:
         """Return an interval as a match, from its frame to the next, with its field and verdict."""
@@ -296,7 +296,7 @@ def sequence(
     mesh: MeshLike,
     frames: ArrayLike,
     times: ArrayLike | None = None,
-    parameters: Parameters | None = None,
+    parameters: SequenceParameters | None = None,
     gamma: float = GAMMA,
     *,
     dt: float | None = None,
@@ -327,10 +327,10 @@ def sequence(
         `abfm.functions.as_values`, have a column for each frame.
     times : (T,) array, optional
         Ascending; those of a source estimate or an image, or 0, 1, 2, ... by default.
-    parameters : Parameters, optional
-        Of those in ``abfm.sequences.TAKEN``, see `abfm.sequences.defaults`; by default, or where it
-        does not give them, the ``alpha`` and ``order`` of the norm are those that predict held-out
-        patches of a few intervals best, and sigma is the largest one that does so nearly as well.
+    parameters : SequenceParameters, optional
+        Made by `abfm.sequences.defaults`. Where it does not give them, the ``alpha`` and ``order``
+        of the norm are those that predict held-out patches of a few intervals best, and sigma is
+        the largest one that does so nearly as well.
     gamma : float
         How much neighbouring fields are held together; 0 is frame by frame.
     dt : float, optional
@@ -478,7 +478,7 @@ def _refuse_extremes(film: Frames, given: SequenceParameters) -> None:
     largest = float(np.abs(film.values).max())
     with np.errstate(over="ignore"):
         _ = film.deviation  # which refuses masks
-    relative = given.with_values(sigma_unit="relative")
+    relative = replace(given, sigma_unit="relative")
     sigmas = {SIGMA_MIN, SIGMA_MAX, given.sigma if given == relative and given.sigma else SIGMA_MIN}
     shortest, longest = int(film.durations.argmin()), int(film.durations.argmax())
     try:

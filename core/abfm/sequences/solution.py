@@ -156,7 +156,7 @@ class Solution:
         names = ("velocity", "energies", "residual", "verified_residual", "folded")
         return cls(
             _frames=film,
-            parameters=SequenceParameters.of(**from_json(str(arrays["parameters"]))),
+            parameters=SequenceParameters(**from_json(str(arrays["parameters"]))),
             gamma=float(arrays["gamma"]),
             sigma=float(arrays["sigma"]),
             noise=float(arrays["noise"]),

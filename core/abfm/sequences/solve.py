@@ -5,7 +5,7 @@ search where frames are far apart.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -94,7 +94,7 @@ class Solver:
 
     def choose(self, norm: Norm, sigma: float) -> None:
         """Solve with a norm of fields and a sigma from now on."""
-        self.given = self.given.with_values(order=norm.order, alpha=norm.alpha)
+        self.given = replace(self.given, order=norm.order, alpha=norm.alpha)
         self.sigma, self.is_chosen = sigma, True
 
     def _is_no_motion(self, energy: MatchingEnergy, found: Point) -> bool:

@@ -23,7 +23,7 @@ from abfm.sequences.exports import (
     export_stc,
     export_tracks,
 )
-from abfm.sequences.parameters import TAKEN, defaults
+from abfm.sequences.parameters import CHOSEN, TAKEN, defaults
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.sequences.reading.reading_frames import ENDINGS, read_frames
 from abfm.sequences.sequence import GAMMA, Sequence, load_sequence, sequence
@@ -50,6 +50,7 @@ from abfm.types import FloatArray
 SECONDS_MAX = 86400.0
 GAMMA_MAX = 1e6
 _FRAMES = "frames"
+_DEFAULTS = {name: getattr(defaults(), name) for name in TAKEN} | dict.fromkeys(CHOSEN)
 _PARAMETER_HELP = {
     "alpha": "smoothness of the fields: weight of their Hodge Laplacian; not given, chosen by "
     "held-out patches of a few intervals",
@@ -158,7 +159,7 @@ class SequenceTask(Task):
             group="smoothness in time",
             default=f"{GAMMA:g}",
         ),
-        *parameter_inputs(defaults(), TAKEN, _PARAMETER_HELP),
+        *parameter_inputs(_DEFAULTS, _PARAMETER_HELP),
         *MESH_INPUTS,
     )
     result: ClassVar = Sequence

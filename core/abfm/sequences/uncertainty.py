@@ -173,7 +173,7 @@ def _length(sequence: Solution, precision: float) -> float:
     mode which is as stiff; an edge at least.
     """
     mesh, parameters = sequence.mesh.normalized(), sequence.parameters
-    stiff = max(precision, 0.0) ** (1 / parameters.solver.order) - 1
+    stiff = max(precision, 0.0) ** (1 / parameters.order) - 1
     longest = _LENGTH_MAX
     if stiff > 0:
         longest = min(longest, float(np.sqrt(parameters.alpha / stiff)))
@@ -200,7 +200,7 @@ class _Integrals:
         # k dk / (2 pi) is d(k^2) / (4 pi)
         weights = ends * (stiff[1] - stiff[0]) * np.exp(stiff) / alpha / (4 * np.pi)
         in_time = 2 - 2 * np.cos(np.pi * np.arange(count) / count)
-        of_space = np.exp(parameters.solver.order * stiff)
+        of_space = np.exp(parameters.order * stiff)
         return _Integrals(weights, of_space[:, None] * (1 + sequence.gamma * in_time))
 
     def modes(self, precision: FloatArray) -> FloatArray:

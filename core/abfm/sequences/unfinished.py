@@ -102,7 +102,7 @@ class Unfinished:
         known = slice(int(np.count_nonzero(solver.found)))  # the first ones, one after the other
         arrays = {
             "problem": self._problem,
-            "order": solver.given.solver.order,
+            "order": solver.given.order,
             "alpha": solver.given.alpha,
             "sigma": solver.sigma,
             "fields": solver.fields[known],

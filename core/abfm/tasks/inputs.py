@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import shlex
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -78,26 +78,20 @@ def by_name(inputs: Iterable[Input]) -> dict[str, Input]:
 
 
 def parameter_inputs(
-    usual: Parameters | None = None,
-    names: Collection[str] = tuple(FIELDS),
-    help: Mapping[str, str] | None = None,
+    usual: Mapping[str, Any] | None = None, help: Mapping[str, str] | None = None
 ) -> tuple[Input, ...]:
     """Return an input for each parameter; "auto" is also read for those that are chosen by default.
 
     Parameters
     ----------
-    usual : Parameters, optional
-        The defaults that the help shows.
-    names : collection of str
-        Of all parameters, or of some.
+    usual : mapping, optional
+        The parameters and their defaults, None for those that are chosen; by default all.
     help : mapping of str, optional
         Help in place of that of their definition.
     """
-    defaults, chosen = (usual or Parameters()).to_dict(), getattr(usual, "automatic", ())
     inputs = []
-    for name in names:
+    for name, value in (usual or Parameters().to_dict()).items():
         entry, choices = FIELDS[name], CHOICES.get(name)
-        value = None if name in chosen else defaults[name]
         text = (help or {}).get(name, entry.metadata["help"])
         if value is not None:
             text = text.partition("; not given")[0]
@@ -107,7 +101,7 @@ def parameter_inputs(
             Input(
                 name=option(name),
                 help=f"{text}{symbol}",
-                read=parameter_reader(name, chosen),
+                read=parameter_reader(name, None in (value, entry.default)),
                 metavar=f"{{{','.join(choices)}}}" if choices else number,
                 group="parameters (symbols of the paper in brackets)",
                 default="auto" if value is None else str(value),

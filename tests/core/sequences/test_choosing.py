@@ -7,7 +7,6 @@ import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.sequences import SequenceParameters, Unfinished, defaults, load_sequence
 from abfm.sequences.choosing import NORMS, Norm, norms
-from abfm.sequences.parameters import checked_parameters
 from tests.core.sequences.films import turning
 from tests.messages import raises
 from tests.shapes import icosphere
@@ -22,7 +21,7 @@ def found():
 
 
 def choice(sequence):
-    return sequence.parameters.solver.order, sequence.parameters.alpha, sequence.sigma
+    return sequence.parameters.order, sequence.parameters.alpha, sequence.sigma
 
 
 def test_smooth_motion_without_noise_gets_the_smoother_norm(found):
@@ -55,13 +54,6 @@ def test_given_values_are_kept():
     assert kept.parameters.alpha == 0.5
     assert kept.sigma == 0.3
     assert kept.parameters.automatic == ("order",)
-
-
-def test_parameters_of_a_match_are_given():
-    plain = Parameters.of(alpha=0.5, order=1, sigma=0.2)
-    taken = checked_parameters(plain)
-    assert (taken.alpha, taken.solver.order, taken.sigma, taken.automatic) == (0.5, 1, 0.2, ())
-    assert checked_parameters(None) == checked_parameters(defaults()) == defaults()
 
 
 def test_only_the_norm_can_be_automatic():

@@ -137,7 +137,7 @@ def test_smoothness_in_time_brings_fields_of_noisy_frames_closer():
 
 
 def test_gamma_0_is_frame_by_frame(film):
-    absolute = FAST.with_values(sigma_unit="absolute")  # whatever other frames there are
+    absolute = replace(FAST, sigma_unit="absolute")  # whatever other frames there are
     alone = abfm.sequence(SPHERE, film[0][:2], parameters=absolute, gamma=0)
     among = abfm.sequence(SPHERE, film[0], parameters=absolute, gamma=0)
     assert_array_equal(among.velocity[0], alone.velocity[0])
@@ -403,7 +403,7 @@ def test_what_is_no_motion_ties_to_no_neighbour():
     assert whole.verdicts[2].kind == "impossible"
     scale = checked(SPHERE, whole.frames[:, :, 0], None, None, None).deviation
     alone = abfm.sequence(
-        SPHERE, moved, parameters=FAST.with_values(sigma=0.3 * scale, sigma_unit="absolute")
+        SPHERE, moved, parameters=replace(FAST, sigma=0.3 * scale, sigma_unit="absolute")
     )
     # but that sweeps end where the energy of all has settled
     apart = np.linalg.norm(whole.velocity[:2] - alone.velocity)
@@ -421,7 +421,7 @@ def test_a_gap_in_time_is_matched_though_its_field_is_slow_beside_others():
 def test_what_squeezes_a_bump_is_no_motion_to_a_smaller_one_elsewhere():
     frames = np.concatenate([bumps([0], 0.4), bumps([3], 0.2)])
     film = checked(SPHERE, frames, None, None, None)
-    problem = film.problem(0, FAST)
+    problem = film.problem(0, FAST.of_interval(1.0, 0.3))
     functions = problem.functions
     gone = functions.source * 0.01  # as if all of it were squeezed away
     left = functions.residual(gone)
@@ -455,8 +455,8 @@ def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
     [told] = abfm.sequence(long, waves).verdicts
     check_message(told.reason)
     film = checked(mesh, [bump(0.0), bump(0.05)], None, None, None)
-    problem, levels = film.problem(0, FAST), noise_levels(film)
-    left = film.problem(0, FAST).functions.residual(problem.functions.source)
+    problem, levels = film.problem(0, FAST.of_interval(1.0, 0.3)), noise_levels(film)
+    left = film.problem(0, FAST.of_interval(1.0, 0.3)).functions.residual(problem.functions.source)
     still = Said(problem.functions.source, np.zeros((2, 3)), left, left, 0.0)
     told = verdict_of(problem, still, levels, True)
     check_message(told.reason, "0.88")
@@ -574,15 +574,10 @@ def test_files(found, tmp_path):
         (np.ones((2, 642)), {"mask": np.arange(642) - 1.0}, ("mask",)),
         (np.zeros((2, 642)), {"times": [-1e308, 1e308]}, ()),
         (np.zeros((2, 642)), {"weights": [1, 2]}, ()),
-        (np.zeros((2, 642)), {"parameters": abfm.Parameters.of(segments=2)}, ("segments",)),
+        (np.zeros((2, 642)), {"parameters": abfm.Parameters()}, ("parameters",)),
     ],
 )
 def test_what_does_not_fit_is_told_in_a_line(frames, given, named):
     with raises(AbfmError, *named) as error:
         abfm.sequence(SPHERE, frames, **given)
     assert "\n" not in str(error.value)
-
-
-def test_defaults_say_what_they_take():
-    with raises(AbfmError, "segments"):
-        defaults(segments=3)

@@ -190,7 +190,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     assert rows[1]["name"] == "alpha 0.1, target gaussian:vertex=6,width=0.4, iterations 1"
     assert len(results(tmp_path / "out")) == 4
     match = library.load_match(tmp_path / "out" / f"{rows[1]['digest']}.npz")
-    assert match.parameters == library.Parameters(
+    assert match.parameters == library.Parameters.of(
         alpha=0.1, refine=0, levels=1, cooling_stages=2, iterations=1
     )
     assert match.weights.tolist() == [1, 0.5]

@@ -188,5 +188,5 @@ def test_chosen_settings_are_shown_and_stay_automatic(session):
     assert used.automatic == ("alpha", "order")
     assert document.settings == FilmSettings()
     assert not document.is_outdated
-    chosen = f"order {used.solver.order}, α {used.alpha:.3g}, σ {document.result.sigma:.3g}"
+    chosen = f"order {used.order}, α {used.alpha:.3g}, σ {document.result.sigma:.3g}"
     assert _chosen(document) == f"chosen: {chosen}"

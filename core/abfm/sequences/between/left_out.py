@@ -125,7 +125,7 @@ def _evidence(solver: Solver, middle: int) -> _Evidence:
     ends = [middle - 1, middle + 1]
     pair = replace(frames, values=frames.values[ends], times=frames.times[ends])
     sigma = solver.sigma
-    if solver.given.paper.sigma_unit == "relative":
+    if solver.given.sigma_unit == "relative":
         sigma *= frames.deviation / pair.deviation
     alone = Solver(pair, replace(solver.given, sigma=sigma), 0.0, solver.levels)
     field, mesh = alone.first_found(0).field, frames.mesh
