@@ -56,4 +56,5 @@ from .registration.registration import Registration as Registration
 from .sequences.sequence import Sequence as Sequence
 from .sequences.sequence import load_sequence as load_sequence
 from .sequences.sequence import sequence as sequence
+from .tasks.monitor import Monitor as Monitor
 from .workers.control import Control as Control

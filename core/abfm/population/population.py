@@ -22,6 +22,7 @@ from abfm.population.settings import BOUND
 from abfm.population.statistics import Others, Phase, Shares
 from abfm.population.subjects import Channel
 from abfm.types import BoolArray, FloatArray
+from abfm.wording import counted
 
 _NUMBERS = ("correlation", "distance", "log2_area", *MapFacts._fields)
 _LARGEST = results.LARGEST
@@ -180,7 +181,7 @@ class Population(Display):
         """How many subjects fit, and how much the mean changed in the last round, in one line."""
         return (
             f"{np.count_nonzero(self.fits)} of {len(self.names)} subjects fit; the mean changed by "
-            f"{self.changes[-1]:.2g} of its deviation in the last of {len(self.changes)} rounds"
+            f"{self.changes[-1]:.2g} of its deviation in the last of {counted(len(self.changes), 'round')}"
         )
 
     @property

@@ -178,6 +178,8 @@ def _renamed_weight(text: str, rename: Rename) -> str:
     try:
         parse(text)
     except FunctionError:
+        if not (Path(text).suffix or os.path.exists(rename(text))):
+            raise
         return f"file:{quoted(rename(text))}"
     return renamed_spec(text, rename)
 
