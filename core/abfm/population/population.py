@@ -179,9 +179,10 @@ class Population(Display):
     @property
     def headline(self) -> str:
         """How many subjects fit, and how much the mean changed in the last round, in one line."""
+        rounds = counted(len(self.changes), "round")
         return (
             f"{np.count_nonzero(self.fits)} of {len(self.names)} subjects fit; the mean changed by "
-            f"{self.changes[-1]:.2g} of its deviation in the last of {counted(len(self.changes), 'round')}"
+            f"{self.changes[-1]:.2g} of its deviation in the last of {rounds}"
         )
 
     @property
