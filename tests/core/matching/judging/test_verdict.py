@@ -347,7 +347,7 @@ def test_a_remedy_changes_only_what_differs():
 @settings(deadline=None, max_examples=60)
 @given(
     st.builds(
-        Parameters,
+        Parameters.of,
         alpha=st.floats(1e-4, 1.0),
         sigma=st.none() | st.floats(1e-3, 30.0),
         order=st.sampled_from([1, 2]),
