@@ -371,7 +371,7 @@ def test_remedies_that_are_followed_never_undo_each_other(p, reason, outcomes):
             return
         following = p.with_values(**found[choice % len(found)].parameters)
         for name in ("alpha", "order", "reach", "iterations"):
-            assert getattr(following, name) >= getattr(p, name), found
+            assert following.to_dict()[name] >= p.to_dict()[name], found
         assert (following.refine or 0) >= (p.refine or 0)
         assert following.last_sigma <= p.last_sigma
         p = following
