@@ -14,12 +14,13 @@ import abfm
 from abfm import StopReason
 from abfm.matching import Remedy, Verdict
 from abfm.matching.judging.cause import Cause
+from abfm.matching.report import advice_in_options, numbers
 from abfm.outcome import VERDICTS, Outcome, outcome_of
 from abfm.sequences.interval_words import of_interval
 from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.solve import status_of
 from abfm_viewer.document import verdict_words
-from abfm_viewer.document.verdict_words import numbers, place
+from abfm_viewer.document.verdict_words import place
 from tests.viewer.sessions import SPHERE
 
 RESIDUAL = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
@@ -196,8 +197,9 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
     verdict = Verdict(Outcome.NOT_REACHED, "why", "a larger reach; or go on", remedies)
     match = replace(found, verdict=verdict)
     told = "reach further (--set reach=0.6 --set levels=0), or continue (--start m.npz)"
-    assert verdict_words.advice_in_options(match, "m.npz") == told
-    assert verdict_words.advice_in_options(judged(found, "impossible"), "m.npz") == "advice"
+    assert advice_in_options(match.verdict, match.facts, "m.npz") == told
+    impossible = judged(found, "impossible")
+    assert advice_in_options(impossible.verdict, impossible.facts, "m.npz") == "advice"
     assert replace(match, stop_reason=StopReason.GIVEN).facts.advice == ""
     first, second = map(verdict_words.changes, remedies)
     assert first == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
