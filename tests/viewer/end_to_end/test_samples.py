@@ -115,9 +115,8 @@ def test_a_pair_of_shapes_opens_ready_to_match(samples):
     samples.key("esc")
 
 
-def test_both_cortices_open_ready_to_match_and_without_nilearn_say_how_to_get_them(
-    samples, monkeypatch
-):
+def test_both_cortices_open_ready_to_match(samples, monkeypatch):
+    """Without nilearn the message names the extra to install."""
     samples.menu("Samples", CORTEX)
     wait(samples, lambda s: s.document.name == "left cortex to right cortex" and not s.obstacle)
     session = samples.session
@@ -141,7 +140,7 @@ def opened_menu(gui):
     return [w for w in gui.window.ui.widgets if w.section == "Samples"]
 
 
-def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
+def test_every_mesh_and_figure_has_its_picture(samples):
     assert sorted(MESHES) == sorted(name for name in asset_names() if name.endswith(".off"))
     names = [*MESHES, *(f"Figure {figure}" for figure in FIGURES), CORTEX, WAVE]
     assert list(vertices()) == names
@@ -169,7 +168,7 @@ def test_the_menu_fits_into_the_window(samples, scale):
     samples.session.editor.set_view("scale", ui_scale=1.0)
 
 
-def test_pictures_come_again_after_polyscope_forgot_its_structures(samples):
+def test_pictures_return_after_structures_are_removed(samples):
     for _ in range(2):
         assert opened_menu(samples)
         samples.frames(3)

@@ -56,7 +56,7 @@ def test_words_stand_out_from_what_is_behind_them(large, tmp_path, theme, tab):
 
 
 @pytest.mark.parametrize("theme", THEMES)
-def test_what_is_behind_a_dialog_looks_as_if_it_could_not_be_used(large, tmp_path, theme):
+def test_widgets_behind_a_dialog_look_disabled(large, tmp_path, theme):
     large.session.editor.set_view("theme", theme=theme)
     large.session.editor.amend(parameters=ENDLESS)
     large.click("Match")

@@ -31,7 +31,8 @@ def active(session):
     return session.document.side, session.document.bump
 
 
-def test_the_chosen_gaussian_moves_and_stays_chosen_and_another_side_begins_with_its_first(session):
+def test_the_chosen_gaussian_moves_and_stays_chosen(session):
+    """Another side begins with its first one."""
     session.editor.select(side="source", bump=2)
     active_gaussian.move(session, "source", 9, "drag")
     assert vertices(session, "source") == [1, 2, 9]
@@ -52,7 +53,8 @@ def test_the_chosen_gaussian_moves_and_stays_chosen_and_another_side_begins_with
     assert session.document.bump == 1
 
 
-def test_the_wheel_widens_within_limits_and_what_cannot_be_moved_says_what_to_do(session):
+def test_the_wheel_widens_within_limits(session):
+    """A function that cannot be moved says what to do."""
     session.editor.select(side="source", bump=1)
     for turns, width in (
         (1, pytest.approx(0.112, abs=5e-4)),

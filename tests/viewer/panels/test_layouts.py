@@ -176,7 +176,8 @@ def test_each_tab_fits_one_screen(layouts):
     assert {layout["tab"] for layout in shown} == {"Functions", "Match", "Look", "Export"}
 
 
-def test_nothing_is_cut_off_at_the_side_and_surfaces_have_most_of_the_width(layouts):
+def test_nothing_is_cut_off_at_the_side(layouts):
+    """Surfaces have most of the width."""
     for layout in layouts:
         left, _, right, _ = layout["parts"]["scene"]
         assert right - left > layout["size"][0] / 2, where(layout)
@@ -255,7 +256,8 @@ def test_the_status_line_has_the_verdict_in_full_or_its_word(layouts):
         assert lines[0]["text"] == facts.headline or layout["scale"] > 1
 
 
-def test_remedies_and_advice_that_no_button_carries_out_are_in_view(layouts):
+def test_remedies_and_advice_are_in_view(layouts):
+    """Also advice without a button."""
     for layout in layouts:
         remedies = [widget for widget in layout["widgets"] if widget["section"] == "verdict"]
         are_there = layout["state"] in ("matched", "with a path", "exported", "asked")
@@ -287,7 +289,7 @@ def test_nothing_jumps_from_one_state_to_the_next(drawn):
             assert left_top == pytest.approx(before, abs=_ROUNDING), f"{key}: {place}"
 
 
-def test_behind_a_dialog_all_is_grey_and_what_changes_something_has_a_tooltip(drawn):
+def test_all_is_grey_behind_a_dialog_and_has_tooltips(drawn):
     kinds = ("slider", "box", "button", "checkbox", "combo")
     for widget, layout, place in drawn:
         if layout["state"] == "asked" and widget["section"] != "A title":

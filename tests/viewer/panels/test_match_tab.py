@@ -39,7 +39,8 @@ def test_stages_and_finer_meshes_are_marked_apart(marked, stages, meshes):
     assert energy.starts(marked) == (stages, meshes)
 
 
-def test_what_was_least_falls_until_the_problem_changes_and_is_told_by_the_energy_if_unknown():
+def test_the_smallest_residual_falls_until_a_change():
+    """It is computed from the energy if it is unknown."""
     told = run([0, 0, 1, 1, 0, 0], restarts=(4, 6))
     told = replace(told, residual=0.4, residuals=np.array([1, 0.6, 0.7, 0.5, 0.9, 0.3]))
     assert list(told.least_left) == [1, 0.6, 0.6, 0.5, 0.9, 0.4]
@@ -92,7 +93,8 @@ def test_a_place_and_its_value_belong_together(ends, values):
         assert ends.value_at(share) == pytest.approx(value, rel=1e-9)
 
 
-def test_a_logarithmic_slider_from_0_has_a_stretch_for_0_and_nothing_below_its_decades():
+def test_a_logarithmic_slider_from_0_has_a_range_for_0():
+    """It has nothing below its decades."""
     ends = Range(0, 1, log=True)
     assert ends.value_at(0.01) == 0
     assert ends.value_at(0.05) == pytest.approx(1e-6)

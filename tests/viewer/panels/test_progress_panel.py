@@ -63,7 +63,7 @@ def test_a_run_tells_its_steps_though_it_runs_elsewhere(monkeypatch):
     session.close()
 
 
-def test_a_run_tells_how_long_an_iteration_takes_but_not_while_it_is_paused():
+def test_a_run_reports_seconds_unless_it_is_paused():
     session = solving(opened(replace(ENDLESS)))
     assert session.solver.seconds_each > 0
     session.solver.pause()

@@ -57,7 +57,8 @@ def out(tmp_path):
     return folder
 
 
-def test_a_movie_tells_how_far_it_is_and_ends_at_its_time_whatever_tau_is(exporter, document, out):
+def test_a_movie_reports_progress_and_ends_at_its_time(exporter, document, out):
+    """Whatever tau is."""
     exporter.picture = replace(exporter.picture, transparent=True)
     exporter.save_movie(out / "a.mp4", document, dict)
     seen, left = set(), []
@@ -92,9 +93,8 @@ def test_a_cancelled_movie_leaves_the_older_file(exporter, document, out):
     assert list(out.iterdir()) == [path]
 
 
-def test_what_goes_wrong_in_the_process_is_told_and_what_would_is_refused_before(
-    exporter, document, out, monkeypatch
-):
+def test_errors_of_exports_are_reported(exporter, document, out, monkeypatch):
+    """Before the process starts if they are known."""
     unknown = replace(document, channels=(Channel("gaussian:vertex=99999", CHANNEL.target),))
     exporter.save_picture(out / "a.png", unknown, dict)
     exporter.wait()

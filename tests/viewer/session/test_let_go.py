@@ -51,7 +51,8 @@ def threads():
     return sorted(thread.name for thread in threading.enumerate())
 
 
-def test_meshes_that_were_left_have_no_threads_and_are_there_after_undo(session):
+def test_other_meshes_have_no_threads(session):
+    """They are there after undo."""
     first, values = session.surface().mesh, session.values("source")
     show(session, "second")
     most = len(threads()) + 1  # one more may have been needed at a time
@@ -67,7 +68,8 @@ def test_meshes_that_were_left_have_no_threads_and_are_there_after_undo(session)
     until(lambda: len(threads()) <= most, session)
 
 
-def test_what_was_computed_from_a_mesh_goes_when_it_is_left_and_comes_again(session):
+def test_caches_of_other_meshes_are_dropped(session):
+    """They are made again after undo."""
     first = matched(session).surface().mesh
     assert first.cache
     show(session, "second", "third")
@@ -77,9 +79,8 @@ def test_what_was_computed_from_a_mesh_goes_when_it_is_left_and_comes_again(sess
     assert first.cache
 
 
-def test_meshes_out_of_reach_are_gone_and_so_is_what_was_saved_of_them(
-    session, tmp_path, monkeypatch
-):
+def test_meshes_out_of_reach_are_released(session, tmp_path, monkeypatch):
+    """With their saved states."""
     monkeypatch.setattr(editor, "LONGEST", 5)
     seen = weakref.WeakSet()
     for number in range(12):

@@ -38,7 +38,8 @@ def asked(monkeypatch):
     return asked
 
 
-def test_coarse_meshes_are_made_ahead_once_for_a_mesh_and_a_number_of_levels(asked, session):
+def test_coarse_meshes_are_made_ahead_once(asked, session):
+    """For each mesh and number of levels."""
     until(lambda: asked, session)
     for changes in ({"sigma": 0.1}, {"levels": 2}):
         session.editor.set_parameter(**changes)
@@ -56,7 +57,7 @@ def test_coarse_meshes_are_made_ahead_once_for_a_mesh_and_a_number_of_levels(ask
     off_the_screen.close()
 
 
-def test_a_warm_start_goes_on_with_another_number_of_fields_and_another_tau(session):
+def test_a_warm_start_converts_fields_and_tau(session):
     session.editor.set_parameter(method="linearised", segments=3)
     linearised = matched(session).result.residual
     session.editor.set_parameter(method="nonlinear", tau=3.0)
@@ -67,7 +68,8 @@ def test_a_warm_start_goes_on_with_another_number_of_fields_and_another_tau(sess
     assert session.result.residual < linearised
 
 
-def test_a_change_during_a_run_restarts_it_warm_and_match_does_nothing(endless):
+def test_a_change_during_a_run_restarts_it_warm(endless):
+    """Match does nothing meanwhile."""
     solving(endless, 20)
     started = endless.solver.started
     endless.match()
@@ -82,7 +84,8 @@ def test_a_change_during_a_run_restarts_it_warm_and_match_does_nothing(endless):
     assert not endless.outdated
 
 
-def test_alpha_is_followed_when_the_mouse_lets_go_and_a_gaussian_while_it_is_dragged(endless):
+def test_a_run_follows_a_dragged_gaussian_at_once(endless):
+    """It follows alpha when the mouse is released."""
     solving(endless)
     endless.dragging = True
     for alpha in (0.1, 0.2, 0.4):
@@ -107,7 +110,8 @@ def test_alpha_is_followed_when_the_mouse_lets_go_and_a_gaussian_while_it_is_dra
     assert endless.active == PAIR  # one step
 
 
-def test_the_result_for_a_mesh_that_was_replaced_is_unsaved_work_and_not_shown(endless):
+def test_a_result_for_a_replaced_mesh_is_unsaved(endless):
+    """It is not shown."""
     solving(endless)
     endless.set_mesh(TORUS, "torus")
     end_run(endless)
@@ -178,7 +182,8 @@ def missed():
     session.close()
 
 
-def test_the_first_remedy_comes_closer_and_is_one_step_unless_the_user_did_something(missed):
+def test_the_first_remedy_comes_closer_in_one_step(missed):
+    """Unless the user did something meanwhile."""
     before, result = missed.document, missed.result
     assert result.verdict.kind == "not reached"
     first = result.verdict.remedies[0]
@@ -202,7 +207,8 @@ def test_the_first_remedy_comes_closer_and_is_one_step_unless_the_user_did_somet
     assert missed.editor.undo_label == "match"
 
 
-def test_what_goes_on_starts_from_the_present_field_and_during_a_run_nothing_is_changed(missed):
+def test_continue_starts_from_the_present_field(missed):
+    """During a run a remedy changes nothing."""
     history, remedy = missed.result.energy_history, missed.result.verdict.remedies[0]
     assert not missed.solver.warm
     missed.remedy(Remedy("Continue", "go on", {}, True))
@@ -245,7 +251,8 @@ def test_the_flow_is_shown_and_played_once_from_0_to_tau(flowing):
     assert not shows_flow(flowing)
 
 
-def test_it_waits_for_what_it_would_show_and_saved_work_stays_saved(flowing, tmp_path):
+def test_playing_waits_for_its_pictures(flowing, tmp_path):
+    """Saved work stays saved."""
     flowing.player.held = True
     matched(flowing)
     flowing.saves.mark(flowing.document, Origin.of(tmp_path / "a.abfm"))
@@ -271,7 +278,8 @@ def test_what_the_user_does_stops_it(flowing):
         assert not flowing.player.playing
 
 
-def test_a_cancelled_run_shows_what_it_has_and_one_whose_flow_is_switched_off_none(endless):
+def test_the_flow_of_a_cancelled_run_is_shown(endless):
+    """Unless that is switched off."""
     end_run(solving(endless))
     assert (endless.player.playing, endless.time) == (False, endless.parameters.tau)
     assert not shows_flow(endless)
@@ -303,7 +311,7 @@ def test_streaks_on_small_meshes_where_drawing_is_quick(ball, quickly):
     assert (view.arrows, view.streaks) == (not quickly, quickly)
 
 
-def test_what_the_user_hid_stays_hidden_and_what_he_chose_stays_chosen(ball):
+def test_the_view_of_the_flow_keeps_choices_of_the_user(ball):
     assert ball.view_of_flow(velocity=0.0) is None  # no flow to see
     assert ball.view_of_flow(flow_after_match=False) is None
     for chosen in ({"streaks": True}, {"coloring": "speed"}):

@@ -25,7 +25,8 @@ def go(session, step):
     until(lambda: session.result.step == step, session)
 
 
-def test_a_step_takes_the_result_s_place_and_undo_and_the_solver_s_choice_go_back(walked):
+def test_a_step_replaces_the_result_until_undo(walked):
+    """The solver's choice also goes back."""
     found, steps = walked.result, walked.steps
     go(walked, 0)
     assert walked.result.residual == found.path[0].residual
@@ -48,7 +49,8 @@ def test_a_step_takes_the_result_s_place_and_undo_and_the_solver_s_choice_go_bac
     assert (again.document.chosen, again.steps.chosen) == (None, again.result.step)
 
 
-def test_the_latest_wish_wins_and_one_for_another_match_is_dropped(walked, monkeypatch):
+def test_the_latest_request_wins(walked, monkeypatch):
+    """A request for another match is dropped."""
     may, at_step = threading.Event(), Match.at_step
     monkeypatch.setattr(Match, "at_step", lambda match, n: may.wait(30) and at_step(match, n))
     found = walked.result

@@ -33,7 +33,8 @@ def exported(film, path):
     assert told == [(f"saved {path}", False)]
 
 
-def test_a_sequence_in_a_file_of_its_own_is_saved_and_other_files_hold_less(film, tmp_path):
+def test_a_sequence_in_its_own_file_is_saved(film, tmp_path):
+    """Other files hold less."""
     exported(film, tmp_path / "film-lh.stc")
     assert film.saves.unsaved
     exported(film, tmp_path / "film.npz")

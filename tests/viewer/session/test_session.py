@@ -58,7 +58,8 @@ def test_functions_that_cannot_be_evaluated_stand_in_the_way(session):
     assert session.document.mask == "indicator:vertex=100000,radius=1"
 
 
-def test_masks_without_a_meaning_and_functions_beyond_the_screens_precision_are_refused(session):
+def test_senseless_masks_and_extreme_functions_are_refused(session):
+    """Functions beyond the precision of the screen cannot be shown."""
     for mask in ("expression:0*x", "coordinate:x"):
         session.editor.set_mask(mask)
         until(lambda: "computed" not in session.obstacle, session)
@@ -179,7 +180,8 @@ def test_notices_do_not_stay_forever(session, monkeypatch):
     assert session.notices.cards[0].text == "problem 999"
 
 
-def test_channels_without_weight_stand_in_the_way_but_those_that_are_left_have_some(session):
+def test_channels_without_weight_prevent_a_match(session):
+    """Channels that remain after a removal have a weight."""
     session.editor.amend(channels=(replace(session.active, weight=0.0),))
     check_message(session.obstacle, 0)
     session.editor.amend(channels=(PAIR,))
@@ -244,7 +246,8 @@ def test_what_happens_between_two_drags_keeps_them_apart(editor, between):
     assert left.time == 0.1
 
 
-def test_a_drag_is_one_step_amending_none_and_a_change_forgets_what_was_undone(editor):
+def test_a_drag_is_one_step_and_amending_is_none(editor):
+    """A change forgets what was undone."""
     start = editor.document
     for moment in (0.1, 0.2, 0.3):
         move(editor, moment, "time")
@@ -263,7 +266,8 @@ def test_a_drag_is_one_step_amending_none_and_a_change_forgets_what_was_undone(e
     assert editor.document.time == 2
 
 
-def test_what_the_mouse_turned_stays_unless_a_step_chose_another_look(editor):
+def test_undo_keeps_how_the_mouse_turned_the_surface(editor):
+    """Unless a step chose another view."""
     front, side, above = (Look(Front(tuple(axis), (0.0, 0.0, 1.0))) for axis in np.eye(3))
     move(editor, 1)
     editor.document = look(editor, look=front, large="source")
@@ -326,7 +330,8 @@ def test_once_stops_at_the_end_and_plays_again_from_the_start():
     assert played(playing("once", beyond=True), 0.0, 3 * SECONDS)[-1] == END
 
 
-def test_a_loop_begins_again_and_never_leaves_the_range_whatever_the_frame_and_the_time():
+def test_a_loop_never_leaves_its_range():
+    """Whatever the frame and the time."""
     times = played(playing("loop"), 0.0, 3 * SECONDS)
     assert min(times) == 0
     assert max(times) <= TAU
@@ -335,7 +340,8 @@ def test_a_loop_begins_again_and_never_leaves_the_range_whatever_the_frame_and_t
     assert next_time(playing("ping-pong"), 1.5 * TAU) == 0
 
 
-def test_ping_pong_turns_at_both_ends_and_another_way_to_repeat_goes_forward_again():
+def test_ping_pong_turns_at_both_ends():
+    """Another mode goes forward again."""
     player = playing("ping-pong")
     times = played(player, 0.0, 3 * SECONDS)
     assert (times.count(TAU), times.count(0.0)) == (1, 2)
@@ -348,7 +354,7 @@ def test_ping_pong_turns_at_both_ends_and_another_way_to_repeat_goes_forward_aga
     assert next_time(player, 1.0) > 1
 
 
-def test_a_pair_that_no_flow_matches_is_foreseen_and_can_be_rescaled(session):
+def test_an_impossible_pair_is_foreseen_and_rescaled(session):
     until(lambda: session.foreseen is None and not session.work._foreseen.busy, session)
     session.editor.set_spec("target", "expression:5*y+3")
     session.editor.set_spec("source", "coordinate:x")

@@ -78,7 +78,7 @@ def test_a_result_opens_with_its_functions_and_is_not_outdated(desk, tmp_path):
     desk.settle()
 
 
-def test_functions_of_a_result_that_came_as_text_are_that_text_again(desk, tmp_path):
+def test_functions_given_as_text_open_as_text(desk, tmp_path):
     mesh, text = desk.session.surface().mesh, "gaussian:vertex=3,width=0.3"
     np.savetxt(tmp_path / "g.txt", target := np.linspace(0, 1, len(mesh.vertices)))
     problem = Problem(
@@ -95,7 +95,8 @@ def test_functions_of_a_result_that_came_as_text_are_that_text_again(desk, tmp_p
     assert not desk.session.outdated
 
 
-def test_save_goes_to_the_file_of_the_document_that_undo_came_back_to(desk, tmp_path):
+def test_save_writes_the_file_of_the_present_document(desk, tmp_path):
+    """Also after undo went back to another document."""
     session = desk.session
     session.editor.set_parameter(alpha=3)
     for name in ("first", "second"):
@@ -152,9 +153,8 @@ def test_a_surface_of_freesurfer_opens(desk, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["npz", "abfm"])
-def test_a_file_that_its_field_does_not_bear_out_opens_judged_anew_and_says_so(
-    solved, tmp_path, suffix
-):
+def test_a_file_that_disagrees_with_its_field_is_recomputed(solved, tmp_path, suffix):
+    """A card says so."""
     found, path = solved.session.result, tmp_path / f"cheat.{suffix}"
     cheat = replace(found, fine_velocity=0 * found.velocity)
     solved.session.editor.amend(result=cheat)
@@ -191,7 +191,8 @@ def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch
     assert sorted(path.name for path in tmp_path.glob("*.abfm")) == ["a.abfm", "b.abfm", "c.abfm"]
 
 
-def test_what_is_being_written_is_written_though_the_program_ends_without_closing(tmp_path):
+def test_files_are_complete_when_the_program_ends(tmp_path):
+    """Without closing the session."""
     code = """if True:
         import sys, time
         from pathlib import Path
@@ -225,7 +226,7 @@ def test_changes_made_while_saving_stay_unsaved(desk, tmp_path):
     assert not desk.session.saves.unsaved
 
 
-def test_a_session_begins_with_any_kind_of_file_and_nothing_to_undo(desk, tmp_path):
+def test_a_session_opens_any_file_without_history(desk, tmp_path):
     f, g = map(desk.session.values, ("source", "target"))
     found = match(desk.session.surface().mesh, f, g, Parameters.of(iterations=3, refine=0))
     found.save(tmp_path / "m.npz")
@@ -249,7 +250,8 @@ def frames_of(desk):
 
 
 @pytest.mark.parametrize("name", ["f.npz", "f.csv", "f.txt", "f.npy", "f.gii"])
-def test_every_file_of_frames_opens_alone_beside_its_mesh_and_by_words(desk, tmp_path, name):
+def test_every_file_of_frames_opens(desk, tmp_path, name):
+    """Alone, dropped with its mesh, and from the command line."""
     mesh, path = desk.session.surface().mesh, tmp_path / name
     frames = np.float32(np.random.default_rng(3).normal(size=(3, len(mesh.vertices))))
     if name.endswith(".gii"):
@@ -310,7 +312,7 @@ def test_of_several_arrays_one_is_asked_for_or_chosen_by_words(desk, tmp_path):
         open_session(file, array="u")
 
 
-def test_tables_and_archives_without_frames_are_told_as_what_they_are(desk, tmp_path):
+def test_errors_say_what_files_without_frames_are(desk, tmp_path):
     np.savez(tmp_path / "x.npz", x=np.zeros(3))
     (tmp_path / "words.csv").write_text("name,mesh\na,b.off\n")
     (tmp_path / "cut.npz").write_bytes(b"PK")
@@ -342,7 +344,8 @@ def test_a_result_that_was_left_is_unsaved_until_it_is_saved(solved, small, tmp_
     assert not session.saves.unsaved
 
 
-def test_changes_that_were_left_are_unsaved_too_in_the_order_of_what_was_left(desk, small):
+def test_changes_of_other_documents_are_unsaved(desk, small):
+    """In the order in which these were left."""
     desk.session.editor.set_parameter(alpha=3)
     desk.open(small)
     for step in range(300):  # more than undo goes back
@@ -369,7 +372,8 @@ def test_what_undo_and_redo_leave_is_unsaved(desk, small):
     assert results(desk)[0] is not None
 
 
-def test_a_result_that_was_taken_back_is_unsaved_until_another_state_is_saved(solved, tmp_path):
+def test_an_undone_result_is_unsaved(solved, tmp_path):
+    """Until another state is saved."""
     session, found = solved.session, solved.session.result
     session.undo()
     session.editor.amend(parameters=Parameters())
@@ -379,7 +383,7 @@ def test_a_result_that_was_taken_back_is_unsaved_until_another_state_is_saved(so
     assert session.saves.unsaved_documents == ()
 
 
-def test_a_later_result_is_not_settled_by_a_save_that_began_before_it(solved, small, tmp_path):
+def test_a_save_does_not_cover_a_later_result(solved, small, tmp_path):
     solved.files.save(tmp_path / "a.abfm")
     later = matched(solved.session).result
     solved.settle()
@@ -475,7 +479,7 @@ def test_what_is_being_set_up_ends_only_if_the_user_says_so(desk, small, is_over
     assert (desk.session.document.name == "small.off") != is_over
 
 
-def test_a_run_does_not_start_while_its_mesh_is_about_to_be_replaced(desk, small):
+def test_no_run_starts_while_another_mesh_opens(desk, small):
     session = desk.session
     desk.files.open(small)
     assert session.loading.replacing == "opening small.off"

@@ -100,7 +100,8 @@ def test_the_same_text_on_both_surfaces_is_known_for_each(pair, tmp_path):
     assert [one.name for one in opened.surfaces] == ["a.off", "b.off"]
 
 
-def test_a_project_of_two_surfaces_keeps_all_and_tells_what_it_lacks(pair, tmp_path):
+def test_a_project_of_two_surfaces_keeps_everything(pair, tmp_path):
+    """An error names a missing array."""
     matched(pair)
     path = tmp_path / "p.abfm"
     save_project(path, pair.document, {})

@@ -43,7 +43,8 @@ def test_a_run_of_a_mesh_that_was_opened_later_is_kept(desk, copies, tmp_path):
     assert session.saves.unsaved_documents == ()
 
 
-def test_a_copy_of_a_run_opens_where_another_step_of_the_result_before_was_shown(desk, copies):
+def test_a_copy_of_a_run_opens_after_another_step(desk, copies):
+    """Another step of the earlier result was shown when the run began."""
     session = desk.session
     other = stepped(matched(session).result).at_step(0)
     session.editor.amend(result=other, chosen=2, parameters=ENDLESS)
@@ -55,7 +56,7 @@ def test_a_copy_of_a_run_opens_where_another_step_of_the_result_before_was_shown
     until(lambda: any(map(is_kept, copies())), session)
 
 
-def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, copies, monkeypatch):
+def test_copies_survive_the_end_of_the_process(desk, copies, monkeypatch):
     session, asked = desk.session, []
 
     def unfinished(*snapshot):

@@ -200,7 +200,8 @@ def fail_after_a_dialog(gui, mesh_file, capsys):
 # Closing, dropped files, preferences, recovery
 
 
-def test_preferences_are_kept_for_the_next_launch_and_senseless_ones_left_out(state, launched):
+def test_preferences_are_kept_for_the_next_launch(state, launched):
+    """Invalid ones are left out."""
     with launched() as gui:
         gui.key("l")
         gui.menu("View", "UI scale", "1.25")
@@ -269,7 +270,7 @@ def draw_half_of_the_time(gui, monkeypatch, bare, rest):
     assert slept == [pytest.approx(rest)]
 
 
-def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
+def test_the_window_is_drawn_before_the_solver_is_loaded(tmp_path):
     done = python(
         "import sys; from abfm_viewer.scene import opengl; from pathlib import Path\n"
         "from abfm_viewer.window.window import open_window\n"
@@ -302,7 +303,9 @@ def test_bad_words_are_one_line_and_status_2(words, named, capsys):
     check_message(told, named)
 
 
-def test_a_window_has_its_own_sizes_whatever_another_one_left_in_imgui(launched):
+def test_a_window_has_its_own_sizes(launched):
+    """Whatever an earlier window left in ImGui."""
+
     def places():
         with launched() as gui:
             gui.frames(2)
@@ -358,7 +361,8 @@ sys.exit(status)
 
 
 @pytest.mark.parametrize(("words", "said"), [("", "a.off"), ("['b.off']", "b.off")])
-def test_the_program_ends_when_all_have_tidied_up_and_who_calls_it_lives_on(words, said):
+def test_the_program_ends_after_cleaning_up(words, said):
+    """A caller of `main` continues."""
     done = python(_PROGRAM.replace("{words}", words), timeout=60)
     assert (done.returncode, done.stderr) == (7, "")
     lives_on = ["taken apart"] if words else []
@@ -388,7 +392,7 @@ def test_the_first_match_finds_its_kernels_compiled():
     assert min(compiled.values()) > 0, compiled
 
 
-def test_a_figure_keeps_the_theme_and_forgets_the_rest_of_the_view():
+def test_a_figure_keeps_only_the_theme_of_the_view():
     forgotten = {"blend": True, "transport": True, "animate": True, "coloring": "checker"}
     document, _ = figure_document(7, View(theme="dark", **forgotten))
     assert document.view.theme == "dark"
