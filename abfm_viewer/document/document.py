@@ -540,10 +540,6 @@ class Document:
         beyond = f", which is {EXTRAPOLATION:g} tau" if self.extrapolates else ""
         return f"{self.start:g} to {self.end:g}{beyond}"
 
-    @property
-    def unit_of_time(self) -> str:
-        return ""
-
     # The result
 
     @property

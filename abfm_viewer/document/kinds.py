@@ -332,10 +332,6 @@ class FilmDocument(Document):
     def channel_count(self) -> int:
         return self.film.channels
 
-    @property
-    def unit_of_time(self) -> str:
-        return self.film.unit
-
     def renamed(self, name: str, called: Mapping[str, str]) -> Self:
         return replace(super().renamed(name, called), film=replace(self.film, name=name))
 
