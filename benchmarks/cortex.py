@@ -219,7 +219,7 @@ def score_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
         ).match
         scores = [f"{step.sigma:.3g}: {step.score:.4f}" for step in found.path]
         scores[found.step] = f"**{scores[found.step]}**"
-        yield [name, *scores[-_STEPS_SHOWN:]]
+        yield [name, *[*_STEPS_SHOWN * ("",), *scores][-_STEPS_SHOWN:]]
 
 
 def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
