@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 Cells = Sequence[str]
 Report = dict[str, Any]
 """Numbers, text, lists and dictionaries, for a JSON file."""
-Tell = Callable[[str], None]
+Log = Callable[[str], None]
 """Prints a line of progress."""
 
 _CPU_INFO = Path("/proc/cpuinfo")
