@@ -4,13 +4,13 @@ Run it with ``python -m benchmarks.arrival`` and the options of ``abfm bench --a
 """
 
 from collections.abc import Sequence
-from math import log
+from math import log as logarithm
 
 import numpy as np
 
 from abfm import Problem, function
 from abfm.mesh.shapes import sphere
-from benchmarks.common import Report, Tell, bench, decimals, machine, machine_line, markdown
+from benchmarks.common import Log, Report, bench, decimals, machine, machine_line, markdown
 from benchmarks.watched import MISMATCH, watched_match
 
 _WIDTH = 0.1
@@ -34,13 +34,13 @@ def gaussians(subdivision: int) -> Problem:
     return Problem(mesh, source, target)
 
 
-def run(tell: Tell, subdivisions: Sequence[int] = (5, 6, 7)) -> Report:
+def run(log: Log, subdivisions: Sequence[int] = (5, 6, 7)) -> Report:
     """Measure the default solver on each mesh."""
     watched_match(gaussians(4))  # compiles kernels before anything is timed
     rows = []
     for subdivision in subdivisions:
         size = 10 * 4**subdivision + 2
-        tell(f"{size} vertices")
+        log(f"{size} vertices")
         found = watched_match(gaussians(subdivision))
         rows.append(
             {
@@ -54,7 +54,7 @@ def run(tell: Tell, subdivisions: Sequence[int] = (5, 6, 7)) -> Report:
     (small, early), (large, late) = (
         (row["vertices"], row["seconds_to_end"]) for row in (rows[0], rows[-1])
     )
-    growth = None if small == large else log(late / early) / log(large / small)
+    growth = None if small == large else logarithm(late / early) / logarithm(large / small)
     return {"arrival": rows, "growth": growth, "machine": machine()}
 
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 Cells = Sequence[str]
 Report = dict[str, Any]
 """Numbers, text, lists and dictionaries, for a JSON file."""
-Tell = Callable[[str], None]
+Log = Callable[[str], None]
 """Prints a line of progress."""
 
 _CPU_INFO = Path("/proc/cpuinfo")
@@ -68,7 +68,7 @@ def main(
     for name, about in {**(required or {}), **options}.items():
         is_required = name not in options
         parser.add_argument(f"--{name}", help=about, type=Path, required=is_required)
-    parser.add_argument("--jobs", type=int, help="number of processes (default: all cores)")
+    parser.add_argument("--jobs", type=int, help="parallel processes (default: all cores)")
     parser.add_argument("--only", nargs="+", metavar="TABLE", help="compute only these tables")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="replace the tables of a page")
     arguments = parser.parse_args()

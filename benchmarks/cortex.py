@@ -52,7 +52,7 @@ _NORMS: tuple[dict[str, Any], ...] = (
     {"order": 2, "alpha": 0.003, "sigma": 3.0, "divergence": 1.0},
 )
 _BOUNDS = (1.5, 1.0, 0.6)
-_OUTSIDE_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")
+_LABELS_OUTSIDE_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")
 _STEPS_SHOWN = 5
 
 
@@ -150,7 +150,7 @@ class Evaluation:
         values = []
         for index, name in enumerate(names):
             one, other = (ours == index) & self.cortex, (carried == index) & self.cortex
-            if name.lower() not in _OUTSIDE_CORTEX and one.any():
+            if name.lower() not in _LABELS_OUTSIDE_CORTEX and one.any():
                 values.append(2 * (one & other).sum() / (one.sum() + other.sum()))
         return float(np.mean(values))
 
@@ -207,7 +207,7 @@ def masks(template: Hemisphere) -> dict[str, BoolArray | None]:
     found: dict[str, BoolArray | None] = {"mask thickness > 0": template.cortex}
     if template.labels:
         names = np.char.lower(np.array(template.labels))
-        found["mask from labels"] = ~np.isin(names, _OUTSIDE_CORTEX)
+        found["mask from labels"] = ~np.isin(names, _LABELS_OUTSIDE_CORTEX)
     return {**found, "no mask": None}
 
 
@@ -219,7 +219,7 @@ def score_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
         ).match
         scores = [f"{step.sigma:.3g}: {step.score:.4f}" for step in found.path]
         scores[found.step] = f"**{scores[found.step]}**"
-        yield [name, *scores[-_STEPS_SHOWN:]]
+        yield [name, *[*_STEPS_SHOWN * ("",), *scores][-_STEPS_SHOWN:]]
 
 
 def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:

@@ -161,7 +161,7 @@ def run(trials: Trials) -> Report:
             try:
                 yield _posed(trial, folder)
             except AbfmError as error:  # of meshes on which there is no such flow
-                trials.tell(f"left out: {trial.mesh_name}: {error}")
+                trials.log(f"left out: {trial.mesh_name}: {error}")
 
     rows = measured(trials, pose, lambda row: ", ".join(_cells(row)))
     return trials.report(rows, noise=NOISE)

@@ -10,16 +10,16 @@ from abfm import MeshError, ParameterError, TriangleMesh, load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.mesh.files import MESH_ENDINGS
 from abfm.mesh.shapes import even_sphere, five_limbs, grid, torus
-from benchmarks.common import Tell
+from benchmarks.common import Log
 
 _BUMPS = 9
 
 
-def given_meshes(paths: Sequence[Path], tell: Tell) -> dict[str, TriangleMesh]:
+def given_meshes(paths: Sequence[Path], log: Log) -> dict[str, TriangleMesh]:
     """Read files by name, and all meshes of folders by ``folder/name``, sorted by name.
 
     A refused mesh is read with the options that its error advises. Files that cannot be used are
-    left out, and `tell` prints them and all repairs.
+    left out, and `log` prints them and all repairs.
 
     Raises
     ------
@@ -35,10 +35,10 @@ def given_meshes(paths: Sequence[Path], tell: Tell) -> dict[str, TriangleMesh]:
         try:
             found[name] = _repaired(path)
         except MeshError as error:
-            tell(f"left out: {error}")
+            log(f"left out: {error}")
             continue
         for message in found[name].messages:
-            tell(f"{name}: {message}")
+            log(f"{name}: {message}")
     return found
 
 

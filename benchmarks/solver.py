@@ -14,7 +14,7 @@ import numpy as np
 from abfm import MatchingEnergy, Problem
 from abfm.calculus import to_frame
 from abfm.types import FloatArray
-from benchmarks.common import Report, Tell, bench, decimals, machine, machine_line, markdown
+from benchmarks.common import Log, Report, bench, decimals, machine, machine_line, markdown
 from benchmarks.gradients import PARAMETERS, cosines, sphere_problem
 from benchmarks.paper_algorithm import PaperDescent, minimise
 from benchmarks.watched import MISMATCH, watched_match
@@ -22,8 +22,8 @@ from benchmarks.watched import MISMATCH, watched_match
 MULTIGRID = PARAMETERS.with_values(iterations=10**9, levels=3, reach=1.0)
 """The paper's energy with coarser meshes first, on which the norm of mismatches has a long range.
 Only iterates on the mesh itself are compared, as only their energy is the paper's."""
-PLAIN = PARAMETERS.with_values(iterations=10**9, preconditioner="none")
-COOLED = PARAMETERS.with_values(cooling_stages=3, iterations=500)
+PLAIN_LBFGS = PARAMETERS.with_values(iterations=10**9, preconditioner="none")
+COOLING = PARAMETERS.with_values(cooling_stages=3, iterations=500)
 SIGMAS = {"default_cooling": "default cooling", "constant_sigma": "constant sigma"}
 
 
@@ -42,7 +42,7 @@ class Settings:
     timings: int = 15  # of the gradient
 
 
-def run(tell: Tell, settings: Settings) -> Report:
+def run(log: Log, settings: Settings) -> Report:
     """Measure the solver against both baselines; takes about four minutes.
 
     The report has ``ratios``, the numbers that they are ratios of, ``settings`` and ``machine``.
@@ -50,9 +50,9 @@ def run(tell: Tell, settings: Settings) -> Report:
     times and what depends on how far a baseline got in its time.
     """
     report: Report = {"ratios": {}}
-    _add_race(report, settings, tell)
-    _add_mesh_sizes(report, settings, tell)
-    tell("cosines of the bracket gradient")
+    _add_race(report, settings, log)
+    _add_mesh_sizes(report, settings, log)
+    log("cosines of the bracket gradient")
     parameters = PARAMETERS.with_values(iterations=settings.cosine_iterations)
     problem = sphere_problem(settings.subdivision, parameters)
     report["bracket_gradient"] = cosines(problem, watched_match(problem).match.velocity[0])
@@ -67,24 +67,24 @@ def run(tell: Tell, settings: Settings) -> Report:
     return {**report, "machine": machine()}
 
 
-def _race(settings: Settings, tell: Tell) -> tuple[PaperDescent, FloatArray, list[FloatArray]]:
+def _race(settings: Settings, log: Log) -> tuple[PaperDescent, FloatArray, list[FloatArray]]:
     """Run both baselines for the given time, and the solver until its energy is below theirs.
 
     Returns the descent of the paper's algorithm, and the histories of plain L-BFGS and of each
     run of the solver. All start from zero on new meshes, and their times include all setup.
     """
     size, seconds, repeats = settings.subdivision, settings.seconds, settings.repeats
-    for parameters in (MULTIGRID, PLAIN):  # compiles kernels before anything is timed
+    for parameters in (MULTIGRID, PLAIN_LBFGS):  # compiles kernels first
         watched_match(sphere_problem(3, parameters.with_values(iterations=40)))
-    tell(f"the paper's algorithm, {seconds:g} s")
+    log(f"the paper's algorithm, {seconds:g} s")
     problem = sphere_problem(size)
     paper = minimise(problem.mesh, problem.source, problem.target, PARAMETERS, seconds)
-    tell(f"plain L-BFGS with the exact gradient, {seconds:g} s")
-    plain = watched_match(sphere_problem(size, PLAIN), seconds).history
+    log(f"plain L-BFGS with the exact gradient, {seconds:g} s")
+    plain = watched_match(sphere_problem(size, PLAIN_LBFGS), seconds).history
     lowest = min(paper.energy, plain[-1, 1])
     solver = []
     for repeat in range(repeats):
-        tell(f"the preconditioned solver, run {repeat + 1} of {repeats}")
+        log(f"the preconditioned solver, run {repeat + 1} of {repeats}")
         solver.append(watched_match(sphere_problem(size, MULTIGRID), seconds, lowest).history)
     return paper, plain, solver
 
@@ -95,8 +95,8 @@ def time_below(history: FloatArray, energy: float) -> float | None:
     return float(history[below[0], 0]) if len(below) else None
 
 
-def _add_race(report: Report, settings: Settings, tell: Tell) -> None:
-    paper, plain, solver = _race(settings, tell)
+def _add_race(report: Report, settings: Settings, log: Log) -> None:
+    paper, plain, solver = _race(settings, log)
     plain_seconds, plain_energy, _ = plain[-1].tolist()
     paper_seconds = float(paper.history[-1, 0])
 
@@ -121,7 +121,7 @@ def _add_race(report: Report, settings: Settings, tell: Tell) -> None:
     }
 
 
-def _add_mesh_sizes(report: Report, settings: Settings, tell: Tell) -> None:
+def _add_mesh_sizes(report: Report, settings: Settings, log: Log) -> None:
     cost: dict[str, float] = {}
     reached: dict[str, dict[str, int | None]] = {name: {} for name in SIGMAS}
     report["iterations_to_mismatch"] = reached
@@ -131,9 +131,9 @@ def _add_mesh_sizes(report: Report, settings: Settings, tell: Tell) -> None:
     for subdivision in settings.subdivisions:
         problem = sphere_problem(subdivision, limited)
         size = str(len(problem.mesh.vertices))
-        tell(f"iterations and cost of the gradient at {size} vertices")
+        log(f"iterations and cost of the gradient at {size} vertices")
         constant = watched_match(problem)
-        cooled = watched_match(problem.with_parameters(COOLED), mismatch=MISMATCH)
+        cooled = watched_match(problem.with_parameters(COOLING), mismatch=MISMATCH)
         reached["default_cooling"][size] = cooled.iterations_to_mismatch
         reached["constant_sigma"][size] = constant.iterations_to_mismatch
         energies[size] = {str(k): float(constant.history[k, 1]) for k in (10, 20)}

@@ -25,9 +25,9 @@ from benchmarks.trials import Posed, Trials, measured
 
 GOAL = Parameters.goal
 """Largest residual of a success, by the discrete flow and by flow lines."""
-CONFIRMED = 0.1
+RESIDUAL_CONFIRMED = 0.1
 """Residual by flow lines that is also counted."""
-UNFOLDED = 0.01
+FOLDED_MAX = 0.01
 """Largest share of folded faces of a match that counts as unfolded."""
 
 Family = Literal["gaussian", "one to two", "disc", "eigenfunction", "descriptor"]
@@ -200,7 +200,8 @@ def record_of(entry: Entry) -> Report:
     - ``row_products``: products of rows of ``D_v`` in all advections and adjoints
     - ``seconds``: of the match on a new mesh and of writing the result
     - ``refined``, ``stop_reason``, ``verdict``: as of `abfm.Match`, or the error
-    - ``success``, ``confirmed``: both residuals at most `GOAL`, ``verified`` at most `CONFIRMED`
+    - ``success``: both residuals are at most `GOAL`
+    - ``confirmed``: ``verified`` is at most `RESIDUAL_CONFIRMED`
     """
     cost = entry.record
     record: Report = {
@@ -234,7 +235,7 @@ def record_of(entry: Entry) -> Report:
         record[key] = record[key] if isfinite(_or_inf(record[key])) else None
     verified = _or_inf(record["verified"])
     success = max(_or_inf(record["residual"]), verified) <= GOAL
-    return record | {"success": success, "confirmed": verified <= CONFIRMED}
+    return record | {"success": success, "confirmed": verified <= RESIDUAL_CONFIRMED}
 
 
 def _or_inf(value: float | None) -> float:
@@ -258,7 +259,7 @@ def run(trials: Trials, only_solvable: bool = False, **parameters: Any) -> Repor
                     row = problem_row(problem, folder, trial.mesh_name)
                     yield Posed({"result": row}, _measure(described))
             except AbfmError as error:  # of meshes on which a function is undefined
-                trials.tell(f"left out: {trial.mesh_name}: {error}")
+                trials.log(f"left out: {trial.mesh_name}: {error}")
 
     rows = measured(trials, pose, _line)
     return trials.report(rows, solvable=only_solvable, level=GOAL, parameters=used.to_dict())
@@ -291,13 +292,13 @@ def _median(key: str) -> Callable[[list[Report]], str]:
 
 
 def _unfolded(results: list[Report]) -> str:
-    count = sum(_or_inf(result["folded"]) <= UNFOLDED for result in results)
+    count = sum(_or_inf(result["folded"]) <= FOLDED_MAX for result in results)
     return f"{100 * count / max(len(results), 1):.0f}%"
 
 
 COLUMNS = {
     f"both at most {GOAL:g}": _count("success"),
-    f"flow lines at most {CONFIRMED:g}": _count("confirmed"),
+    f"flow lines at most {RESIDUAL_CONFIRMED:g}": _count("confirmed"),
     "residual": _median("residual"),
     "by flow lines": _median("verified"),
     "unfolded": _unfolded,
@@ -319,7 +320,7 @@ def report_text(report: Report) -> str:
         f"A success has a residual of at most {GOAL:g} by the discrete flow and by flow lines. "
         "Solvable: the source has the target's values and peaks, also on boundaries and on parts "
         "joined only at vertices. Residuals, products (of rows of D_v) and seconds are medians. "
-        f"Unfolded: matches with at most {100 * UNFOLDED:g}% folded faces. Refined: on a "
+        f"Unfolded: matches with at most {100 * FOLDED_MAX:g}% folded faces. Refined: on a "
         "subdivision.",
         f"{len(rows)} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
         f"{seconds:.0f} s in total. {machine_line(report['machine'])}.",

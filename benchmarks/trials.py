@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 from abfm import Control, TriangleMesh, batch
 from abfm.batch import Cluster, Entry
 from abfm.io import temporary_folder
-from benchmarks.common import Report, Tell, machine
+from benchmarks.common import Log, Report, machine
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Trials:
     """
 
     meshes: Mapping[str, TriangleMesh]
-    tell: Tell = lambda line: None
+    log: Log = lambda line: None
     seed: int = 0
     count: int = 6
     folder: Path | None = None
@@ -65,12 +66,9 @@ def measured(
     Each is printed as a line when it is finished. Matches are not ended by a clock, so all numbers
     except seconds are the same in every run.
     """
-    own = temporary_folder()
-    with own if trials.folder is None else nullcontext(trials.folder) as folder:
-        posed = list[Posed]()
-        if not trials.control.cancelled:
-            trials.tell("stating problems")
-            posed.extend(pose(folder))
+    with temporary_folder() if trials.folder is None else nullcontext(trials.folder) as folder:
+        trials.log("stating problems")
+        posed = [*takewhile(lambda _: not trials.control.cancelled, pose(folder))]
         found, entries = dict[int, Report](), dict[str, Entry]()
 
         def note(entry: Entry) -> None:
@@ -80,7 +78,7 @@ def measured(
                 if number not in found and entries.keys() >= set(keys.values()):
                     own = {name: entries[key] for name, key in keys.items()}
                     found[number] = problem.measure(own)
-                    trials.tell(f"{len(found)}/{len(posed)} {line(found[number])}")
+                    trials.log(f"{len(found)}/{len(posed)} {line(found[number])}")
 
         rows = [row for problem in posed for row in problem.matches.values()]
         for entry in batch.Ledger(folder).entries(rows):

@@ -25,7 +25,7 @@ from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import Backend
 from abfm_viewer.session.session import Session
 from abfm_viewer.window.window import Window
-from benchmarks.common import Report, Tell, bench, markdown
+from benchmarks.common import Log, Report, bench, markdown
 
 THROUGHPUT_MIN = 0.8
 """Iterations per second with the window over those without it."""
@@ -34,7 +34,7 @@ LAUNCH_RATIO_MAX = 1.5
 """Of the app to bare polyscope."""
 
 _SIZE = (1280, 800)
-_BARE = """
+_POLYSCOPE_SCRIPT = """
 import sys
 import numpy as np
 import trimesh
@@ -49,7 +49,7 @@ surface.add_scalar_quantity("height", np.asarray(mesh.vertices)[:, 1], enabled=T
 ps.frame_tick()
 print("drawn", flush=True)
 """
-_APP = """
+_APP_SCRIPT = """
 import sys
 from abfm_viewer.window.window import open_window
 window = open_window(sys.argv[1], sys.argv[2], (1280, 800))
@@ -60,7 +60,7 @@ window.close()
 
 
 def run(
-    tell: Tell,
+    log: Log,
     subdivisions: Sequence[int] = (5, 6),
     parameters: Parameters | None = None,
     long: int = 300,
@@ -82,17 +82,17 @@ def run(
     backend: Backend = (
         opengl.WINDOW if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() else opengl.OFFSCREEN
     )
-    tell("launch to the first frame, of the app and of bare polyscope")
+    log("launch to the first frame, of the app and of bare polyscope")
     launch, throughput = _launch(backend, repeats), []
     frames: Report = {}
     for subdivision in subdivisions:
         mesh = sphere(subdivision)
         size = f"{len(mesh.vertices):,} vertices"
-        tell(f"abfm.match alone, and with the window, {size}")
+        log(f"abfm.match alone, and with the window, {size}")
         with _opened(mesh, backend, parameters or Parameters()) as window:
             throughput.append(_throughput(window, repeats))
             if not frames:
-                tell("frames during a long solve")
+                log("frames during a long solve")
                 frames = _frames(window, long)
     return {
         "launch": launch,
@@ -137,7 +137,7 @@ def _launch(backend: Backend, repeats: int) -> Report:
     arguments = str(asset_path("human_A.off")), backend
     runs = {
         name: partial(_until_drawn, [sys.executable, "-c", code, *arguments])
-        for name, code in (("app", _APP), ("bare polyscope", _BARE))
+        for name, code in (("app", _APP_SCRIPT), ("bare polyscope", _POLYSCOPE_SCRIPT))
     }
     seconds, ratio = _in_turns(repeats, runs)
     return {"seconds": seconds, "ratio": ratio, "at_most": LAUNCH_RATIO_MAX}

@@ -91,14 +91,14 @@ def run(arguments: argparse.Namespace) -> int:
     if out is not None:
         outputs.check(out, [".json"])
 
-    def tell(line: str) -> None:
+    def log(line: str) -> None:
         if not arguments.quiet:
             print(line, file=sys.stderr, flush=True)
 
     if arguments.success or arguments.measured:
         trials = Trials(
             _meshes(arguments),
-            tell,
+            log,
             arguments.seed,
             arguments.problems,
             arguments.out,
@@ -113,13 +113,13 @@ def run(arguments: argparse.Namespace) -> int:
                 report = map_errors.run(trials)
                 text = map_errors.report_text(report)
     elif arguments.arrival:
-        report = arrival.run(tell)
+        report = arrival.run(log)
         text = arrival.report_text(report)
     elif arguments.viewer:
-        report = window.run(tell)
+        report = window.run(log)
         text = window.report_text(report)
     else:
-        report = solver.run(tell, solver.Settings(arguments.seconds))
+        report = solver.run(log, solver.Settings(arguments.seconds))
         text = solver.report_text(report)
     as_json = json.dumps(report, allow_nan=False)
     if out is not None:

@@ -1,5 +1,5 @@
 """The paper's algorithm, against its printed formulas by dense exponentials and against the solver,
-for whose bracket gradient it is a witness.
+whose bracket gradient it confirms.
 """
 
 import numpy as np

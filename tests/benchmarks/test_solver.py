@@ -12,7 +12,7 @@ from abfm.calculus.operators import l2_norm
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from benchmarks import arrival, gradients, solver, window
 from benchmarks.gradients import sphere_problem
-from benchmarks.solver import COOLED, MULTIGRID, time_below
+from benchmarks.solver import COOLING, MULTIGRID, time_below
 from benchmarks.watched import MISMATCH, watched_match
 from tests.shapes import icosphere
 
@@ -89,7 +89,7 @@ def test_watched_match_stops_below_an_energy():
 
 
 def test_iterations_hardly_depend_on_the_mesh_and_substeps_improve_the_bracket():
-    problems = [sphere_problem(size, COOLED) for size in (3, 4)]
+    problems = [sphere_problem(size, COOLING) for size in (3, 4)]
     found = [watched_match(problem, mismatch=MISMATCH) for problem in problems]
     counts = [watched.iterations_to_mismatch for watched in found]
     assert max(counts) <= 1.25 * min(counts)

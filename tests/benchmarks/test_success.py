@@ -33,7 +33,7 @@ def lines():
 
 @pytest.fixture(scope="module")
 def report(lines, tmp_path_factory):
-    return run(tell=lines.append, folder=tmp_path_factory.mktemp("report"))
+    return run(log=lines.append, folder=tmp_path_factory.mktemp("report"))
 
 
 def problems(count, seed=0, **meshes):
@@ -176,12 +176,12 @@ def test_table_has_a_row_for_each_group():
 def test_stopped_run_keeps_finished_problems_and_resumes(report, tmp_path):
     control, lines = Control(), []
 
-    def tell(line):
+    def log(line):
         lines.append(line.split()[0])
         if line.startswith("1/2"):
             control.cancel()
 
-    part = run(tell=tell, folder=tmp_path, control=control)
+    part = run(log=log, folder=tmp_path, control=control)
     assert part["interrupted"]
     assert [row["problem"] for row in part["rows"]] == [report["rows"][0]["problem"]]
     assert lines == ["stating", "1/2"]
