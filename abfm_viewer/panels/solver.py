@@ -9,7 +9,6 @@ import polyscope.imgui as imgui
 
 import abfm
 from abfm.outcome import Facts, Outcome
-from abfm.sequences.interval_words import of_interval
 from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.document import verdict_words
@@ -160,7 +159,7 @@ def draw_film(ui: Ui, session: Session) -> None:
         ui.note("Frames or parameters changed since: match all frames again.", "ink")
     now = document.interval
     verdict = sequence.verdicts[now]
-    result = of_interval(sequence, now)
+    result = abfm.sequences.of_interval(sequence, now)
     ui.note(f"Frame {now} to {now + 1}: {result}", "muted" if outdated else verdict.kind.tone)
     if reason := verdict.why or verdict.reason:
         ui.note(sentence(reason))

@@ -1,4 +1,3 @@
-from . import report as report
 from .bounded import SHARE as SHARE
 from .bounded import bounded as bounded
 from .bounded import check_bound as check_bound
@@ -18,6 +17,8 @@ from .path import PathStep as PathStep
 from .path import path_table as path_table
 from .problem import Problem as Problem
 from .problem import load_problem as load_problem
+from .report import numbers as numbers
+from .report import plain as plain
 from .result import Match as Match
 from .result import match_arrays as match_arrays
 from .solvability import peaks as peaks

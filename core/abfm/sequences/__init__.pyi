@@ -6,6 +6,7 @@ from .exports import export_stc as export_stc
 from .exports import export_tracks as export_tracks
 from .exports import vertex_speed as vertex_speed
 from .frames import Frames as Frames
+from .interval_words import of_interval as of_interval
 from .parameters import CHOSEN as CHOSEN
 from .parameters import TAKEN as TAKEN
 from .parameters import SequenceParameters as SequenceParameters
