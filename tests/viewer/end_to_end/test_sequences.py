@@ -71,7 +71,7 @@ def test_tour_of_frames(film, notes, tmp_path):
     """Frames that are not matched, their match, and everything that shows it."""
     show_frames_blended(film)
     go_from_frame_to_frame(film)
-    hold_and_cancel_the_run(film)
+    hold_and_cancel_the_run(film, tmp_path)
     film.click("Match all frames")
     film.wait(lambda s: not s.running)
     solved = film.session.document
@@ -85,8 +85,12 @@ def test_tour_of_frames(film, notes, tmp_path):
     write_all_files(film, tmp_path)
 
 
-def hold_and_cancel_the_run(film):
+def hold_and_cancel_the_run(film, tmp_path):
+    """Of frames so many that it does not end before."""
     document = film.session.document
+    np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(240))[0])
+    film.window.files.open(tmp_path / "long.npy")
+    film.wait(lambda s: s.document.film.name == "long.npy")
     film.click("Match all frames")
     film.click("Pause")
     assert film.session.film_match.paused

@@ -178,7 +178,8 @@ def change_parameters_by_remedies(gui):
         gui.click(label, within="verdict")
         assert gui.session.solver.running
         assert gui.session.parameters == result.parameters.with_values(**parameters)
-        cancel(gui)
+        gui.session.cancel()  # it may have ended by now
+        gui.wait(lambda s: not s.running)
 
 
 def report_a_squeezed_source(gui, notes, monkeypatch):
