@@ -21,9 +21,9 @@ import numpy as np
 from abfm import Correspondence, Parameters, TriangleMesh, load_mesh, register
 from abfm.functions import read_column, read_labels
 from abfm.maps.spherical import sphere_directions
-from abfm.registration import MEASURED
+from abfm.registration import MEASURED_PARAMETERS
 from abfm.registration.initial import initial_map
-from abfm.registration.initial.given import Given
+from abfm.registration.initial.given import MapInput
 from abfm.types import BoolArray, FloatArray
 from benchmarks.common import Cells, Table, decimals, fsaverage5, main
 
@@ -169,7 +169,7 @@ def subject_rows(
     a, b, f, g = subject.sphere, template.sphere, subject.depth, template.depth
     theirs = through_sphere(registered, a, b)
     yield evaluation.row("FreeSurfer, `sphere.reg`", theirs)
-    given = Given(a, b, f[None], g[None], None, cortex.astype(np.float64))
+    given = MapInput(a, b, f[None], g[None], None, cortex.astype(np.float64))
     rotation = initial_map("sphere", given).correspondence
     yield evaluation.row("rotation of the sphere only", rotation)
     on_sphere: Callable[..., Correspondence] = partial(register, a, b, f, g)
@@ -232,7 +232,7 @@ def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
             subject.depth,
             template.depth,
             mask_b=template.cortex,
-            parameters=MEASURED.with_values(**changes),
+            parameters=MEASURED_PARAMETERS.with_values(**changes),
         )
         p = found.match.parameters
         norm = f"order {p.solver.order}, α = {p.alpha:g}, divergence {p.divergence:g}"
@@ -246,7 +246,7 @@ def side_rows(left: Hemisphere, right: Hemisphere) -> Iterator[Cells]:
     evaluation = Evaluation(right, left, left.cortex)
     f, g = right.depth[None], left.depth[None]
     weights_a, weights_b = (side.cortex.astype(np.float64) for side in (right, left))
-    given = Given(right.sphere, left.sphere, f, g, weights_a, weights_b)
+    given = MapInput(right.sphere, left.sphere, f, g, weights_a, weights_b)
     yield evaluation.row("rotation only", initial_map("sphere:mirror", given).correspondence)
     find = partial(
         register,

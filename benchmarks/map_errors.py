@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from abfm import AbfmError, Flow, Parameters, PointMap, Problem, TriangleMesh
-from abfm.batch import Entry, Row, problem_row
+from abfm.batch import LedgerEntry, Row, problem_row
 from abfm.calculus import to_ambient
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.matching.objective.regularizer import regularizer
@@ -116,7 +116,7 @@ def _posed(trial: Trial, folder: Path) -> Posed:
         problem = Problem(trial.mesh, f, g, Parameters(sigma=sigma))
         return problem_row(problem, folder, f"{trial.mesh_name}, sigma {sigma or 'default'}")
 
-    def measure(entries: Mapping[str, Entry]) -> Report:
+    def measure(entries: Mapping[str, LedgerEntry]) -> Report:
         found = {name: _result(entry, truth) for name, entry in entries.items()}
         return {"problem": described, "fixed": found, "defaults": found.pop("defaults")}
 
@@ -124,7 +124,7 @@ def _posed(trial: Trial, folder: Path) -> Posed:
     return Posed(matches, measure)
 
 
-def _result(entry: Entry, truth: PointMap) -> Report:
+def _result(entry: LedgerEntry, truth: PointMap) -> Report:
     try:
         match = entry.load()
         step = match.path[match.step]

@@ -15,10 +15,10 @@ from zlib import crc32
 import numpy as np
 
 from abfm import AbfmError, Parameters, Problem, TriangleMesh, function
-from abfm.batch import Entry, problem_row
+from abfm.batch import LedgerEntry, problem_row
 from abfm.calculus import geodesic_distance
 from abfm.maps import SymmetryError, detect_symmetry
-from abfm.matching.solvability import RESOLVED, range_bound, resolution, unmatched
+from abfm.matching.solvability import RESOLUTION_MIN, range_bound, resolution, unmatched
 from abfm.types import FloatArray
 from benchmarks.common import Report, bench, decimals, machine_line, markdown
 from benchmarks.trials import Posed, Trials, measured
@@ -103,7 +103,7 @@ class Trial:
             "vertices": len(self.mesh.vertices),
             **{key: getattr(self, key) for key in names},
             "edges_per_width": edges,
-            "resolved": edges >= RESOLVED,
+            "resolved": edges >= RESOLUTION_MIN,
             "least": least,
             "solvable": least <= GOAL and unmatched(term) is None,
         }
@@ -192,7 +192,7 @@ def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
     return int(mesh.vertex_ids[rng.choice(fitting)]) if len(fitting) else None
 
 
-def record_of(entry: Entry) -> Report:
+def record_of(entry: LedgerEntry) -> Report:
     """Return the measurements of a matched row, which is verified anew.
 
     - ``residual``, ``verified``: by the discrete flow and by flow lines; None if there is none

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from abfm import Control, TriangleMesh, batch
-from abfm.batch import Cluster, Entry
+from abfm.batch import Cluster, LedgerEntry
 from abfm.io import temporary_folder
 from benchmarks.common import Log, Report, machine
 
@@ -55,7 +55,7 @@ class Posed:
     """A problem: the matches that it needs, by name, and what is measured of them."""
 
     matches: Mapping[str, batch.Row]
-    measure: Callable[[Mapping[str, Entry]], Report]
+    measure: Callable[[Mapping[str, LedgerEntry]], Report]
 
 
 def measured(
@@ -69,9 +69,9 @@ def measured(
     with temporary_folder() if trials.folder is None else nullcontext(trials.folder) as folder:
         trials.log("stating problems")
         posed = [*takewhile(lambda _: not trials.control.cancelled, pose(folder))]
-        found, entries = dict[int, Report](), dict[str, Entry]()
+        found, entries = dict[int, Report](), dict[str, LedgerEntry]()
 
-        def note(entry: Entry) -> None:
+        def note(entry: LedgerEntry) -> None:
             entries[entry.row.key] = entry
             for number, problem in enumerate(posed):
                 keys = {name: row.key for name, row in problem.matches.items()}

@@ -80,7 +80,9 @@ def run(
         Runs of each kind.
     """
     backend: Backend = (
-        opengl.WINDOW if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() else opengl.OFFSCREEN
+        opengl.WINDOW
+        if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
+        else opengl.OFFSCREEN_BACKEND
     )
     log("launch to the first frame, of the app and of bare polyscope")
     launch, throughput = _launch(backend, repeats), []

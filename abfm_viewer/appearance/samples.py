@@ -25,13 +25,14 @@ FILMS = {WAVE: "A film of a spiral wave over a cortex, with nilearn"}
 POPULATION = "A population"
 POPULATIONS = {POPULATION: "Eight subjects made from a human by known flows, and an odd one"}
 """Subjects on a template, as a table, and a few words for each."""
-DRAWN = {POPULATION: "human_A.off"}
+PICTURE_SOURCES = {POPULATION: "human_A.off"}
 """Samples that have the picture of another one."""
 PICTURES = Path(__file__).with_name("samples.png")
 """Squares of `SIDE` pixels, `COLUMNS` in a row, in the order of the table."""
 TABLE = Path(__file__).with_name("samples.json")
 """Vertices by the samples' names."""
-SIDE, COLUMNS = 96, 6
+SIDE = 96
+COLUMNS = 6
 
 
 @cache

@@ -64,7 +64,8 @@ def _color(code: str) -> Color:
     return red / 255, green / 255, blue / 255, 1.0
 
 
-LIGHT, DARK = _palette(0), _palette(1)
+LIGHT_PALETTE = _palette(0)
+DARK_PALETTE = _palette(1)
 # dark enough for white numbers, and apart from each other
 _OF_LANDMARKS = (
     "1f5fd0",
@@ -89,4 +90,4 @@ def linear(color: Color) -> tuple[float, float, float]:
 
 
 def palette(theme: Theme) -> Palette:
-    return LIGHT if theme == "light" else DARK
+    return LIGHT_PALETTE if theme == "light" else DARK_PALETTE

@@ -22,15 +22,15 @@ from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.automation.widget_search import WidgetSearch, middle
 from abfm_viewer.document.document import SIDES, Look
 from abfm_viewer.errors import DriverError as DriverError
-from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
+from abfm_viewer.scene.opengl import OFFSCREEN_BACKEND, Backend, ps
 from abfm_viewer.scene.scene import Hit
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import KINDS, Widget, WidgetKind
 from abfm_viewer.window.window import What, open_window
 
-_CLICKABLE: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind != "plot")
+_CLICKABLE_KINDS: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind != "plot")
 _SECONDS_TO_OPEN = 120.0
-_BEYOND = 10.0  # pixels
+_OVERSHOOT_PIXELS = 10.0  # pixels
 _FRAMES_TO_A_TOOLTIP = 30
 _GRAB_PADDING = 2.0  # pixels, ImGui's own
 _ZOOMS = (1.0, 4.0)  # at which to look for a vertex
@@ -74,7 +74,7 @@ class Driver:
     def __init__(
         self,
         mesh: What = None,
-        backend: Backend = OFFSCREEN,
+        backend: Backend = OFFSCREEN_BACKEND,
         size: tuple[int, int] = (1600, 1000),
         state: Path | None = None,
     ) -> None:
@@ -160,10 +160,10 @@ class Driver:
         section, group, menu or dialog. DriverError, as for all that takes a label, if there is no
         such widget, it is grey, or the label ambiguous.
         """
-        self._click(label, within, _CLICKABLE)
+        self._click(label, within, _CLICKABLE_KINDS)
 
     def double_click(self, label: str, within: str = "") -> None:
-        self._click(label, within, _CLICKABLE, count=2)
+        self._click(label, within, _CLICKABLE_KINDS, count=2)
 
     def hover(self, label: str, within: str = "") -> None:
         """Hold the mouse over a widget until its tooltip is there."""
@@ -192,7 +192,7 @@ class Driver:
         now = ends.nearest(float(widget.text))
         x, y = _on_slider(widget, value)
         # an end is reached for sure
-        x += {ends.low: -_BEYOND, ends.high: _BEYOND}.get(value, 0)
+        x += {ends.low: -_OVERSHOOT_PIXELS, ends.high: _OVERSHOOT_PIXELS}.get(value, 0)
         self.search.point_at(widget, partial(_on_slider, value=now))
         self.input.drag(self.input.place, (x, y))
 

@@ -18,8 +18,10 @@ _MODIFIERS = {
 }
 _ARROWS = ("left", "right", "up", "down")
 _KEYS = {"esc": "Escape"} | {name: f"{name.capitalize()}Arrow" for name in _ARROWS}
-_NEVER, _ALWAYS = 0.0, 1e9  # seconds within which two clicks are one double click
-_OUTSIDE = (-1.0, -1.0)
+# seconds within which two clicks are one double click
+_NO_SECONDS = 0.0
+_ANY_SECONDS = 1e9
+_OUTSIDE_PLACE = (-1.0, -1.0)
 
 
 class InputEvents:
@@ -27,7 +29,7 @@ class InputEvents:
 
     def __init__(self, frames: Callable[[int], None]) -> None:
         self._frames = frames
-        self.place: Place = _OUTSIDE
+        self.place: Place = _OUTSIDE_PLACE
 
     def move(self, x: float, y: float) -> None:
         self.place = (x, y)
@@ -48,7 +50,7 @@ class InputEvents:
         io = imgui.GetIO()
         seconds = io.MouseDoubleClickTime
         for number in range(count):
-            io.MouseDoubleClickTime = _ALWAYS if number else _NEVER
+            io.MouseDoubleClickTime = _ANY_SECONDS if number else _NO_SECONDS
             self.press()
             self.release()
         io.MouseDoubleClickTime = seconds
@@ -110,4 +112,4 @@ class InputEvents:
             self.hold(modifier, False)
         self.move(1, 1)
         self.click()
-        self.move(*_OUTSIDE)
+        self.move(*_OUTSIDE_PLACE)

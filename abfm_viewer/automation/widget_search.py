@@ -12,7 +12,8 @@ from abfm_viewer.errors import DriverError
 from abfm_viewer.widgets.widget_record import Widget, WidgetKind
 from abfm_viewer.window.window import Window
 
-_MOST_TURNS, _MOST_CHASES = 40, 5
+_MOST_TURNS = 40
+_MOST_CHASES = 5
 _PIXELS_PER_TURN = 100.0
 _SECONDS_TO_READ_A_FOLDER = 1.0
 

@@ -11,7 +11,7 @@ from abfm.errors import printable
 from abfm.functions import function
 from abfm.matching.task import MatchTask
 from abfm_viewer import pictures
-from abfm_viewer.cli.exit_status import UNMATCHED
+from abfm_viewer.cli.exit_status import UNMATCHED_STATUS
 from abfm_viewer.cli.options import adder
 from abfm_viewer.cli.solve import Outputs, solve
 from abfm_viewer.errors import DrawingError
@@ -29,9 +29,11 @@ picture and movie are missing.
 Example:
   abfm demo --out out
 """
-FAILED = 1
+FAILED_STATUS = 1
 RESIDUAL_MAX = 0.05
-_MOVIE_SIZE, _FRAMES, _FPS = (640, 480), 50, 25.0
+_MOVIE_SIZE = (640, 480)
+_FRAMES = 50
+_FPS = 25.0
 # On the trunk, so near that the map changes areas little, as the window's default functions.
 SOURCE = "gaussian:vertex=398,width=0.14"
 TARGET = "gaussian:vertex=440,width=0.14"
@@ -55,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     outcome = solve(MatchTask(problem), Outputs([result]), arguments.quiet)
     match = outcome.found
     assert isinstance(match, Match)
-    drawn = outcome.status in (0, UNMATCHED) and _draw(match, *drawings)
+    drawn = outcome.status in (0, UNMATCHED_STATUS) and _draw(match, *drawings)
     if arguments.json:
         picture, movie = (str(path) if drawn else None for path in drawings)
         shown = {"picture": picture, "movie": movie, "largest_residual": RESIDUAL_MAX}
@@ -63,11 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         more = "".join(f", {printable(path)}" for path in drawings) if drawn else ""
         print(outcome.summary() + more)
-    if outcome.status not in (0, UNMATCHED):
+    if outcome.status not in (0, UNMATCHED_STATUS):
         return outcome.status
     if match.worse_residual > RESIDUAL_MAX:
         print(f"abfm: the self-test failed: residual above {RESIDUAL_MAX}", file=sys.stderr)
-        return FAILED
+        return FAILED_STATUS
     return 0
 
 

@@ -11,12 +11,12 @@ from contextlib import suppress
 from typing import Any, TextIO, cast
 
 from abfm import AbfmError
-from abfm.errors import LONGEST, AbfmWarning, one_line
+from abfm.errors import MESSAGE_LENGTH_MAX, AbfmWarning, one_line
 from abfm.io import remove_temporary
 from abfm.workers import process
 from abfm_viewer import signals
 
-BAD_INPUT, UNMATCHED, FAILED = 2, 3, 4
+BAD_INPUT_STATUS, UNMATCHED_STATUS, FAILED_STATUS = 2, 3, 4
 """Nothing was done; a target was not reached; of many problems some failed."""
 
 
@@ -35,16 +35,19 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
         print(f"{program}: interrupted", file=sys.stderr)
         return signals.status(getattr(error, "number", signal.SIGINT))
     except (AbfmError, UsageError, OSError, MemoryError) as error:
-        print(f"{program}: {one_line(str(error) or 'out of memory', LONGEST)}", file=sys.stderr)
-        return BAD_INPUT
+        print(
+            f"{program}: {one_line(str(error) or 'out of memory', MESSAGE_LENGTH_MAX)}",
+            file=sys.stderr,
+        )
+        return BAD_INPUT_STATUS
     except ImportError as error:  # also where memory is too small for a library's code
         why = f"{one_line(error)}; free some memory, or install abfm again"
         print(f"{program}: a library cannot be loaded: {why}", file=sys.stderr)
-        return BAD_INPUT
+        return BAD_INPUT_STATUS
 
 
 def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"warning: {one_line(message, LONGEST)}", file=sys.stderr)
+    print(f"warning: {one_line(message, MESSAGE_LENGTH_MAX)}", file=sys.stderr)
 
 
 def program_status(program: str, run: Callable[[], int]) -> int:
@@ -72,7 +75,7 @@ def program_status(program: str, run: Callable[[], int]) -> int:
         out.flush()
         if out.problem and not isinstance(out.problem, BrokenPipeError):
             print(f"{program}: cannot write the output: {out.problem.strerror}", file=sys.stderr)
-            status = status or BAD_INPUT
+            status = status or BAD_INPUT_STATUS
     ended.append(status)
     return status
 

@@ -52,7 +52,7 @@ _MATCHES = "matches"
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class FigureEntry:
     """A figure on the page: `problem` says why there is none, `notes` what must be said with it."""
 
     number: int
@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write(entry: Entry, folder: Path) -> None:
+def _write(entry: FigureEntry, folder: Path) -> None:
     picture = _file(folder, entry.number, ".png")
     if entry.picture is not None:
         outputs.write_picture(picture, entry.picture)
@@ -177,7 +177,7 @@ def _match_by_batch(figures: Sequence[_Figure], arguments: argparse.Namespace) -
     return status
 
 
-def _compute(figure: _Figure, arguments: argparse.Namespace) -> Entry:
+def _compute(figure: _Figure, arguments: argparse.Namespace) -> FigureEntry:
     """Run a script to its end; of all, one that a mesh does not allow is told on the page."""
     number, on_mesh = figure.number, figure.stage.mesh is not None
     title, claim = TITLES[number], experiments.claim(number)
@@ -196,18 +196,18 @@ def _compute(figure: _Figure, arguments: argparse.Namespace) -> Entry:
     except AbfmError as error:
         if arguments.figure != "all":
             raise
-        return Entry(number, title, claim, problem=f"Not on this mesh: {error}")
+        return FigureEntry(number, title, claim, problem=f"Not on this mesh: {error}")
     setting, measures = findings.setting, findings.measures
-    return Entry(number, title, claim, setting, measures, picture, problem, notes)
+    return FigureEntry(number, title, claim, setting, measures, picture, problem, notes)
 
 
-def _described(entry: Entry) -> dict[str, Any]:
+def _described(entry: FigureEntry) -> dict[str, Any]:
     texts = {name: getattr(entry, name) for name in ("title", "claim", "setting", "problem")}
     measures = [measure.to_dict() for measure in entry.measures]
     return {"figure": entry.number, **texts, "notes": list(entry.notes), "measures": measures}
 
 
-def _print(entry: Entry) -> None:
+def _print(entry: FigureEntry) -> None:
     print(f"figure {entry.number}: {entry.title}")
     for measure in entry.measures:
         line = f"  {measure.value:10.4g}  {measure.name}"

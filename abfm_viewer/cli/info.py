@@ -11,7 +11,7 @@ import abfm
 from abfm import Correspondence, MeshError, TriangleMesh, load_mesh
 from abfm.errors import printable
 from abfm.loading import task_of
-from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
+from abfm.maps.symmetry import KINDS, SymmetryError, SymmetryKind, detect_symmetry
 from abfm.registration.report import map_details, map_lines
 from abfm.tasks.inputs import MESH_FORMATS
 from abfm_viewer.cli import options
@@ -100,7 +100,7 @@ def describe(mesh: TriangleMesh) -> dict[str, Any]:
     }
 
 
-def _symmetry(mesh: TriangleMesh, kind: Kind) -> dict[str, Any] | None:
+def _symmetry(mesh: TriangleMesh, kind: SymmetryKind) -> dict[str, Any] | None:
     """Return what functions `permuted:` by a symmetry would compose with, if the mesh has it."""
     try:
         found = detect_symmetry(mesh, kind)

@@ -10,7 +10,8 @@ from types import FrameType
 from abfm import Control
 from abfm_viewer import signals
 
-_TOGETHER = 0.1  # seconds: `timeout` and terminals may send a signal to a process and to its group
+# seconds: `timeout` and terminals may send a signal to a process and to its group
+_DOUBLE_SIGNAL_SECONDS = 0.1
 
 
 @dataclass
@@ -39,7 +40,7 @@ def cancelled_by_signals(
             control.cancel()
             with suppress(OSError):  # not print, which may just have been interrupted
                 os.write(2, f"stopping {what}; Ctrl-C again to leave at once\n".encode())
-        elif time.monotonic() - came > _TOGETHER:
+        elif time.monotonic() - came > _DOUBLE_SIGNAL_SECONDS:
             handled.close()
             os.kill(os.getpid(), number)
 

@@ -25,10 +25,11 @@ from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.document.verdict_words import place
 
-_LASTING = 10  # iterations: what looks wrong for less mostly passes
-_LONG = 2.0  # seconds
+_WARNING_ITERATIONS = 10  # iterations: what looks wrong for less mostly passes
+_LONG_STEP_SECONDS = 2.0  # seconds
 _TENTHS = _LINES_EVERY = _LINES_OF_A_MOVIE = 10
-_BAR, _COUNT = BarColumn(bar_width=None), TextColumn("{task.completed}/{task.total}")
+_BAR = BarColumn(bar_width=None)
+_COUNT = TextColumn("{task.completed}/{task.total}")
 
 
 @contextmanager
@@ -61,8 +62,8 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
         text = f"iteration {partial.iteration}  {place(partial)}  {numbers}"
         line = "" if partial.iteration % _LINES_EVERY else text
         update(completed=0.0, text=text, line=line)
-        warned = warned + 1 if partial.warning or warned >= _LASTING else 0
-        if warned == _LASTING:
+        warned = warned + 1 if partial.warning or warned >= _WARNING_ITERATIONS else 0
+        if warned == _WARNING_ITERATIONS:
             _say(f"warning: iteration {partial.iteration}: {partial.warning}")
 
     columns = (_BAR, "{task.fields[text]}", TimeElapsedColumn())
@@ -76,7 +77,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
 def _line_of(step: Step) -> str:
     """Return the line that is printed of a step; empty if it is short."""
     if step.done is None:
-        return step.words() if (step.expected or 0) >= _LONG else ""
+        return step.words() if (step.expected or 0) >= _LONG_STEP_SECONDS else ""
     return f"{step.task}: {int(_TENTHS * step.done) * 100 // _TENTHS}%" if step.done > 0 else ""
 
 
@@ -185,5 +186,5 @@ def long_steps(quiet: bool) -> AbstractContextManager[None]:
 
 
 def _print_long(step: Step | None) -> None:
-    if step and step.done is None and (step.expected or 0) >= _LONG:
+    if step and step.done is None and (step.expected or 0) >= _LONG_STEP_SECONDS:
         _say(step.words())

@@ -44,11 +44,13 @@ Examples:
   abfm render my.abfm --out my.png --size 3840x2160 --transparent
 """
 Known = dict[str, FloatArray]
-_MOVIES, _PAGE = (".mp4", ".gif"), ".html"
+_MOVIES = (".mp4", ".gif")
+_PAGE = ".html"
 _OF_PAGES = ("command", "parser", "run", "input", "out", "quiet", "up")
 _OF_FILMS = (*_OF_PAGES, "size", "time", "channel")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
-_SECONDS, _FPS = 4.0, 30.0
+_SECONDS = 4.0
+_FPS = 30.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -202,7 +204,7 @@ def _objections(
         problem = f"--transparent is for pictures (.png); a {suffix} file has a ground"
         yield arguments.transparent, problem
         yield bool(arguments.time), "--time is for pictures; a movie takes --from and --to"
-        slowest, fastest = outputs.SLOWEST, outputs.FASTEST[suffix]
+        slowest, fastest = outputs.FPS_MIN, outputs.FPS_MAX[suffix]
         is_out = fps is not None and not slowest <= fps <= fastest
         yield is_out, f"--fps {fps or 0:g}: a {suffix} file takes {slowest:g} to {fastest:g}"
 

@@ -20,7 +20,7 @@ from abfm.tasks import Monitor, Task
 from abfm.workers.control import CancelledError
 from abfm_viewer import signals
 from abfm_viewer.cli import options
-from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
+from abfm_viewer.cli.exit_status import FAILED_STATUS, UNMATCHED_STATUS, UsageError
 from abfm_viewer.cli.interrupts import cancelled_by_signals
 from abfm_viewer.cli.progress import long_steps, print_note, task_progress
 from abfm_viewer.files import outputs
@@ -160,7 +160,7 @@ def status_of(facts: Facts) -> int:
     """Return the exit status of a result."""
     if facts.outcome.is_good:
         return 0
-    return FAILED if facts.outcome is Outcome.FAILED else UNMATCHED
+    return FAILED_STATUS if facts.outcome is Outcome.FAILED else UNMATCHED_STATUS
 
 
 def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None = None) -> Solved:

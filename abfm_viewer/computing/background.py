@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from abfm import AbfmError
-from abfm.errors import LONGEST, one_line
+from abfm.errors import MESSAGE_LENGTH_MAX, one_line
 from abfm.numerics.factoring_apart import factoring_apart
 from abfm.workers.control import CancelledError
 from abfm.workers.progress import Step, telling
@@ -27,7 +27,7 @@ THREADS = DaemonThreads("background")
 
 def error_line(error: BaseException) -> str:
     """Tell an error in a line; one that is not about the input says what kind it is."""
-    text = one_line(str(error), LONGEST)
+    text = one_line(str(error), MESSAGE_LENGTH_MAX)
     if isinstance(error, AbfmError | OSError):
         return text
     if isinstance(error, MemoryError):

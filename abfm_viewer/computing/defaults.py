@@ -11,16 +11,18 @@ from abfm.types import FloatArray
 
 WIDTH = 0.13
 """How wide a Gaussian is, if the mesh is fine enough, as a fraction of sqrt(area)."""
-_EDGES, _SPANNED, _FEWEST = 3.0, 4.0, 2.0
+_WIDTH_EDGES = 3.0
+_WIDTH_EDGES_MAX = 4.0
+_WIDTH_EDGES_MIN = 2.0
 """How many edges of even triangles one is wide on coarser meshes, else no flow of theirs would be
 exact; how many of the mesh's own suffice; and below how many they are wider."""
 _PLACE = 0.42
 """Where the source is on the way from end to end."""
-_APART = 0.5
+_TARGET_DISTANCE = 0.5
 """How far the target is from the source, in widths: farther ones are matched as well, by maps that
 change areas a lot, as where limbs meet the body."""
 _SIDE = 0.1  # how much of the way facing the viewer is worth
-_FEW = 3000  # vertices to average over
+_AVERAGED_VERTICES = 3000  # vertices to average over
 _TILT = np.array([0.02, -0.01, 0.005])
 
 
@@ -60,15 +62,15 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
         return np.argmin(off + backwards + 0.5 * detour - 0.5 * _SIDE * alike)
 
     edge = np.sqrt(4 / np.sqrt(3) / len(mesh.faces))  # of even triangles, in the unit of lengths
-    width = max(_EDGES * edge, WIDTH)
-    target = target_at(_APART * width * unit)
+    width = max(_WIDTH_EDGES * edge, WIDTH)
+    target = target_at(_TARGET_DISTANCE * width * unit)
     distances = np.stack([from_source, distance(target)], axis=1) / unit
     spans = abfm.matching.resolution(mesh, np.exp(-0.5 * (distances / width) ** 2))
-    if spans > _SPANNED:
-        width = min(width, max(WIDTH, width * _SPANNED / spans))
-    elif spans < _FEWEST:
-        width *= _FEWEST / spans
-    target = target_at(_APART * width * unit)
+    if spans > _WIDTH_EDGES_MAX:
+        width = min(width, max(WIDTH, width * _WIDTH_EDGES_MAX / spans))
+    elif spans < _WIDTH_EDGES_MIN:
+        width *= _WIDTH_EDGES_MIN / spans
+    target = target_at(_TARGET_DISTANCE * width * unit)
     text = "gaussian:vertex={},width={:.2g}"
     return text.format(mesh.vertex_ids[source], width), text.format(mesh.vertex_ids[target], width)
 
@@ -82,7 +84,7 @@ def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
     from scipy.spatial import KDTree  # not before: the window is drawn without
 
     own: FloatArray = normals @ best_front(mesh).direction
-    few = np.arange(0, len(own), -(-len(own) // _FEW))
+    few = np.arange(0, len(own), -(-len(own) // _AVERAGED_VERTICES))
     near = min(len(few), math.ceil(math.pi * WIDTH**2 * len(few)))
     tree = KDTree(mesh.vertices[few])
     around = few[tree.query(mesh.vertices[few], k=near)[1].reshape(len(few), near)]

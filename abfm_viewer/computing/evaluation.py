@@ -25,9 +25,11 @@ OWN_PROCESS_FROM = 20_000
 What is behind geodesics and eigenfunctions keeps the interpreter to itself: seventeen seconds at
 160,000 vertices.
 """
-_EXACT_FROM = 1_500  # the same for exact geodesic distances, 1 s at 6,000 vertices
-_KEPT = 64
-_LEAST, _LARGEST = 1e-30, 1e30  # of a function's largest value: the screen has single precision
+_EXACT_VERTICES_MIN = 1_500  # the same for exact geodesic distances, 1 s at 6,000 vertices
+_VALUES_KEPT = 64
+# of a function's largest value: the screen has single precision
+_SIZE_MIN = 1e-30
+_SIZE_MAX = 1e30
 
 Result = TypeVar("Result")
 Evaluated = dict[str, FloatArray | str]
@@ -53,7 +55,7 @@ class Functions:
         self.has_computed = False
         self._worker: Worker[None] | None = None
         self._is_large = len(mesh.vertices) >= OWN_PROCESS_FROM
-        if self._is_large or len(mesh.vertices) >= _EXACT_FROM:
+        if self._is_large or len(mesh.vertices) >= _EXACT_VERTICES_MIN:
             ended = "the process that computes functions has ended; try again"
             self._worker = Worker(stateless, ended)
         self._at_once = at_once
@@ -109,14 +111,14 @@ class Functions:
                 else:
                     values = self._compute(_values, spec)
             largest = float(np.nanmax(np.abs(values)))
-            if largest > _LARGEST or 0 < largest < _LEAST:
+            if largest > _SIZE_MAX or 0 < largest < _SIZE_MIN:
                 raise FunctionError(
-                    f"{brief(spec)} has values up to {largest:.3g}; {_LEAST:g} to {_LARGEST:g} "
+                    f"{brief(spec)} has values up to {largest:.3g}; {_SIZE_MIN:g} to {_SIZE_MAX:g} "
                     "can be shown: scale it"
                 )
             values.flags.writeable = False
             self._cache[spec] = values
-            if len(self._cache) > _KEPT:
+            if len(self._cache) > _VALUES_KEPT:
                 self._cache.popitem(last=False)
             return values
 

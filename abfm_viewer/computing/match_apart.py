@@ -22,9 +22,11 @@ from abfm.types import FloatArray
 from abfm.workers.worker import Worker, WorkerEndedError, report
 from abfm_viewer.computing.freed_memory import give_back
 
-_ENDED = "the process that matches has ended; match again"
-_KEPT = 4  # of the newest iterates whose fields may be requested, besides the best one
-_TIMES_A_PICTURE, _SHORTEST_WAIT, _LONGEST_WAIT = 9, 0.05, 0.2
+_ENDED_MESSAGE = "the process that matches has ended; match again"
+_ITERATES_KEPT = 4  # of the newest iterates whose fields may be requested, besides the best one
+_TIMES_A_PICTURE = 9
+_SHORTEST_WAIT = 0.05
+_LONGEST_WAIT = 0.2
 """How long no picture is made after one, so that pictures take a tenth of the time: times what it
 took, and at least and at most, in seconds."""
 
@@ -42,7 +44,7 @@ def _forgotten() -> NoReturn:
 
 
 @dataclass(eq=False)
-class Look:
+class IteratePicture:
     """What an iterate looks like, as far as it came along: some come with their `picture`.
 
     What else is asked for is fetched, both of one iterate, if it is not known any more of one close
@@ -86,7 +88,7 @@ class Matching:
 
         def post(iteration: abfm.Iteration) -> None:
             nonlocal next_picture
-            look = Look(iteration.warning)
+            look = IteratePicture(iteration.warning)
             if (began := clock.perf_counter()) >= next_picture:
                 look.picture = iteration.advected
                 done = clock.perf_counter()
@@ -103,7 +105,7 @@ class Matching:
             kept = self._recent[run] = self._recent[run][:1]  # requests meanwhile find it
             try:
                 self._recent[run] = tuple(
-                    replace(last, look=Look(last.warning, last.advected, last.velocity))
+                    replace(last, look=IteratePicture(last.warning, last.advected, last.velocity))
                     for last in kept
                 )
             except MemoryError:
@@ -124,7 +126,7 @@ def _worth_keeping(known: tuple[abfm.Iteration, ...]) -> tuple[abfm.Iteration, .
         if better(one, best):
             best = one
     others = [one for one in known if one is not best]
-    return (best, *others[-_KEPT:])
+    return (best, *others[-_ITERATES_KEPT:])
 
 
 class MatchApart:
@@ -143,10 +145,10 @@ class MatchApart:
     @cached_property
     def _worker(self) -> Worker[Matching]:
         if self._closed:
-            raise WorkerEndedError(_ENDED)
+            raise WorkerEndedError(_ENDED_MESSAGE)
         with suppress(IndexError):
             return self._spare.pop()
-        return Worker(Matching, _ENDED)
+        return Worker(Matching, _ENDED_MESSAGE)
 
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
         """Let it make the coarser meshes; a match that comes meanwhile begins after that."""
@@ -164,7 +166,7 @@ class MatchApart:
             def fetch() -> Fields:
                 return call.beside(Matching.fields, run, iteration.iteration).result()
 
-            assert isinstance(iteration.look, Look)
+            assert isinstance(iteration.look, IteratePicture)
             iteration.look.fetch = fetch
             on_iteration(iteration)
 

@@ -24,18 +24,20 @@ from abfm.workers.progress import Step, telling
 from abfm_viewer.computing.background import THREADS, Memo, error_line
 from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.freed_memory import give_back
-from abfm_viewer.computing.match_apart import Look, MatchApart, better
+from abfm_viewer.computing.match_apart import IteratePicture, MatchApart, better
 from abfm_viewer.document.document import SIDES, Channel, InitialMap, Landmark, Run
 from abfm_viewer.document.surface_points import paired
 
-FIRST = 2.0
+FIRST_KEEP_SECONDS = 2.0
 """Seconds of a run before a field is fetched to be kept: shorter ones lose little, and should
 lose no time."""
-_TIMES_A_FIELD, _GROWTH, _LONGEST_WAIT = 49, 1.5, 20.0
+_TIMES_A_FIELD = 49
+_GROWTH = 1.5
+_LONGEST_WAIT = 20.0
 """How long none is fetched after one, at least: times what it took, so that fetching takes 2% of
 the time, and times the wait before; and at most."""
 _SECONDS_PER_VERTEX = 1e-6  # of fetching one: 33 ms at 40,962 vertices
-_RECENT = 20  # iterations that tell how long the next ones take
+_RECENT_ITERATIONS = 20  # iterations that tell how long the next ones take
 _ITERATIONS_BETWEEN_RESTARTS = 3
 _LAST_MOMENT = 0.1  # seconds for a run to end when it is closed, before its process is ended
 _HEAD_START = 0.02  # seconds for a run to get under way, which else waits until a frame is drawn
@@ -104,12 +106,13 @@ class Snapshot:
     shown: abfm.Iteration
 
 
-State = Enum("State", "IDLE RUNNING PAUSED ENDING ENDED FAILED")
+RunState = Enum("RunState", "IDLE RUNNING PAUSED ENDING ENDED FAILED")
 """Of a run, which ends while it is cancelled, and has ended when `Solver.collect` has seen that."""
-_GOES_ON = (State.RUNNING, State.PAUSED)  # neither cancelled nor closed, which its thread outlives
+# neither cancelled nor closed, which its thread outlives
+_LIVE_STATES = (RunState.RUNNING, RunState.PAUSED)
 
 
-class Course:
+class RunHistory:
     """What a run has come to: one thread adds to it, others read.
 
     If its process is killed, the field of `best`, a snapshot of the present solve, is here.
@@ -122,9 +125,9 @@ class Course:
         self._shares: list[dict[str, float]] = []
         self._restarts: list[int] = []
         self._run = Memo[Run]()
-        self._recent: deque[float] = deque(maxlen=_RECENT)  # when they came
+        self._recent: deque[float] = deque(maxlen=_RECENT_ITERATIONS)  # when they came
         self._problem: ProblemSpec | None = None
-        self._wait = max(FIRST, _TIMES_A_FIELD * _SECONDS_PER_VERTEX * vertices)
+        self._wait = max(FIRST_KEEP_SECONDS, _TIMES_A_FIELD * _SECONDS_PER_VERTEX * vertices)
         self._next = clock.perf_counter() + self._wait
 
     def begin(self, problem: ProblemSpec) -> None:
@@ -190,32 +193,32 @@ class Solver:
     def __init__(self) -> None:
         self.follow = True  # whether a change of the problem during a run restarts it
         self.warm = False  # whether a new run starts from the current field instead of zero
-        self.state = State.IDLE
+        self.state = RunState.IDLE
         self.reason = ""  # why the last run ended; an error in one line if it failed
         self.problem: ProblemSpec | None = None  # the newest one given
         self.snapshot: Snapshot | None = None  # may be read at any time, as the next one
         self.step: Step | None = None  # what is done where that is not another iteration
         self.started = 0  # how many runs there were
-        self._course = Course()
+        self._course = RunHistory()
         self._apart = MatchApart()
         self.prepare = self._apart.prepare
         self._lock = threading.Lock()
 
     @property
     def running(self) -> bool:
-        return self.state in (*_GOES_ON, State.ENDING)
+        return self.state in (*_LIVE_STATES, RunState.ENDING)
 
     @property
     def paused(self) -> bool:
-        return self.state is State.PAUSED
+        return self.state is RunState.PAUSED
 
     @property
     def finished(self) -> bool:
-        return self.state in (State.ENDED, State.FAILED)
+        return self.state in (RunState.ENDED, RunState.FAILED)
 
     @property
     def failed(self) -> bool:
-        return self.state is State.FAILED
+        return self.state is RunState.FAILED
 
     @property
     def run(self) -> Run | None:
@@ -230,13 +233,13 @@ class Solver:
     def start(
         self, problem: ProblemSpec, functions: Evaluators, field: FloatArray | None = None
     ) -> None:
-        self.state, self.reason, self.snapshot, self.step = State.RUNNING, "", None, None
+        self.state, self.reason, self.snapshot, self.step = RunState.RUNNING, "", None, None
         self.started += 1
         self.problem = problem
         self._next: ProblemSpec | None = problem
         self._result: abfm.Match | None = None
         self._solved = problem  # that the result is of
-        self._course = Course(len(problem.mesh.vertices))
+        self._course = RunHistory(len(problem.mesh.vertices))
         self._error = ""
         self._control = abfm.Control()
         self._since_restart = 0
@@ -246,21 +249,21 @@ class Solver:
 
     def pause(self) -> None:
         with self._lock:
-            if self.state is State.RUNNING:
-                self.state = State.PAUSED
+            if self.state is RunState.RUNNING:
+                self.state = RunState.PAUSED
                 self._control.pause()
 
     def resume(self) -> None:
         with self._lock:
-            if self.state is State.PAUSED:
-                self.state = State.RUNNING
+            if self.state is RunState.PAUSED:
+                self.state = RunState.RUNNING
                 self._control.resume()
 
     def cancel(self, briefly: bool = False) -> None:
         """Ask for the best field so far, unchecked if ``briefly``; returns at once."""
         with self._lock:
             if self.running:
-                self.state = State.ENDING
+                self.state = RunState.ENDING
                 self._control.cancel(briefly)
 
     def follow_problem(self, problem: ProblemSpec, dragging: bool = False) -> None:
@@ -274,7 +277,7 @@ class Solver:
         if not self.follow or not problem.channels or (dragging and refactors):
             return
         with self._lock:
-            if self.state is not State.ENDING:
+            if self.state is not RunState.ENDING:
                 self.problem = self._next = problem
                 self._yield_to_next()
 
@@ -291,10 +294,10 @@ class Solver:
             ends = self._result.path if self._result else (self.snapshot.iteration,)
             run = replace(run, residual=min(end.residual for end in ends))
         left = (self._result, run, self._solved)
-        self.state = State.FAILED if self._error else State.ENDED
+        self.state = RunState.FAILED if self._error else RunState.ENDED
         self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")
         self.snapshot = self.step = self._result = None
-        self._course = Course()
+        self._course = RunHistory()
         return left
 
     def unfinished(self, snapshot: Snapshot, functions: Evaluators) -> tuple[abfm.Match, Run]:
@@ -326,7 +329,7 @@ class Solver:
 
     def forget(self) -> None:
         """Let the last run be as if it had not been."""
-        self.state, self.reason = State.IDLE, ""
+        self.state, self.reason = RunState.IDLE, ""
 
     def close(self, seconds: float = 1) -> None:
         """End the thread, between two evaluations, and the process if that takes long."""
@@ -365,16 +368,16 @@ class Solver:
             problem, self._next = self._next, None
             self._control = abfm.Control()
             self._since_restart = 0
-            if self.state is State.PAUSED:
+            if self.state is RunState.PAUSED:
                 self._control.pause()
-            return problem if self.state in _GOES_ON or self._result is None else None
+            return problem if self.state in _LIVE_STATES or self._result is None else None
 
     def _solve(
         self, spec: ProblemSpec, functions: Evaluators, start: FloatArray | None
     ) -> abfm.Match:
         problem = spec.problem(functions)
         with self._lock:
-            if self.state not in _GOES_ON:
+            if self.state not in _LIVE_STATES:
                 self._control.cancel()
 
         def solve(problem: abfm.Problem) -> abfm.Match:
@@ -397,7 +400,7 @@ class Solver:
         self._course.add(now)
         shown, before = now, self.snapshot
         if before is not None and before.problem is problem:
-            is_pictured = isinstance(now.look, Look) and now.look.picture is not None
+            is_pictured = isinstance(now.look, IteratePicture) and now.look.picture is not None
             shown = now if is_pictured and better(now, before.shown) else before.shown
         self.snapshot = Snapshot(problem, now, shown)
         self._since_restart += 1

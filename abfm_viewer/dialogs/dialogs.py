@@ -14,7 +14,8 @@ from abfm_viewer.widgets.toolkit import Ui
 
 Line = str | tuple[str, str]
 """A paragraph, or a row of two columns."""
-_MESSAGE_WIDTH, _QUESTION_WIDTH = 520, 460
+_MESSAGE_WIDTH = 520
+_QUESTION_WIDTH = 460
 _FIRST_COLUMN = 0.34
 
 

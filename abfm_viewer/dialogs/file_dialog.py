@@ -11,15 +11,16 @@ from abfm_viewer.computing.background import Latest
 from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
-MOST = 10_000
+ENTRIES_MAX = 10_000
 """Entries of a folder that are listed."""
 _ENDING = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}")  # of names, of any kind of files
-_WIDTH, _HEIGHT = 640, 480
+_WIDTH = 640
+_HEIGHT = 480
 _ROWS_AROUND = 200  # rows above and below the visible ones that are drawn too
 
 
 @dataclass(frozen=True)
-class Entry:
+class FolderEntry:
     name: str
     is_folder: bool
 
@@ -33,7 +34,7 @@ class Entry:
 class Listing:
     """A folder's entries, folders first; and why that is not everything, or nothing."""
 
-    entries: tuple[Entry, ...] = ()
+    entries: tuple[FolderEntry, ...] = ()
     note: str = ""
     error: str = ""
 
@@ -51,12 +52,12 @@ def read_folder(folder: Path, suffixes: tuple[str, ...]) -> Listing:
                 is_folder = _is_folder(entry)
                 is_shown = is_folder or has_suffix(entry.name, suffixes)
                 if is_shown and not entry.name.startswith("."):
-                    found.append(Entry(entry.name, is_folder))
+                    found.append(FolderEntry(entry.name, is_folder))
     except OSError as error:
         return Listing(error=f"{folder} cannot be read: {error.strerror or error}")
     found.sort(key=lambda entry: (not entry.is_folder, entry.name.casefold(), entry.name))
-    note = f"the first {MOST:,} of {len(found):,}: type the name of another one"
-    return Listing(tuple(found[:MOST]), note if len(found) > MOST else "")
+    note = f"the first {ENTRIES_MAX:,} of {len(found):,}: type the name of another one"
+    return Listing(tuple(found[:ENTRIES_MAX]), note if len(found) > ENTRIES_MAX else "")
 
 
 def has_suffix(name: str, suffixes: tuple[str, ...]) -> bool:
@@ -109,7 +110,7 @@ class FileChoice:
         self.go(below.parent)
         self.selected = below.name
 
-    def select(self, entry: Entry) -> None:
+    def select(self, entry: FolderEntry) -> None:
         """Mark an entry; a file to save over gives its name."""
         self.selected, self.error = entry.name, ""
         if self.saving and not entry.is_folder:

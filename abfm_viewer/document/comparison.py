@@ -13,8 +13,8 @@ from abfm.types import BoolArray, FloatArray
 
 Compared = Literal["difference", "mean", "deviation", "areas"]
 """What is between a subject and the mean of the others."""
-_LONGEST = 24  # characters of a name in a title
-COMPARED: tuple[Compared, ...] = get_args(Compared)
+_LENGTH_MAX = 24  # characters of a name in a title
+COMPARED_KINDS: tuple[Compared, ...] = get_args(Compared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Comparison:
         """What a slot shows; a slot of another kind has no other name. Long names are cut, so that
         the words after them have room.
         """
-        name = self.name if len(self.name) <= _LONGEST else f"{self.name[: _LONGEST - 3]}..."
+        name = self.name if len(self.name) <= _LENGTH_MAX else f"{self.name[: _LENGTH_MAX - 3]}..."
         between = {
             "difference": f"{name} less the mean",
             "mean": f"mean of the {int(self.population.fits.sum())} that fit",

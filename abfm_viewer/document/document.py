@@ -37,7 +37,7 @@ FieldPart = Literal[
 ]
 ClickTool = Literal["nothing", "landmark", "flow line", "follow a point"]
 
-CARRIED: tuple[Coloring, ...] = ("coordinates", "checker", "labels")
+CARRIED_COLORINGS: tuple[Coloring, ...] = ("coordinates", "checker", "labels")
 """What shows where on the source's surface each point comes from."""
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
 SIDES: tuple[Side, ...] = get_args(Side)
@@ -68,7 +68,8 @@ _PREFERENCES = (
     "trade_off_live",
 )
 """Attributes of a `View` that stay when another document is opened."""
-NEAREST, FARTHEST = 200.0, 0.2
+ZOOM_MAX = 200.0
+ZOOM_MIN = 0.2
 """Zooms."""
 
 

@@ -40,7 +40,7 @@ from abfm_viewer.document.surface_points import landmarks_of_match
 if TYPE_CHECKING:  # a document without a result does not load its type
     from abfm import Match, Sequence
 
-MEASURED = "measured"
+MEASURED_COLUMN = "measured"
 """Column of a mask that is 0 where functions have no values, and were filled in."""
 OF_A = "A: "
 """What names of values from files begin with that are of surface A of two."""
@@ -121,7 +121,7 @@ class MatchDocument(Document):
         """Return where active functions have none, or the mask of frames that became a match."""
         active = [] if self.active is None else [self.function(side) for side in SIDES]
         given = [found for one in active if (found := values(one)) is not None]
-        is_of_frames = self.mask.endswith(f",column={MEASURED}")
+        is_of_frames = self.mask.endswith(f",column={MEASURED_COLUMN}")
         mask = values(self.mask_function) if active and is_of_frames else None
 
         def find() -> BoolArray | None:

@@ -12,7 +12,7 @@ from abfm.pages.front import Triple, triple
 from abfm.reading.labels import Labels
 from abfm.types import FloatArray, IntArray
 
-_GOLDEN = 0.6180339887498949  # hues that far apart are never close to each other
+_GOLDEN_RATIO = 0.6180339887498949  # hues that far apart are never close to each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class LabelMap:
         colors = []
         for number, (key, name) in enumerate(zip(keys, names, strict=True)):
             given = labels.colors.get(key)
-            made = colorsys.hsv_to_rgb(number * _GOLDEN % 1, 0.55, 0.85)
+            made = colorsys.hsv_to_rgb(number * _GOLDEN_RATIO % 1, 0.55, 0.85)
             grey = (0.75, 0.75, 0.75)
             is_bare = bool(labels.names) and not name
             colors.append(triple(np.array(given[:3] if given else grey if is_bare else made)))

@@ -7,7 +7,7 @@ import numpy as np
 from abfm import functions
 from abfm.types import FloatArray
 
-_SAME = 1e-3  # of the target's range: what differs by less stays
+_RANGE_TOLERANCE = 1e-3  # of the target's range: what differs by less stays
 
 
 def rescaled(spec: str, source: FloatArray, target: FloatArray) -> str:
@@ -23,7 +23,7 @@ def rescaled(spec: str, source: FloatArray, target: FloatArray) -> str:
     (low, high), (least, most) = ((float(f.min()), float(f.max())) for f in (source, target))
     if not (high > low and most > least):
         return spec
-    slack = _SAME * (most - least)
+    slack = _RANGE_TOLERANCE * (most - least)
     if np.allclose((low, high), (least, most), rtol=0, atol=slack):
         return spec
     factor = (most - least) / (high - low)

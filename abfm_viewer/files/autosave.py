@@ -19,8 +19,10 @@ from abfm_viewer.files.state_folder import StateFolder
 
 Content = tuple[Document, Mapping[str, FloatArray]]
 """A document, and the values of its functions from other files (see `save_project`)."""
-_PREFIX, _SUFFIX = "autosave-", ".abfm"
-_ABANDONED = 120.0  # seconds without a heartbeat: the process is gone, whatever its number says
+_PREFIX = "autosave-"
+_SUFFIX = ".abfm"
+# seconds without a heartbeat: the process is gone, whatever its number says
+_HEARTBEAT_SECONDS_MAX = 120.0
 
 
 class Autosave:
@@ -160,7 +162,7 @@ def recoverable(folder: StateFolder) -> list[Recovery]:
                 name, _, beside = path.name.partition(_SUFFIX)
                 number, _, left = name.removeprefix(_PREFIX).partition("-")
                 process, written = int(number.partition(".")[0]), path.stat().st_mtime
-                abandoned = time.time() - written > _ABANDONED
+                abandoned = time.time() - written > _HEARTBEAT_SECONDS_MAX
                 if abandoned or left or not _is_alive(process):
                     recovery = Recovery(path.with_name(name + _SUFFIX), written)
                     if not beside:

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     from abfm.tasks import Task
 
-SLOWEST = 0.1
+FPS_MIN = 0.1
 # frames a second by suffix; browsers slow down a GIF that is faster
-FASTEST = {".mp4": 120.0, ".gif": 50.0}
+FPS_MAX = {".mp4": 120.0, ".gif": 50.0}
 
 
 def suffixes(task: type[Task]) -> tuple[str, ...]:

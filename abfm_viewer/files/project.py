@@ -39,9 +39,9 @@ from abfm.pages.front import Front
 from abfm.reading import from_json
 from abfm.types import FloatArray
 from abfm_viewer.document.document import (
-    FARTHEST,
-    NEAREST,
     SIDES,
+    ZOOM_MAX,
+    ZOOM_MIN,
     Document,
     Identity,
     InitialMap,
@@ -70,7 +70,7 @@ _COURSE = _RUN | {
 }
 _RESIDUALS = {"residuals": Entry("real", ("n",), required=False, low=0)}
 _SHARES = {"shares": Entry("real", ("n", "T"), low=0)}
-_INITIAL = {  # without the meshes
+_INITIAL_ENTRIES = {  # without the meshes
     name: entry
     for name, entry in CORRESPONDENCE_ENTRIES.items()
     if name.removeprefix("a_") not in MESH_ENTRIES
@@ -88,7 +88,7 @@ _FIELDS = {
 }
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name != "parameters"}
 _ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
-_FROM_TO = {"arrow_density": (0, 1), "isoline_count": (1, 1000)}
+_VIEW_BOUNDS = {"arrow_density": (0, 1), "isoline_count": (1, 1000)}
 MEMBER = "origin.json"
 """Where a copy of unsaved work says what it is a copy of."""
 
@@ -225,7 +225,7 @@ def _of_surface_a(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
         content["surface_a"] = _SurfaceA(first.name, first.mesh.file_vertex_count, first.front)
     if (initial := document.initial_map) is not None:
         of_map = initial.correspondence.arrays()
-        arrays |= {f"initial/{name}": of_map[name] for name in _INITIAL if name in of_map}
+        arrays |= {f"initial/{name}": of_map[name] for name in _INITIAL_ENTRIES if name in of_map}
         if initial.functions is not None:
             arrays["initial/functions"] = initial.functions
         content["initial_map"] = to_plain(initial, without=("correspondence", "functions"))
@@ -381,7 +381,7 @@ def _meshes(
         meshes = (surface.mesh for surface in written.surfaces) if written else ()
         return tuple(meshes) or (mesh_of(of_a), mesh_of(parts)), None
     sizes = {"V": len(parts["vertices"]), "VA": len(of_a["vertices"])}
-    maps = check_arrays(arrays, _INITIAL | _FUNCTIONS, "initial/", **sizes)
+    maps = check_arrays(arrays, _INITIAL_ENTRIES | _FUNCTIONS, "initial/", **sizes)
     functions = maps.pop("functions", None)
     if written is not None and written.initial_map is not None:
         found = written.initial_map.correspondence
@@ -487,10 +487,10 @@ def _check_view(view: View) -> None:
     for name, high in _ABOVE_0.items():
         value = getattr(view, name)
         _require(0 < value <= high, f"{name} is {value}; expected above 0 to {high:g}")
-    for name, bounds in _FROM_TO.items():
+    for name, bounds in _VIEW_BOUNDS.items():
         _within(name, getattr(view, name), *bounds)
     if view.look is not None:
-        _within("zoom", view.look.zoom, FARTHEST, NEAREST)
+        _within("zoom", view.look.zoom, ZOOM_MIN, ZOOM_MAX)
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:

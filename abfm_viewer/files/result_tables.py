@@ -20,10 +20,10 @@ them.
 """
 _LEDGER = "ledger"
 _NUMBERS = ("residual", "folded", "log2_area", "correlation")  # of subjects
-_OWN = "subject_weights.npy"  # what no other kind of file has
+_POPULATION_ENTRY = "subject_weights.npy"  # what no other kind of file has
 
 
-class _State(NamedTuple):
+class _FolderStamp(NamedTuple):
     """What was last changed (ns) in a folder of results, or of a population's file."""
 
     place: Path
@@ -44,7 +44,7 @@ def place_of(path: Path) -> Path | None:
 def is_population(path: Path) -> bool:
     """Return whether a file is one of `Population.save`, by the names of what is in it."""
     with suppress(OSError, zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
-        return _OWN in archive.namelist()
+        return _POPULATION_ENTRY in archive.namelist()
     return False
 
 
@@ -53,7 +53,7 @@ class TableReader:
 
     def __init__(self, place: Path) -> None:
         self.place = place
-        self._state: _State | None = None
+        self._state: _FolderStamp | None = None
         self._table: ResultTable | None = None
         self._known: dict[Path, ResultRow] = {}
 
@@ -80,7 +80,7 @@ class TableReader:
         rows = tuple(self._row(number, entry) for number, entry in enumerate(entries))
         return ResultTable(self.place, title, rows)
 
-    def _row(self, number: int, entry: abfm.batch.Entry) -> ResultRow:
+    def _row(self, number: int, entry: abfm.batch.LedgerEntry) -> ResultRow:
         name = one_line(entry.row.name, 200)
         # files of results are named by what is in them
         known = None if entry.path is None else self._known.get(entry.path)
@@ -94,7 +94,7 @@ class TableReader:
         return row
 
 
-def _texts(entry: abfm.batch.Entry) -> tuple[tuple[str, str], ...]:
+def _texts(entry: abfm.batch.LedgerEntry) -> tuple[tuple[str, str], ...]:
     """Return what a row says of its channels; nothing of a film."""
     from abfm.tasks.inputs import channels
 
@@ -129,7 +129,7 @@ def _outcome(word: str) -> Outcome:
     return Outcome(word) if word in set(Outcome) else Outcome.FAILED
 
 
-def _state(place: Path) -> _State:
+def _state(place: Path) -> _FolderStamp:
     """Return what tells whether a table has changed; what is written takes a file's place."""
     looked_at = (place, place / POPULATION, place / _LEDGER, place / _LEDGER / "rows.json")
     changed = []
@@ -138,4 +138,4 @@ def _state(place: Path) -> _State:
             changed.append(path.stat().st_mtime_ns)
         except OSError:
             changed.append(0)
-    return _State(place, tuple(changed))
+    return _FolderStamp(place, tuple(changed))

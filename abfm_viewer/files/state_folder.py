@@ -12,9 +12,9 @@ from abfm import AbfmError
 from abfm.io import write_atomically
 from abfm.reading import read_bytes
 
-_MOST_RECENT = 10
-_LARGEST = 1 << 20  # bytes of a file of the folder
-VARIABLE = "ABFM_STATE_FOLDER"
+_RECENT_FILES_MAX = 10
+_FILE_BYTES_MAX = 1 << 20  # bytes of a file of the folder
+STATE_VARIABLE = "ABFM_STATE_FOLDER"
 
 
 class StateFolder:
@@ -24,7 +24,7 @@ class StateFolder:
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or Path(
-            os.environ.get(VARIABLE) or platformdirs.user_state_dir("abfm", appauthor=False)
+            os.environ.get(STATE_VARIABLE) or platformdirs.user_state_dir("abfm", appauthor=False)
         )
 
     def recent(self) -> list[Path]:
@@ -35,12 +35,12 @@ class StateFolder:
                 path = Path(name)
                 if path.is_file() or (path / "ledger").is_dir():
                     found.append(path)
-        return found[:_MOST_RECENT]
+        return found[:_RECENT_FILES_MAX]
 
     def add_recent(self, path: Path) -> None:
         path = Path(os.path.abspath(path))
         kept = [path, *(known for known in self.recent() if known != path)]
-        self._write("recent.json", [str(known) for known in kept[:_MOST_RECENT]])
+        self._write("recent.json", [str(known) for known in kept[:_RECENT_FILES_MAX]])
 
     def clear_recent(self) -> None:
         self._write("recent.json", [])
@@ -58,7 +58,7 @@ class StateFolder:
     def _read(self, name: str, kind: type[Any]) -> Any:
         """Return what a file holds; nothing of a kind where it is not that."""
         with suppress(OSError, ValueError, RecursionError, MemoryError):
-            found = json.loads(read_bytes(self.path / name, most=_LARGEST))
+            found = json.loads(read_bytes(self.path / name, most=_FILE_BYTES_MAX))
             if isinstance(found, kind):
                 return found
         return kind()

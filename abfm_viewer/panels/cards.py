@@ -16,9 +16,10 @@ from abfm_viewer.widgets.containers import card
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
-_MOST = 3  # cards that are shown at once
-_WIDTH, _EDGE = 460, 10
-_SUDDENLY = 0.3  # seconds that something may take without a card
+_CARDS_MAX = 3  # cards that are shown at once
+_WIDTH = 460
+_EDGE = 10
+_CARD_DELAY_SECONDS = 0.3  # seconds that something may take without a card
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,10 @@ def draw(context: Context, rect: Rect) -> None:
     drawn: list[tuple[str, Color, Callable[[], None]]] = [
         (work.name, ui.colors.accent, partial(_draw_work, ui, work))
         for work in (_opening(context.session), _ending(context))
-        if work is not None and work.elapsed > _SUDDENLY
+        if work is not None and work.elapsed > _CARD_DELAY_SECONDS
     ]
-    for number, message in enumerate(cards[:_MOST], 1):
-        more = len(cards) - _MOST if number == _MOST else 0
+    for number, message in enumerate(cards[:_CARDS_MAX], 1):
+        more = len(cards) - _CARDS_MAX if number == _CARDS_MAX else 0
         do = partial(_draw_message, context, message, more)
         drawn.append((f"message {number}", ui.colors.failure, do))
     top += ui.px(_EDGE)
@@ -75,7 +76,7 @@ def _draw_message(context: Context, message: Card, more: int) -> None:
 def _opening(session: Session) -> _Work | None:
     """Return what is being opened, or how far the first functions of a mesh are."""
     load = session.loading.now
-    if load is not None and load.elapsed > _SUDDENLY:
+    if load is not None and load.elapsed > _CARD_DELAY_SECONDS:
         text = f"{load.what}: {load.elapsed:.0f} s"
         cancel, tip = session.loading.cancel, "Go on without it."
         return _Work("opening", text, load.elapsed, None, cancel=cancel, tip=tip)

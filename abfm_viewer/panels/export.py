@@ -29,7 +29,7 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Range
 
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
-_OWN = "own size"
+_OWN_SIZE = "own size"
 _REGISTRATION = (
     "Where A and B correspond (.npz); A's faces where they lie on B (.gii, .ply); or the vertex of "
     "A for each of B (.txt, .csv, .npy); or a page for a browser (.html)."
@@ -41,7 +41,8 @@ _SEQUENCE = (
 _ENDINGS = (".npz", ".pvd", "-lh.stc", "-rh.stc", ".gii", ".html")
 _TRACKS = "Critical points, a line for each in each interval (.csv)."
 _INTERVALS = "Speed, energy, what is left and the verdict of each interval (.csv)."
-_ACROSS, _DOWN = Range(320, 7680, whole=True), Range(240, 4320, whole=True)
+_WIDTH_RANGE = Range(320, 7680, whole=True)
+_HEIGHT_RANGE = Range(240, 4320, whole=True)
 
 
 def draw(context: Context) -> None:
@@ -182,12 +183,12 @@ def _draw_size(ui: Ui, exporter: Exporter) -> None:
     picture = exporter.picture
     sizes = {"window": exporter.window_size, **_SIZES}
     names = {size: name for name, size in sizes.items()}
-    now = names.get((picture.width, picture.height), _OWN)
-    choices = [*sizes, _OWN] if now == _OWN else list(sizes)
+    now = names.get((picture.width, picture.height), _OWN_SIZE)
+    choices = [*sizes, _OWN_SIZE] if now == _OWN_SIZE else list(sizes)
     chosen = ui.combo("size", now, choices, "Of pictures and movies.")
     width, height = (picture.width, picture.height) if chosen == now else sizes[chosen]
-    width = round(ui.bounded("pixels across", width, _ACROSS, "320 to 8192.", (320, 8192)))
-    height = round(ui.bounded("pixels down", height, _DOWN, "240 to 8192.", (240, 8192)))
+    width = round(ui.bounded("pixels across", width, _WIDTH_RANGE, "320 to 8192.", (320, 8192)))
+    height = round(ui.bounded("pixels down", height, _HEIGHT_RANGE, "240 to 8192.", (240, 8192)))
     tip = "A picture without a ground, for slides and papers."
     transparent = ui.checkbox("transparent", picture.transparent, tip)
     ui.beside_if_fits("color bar")

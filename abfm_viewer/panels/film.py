@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from abfm.errors import ParameterError
-from abfm.parameters import LAST
+from abfm.parameters import LAST_SIGMA
 from abfm_viewer.document.film import Film
 from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui, finite
 from abfm_viewer.widgets.widget_record import Range
 
-_OPEN = "Choose frames for the mesh that is open. They can also be dropped on the window."
+_OPEN_TIP = "Choose frames for the mesh that is open. They can also be dropped on the window."
 _STEP = "Seconds from each frame to the next; until they are known, frames count as 1 apart."
-_CIRCULAR = (
+_CIRCULAR_TIP = (
     "The values are phases, which repeat after a period: compare their cosine, channel 0, and "
     "sine, channel 1, instead of the numbers."
 )
@@ -32,8 +32,8 @@ _ORDER = (
 )
 _ALPHA = "Smaller if motion is missed, larger if the fields are rough."
 _SIGMA = "How closely each frame is met, in standard deviations of the frames."
-_CHOSEN = "Chosen by what predicts held-out patches of a few intervals."
-_AUTO = {"alpha": Auto(1.0, _CHOSEN), "sigma": Auto(LAST, _CHOSEN)}
+_CHOSEN_TIP = "Chosen by what predicts held-out patches of a few intervals."
+_AUTO = {"alpha": Auto(1.0, _CHOSEN_TIP), "sigma": Auto(LAST_SIGMA, _CHOSEN_TIP)}
 
 
 def draw_frames(context: Context) -> None:
@@ -43,7 +43,7 @@ def draw_frames(context: Context) -> None:
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
         context.open_mesh()
     ui.beside_if_fits("Open frames...", is_button=True)
-    if ui.button("Open frames...", _OPEN):
+    if ui.button("Open frames...", _OPEN_TIP):
         context.open_frames()
     ui.line(document.name, "ink")
     mesh = document.surface().mesh
@@ -63,7 +63,7 @@ def draw_frames(context: Context) -> None:
         ui.note(f"Vertices without values, in grey, which are not compared: {unknown:,}.")
     if film.phases is not None or film.period is not None:
         is_circular = film.phases is not None
-        if ui.checkbox("circular", is_circular, _CIRCULAR) != is_circular:
+        if ui.checkbox("circular", is_circular, _CIRCULAR_TIP) != is_circular:
             context.files.set_circular(document, None if is_circular else film.period)
     _draw_step(ui, context, film)
 

@@ -19,29 +19,31 @@ from abfm_viewer.panels import initial_map, landmarks
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Kind, Ui
+from abfm_viewer.widgets.toolkit import TextTone, Ui
 from abfm_viewer.widgets.widget_record import Range
 
 Put: TypeAlias = "Callable[[functions.Family, str], None]"
 """Takes a changed function and the label of the widget that changed it."""
-_LONGEST = 16  # letters
+_LABEL_LENGTH_MAX = 16  # letters
 _BY_MOUSE = "On the source or target; a click moves it there, and Shift-wheel sets its width."
 _ADD_CHANNEL = (
     "One more channel: another pair of functions that the same flow should match. It begins as a "
     "landmark that stays where it is, far from the Gaussians of the others."
 )
 _RESCALE = "Scale and shift the source so that it has the target's values, from least to largest."
-_CIRCULAR = (
+_CIRCULAR_TIP = (
     "The values are phases, which repeat after a period: compare their cosine and sine, two "
     "channels, instead of the numbers."
 )
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves it out."
-_SEVERAL = "several terms"
+_SEVERAL_TERMS = "several terms"
 _FAMILY = "What kind of function it is. Sums can be typed below.\n\n{name}: {summary}"
 _SPEC = "The function as text: terms with +, anything by hand. Enter takes it."
 _BUMP = "The Gaussian that the mouse and the widgets below change."
-_ADD, _REMOVE = "Add Gaussian", "Remove Gaussian"
-_NO_MAP, _MAP_FILE = "none", "file..."
+_ADD = "Add Gaussian"
+_REMOVE = "Remove Gaussian"
+_NO_MAP = "none"
+_MAP_FILE = "file..."
 _MAP = (
     "Compose the function with a map of the vertices: the mirror plane or the rotation by 180 "
     "degrees that the surface is found to have, or a file with one vertex number per vertex or "
@@ -68,7 +70,9 @@ def draw_meshes(context: Context) -> None:
     initial_map.draw(context)
 
 
-def _draw_meshes(context: Context, first: str, second: tuple[str, Kind], tips: list[str]) -> None:
+def _draw_meshes(
+    context: Context, first: str, second: tuple[str, TextTone], tips: list[str]
+) -> None:
     ui, document = context.ui, context.session.document
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
         context.open_mesh()
@@ -119,7 +123,7 @@ def _draw_circular(ui: Ui, session: Session) -> None:
     period = session.functions.period(session.editor.draft)
     if not is_circular and period is None:
         return
-    if ui.checkbox("circular", is_circular, _CIRCULAR) != is_circular:
+    if ui.checkbox("circular", is_circular, _CIRCULAR_TIP) != is_circular:
         with ui.refusals.refusing("circular"):
             session.editor.set_circular(None if is_circular else period)
     ui.refusal("circular")
@@ -171,7 +175,7 @@ def _called(document: MatchDocument, spec: str) -> str:
     try:
         return _short(functions.parse(text))
     except FunctionError:  # the name of a channel
-        return cut(text, _LONGEST, len)
+        return cut(text, _LABEL_LENGTH_MAX, len)
 
 
 def _short(tree: functions.Spec) -> str:
@@ -191,8 +195,8 @@ def _short(tree: functions.Spec) -> str:
         return tree.family
     word = str(getattr(tree, tree.positional))
     if any(parameter.kind.suffixes for parameter in tree.parameters()):
-        return cut(Path(word).name, _LONGEST, len)
-    return cut(word, _LONGEST, len) if tree.is_open_ended else f"{tree.family} {word}"
+        return cut(Path(word).name, _LABEL_LENGTH_MAX, len)
+    return cut(word, _LABEL_LENGTH_MAX, len) if tree.is_open_ended else f"{tree.family} {word}"
 
 
 def _file_of(family: type[functions.Family]) -> functions.Parameter | None:
@@ -272,7 +276,7 @@ class _Side:
         else:
             terms = getattr(self._inner, "terms", ())
             is_gaussian = len(gaussians.gaussians(self._spec)) == len(terms)
-            now = "gaussian" if is_gaussian else _SEVERAL
+            now = "gaussian" if is_gaussian else _SEVERAL_TERMS
         about = known[now].summary().replace("``", "") if now in known else "A sum of functions."
         of_others = functions.Permuted, functions.Scaled, functions.Circular
         names = [name for name in known if known[name] not in of_others]

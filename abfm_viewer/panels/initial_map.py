@@ -9,12 +9,15 @@ from abfm.reading import VALUES_ENDINGS
 from abfm.wording import sentence
 from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.panels.context import Context
-from abfm_viewer.session.initial_maps import GIVEN
+from abfm_viewer.session.initial_maps import GIVEN_WORD
 from abfm_viewer.session.session_files import MESHES
 
-_ABOUT = "Where each point of B lies on A before anything flows; the flow on B goes on from there."
-_MIRRORED = "See A in a mirror first, as between left and right."
-_MIRROR, _FILE = "mirror", "file"
+_MAP_TIP = (
+    "Where each point of B lies on A before anything flows; the flow on B goes on from there."
+)
+_MIRRORED_TIP = "See A in a mirror first, as between left and right."
+_MIRROR = "mirror"
+_FILE = "file"
 
 
 class _Choice(NamedTuple):
@@ -77,14 +80,14 @@ _CHOICES = {
     ),
 }
 """By their labels."""
-_AS_OPENED = {"as opened": _Choice(GIVEN, "The map that the file came with.")}
+_OPENED_CHOICE = {"as opened": _Choice(GIVEN_WORD, "The map that the file came with.")}
 
 
 def draw(context: Context) -> None:
     """Draw the choice of the map between two surfaces."""
     ui, document, editor = context.ui, context.document(PairDocument), context.session.editor
     word, mirror, files = _parts(document.initial)
-    choices = {**_CHOICES} | (_AS_OPENED if word == GIVEN else {})
+    choices = {**_CHOICES} | (_OPENED_CHOICE if word == GIVEN_WORD else {})
     fitting = (
         label
         for label, choice in choices.items()
@@ -94,13 +97,13 @@ def draw(context: Context) -> None:
     choices.setdefault(now, _Choice(document.initial, ""))
     known = choices[now]
     names = ", ".join(Path(file).name for file in files)
-    tip = "\n\n".join(filter(None, (_ABOUT, f"{sentence(now)} {known.about}", names)))
+    tip = "\n\n".join(filter(None, (_MAP_TIP, f"{sentence(now)} {known.about}", names)))
     label = ui.combo("initial map", now, {key: one.about for key, one in choices.items()}, tip)
     if label != now:
         _choose(context, choices[label], ())
     elif known.can_mirror:
         ui.beside_if_fits("mirrored")
-        wanted = ui.checkbox("mirrored", mirror, _MIRRORED)
+        wanted = ui.checkbox("mirrored", mirror, _MIRRORED_TIP)
         editor.set_initial(_joined(word, wanted, files))
 
 

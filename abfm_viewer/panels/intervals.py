@@ -15,7 +15,7 @@ from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets import plots
 
-_NONE = (
+_EMPTY_NOTE = (
     "Appears here while all frames are matched: how fast each interval's field is; then what it "
     "leaves by the discrete flow and by flow lines."
 )
@@ -24,7 +24,8 @@ _VIEWS = {
     "speed": "Root mean square of the speed over the surface, in the mesh's unit per second, or "
     "per frame where there are no times; shaded where it is slow (stable) or fast (transient).",
 }
-_SIZE, _MOST_DOTS = 2.6, 60
+_SIZE = 2.6
+_MOST_DOTS = 60
 
 
 def draw(context: Context) -> None:
@@ -33,7 +34,7 @@ def draw(context: Context) -> None:
     film, sequence = document.film, document.result
     is_live = session.film_match.found(document) > 0
     if sequence is None and not is_live:
-        ui.note(_NONE)
+        ui.note(_EMPTY_NOTE)
         return
     views = [*_VIEWS]
     shows_speed = document.view.speeds or sequence is None or is_live

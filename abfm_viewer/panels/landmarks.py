@@ -12,13 +12,14 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 
 FILES = (".csv", ".txt", ".vts")
-_PLACE, _STOP = "Place landmarks", "Stop placing"
-_ABOUT = (
+_PLACE = "Place landmarks"
+_STOP = "Stop placing"
+_LANDMARKS_TIP = (
     "Points of both surfaces that belong together: the flow takes each one to its partner. Click "
     "on one surface, then on its partner on the other; drag to move (M)."
 )
-_ALONE = "Match nothing but the landmarks; the functions are carried along."
-_OPEN = "Pairs from a file: vertices of both surfaces, or their coordinates, a line each."
+_ALONE_TIP = "Match nothing but the landmarks; the functions are carried along."
+_OPEN_TIP = "Pairs from a file: vertices of both surfaces, or their coordinates, a line each."
 _SAVE = "Write the pairs to a .csv file, as coordinates on both surfaces."
 _REMOVE = "Remove the chosen landmark from both surfaces (Delete)."
 
@@ -29,7 +30,7 @@ def button_label(document: Document) -> str:
 
 def draw_button(context: Context) -> None:
     """Draw the button that lets clicks place landmarks, or not any more."""
-    if context.ui.button(button_label(context.session.document), _ABOUT):
+    if context.ui.button(button_label(context.session.document), _LANDMARKS_TIP):
         context.session.editor.switch_placing()
 
 
@@ -44,7 +45,7 @@ def draw(context: Context) -> None:
         ui.note(f"Click on {document.named('source')}, then on {document.named('target')}.")
     if document.landmarks:
         _draw_list(context)
-    elif ui.button("Open landmarks...", _OPEN):
+    elif ui.button("Open landmarks...", _OPEN_TIP):
         open_file(context)
 
 
@@ -62,13 +63,15 @@ def _draw_list(context: Context) -> None:
     if ui.button("Clear landmarks", "Remove all landmarks."):
         editor.set_landmarks("clear landmarks", ())
     ui.beside_if_fits("Open landmarks...", is_button=True)
-    if ui.button("Open landmarks...", _OPEN):
+    if ui.button("Open landmarks...", _OPEN_TIP):
         open_file(context)
     if ui.button("Save landmarks...", _SAVE, enabled=bool(document.pairs)):
         name = f"{Path(document.name).stem}_landmarks.csv"
         context.dialogs.save("Save landmarks", FILES[:1], name, lambda path: write(session, path))
     ui.beside_if_fits("landmarks alone")
-    editor.match_landmarks_alone(ui.checkbox("landmarks alone", document.landmarks_alone, _ALONE))
+    editor.match_landmarks_alone(
+        ui.checkbox("landmarks alone", document.landmarks_alone, _ALONE_TIP)
+    )
     for number, landmark in enumerate(document.landmarks):
         label = f"{number + 1}: {_words(document, landmark, left.get(landmark))}"
         if ui.row(label, number == document.landmark)[0]:

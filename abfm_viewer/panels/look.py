@@ -3,9 +3,9 @@
 import numpy as np
 
 import abfm
-from abfm.pages.film_motion import CRITICAL
+from abfm.pages.film_motion import CRITICAL_COLORS
 from abfm.wording import counted, sentence
-from abfm_viewer.document.document import CARRIED, CLICK_TOOLS, FIELD_PARTS, Coloring
+from abfm_viewer.document.document import CARRIED_COLORINGS, CLICK_TOOLS, FIELD_PARTS, Coloring
 from abfm_viewer.document.verdict_words import refinement
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session_files import LABELS
@@ -24,7 +24,7 @@ _COLORINGS: dict[Coloring, str] = {
     "conformal distortion": "How much the map stretches each face in one direction more than in "
     "the other.",
 }
-_MAPS: tuple[Coloring, ...] = (*CARRIED, "area distortion", "conformal distortion")
+_MAPS: tuple[Coloring, ...] = (*CARRIED_COLORINGS, "area distortion", "conformal distortion")
 _LABELS = "Open labels..."
 _PART = (
     "The whole field, or a part of its Helmholtz-Hodge decomposition: without curl, without "
@@ -45,7 +45,7 @@ _CLICKS = (
     "A flow line through the point.",
     "Follow where the point goes over time.",
 )
-_COMPARED = {
+_COMPARISON_TIPS = {
     "linear blend": "A surface with (1 - t/τ) source + t/τ target: nothing moves, it only fades.",
     "optimal transport": "A surface with the Wasserstein interpolation: the mass takes the "
     "shortest ways.",
@@ -115,7 +115,7 @@ def draw_tracks(context: Context) -> None:
     with ui.disabled(session.document.result is None):
         _switch(context, "tracks", "tracks", "switch tracks", _TRACKS)
     if found := context.shown.tracks.counts():
-        named = {counted(count, kind): CRITICAL[kind] for kind, count in found.items()}
+        named = {counted(count, kind): CRITICAL_COLORS[kind] for kind, count in found.items()}
         plots.legend(ui, named)
 
 
@@ -136,7 +136,7 @@ def draw_clicks(context: Context) -> None:
 
 def draw_compare(context: Context) -> None:
     context.ui.heading("compare with")
-    for number, (label, tip) in enumerate(_COMPARED.items()):
+    for number, (label, tip) in enumerate(_COMPARISON_TIPS.items()):
         if number:
             context.ui.beside_if_fits(label)
         _switch(context, label, label.split()[-1], "compare", tip)

@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST, TABLE_1, is_whole, row_of
+from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST_SIGMA, TABLE_1, is_whole, row_of
 from abfm.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
@@ -14,8 +14,9 @@ from abfm_viewer.widgets.containers import section
 from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui
 from abfm_viewer.widgets.widget_record import Range
 
-_OWN, _DEFAULTS = "own values", "defaults"
-_INITIAL = Parameters()
+_OWN_VALUES = "own values"
+_DEFAULTS = "defaults"
+_DEFAULT_PARAMETERS = Parameters()
 
 
 class _About(NamedTuple):
@@ -26,7 +27,7 @@ class _About(NamedTuple):
     slider: Range = Range(0, 1)
 
 
-_ABOUT = {
+_PARAMETER_TEXTS = {
     "alpha": _About("smoothness α", "section 3, Eq. 3", Range(1e-4, 1e4, log=True)),
     "sigma": _About(
         "closeness σ", "Eq. 3, section 7, where it is absolute", Range(1e-3, 20, log=True)
@@ -90,7 +91,7 @@ _REMEDIES = {
 _CHOICES = CHOICES | {"refine": (AUTO, "0", "1", "2")}
 _AUTO = {
     "sigma": Auto(
-        LAST,
+        LAST_SIGMA,
         "The match comes as close as can be certified, and says how close. Untick it, or move the "
         "slider, to end at a closeness of your own.",
     ),
@@ -100,7 +101,7 @@ _AUTO = {
         "the slider, to choose.",
     ),
 }
-_MAIN = ("alpha", "sigma", "beta", "tau", "reach")
+_MAIN_PARAMETERS = ("alpha", "sigma", "beta", "tau", "reach")
 _MASK = (
     "A function that weighs the mismatch at each vertex, 0 or more: where it is 0, anything may "
     "happen. Any spec, for example indicator:vertex=12,radius=0.3 or expression:x>0. Empty: every "
@@ -112,7 +113,7 @@ def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     parameters = session.parameters
     _preset(ui, session)
-    for name in _MAIN:
+    for name in _MAIN_PARAMETERS:
         _control(ui, session, name)
     draw_switches(ui, session)
     with section(ui, "Advanced", False) as is_open:
@@ -122,7 +123,7 @@ def draw(context: Context) -> None:
             )
             if parameters.paper.method == "linearised":
                 useless = {"gradient", "substeps", "quadrature"}
-            for name in [name for name in _ABOUT if name not in _MAIN]:
+            for name in [name for name in _PARAMETER_TEXTS if name not in _MAIN_PARAMETERS]:
                 with ui.disabled(name in useless):
                     _control(ui, session, name)
             spec = ui.text("mask", session.document.mask, _MASK, hint="none: all vertices count")
@@ -131,15 +132,19 @@ def draw(context: Context) -> None:
                     session.editor.set_mask(spec.strip())
             ui.refusal("mask", otherwise=session.error("mask"))
             tip = "All parameters as they are at first."
-            if ui.button("Reset to defaults", tip, enabled=parameters != _INITIAL, width=-1):
+            if ui.button(
+                "Reset to defaults", tip, enabled=parameters != _DEFAULT_PARAMETERS, width=-1
+            ):
                 session.editor.reset_parameters()
 
 
 def _preset(ui: Ui, session: Session) -> None:
     now = row_of(session.parameters)
-    shown = now.name if now else _DEFAULTS if session.parameters == _INITIAL else _OWN
+    shown = (
+        now.name if now else _DEFAULTS if session.parameters == _DEFAULT_PARAMETERS else _OWN_VALUES
+    )
     rows = {row.name: row for row in TABLE_1.values()}
-    tips = {_OWN: ""} if shown == _OWN else {}
+    tips = {_OWN_VALUES: ""} if shown == _OWN_VALUES else {}
     tips[_DEFAULTS] = "What is best for most meshes and functions."
     tips |= {name: row.about for name, row in rows.items()}
     about = "All parameters at once: the defaults, or a row of the paper's Table 1."
@@ -153,7 +158,7 @@ def _preset(ui: Ui, session: Session) -> None:
 
 
 def _control(ui: Ui, session: Session, name: str) -> None:
-    about, value = _ABOUT[name], session.parameters.to_dict()[name]
+    about, value = _PARAMETER_TEXTS[name], session.parameters.to_dict()[name]
     label, whole = f"{about.label}##{name}", is_whole(FIELDS[name])
     ends, tip = replace(about.slider, whole=whole), _tip(name)
     new: Any
@@ -177,7 +182,7 @@ def _control(ui: Ui, session: Session, name: str) -> None:
 @cache
 def _tip(name: str) -> str:
     help, symbol = FIELDS[name].metadata["help"], FIELDS[name].metadata["symbol"]
-    default, about = FIELDS[name].default, _ABOUT[name]
+    default, about = FIELDS[name].default, _PARAMETER_TEXTS[name]
     shown = f"{default:g}" if isinstance(default, int | float) else default or AUTO
     in_paper = ", ".join(filter(None, [symbol.strip("*"), about.place])) or "not there"
     return (

@@ -14,10 +14,10 @@ from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.result_tables import Tables
 from abfm_viewer.widgets.containers import window
-from abfm_viewer.widgets.toolkit import Kind, Ui, pushed
+from abfm_viewer.widgets.toolkit import TextTone, Ui, pushed
 from abfm_viewer.widgets.widget_record import Rect
 
-_COMPARED: dict[Compared, str] = {
+_COMPARISON_TIPS: dict[Compared, str] = {
     "difference": "The subject's values less the mean of the others.",
     "mean": "The mean of all that fit.",
     "deviation": "The standard deviation over those who fit.",
@@ -35,20 +35,29 @@ _WEIGHTS: dict[Name, float] = {"name": 2.0, "reason": 4.0}
 _LEAST_TEXT: dict[Name, float] = {"name": 110, "reason": 180}  # widths, at a scale of 1
 _ARROW = 14  # beside a head, the same
 _COMPARE = 110
-_WIDEST = "100.00%"  # number
-_FIRST_TO_GO: tuple[Name, ...] = ("folded", "log2_area", "verified_residual", "residual", "reason")
+_WIDEST_NUMBER = "100.00%"  # number
+_SPARE_COLUMNS: tuple[Name, ...] = (
+    "folded",
+    "log2_area",
+    "verified_residual",
+    "residual",
+    "reason",
+)
 """Columns that are left out where there is no room for all; a row's tip has them then."""
 _HINT = "in names and reasons"
-_AGAIN = "Read the folder again now; it is looked at every two seconds."
-_CLOSE = "Take the table away; what the surfaces show stays."
-_AROUND = 3  # rows above and below those in sight that are drawn, too
+_REFRESH_TIP = "Read the folder again now; it is looked at every two seconds."
+_CLOSE_TIP = "Take the table away; what the surfaces show stays."
+_MARGIN_ROWS = 3  # rows above and below those in sight that are drawn, too
 _ENDS = Memo[FloatArray]()
-_HEIGHT, _SHARE, _LEAST = 236, 0.4, 130  # at a scale of 1, and of what is left for surfaces
+# at a scale of 1, and of what is left for surfaces
+_HEIGHT = 236
+_SHARE = 0.4
+_HEIGHT_MIN = 130
 
 
 def height(room: float, scale: float) -> float:
     """Return how high the table is where so many pixels are left for surfaces and it."""
-    return max(min(_HEIGHT * scale, _SHARE * room), min(_LEAST * scale, room / 2))
+    return max(min(_HEIGHT * scale, _SHARE * room), min(_HEIGHT_MIN * scale, room / 2))
 
 
 def draw(context: Context, rect: Rect) -> None:
@@ -75,7 +84,7 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
         taken += ui.px(_COMPARE) + ui.text_width("compareRegistration") + ui.px(50)
     ui.align()
     room = float(imgui.GetContentRegionAvail()[0]) - taken
-    kind: Kind = "failure" if tables.error or tables.unshown else "ink"
+    kind: TextTone = "failure" if tables.error or tables.unshown else "ink"
     told = tables.error or tables.told
     if ui.text_width(told) <= room:
         ui.line(told, kind, room=room)
@@ -86,7 +95,7 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
     if is_of_population:
         ui.beside_if_fits("compare", is_button=True)
         tip = "What is shown between the subject and the mean of the others."
-        what = ui.combo("compare", tables.compared, _COMPARED, tip, width=ui.px(_COMPARE))
+        what = ui.combo("compare", tables.compared, _COMPARISON_TIPS, tip, width=ui.px(_COMPARE))
         if what != tables.compared:
             tables.compare(what)
         row = tables.chosen
@@ -95,7 +104,10 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
         enabled = row is not None and row.path is not None
         if ui.button("Registration", tip, enabled=enabled) and row is not None:
             tables.open_result(row)
-    ends = ("Refresh", _AGAIN, tables.look_again), ("Close table", _CLOSE, tables.close_table)
+    ends = (
+        ("Refresh", _REFRESH_TIP, tables.look_again),
+        ("Close table", _CLOSE_TIP, tables.close_table),
+    )
     for label, tip, act in ends:
         ui.beside_if_fits(label, is_button=True)
         if ui.button(label, tip):
@@ -139,7 +151,7 @@ def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...
     """Return the columns for which there is room beside names and reasons."""
     style = imgui.GetStyle()
     padding = 2 * style.CellPadding[0] + 1
-    for column in (None, *_FIRST_TO_GO):
+    for column in (None, *_SPARE_COLUMNS):
         columns = tuple(each for each in columns if each != column)
         widths = [
             ui.px(_LEAST_TEXT[each]) if each in _LEAST_TEXT else _width(ui, each)
@@ -152,7 +164,7 @@ def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...
 
 def _width(ui: Ui, column: Name) -> float:
     """Return the width that a column's head and texts need."""
-    words = tuple(Outcome) if column == "verdict" else (_WIDEST,)
+    words = tuple(Outcome) if column == "verdict" else (_WIDEST_NUMBER,)
     head = ui.text_width(COLUMNS[column].head) + ui.px(_ARROW)
     return max(head, *map(ui.text_width, words))
 
@@ -221,8 +233,8 @@ def _draw_cells(ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: Rows)
     if tables.scrolls:
         _scroll(tables, placed, in_sight)
     top = imgui.GetScrollY()
-    first = max(int(np.searchsorted(ends, top)) - _AROUND, 0)
-    last = min(int(np.searchsorted(ends, top + in_sight)) + _AROUND + 1, len(rows))
+    first = max(int(np.searchsorted(ends, top)) - _MARGIN_ROWS, 0)
+    last = min(int(np.searchsorted(ends, top + in_sight)) + _MARGIN_ROWS + 1, len(rows))
     starts = np.concatenate([[0.0], ends])
     if first:
         imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, starts[first])
@@ -263,7 +275,7 @@ def _draw_row(
                 f"{shown}###{row.number}", is_chosen, flags, (0, high - padding)
             )
             state = "chosen" if is_chosen else ""
-            left_out = (each for each in _FIRST_TO_GO[::-1] if each not in columns)
+            left_out = (each for each in _SPARE_COLUMNS[::-1] if each not in columns)
             numbers = [
                 f"{COLUMNS[each].head} {told}"
                 for each in left_out

@@ -23,10 +23,11 @@ from abfm_viewer.widgets.toolkit import Ui
 # at least, so that what is below seldom moves: six lines, or four and a row of buttons
 _STATE_HEIGHT = 130
 _STATE_SHARE = 0.3  # of a low panel
-_SIDE_BUTTON, _SIDE_SHARE = 76, 0.3
+_SIDE_BUTTON = 76
+_SIDE_SHARE = 0.3
 _BAR = 8  # high, as those in the viewport: below it is room for three lines and a warning
-_IMPOSSIBLE = "No flow can match these functions."
-_WARM = "from the current field"
+_IMPOSSIBLE_NOTE = "No flow can match these functions."
+_WARM_START_LABEL = "from the current field"
 _FOLLOW_TIP = (
     "While it runs, another parameter or function restarts the solver from the field that it has "
     "by then. A new smoothness is taken when the mouse lets go of the slider."
@@ -101,8 +102,8 @@ def draw_switches(ui: Ui, session: Session) -> None:
     """Draw how runs begin: what the parameters do not say."""
     solver, label = session.solver, "restart on changes##Restart on changes"
     solver.follow = ui.checkbox(label, solver.follow, _FOLLOW_TIP)
-    ui.beside_if_fits(_WARM)
-    label = f"{_WARM}##Start from the current field"
+    ui.beside_if_fits(_WARM_START_LABEL)
+    label = f"{_WARM_START_LABEL}##Start from the current field"
     solver.warm = ui.checkbox(label, solver.warm, _WARM_TIP)
 
 
@@ -194,7 +195,7 @@ def _draw_before(ui: Ui, session: Session) -> None:
 def _draw_foreseen(ui: Ui, facts: Facts) -> None:
     """Draw in a line what is known of the next match; the reason is below the functions."""
     is_impossible = facts.outcome is Outcome.IMPOSSIBLE
-    ui.note(_IMPOSSIBLE if is_impossible else sentence(facts.headline), facts.tone)
+    ui.note(_IMPOSSIBLE_NOTE if is_impossible else sentence(facts.headline), facts.tone)
 
 
 def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:

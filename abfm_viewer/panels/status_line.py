@@ -13,7 +13,7 @@ from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
-_APART = 16  # between what goes on and details, at a scale of 1
+_DETAILS_GAP = 16  # between what goes on and details, at a scale of 1
 
 
 def draw(context: Context, rect: Rect) -> None:
@@ -29,7 +29,7 @@ def draw(context: Context, rect: Rect) -> None:
         texts = (text,) if text else _state(context)
         text, details = _fitting(ui, texts, _details(ui, session, room), room)
         start = left + room - ui.text_width(details)
-        ui.line(text, "ink", room=(start - left - ui.px(_APART)) if details else room)
+        ui.line(text, "ink", room=(start - left - ui.px(_DETAILS_GAP)) if details else room)
         if details:
             imgui.SameLine(start)
             ui.line(details)
@@ -46,7 +46,7 @@ def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
 def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) -> tuple[str, str]:
     """Return the longest text that has room, with as many details as that leaves."""
     for text, more in product(texts, details):
-        if ui.text_width(text) + ui.text_width(more) + ui.px(_APART) * (more != "") <= room:
+        if ui.text_width(text) + ui.text_width(more) + ui.px(_DETAILS_GAP) * (more != "") <= room:
             return text, more
     return texts[-1], ""
 

@@ -13,15 +13,18 @@ from abfm_viewer.widgets.widget_record import Range, Rect
 
 STEP = 1 / 20
 """Of tau: how far a step moves in time."""
-PADDING, GAP = 20, 8
-_ROW, _NARROW = 32, 430  # at a scale of 1; in a narrower bar repeat has no caption
+PADDING = 20
+GAP = 8
+# at a scale of 1; in a narrower bar repeat has no caption
+_ROW_HEIGHT = 32
+_CAPTION_WIDTH_MIN = 430
 _GRAB_PADDING = 2.0  # pixels, ImGui's own
 _TICKS_APART = 5
 
 
 def groups(width: float) -> tuple[int, ...]:
     """Return widths of the buttons, repeat, beyond tau and speed, all at a scale of 1."""
-    return 180, 153 if width >= _NARROW else 70, 106, 136
+    return 180, 153 if width >= _CAPTION_WIDTH_MIN else 70, 106, 136
 
 
 def rows(width: float) -> list[int]:
@@ -36,7 +39,7 @@ def rows(width: float) -> list[int]:
 
 def height(width: float, scale: float) -> float:
     """Return how high a bar of a certain width must be, in pixels."""
-    return (PADDING - 6 + _ROW * (1 + len(set(rows(width / scale))))) * scale
+    return (PADDING - 6 + _ROW_HEIGHT * (1 + len(set(rows(width / scale))))) * scale
 
 
 def draw(context: Context, rect: Rect) -> None:
@@ -70,7 +73,7 @@ def _buttons(ui: Ui, session: Session) -> None:
 
 
 def _repeat(ui: Ui, session: Session) -> None:
-    is_narrow = imgui.GetWindowWidth() < ui.px(_NARROW)
+    is_narrow = imgui.GetWindowWidth() < ui.px(_CAPTION_WIDTH_MIN)
     label, width = ("##repeat", 70) if is_narrow else ("repeat", 104)
     tip, player = "Repeat: what happens at the end.", session.player
     player.repeat = ui.combo(label, player.repeat, REPEATS, tip, ui.px(width))

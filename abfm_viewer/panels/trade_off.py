@@ -19,14 +19,14 @@ from abfm_viewer.widgets.toolkit import Ui, finite
 
 Steps: TypeAlias = "tuple[abfm.PathStep, ...]"
 
-_CHOSEN = "solver's choice"
+_SOLVER_CHOICE = "solver's choice"
 _STEP = (
     "The step of the path, from smooth to close, that is shown, saved and exported. A click on the "
     "curve chooses one, too; Up and Down go to the next one. Steps are told as the solver measured "
     "them on its way, where triangles are thin on clusters of vertices; the one that is shown is "
     "measured anew on the mesh itself, and may leave more."
 )
-_AT_MOST = (
+_BOUND_TIP = (
     "How much areas and shapes may change, as |log2 J| and |log2 R|, on 99% of the faces, of two "
     "surfaces by the initial map and the flow together: 1 allows factors from a half to 2."
 )
@@ -36,7 +36,10 @@ _LOOK = "Look for the closest field that keeps it; Undo returns to this one."
 _LEAST_WIDTH = 0.01  # of the axis of areas, in doublings
 _MOST_TICKS = 6
 _FACTORS = (1.001, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0)
-_RIM, _SIZE, _LARGER, _NEAR = 5.5, 3.5, 2.5, 16
+_FLOW_LINE_MARK_SIZE = 5.5
+_RESIDUAL_MARK_SIZE = 3.5
+_SHOWN_MARK_GROWTH = 2.5
+_CLICK_DISTANCE = 16
 """Of marks by flow lines, which are seen behind those of the residual; of those; how much larger
 those of the step that is shown are; and how near a click is meant for one."""
 
@@ -59,7 +62,7 @@ def draw(context: Context, path: Steps) -> None:
     if not is_live:
         _bound(ui, session)
     colors = {"residual": ui.colors.flow, "by flow lines": ui.colors.lines}
-    plots.legend(ui, colors if chosen is None else colors | {_CHOSEN: ui.colors.good})
+    plots.legend(ui, colors if chosen is None else colors | {_SOLVER_CHOICE: ui.colors.good})
     _curve(ui, session, path, shown, chosen)
 
 
@@ -67,15 +70,15 @@ def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | Non
     names = [f"step {n + 1} of {len(path)}: σ {step.sigma:.3g}" for n, step in enumerate(path)]
     tips = {name: _words(path, n, chosen) for n, name in enumerate(names)}
     room, (padding, _) = imgui.GetContentRegionAvail()[0], imgui.GetStyle().FramePadding
-    button = ui.text_width(_CHOSEN) + 2 * padding + imgui.GetStyle().ItemSpacing[0]
+    button = ui.text_width(_SOLVER_CHOICE) + 2 * padding + imgui.GetStyle().ItemSpacing[0]
     with ui.disabled(session.solver.running):
         width = room - button if 2 * button < room else room
         new = ui.combo("##step", names[shown], tips, _STEP, width)
         if new != names[shown]:
             session.show_step(names.index(new))
-        ui.beside_if_fits(_CHOSEN, is_button=True)
+        ui.beside_if_fits(_SOLVER_CHOICE, is_button=True)
         tip = "Back to the step at which the match ended."
-        if ui.button(_CHOSEN, tip, enabled=chosen != shown) and chosen is not None:
+        if ui.button(_SOLVER_CHOICE, tip, enabled=chosen != shown) and chosen is not None:
             session.show_step(chosen)
 
 
@@ -84,7 +87,7 @@ def _bound(ui: Ui, session: Session) -> None:
     bound = session.bound
     caption = ui.text_width("distortion") + imgui.GetStyle().ItemSpacing[0]
     width = min(ui.px(90), imgui.GetContentRegionAvail()[0] - caption)
-    typed = ui.text("distortion", f"{bound.most:g}", _AT_MOST, width=width)
+    typed = ui.text("distortion", f"{bound.most:g}", _BOUND_TIP, width=width)
     if typed is not None:
         with ui.refusals.refusing("distortion"):
             bound.most = _positive(typed)
@@ -129,15 +132,15 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
         if len(now):
             plots.level("##now", float(now[0]), (*ui.colors.flow[:3], 0.5), ui.px(1))
         for name, left, ink, size in (
-            ("by flow lines", by_lines, ui.colors.lines, _RIM),
-            ("residual", by_flow, ui.colors.flow, _SIZE),
+            ("by flow lines", by_lines, ui.colors.lines, _FLOW_LINE_MARK_SIZE),
+            ("residual", by_flow, ui.colors.flow, _RESIDUAL_MARK_SIZE),
         ):
             plots.line(name, left, ink, ui.px(1.8), areas)
             plots.dots(f"##{name}", (areas, left), ui.px(size), (ink, ink))
             if chosen is not None:
                 at = slice(shown, shown + 1)
                 place, edge = (areas[at], left[at]), ui.colors.ink
-                plots.dots(f"##{name} shown", place, ui.px(size + _LARGER), (ink, edge))
+                plots.dots(f"##{name} shown", place, ui.px(size + _SHOWN_MARK_GROWTH), (ink, edge))
         _clicks(ui, session, path, (areas, by_flow, by_lines), chosen)
 
 
@@ -158,7 +161,7 @@ def _clicks(
     apart = np.linalg.norm(places - imgui.GetMousePos(), axis=2)
     apart = np.nan_to_num(apart, nan=np.inf).min(axis=0)
     nearest = int(np.argmin(apart))
-    if not (plots.is_under_mouse() and apart[nearest] <= ui.px(_NEAR)):
+    if not (plots.is_under_mouse() and apart[nearest] <= ui.px(_CLICK_DISTANCE)):
         return
     plots.tell(ui, _words(path, nearest, chosen))
     if imgui.IsMouseClicked(0) and ui.record.enabled and not session.solver.running:
@@ -185,7 +188,7 @@ def _words(path: Steps, number: int, chosen: int | None) -> str:
     if step.verified_residual == step.verified_residual:
         left += f", by flow lines {share(step.verified_residual)}"
     lines = [
-        f"step {number + 1} of {len(path)}{f', the {_CHOSEN}' if number == chosen else ''}",
+        f"step {number + 1} of {len(path)}{f', the {_SOLVER_CHOICE}' if number == chosen else ''}",
         parameters,
         left,
     ]

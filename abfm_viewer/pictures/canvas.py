@@ -22,17 +22,18 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 # samples along a side of a pixel, and the most of them in a picture
 _MOST_SAMPLES = {4: 40e6, 3: 80e6, 2: 140e6}
 _LONGEST_SIDE = 16384  # in samples: what graphics cards take
-_SMALL = 64
-_FINER = 4  # than pixels, along a side, are discs drawn
+_START_SIZE = 64
+_SUPERSAMPLING = 4  # than pixels, along a side, are discs drawn
 # polyscope's tone mapping
-_GAMMA, _WHITE = 2.2, 0.75
+_GAMMA = 2.2
+_WHITE = 0.75
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 @contextmanager
 def canvas(width: int, height: int) -> Iterator[None]:
     """Make polyscope draw pictures of a size in the block; a `DrawingError` if it cannot."""
-    opengl.start(opengl.OFFSCREEN, _SMALL, _SMALL)
+    opengl.start(opengl.OFFSCREEN_BACKEND, _START_SIZE, _START_SIZE)
     opengl.clear()
     allowed = [side for side, most in _MOST_SAMPLES.items() if width * height * side**2 <= most]
     side = next((side for side in allowed if max(width, height) * side <= _LONGEST_SIDE), 1)
@@ -47,7 +48,7 @@ def canvas(width: int, height: int) -> Iterator[None]:
         ) from None
     finally:
         with suppress(RuntimeError):
-            _resize(_SMALL, _SMALL, 1)
+            _resize(_START_SIZE, _START_SIZE, 1)
 
 
 def drawn(transparent: bool) -> Pixels:
@@ -62,7 +63,7 @@ def drawn(transparent: bool) -> Pixels:
 
 
 def _resize(width: int, height: int, side: int) -> None:
-    ps.set_window_size(_SMALL, _SMALL)
+    ps.set_window_size(_START_SIZE, _START_SIZE)
     ps.set_SSAA_factor(side)
     ps.screenshot_to_buffer()  # polyscope takes the factor in when it draws,
     ps.set_window_size(width, height)  # and off the screen makes its buffers anew only here
@@ -103,10 +104,10 @@ def _draw_disc(picture: Image.Image, disc: Disc) -> None:
     """Draw a disc finer than pixels, and make it smaller."""
     left, top = (math.floor(middle - disc.radius) for middle in disc.center)
     side = math.ceil(2 * disc.radius) + 2
-    middle = [_FINER * (at - low) for at, low in zip(disc.center, (left, top), strict=True)]
-    mask = Image.new("L", (_FINER * side, _FINER * side), 0)
+    middle = [_SUPERSAMPLING * (at - low) for at, low in zip(disc.center, (left, top), strict=True)]
+    mask = Image.new("L", (_SUPERSAMPLING * side, _SUPERSAMPLING * side), 0)
     for radius, shade in ((disc.radius, 255), *([(disc.hole, 0)] if disc.hole else [])):
-        box = [at + sign * _FINER * radius for sign in (-1, 1) for at in middle]
+        box = [at + sign * _SUPERSAMPLING * radius for sign in (-1, 1) for at in middle]
         ImageDraw.Draw(mask).ellipse(box, fill=shade)
     mask = mask.resize((side, side), Image.Resampling.BOX)
     layer = Image.new("RGBA", mask.size, (*rgb(disc.color), 0))

@@ -22,9 +22,11 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
 
-LARGEST = 8192  # pixels along a side
+SIDE_MAX = 8192  # pixels along a side
 # of the shorter side; pixels; pixels at a scale of 1
-_TEXT, _SMALLEST_TEXT, _WINDOW_TEXT = 1 / 42, 11.0, 16.0
+_TEXT = 1 / 42
+_SMALLEST_TEXT = 11.0
+_WINDOW_TEXT = 16.0
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class PictureOptions:
     turns: bool = False
 
 
-_EVERYTHING = PictureOptions()
+_DEFAULT_OPTIONS = PictureOptions()
 
 
 class DocumentRenderer:
@@ -51,11 +53,11 @@ class DocumentRenderer:
         document: Document,
         known: dict[str, FloatArray],
         size: tuple[int, int],
-        options: PictureOptions = _EVERYTHING,
+        options: PictureOptions = _DEFAULT_OPTIONS,
     ) -> None:
-        if not all(16 <= length <= LARGEST for length in size):
+        if not all(16 <= length <= SIDE_MAX for length in size):
             raise ParameterError(
-                f"size is {size[0]}x{size[1]}; expected 16 to {LARGEST} pixels along each side"
+                f"size is {size[0]}x{size[1]}; expected 16 to {SIDE_MAX} pixels along each side"
             )
         self._document, self._known, self._size, self._options = document, known, size, options
         self._rect: Rect = (0.0, 0.0, float(size[0]), float(size[1]))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from abfm import ResultError
 from abfm.io import temporary_folder, write_atomically
-from abfm_viewer.files.outputs import FASTEST, SLOWEST
+from abfm_viewer.files.outputs import FPS_MAX, FPS_MIN
 
 Frame = NDArray[np.uint8]
 
@@ -50,12 +50,12 @@ def write_movie(
     ResultError
         If frames, ``fps`` or the name's ending do not fit, or the file cannot be written.
     """
-    if path.suffix not in FASTEST:
-        raise ResultError(f"cannot write {path}: its name must end in {', '.join(FASTEST)}")
-    fastest = FASTEST[path.suffix]
-    if not SLOWEST <= fps <= fastest:
+    if path.suffix not in FPS_MAX:
+        raise ResultError(f"cannot write {path}: its name must end in {', '.join(FPS_MAX)}")
+    fastest = FPS_MAX[path.suffix]
+    if not FPS_MIN <= fps <= fastest:
         raise ResultError(
-            f"cannot write {path} with {fps:g} frames a second; expected {SLOWEST} to {fastest:g}"
+            f"cannot write {path} with {fps:g} frames a second; expected {FPS_MIN} to {fastest:g}"
         )
     if count < 1:
         raise ResultError(f"cannot write {path} with {count} frames; a movie needs at least one")

@@ -34,11 +34,15 @@ POINT_COLORS = (
     (0.0, 0.4, 0.8),
 )
 _RIM = (1.0, 1.0, 1.0)
-_ARROW, _DENSITY = 0.12, 0.15  # the longest, of sqrt(area), and how many
-_POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
+# the longest, of sqrt(area), and how many
+_ARROW = 0.12
+_DENSITY = 0.15
+# radii, of sqrt(area)
+_POINT = 0.022
+_LINE = 0.005
 _TEXELS = 2048
-_SQUARE = 0.5  # of a checkerboard, in its coordinates
-CLAMPED = 0.1
+_SQUARE_SIZE = 0.5  # of a checkerboard, in its coordinates
+CLAMP_SHARE = 0.1
 """How far values may lie beyond the colours, as a share of their range, before a sheet says so:
 advection overshoots by a few per cent even where it is right, which nobody sees in a colour.
 """
@@ -103,7 +107,7 @@ def _show(
     opengl.clear()
     look(view, mesh)
     surface = register("surface", mesh)
-    show(surface, mesh, _paint(panel, ranges), square=_SQUARE)
+    show(surface, mesh, _paint(panel, ranges), square=_SQUARE_SIZE)
     if panel.arrows is not None:
         eye = _eye(view, mesh)
         scale = mesh.length_scale * height / view.height
@@ -170,7 +174,7 @@ def captions(sheet: Sheet) -> list[str]:
         bar, values = _function(panel)
         if values is not None:
             colors, low, high = ranges[bar], float(values.min()), float(values.max())
-            if max(colors.low - low, high - colors.high) > CLAMPED * (colors.high - colors.low):
+            if max(colors.low - low, high - colors.high) > CLAMP_SHARE * (colors.high - colors.low):
                 of_bar = "" if bar in ("function", panel.label) else f" ({bar})"
                 said.append(
                     f"Beyond the colours: '{panel.label}'{of_bar} goes from {low:,.4g} to "
@@ -178,7 +182,7 @@ def captions(sheet: Sheet) -> list[str]:
                 )
         elif isinstance(panel.paint, Coordinates):
             beyond = _outside(panel.mesh.vertices, panel.paint.positions)
-            if beyond > CLAMPED:
+            if beyond > CLAMP_SHARE:
                 said.append(
                     f"Beyond the colours: the places of '{panel.label}' lie up to {beyond:,.3g} "
                     "times the bounding box's extent outside it."

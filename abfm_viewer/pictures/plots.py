@@ -14,7 +14,7 @@ from PIL import Image, ImageFont
 from abfm.io.sheets import Plot
 
 CURVE_COLORS = ("#111111", "#2455c3", "#c62828", "#1b7a43", "#b26a00", "#6b3fa0")
-_FAINT = "#8a909c"  # the colour of all faint curves, which differ in style
+_FAINT_COLOR = "#8a909c"  # the colour of all faint curves, which differ in style
 _STYLES = ("--", ":", "-.", (0, (8, 3)), (0, (5, 2, 1, 2, 1, 2)))
 _DPI = 100
 
@@ -29,7 +29,7 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     (figure, axes), points = new_axes(size), points_of(text)
     colors, styles = cycle(CURVE_COLORS), cycle(_STYLES)
     for curve in plot.curves:
-        color, style = (_FAINT, next(styles)) if curve.faint else (next(colors), "-")
+        color, style = (_FAINT_COLOR, next(styles)) if curve.faint else (next(colors), "-")
         axes.plot(
             curve.x, curve.y, label=curve.name, color=color, linestyle=style, linewidth=points / 7
         )

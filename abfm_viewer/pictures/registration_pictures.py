@@ -30,7 +30,7 @@ from abfm_viewer.pictures.rows import Row, drawn, panels_of
 _LOG2 = "log2 J and log2 R"
 _ON_B = ("A on B, at first", "registered", "B")
 _FIELDS = 16  # of the checkerboard, along A's larger side
-_LEAST = 1e-6  # of a stretch, as `Distortion.log2_area` has it
+_STRETCH_MIN = 1e-6  # of a stretch, as `Distortion.log2_area` has it
 _LEAST_RANGE = 0.5  # of logarithms: less hardly shows anywhere else
 
 
@@ -68,7 +68,7 @@ def registration_pictures(
 
 def log2_of(ratios: FloatArray) -> FloatArray:
     """Return logarithms to base 2 of areas or shapes (F,), those of none as of a millionth."""
-    return np.asarray(np.log2(np.clip(ratios, _LEAST, 1 / _LEAST)))
+    return np.asarray(np.log2(np.clip(ratios, _STRETCH_MIN, 1 / _STRETCH_MIN)))
 
 
 def _functions(found: Registration) -> list[Row]:

@@ -19,8 +19,8 @@ from abfm_viewer.scene.surfaces import Camera, fitted
 
 SIZE = 132, 110
 """Of each of the three, in pixels."""
-_TOGETHER = 24  # results that are drawn on one canvas, which takes long to make
-_KEPT = 50  # meshes whose cameras are known
+_RESULTS_PER_CANVAS = 24  # results that are drawn on one canvas, which takes long to make
+_MESHES_KEPT = 50  # meshes whose cameras are known
 
 
 def row_pictures(
@@ -33,9 +33,9 @@ def row_pictures(
     """
     seen: dict[str, TriangleMesh] = {}
     cameras: dict[TriangleMesh, Camera] = {}
-    for start in range(0, len(results), _TOGETHER):
+    for start in range(0, len(results), _RESULTS_PER_CANVAS):
         read: list[tuple[Path, Preview]] = []
-        for path, kind in results[start : start + _TOGETHER]:
+        for path, kind in results[start : start + _RESULTS_PER_CANVAS]:
             try:
                 mesh, functions = kind.preview(path)
             except ResultError as error:
@@ -58,6 +58,6 @@ def row_pictures(
             drawn = iter(panel_pictures(Sheet((every,)), [SIZE] * len(every), ranges, cameras))
             for path, one in read:
                 yield path, side_by_side([next(drawn) for _ in one.functions])
-        if len(seen) > _KEPT:
+        if len(seen) > _MESHES_KEPT:
             seen.clear()
             cameras.clear()

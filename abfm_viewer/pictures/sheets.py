@@ -13,7 +13,7 @@ from abfm.io.sheets import Frame, Panel, Plot, Sheet, Up, Values
 from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.theme import LIGHT
+from abfm_viewer.appearance.theme import LIGHT_PALETTE
 from abfm_viewer.document.film import unit_of
 from abfm_viewer.pictures.canvas import Font, letter, rgb
 from abfm_viewer.pictures.panels import cameras, color_ranges, panel_pictures
@@ -21,16 +21,34 @@ from abfm_viewer.scene.annotations import Pen, bar_parts
 from abfm_viewer.scene.surfaces import Camera
 from abfm_viewer.widgets.widget_record import Rect
 
-WIDEST, TALLEST_PANEL = 2000, 640  # of sheets without a size, in pixels
-DEFAULT_WIDTH, _USUAL_HEIGHT, _SMALLEST_SCALE = 1800, 700, 0.6  # of matches
+# of sheets without a size, in pixels
+WIDTH_MAX = 2000
+PANEL_HEIGHT_MAX = 640
+# of matches
+DEFAULT_WIDTH = 1800
+_USUAL_HEIGHT = 700
+_SMALLEST_SCALE = 0.6
 _PLEASANT_ASPECT = 2.4
 _MOMENTS = 6  # of a sequence, on a sheet
 _ASPECTS = (0.45, 1.9)  # least and greatest width over height of a figure's panel
 # in pixels at a scale of 1
-MARGIN, GAP, LABEL = 30, 18, 46
-_TEXT, _SMALL, _SMALLEST, _LINE, _TICK = 24, 20, 13, 28, 6
-_BELOW, _BESIDE = 110, 100  # room of colour bars
-_BAR_LENGTH, _UPRIGHT_LENGTH, _BAR_WIDTH, _BAR_GAP, _ABOVE, _BEFORE = 380, 560, 20, 90, 29, 22
+MARGIN = 30
+GAP = 18
+LABEL = 46
+_TEXT_SIZE = 24
+_SMALL_TEXT_SIZE = 20
+_TEXT_SIZE_MIN = 13
+_LINE_HEIGHT = 28
+_TICK_LENGTH = 6
+# room of colour bars
+_ROOM_BELOW = 110
+_ROOM_BESIDE = 100
+_BAR_LENGTH = 380
+_UPRIGHT_LENGTH = 560
+_BAR_WIDTH = 20
+_BAR_GAP = 90
+_OFFSET_ABOVE = 29
+_OFFSET_BEFORE = 22
 _FRAMES: dict[Frame, tuple[str, float]] = {  # colours and widths
     "source": ("#2455c3", 5),
     "target": ("#c62828", 5),
@@ -39,7 +57,7 @@ _FRAMES: dict[Frame, tuple[str, float]] = {  # colours and widths
     "other": ("#d0d4db", 1.5),
 }
 _INK = "#1d222b"
-_TONES = {tone: rgb(getattr(LIGHT, tone)) for tone in ("good", "warning", "failure")}
+_TONES = {tone: rgb(getattr(LIGHT_PALETTE, tone)) for tone in ("good", "warning", "failure")}
 
 
 @dataclass(frozen=True)
@@ -74,15 +92,16 @@ def laid_out(
     """Lay out cells of one height, whose widths over heights are given row by row.
 
     So many colour bars are below, or one to the right if it is upright. A sheet without a size
-    (width, height) is as large as its cells need: at most `WIDEST`, they at most `TALLEST_PANEL`.
+    (width, height) is as large as its cells need: at most `WIDTH_MAX`, they at most
+    `PANEL_HEIGHT_MAX`.
     """
     width, height = size
     margin, gap, label = scale * MARGIN, scale * GAP, scale * LABEL
-    beside, below = scale * _BESIDE * upright, scale * _BELOW * (bars > 0 and not upright)
-    free = (width or WIDEST) - 2 * margin - beside
+    beside, below = scale * _ROOM_BESIDE * upright, scale * _ROOM_BELOW * (bars > 0 and not upright)
+    free = (width or WIDTH_MAX) - 2 * margin - beside
     tall = min((free - gap * (len(row) - 1)) / sum(row) for row in rows)
     if width is None:
-        tall = min(tall, TALLEST_PANEL)
+        tall = min(tall, PANEL_HEIGHT_MAX)
     if height is not None:
         tall = min(tall, (height - 1.5 * margin - below + gap) / len(rows) - label - gap)
     step = max(round(tall), 1) + label + gap
@@ -102,10 +121,10 @@ def laid_out(
     if upright:
         middle = (top + end - label - gap) / 2
         half = min((end - label - gap - top) / 2, scale * _UPRIGHT_LENGTH / 2)
-        left = (width - beside + max(totals)) / 2 + scale * _BEFORE
+        left = (width - beside + max(totals)) / 2 + scale * _OFFSET_BEFORE
         found = [(left, middle - half, left + scale * _BAR_WIDTH, middle + half)]
     else:
-        each, high = (width - 2 * scale * _BAR_GAP) / max(bars, 1), end + scale * _ABOVE
+        each, high = (width - 2 * scale * _BAR_GAP) / max(bars, 1), end + scale * _OFFSET_ABOVE
         half = min(scale * _BAR_LENGTH, each - scale * _BAR_GAP / 2) / 2
         middles = [scale * _BAR_GAP + (number + 0.5) * each for number in range(bars)]
         found = [
@@ -217,9 +236,9 @@ def sheet_picture(
 ) -> Image.Image:
     """Draw the cells of a sheet, row by row, at the places of a layout, and notes below them."""
     ranges, scale = color_ranges(sheet), layout.scale
-    small = font(scale * _SMALL)
+    small = font(scale * _SMALL_TEXT_SIZE)
     lines = wrapped(notes, layout.width - 2 * MARGIN, small.getlength)
-    room = _LINE * len(lines) + MARGIN // 2 if lines else 0
+    room = _LINE_HEIGHT * len(lines) + MARGIN // 2 if lines else 0
     picture = Image.new("RGB", (layout.width, layout.height + room), "white")
     draw = ImageDraw.Draw(picture)
     cells = [cell for row in sheet.rows for cell in row]
@@ -232,7 +251,7 @@ def sheet_picture(
         color: str | tuple[int, int, int] = _INK
         if isinstance(cell, Plot):
             size = (place.width, place.height)
-            picture.paste(pictures.plot_picture(cell, size, scale * _SMALL), corner)
+            picture.paste(pictures.plot_picture(cell, size, scale * _SMALL_TEXT_SIZE), corner)
         else:
             drawing = next(drawings)
             picture.paste(drawing, corner, drawing)
@@ -241,18 +260,18 @@ def sheet_picture(
             draw.rectangle((corner, end), outline=outline, width=max(round(scale * width), 1))
             color = _TONES.get(cell.tone) or (outline if cell.frame != "other" else _INK)
         fits = place.width + scale * GAP - 4
-        sizes_down = [scale * size for size in range(_TEXT, _SMALLEST - 1, -1)]
+        sizes_down = [scale * size for size in range(_TEXT_SIZE, _TEXT_SIZE_MIN - 1, -1)]
         fitting = (size for size in sizes_down if font(size).getlength(cell.label) <= fits)
         written = font(next(fitting, sizes_down[-1]))
         middle = (place.left + place.width / 2, place.top + place.height + scale * LABEL / 2)
         label = cut(cell.label, fits, written.getlength)
         draw.text(middle, label, fill=color, font=written, anchor="mm")
-    inks = replace(LIGHT, muted=LIGHT.ink)
-    pen = Pen(scale, 1.2 * scale * _SMALL, small.getlength, inks, scale * _TICK)
+    inks = replace(LIGHT_PALETTE, muted=LIGHT_PALETTE.ink)
+    pen = Pen(scale, 1.2 * scale * _SMALL_TEXT_SIZE, small.getlength, inks, scale * _TICK_LENGTH)
     for (title, colors), rect in zip(ranges.items(), layout.bars, strict=True):
         letter(picture, bar_parts(title, colors, rect, pen, layout.upright), pen, small)
     for number, line in enumerate(lines):
-        start = (MARGIN, layout.height + _LINE * (number + 0.5))
+        start = (MARGIN, layout.height + _LINE_HEIGHT * (number + 0.5))
         draw.text(start, line, fill=_INK, font=small, anchor="lm")
     return picture
 

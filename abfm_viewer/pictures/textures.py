@@ -20,7 +20,8 @@ Pixels = NDArray[np.uint8]
 _PIXELS_MAX = 1 << 26  # of all images of a file, of 4 bytes each
 _ROWS_AT_A_TIME = 256
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF")
-_OPAQUE, _BLEND = "OPAQUE", "BLEND"
+_OPAQUE_MODE = "OPAQUE"
+_BLEND_MODE = "BLEND"
 _SIXTEEN_BITS = 257  # from 16 to 8 bits
 
 
@@ -65,14 +66,14 @@ def read_texture(
         [wraps for _, wraps in images],
         None if (tints == 1).all() else tints,
     )
-    return texture, modes.pop() if len(modes) == 1 else _BLEND
+    return texture, modes.pop() if len(modes) == 1 else _BLEND_MODE
 
 
-def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND) -> None:
+def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND_MODE) -> None:
     """Write a surface with one image of four channels, see `abfm.io.write_textured`."""
     [pixels] = texture.images
     opaque = bool((pixels[..., 3] == 255).all())
-    data, mode = BytesIO(), _OPAQUE if opaque else alpha_mode
+    data, mode = BytesIO(), _OPAQUE_MODE if opaque else alpha_mode
     with step("writing the texture", pixels.size):
         Image.fromarray(pixels[..., :3] if opaque else pixels).save(data, "PNG")
         write_textured(path, texture.mesh, texture.coordinates, data.getvalue(), mode)

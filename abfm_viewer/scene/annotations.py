@@ -12,7 +12,7 @@ import polyscope.imgui as imgui
 
 from abfm import FunctionError
 from abfm.pages.colormaps import NO_VALUES, ColorRange, table
-from abfm.pages.film_motion import CRITICAL
+from abfm.pages.film_motion import CRITICAL_COLORS
 from abfm.pages.front import triple
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
@@ -23,22 +23,32 @@ from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.scene.scene import MARK_RADIUS, NO_VALUE, DrawnMark, Scene
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.paint import COMPUTING
+from abfm_viewer.shown.paint import COMPUTING_SUFFIX
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
 _STEPS = 64
 # Lengths in pixels at a scale of 1.
 _GAP = 3  # between a bar and its texts
-_BAR_WIDTH, _BAR_HEIGHT, _BAR_APART, _LEFT, _BELOW, _ABOVE = 200, 12, 48, 18, 14, 10
+_BAR_WIDTH = 200
+_BAR_HEIGHT = 12
+_BAR_GAP = 48
+_MARGIN = 18
+_GAP_BELOW = 14
+_GAP_ABOVE = 10
 # strip in a line, what a line is longer where there is room, and between lines
-_SHORTEST, _LONGEST, _APART = 30, 300, 16
-_LINK, _DOT = 1.2, 5.0
-_RADIUS, _LINE = 9.0, 2.0  # of rings
-_MOST = 0.25  # of the height: where bars would take more, each is one line
+_STRIP_LENGTH_MIN = 30
+_STRIP_GROWTH_MAX = 300
+_LINE_GAP = 16
+_LINK = 1.2
+_DOT = 5.0
+# of rings
+_RADIUS = 9.0
+_LINE = 2.0
+_BAR_HEIGHT_SHARE_MAX = 0.25  # of the height: where bars would take more, each is one line
 _VEIL = 0.6  # opacity
 _GREY = NO_VALUES ** (1 / 2.2)
-_LEGEND = {**CRITICAL, NO_VALUE: (_GREY, _GREY, _GREY, 1.0)}
+_LEGEND = {**CRITICAL_COLORS, NO_VALUE: (_GREY, _GREY, _GREY, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -134,10 +144,10 @@ def bar_parts(
 def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> list[Part]:
     """Lay out bars as high as a line; in little room with shorter titles or none."""
     left, top, right, bottom = rect
-    gap, apart, thin = 2 * _GAP * pen.scale, _APART * pen.scale, pen.line / 4
+    gap, apart, thin = 2 * _GAP * pen.scale, _LINE_GAP * pen.scale, pen.line / 4
     inks, wholes, count = pen.inks, list(ranges), len(ranges)
     ends = [(f"{colors.low:.3g}", f"{colors.high:.3g}") for colors in ranges.values()]
-    shortest = _SHORTEST * pen.scale
+    shortest = _STRIP_LENGTH_MIN * pen.scale
     least = [shortest + pen.width(low) + pen.width(high) + 2 * gap for low, high in ends]
     room = right - left - max(count - 1, 0) * apart
     short = [title.split(",")[0] for title in wholes]
@@ -146,7 +156,7 @@ def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> li
         needed = list(map(sum, zip(least, starts, strict=True)))
         if sum(needed) <= room:
             break
-    spare = min((room - sum(needed)) / max(count, 1), _LONGEST * pen.scale)
+    spare = min((room - sum(needed)) / max(count, 1), _STRIP_GROWTH_MAX * pen.scale)
     found: list[Part] = []
     for (whole, colors), title, (low, high), before, length in zip(
         ranges.items(), titles, ends, starts, needed, strict=True
@@ -191,8 +201,8 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 def bar_room(pen: Pen, height: float) -> float:
-    room = 2 * pen.line + pen.scale * (_ABOVE + _BAR_HEIGHT + 2 * _GAP + _BELOW)
-    return room if room <= _MOST * height else name_height(pen)
+    room = 2 * pen.line + pen.scale * (_GAP_ABOVE + _BAR_HEIGHT + 2 * _GAP + _GAP_BELOW)
+    return room if room <= _BAR_HEIGHT_SHARE_MAX * height else name_height(pen)
 
 
 def name_height(pen: Pen) -> float:
@@ -234,14 +244,14 @@ def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Pa
     there is room after what ends before.
     """
     found: list[Part] = []
-    radius, right = _DOT * pen.scale, rect[2] - _LEFT * pen.scale
+    radius, right = _DOT * pen.scale, rect[2] - _MARGIN * pen.scale
     top = rect[3] - (bar_room(pen, rect[3] - rect[1]) + pen.line) / 2
     for kind in reversed(kinds):
         right -= pen.width(kind)
         found.append(Text(right, top, kind, pen.inks.ink))
         right -= 2 * radius
         found.append(Disc((right, top + pen.line / 2), radius, _LEGEND[kind]))
-        right -= radius + _APART * pen.scale
+        right -= radius + _LINE_GAP * pen.scale
     return found if right > begin else []
 
 
@@ -269,20 +279,20 @@ def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
         paint = scene.paints.get(name)
         title = paint.title if paint else name
         if paint is None or name in behind:
-            title = f"{title.partition(': ')[0]}{COMPUTING}"
+            title = f"{title.partition(': ')[0]}{COMPUTING_SUFFIX}"
         yield name, title, scene.view_of(name).label(name)
 
 
 def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
     paints = [scene.paints[name] for name in scene.shown if name in scene.paints]
     ranges = {paint.bar: paint.colors for paint in paints if paint.colors is not None}
-    left, apart, count = rect[0] + _LEFT * pen.scale, _BAR_APART * pen.scale, max(len(ranges), 1)
-    room = (rect[2] - _LEFT * pen.scale - left - (count - 1) * apart) / count
-    bottom = rect[3] - (_BELOW + _GAP) * pen.scale - pen.line
+    left, apart, count = rect[0] + _MARGIN * pen.scale, _BAR_GAP * pen.scale, max(len(ranges), 1)
+    room = (rect[2] - _MARGIN * pen.scale - left - (count - 1) * apart) / count
+    bottom = rect[3] - (_GAP_BELOW + _GAP) * pen.scale - pen.line
     covered = bar_room(pen, rect[3] - rect[1])
     if covered < 2 * pen.line:
         top = rect[3] - (covered + pen.line) / 2
-        line = (left, top, rect[2] - _LEFT * pen.scale / 2, top + pen.line)
+        line = (left, top, rect[2] - _MARGIN * pen.scale / 2, top + pen.line)
         return bars_in_a_line(ranges, line, pen)
     found: list[Part] = []
     top = bottom - _BAR_HEIGHT * pen.scale

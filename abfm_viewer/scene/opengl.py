@@ -27,16 +27,26 @@ if sys.platform == "linux":
         ) from None
 import polyscope as ps
 
-__all__ = ["MATERIAL", "OFFSCREEN", "WINDOW", "Backend", "clear", "ps", "spare_a_core", "start"]
+__all__ = [
+    "MATERIAL",
+    "OFFSCREEN_BACKEND",
+    "WINDOW",
+    "Backend",
+    "clear",
+    "ps",
+    "spare_a_core",
+    "start",
+]
 
 Backend = Literal["auto", "openGL3_glfw", "openGL3_egl", "openGL_mock"]
 WINDOW: Backend = "openGL3_glfw"
-OFFSCREEN: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"
+OFFSCREEN_BACKEND: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"
 MATERIAL = "abfm"
 """Has no colour of its own: colours on a surface are those of the colour bar. Materials that come
 with polyscope tint highlights, which turns dark red into purple.
 """
-_LIGHT, _BALL = np.array([-0.35, 0.55, 0.76]), 256
+_LIGHT = np.array([-0.35, 0.55, 0.76])
+_BALL = 256
 
 
 def spare_a_core() -> None:

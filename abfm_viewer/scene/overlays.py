@@ -12,7 +12,7 @@ import numpy as np
 
 import abfm
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.pages.film_motion import CRITICAL
+from abfm.pages.film_motion import CRITICAL_COLORS
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import Memo, same
@@ -26,23 +26,37 @@ from abfm_viewer.shown.ribbons import Triangles, normals_at, outward, strips, un
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.shown.tracks import KINDS
 
-_ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
+_ARROWS = "arrows"
+_LINES = "flow lines"
+_PATHS = "ways of points"
 _INK = "ink"  # names of arrows' quantities
 _OPACITY = "opacity"
 _ISOLINES = "isolines of "  # and the surface's name
 _TRACKS = {kind: f"tracks of each {kind}" for kind in KINDS}
-_PRESENT = {kind: f"each {kind} now" for kind in KINDS}
-_NOW, _START = "followed points", "starts of points"
-_POINTS = (_NOW, _START, *_PRESENT.values())
+_POINT_NAMES = {kind: f"each {kind} now" for kind in KINDS}
+_POINTS_NOW = "followed points"
+_STARTS = "starts of points"
+_POINTS = (_POINTS_NOW, _STARTS, *_POINT_NAMES.values())
 _LIFT = 0.0025  # of sqrt(area): a flat strip is hidden by the surface where that bends
-_HEAD_WIDTH, _HEAD_LENGTH = 2.6, 7.5  # in half widths of the shaft
+# in half widths of the shaft
+_HEAD_WIDTH = 2.6
+_HEAD_LENGTH = 7.5
 _LONGEST_HEAD = 0.55  # of a line
 _HEAD_NODES = 4
-_SHARP = 0.7  # cosine of a turn that a strip would break at
-_AROUND, _UNEVEN = 12, (0.1, 0.2, 0.3)  # corners of a disc, and what is along no normal
-_APART, _NODE = 0.16, 0.008  # of sqrt(area): heads along a line, and the nodes of its ribbon
-_THIN, _ISOLINE, _POINT = 0.0025, 0.0016, 0.014  # half widths of lines, radii of points
-_TRACK, _CRITICAL = 0.005, 0.02  # the same of tracks and of critical points now
+_TURN_COSINE_MIN = 0.7  # cosine of a turn that a strip would break at
+# corners of a disc, and what is along no normal
+_DISC_CORNERS = 12
+_OFF_NORMAL = (0.1, 0.2, 0.3)
+# of sqrt(area): heads along a line, and the nodes of its ribbon
+_HEAD_DISTANCE = 0.16
+_NODE_DISTANCE = 0.008
+# half widths of lines, radii of points
+_LINE_HALF_WIDTH = 0.0025
+_ISOLINE_HALF_WIDTH = 0.0016
+_POINT_RADIUS = 0.014
+# the same of tracks and of critical points now
+_TRACK_HALF_WIDTH = 0.005
+_CRITICAL_POINT_RADIUS = 0.02
 
 Rgb = Sequence[float]
 Meshes = Mapping[str, TriangleMesh]
@@ -50,7 +64,7 @@ Placed = tuple[str, str, Any]  # a structure's surface, its own name, and polysc
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class SurfacePath:
     """A way on a surface: places (K, 3) in units of sqrt(area), and unit normals there."""
 
     places: FloatArray
@@ -62,28 +76,32 @@ class Course:
         steps = np.linalg.norm(np.diff(self.places, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
-    def at(self, lengths: FloatArray) -> Course:
+    def at(self, lengths: FloatArray) -> SurfacePath:
         own = self.lengths
         places, normals = (
             np.stack([np.interp(lengths, own, values[:, x]) for x in range(3)], axis=1)
             for values in (self.places, self.normals)
         )
-        return Course(places, unit(normals))
+        return SurfacePath(places, unit(normals))
 
 
-def course_of(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> Course:
+def course_of(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> SurfacePath:
     """Return the way of a flow line in the flow's direction, however it was walked."""
     order = slice(None) if line.times[-1] >= 0 else slice(None, None, -1)
     normals = normals_at(mesh, line.faces, line.barycentric)
-    return Course(line.positions[order] / mesh.length_scale, normals[order])
+    return SurfacePath(line.positions[order] / mesh.length_scale, normals[order])
 
 
-def course_through(mesh: TriangleMesh, places: FloatArray) -> Course:
+def course_through(mesh: TriangleMesh, places: FloatArray) -> SurfacePath:
     return _course_at(mesh, places, abfm.maps.project_onto_surface(mesh, places))
 
 
-def _course_at(mesh: TriangleMesh, places: FloatArray, points: abfm.maps.SurfacePoints) -> Course:
-    return Course(places / mesh.length_scale, normals_at(mesh, points.faces, points.barycentric))
+def _course_at(
+    mesh: TriangleMesh, places: FloatArray, points: abfm.maps.SurfacePoints
+) -> SurfacePath:
+    return SurfacePath(
+        places / mesh.length_scale, normals_at(mesh, points.faces, points.barycentric)
+    )
 
 
 @per_mesh
@@ -97,7 +115,7 @@ def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
     return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
 
 
-def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
+def line_ribbons(courses: Iterable[SurfacePath], half_width: float) -> Triangles:
     """A line along each way, round at sharp turns, with heads that say which way it goes."""
     parts: list[Triangles] = []
     shares = np.linspace(0, 1, _HEAD_NODES)
@@ -105,14 +123,14 @@ def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
         length, ends = float(course.lengths[-1]), _straight(course)
         for start, end in pairwise(ends):
             nodes = course.at(
-                np.linspace(start, end, max(int(np.ceil((end - start) / _NODE)), 1) + 1)
+                np.linspace(start, end, max(int(np.ceil((end - start) / _NODE_DISTANCE)), 1) + 1)
             )
             half_widths = np.full((1, len(nodes.places)), half_width)
             parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
         parts.append(_discs(course.at(ends[1:-1]), half_width))
         head = min(_HEAD_LENGTH * half_width, _LONGEST_HEAD * float(np.diff(ends).max()))
         widest = _HEAD_WIDTH * head / _HEAD_LENGTH
-        count = max(round(length / _APART), 1)
+        count = max(round(length / _HEAD_DISTANCE), 1)
         for middle in (np.arange(count) + 0.5) * length / count:
             start = _with_room(ends, float(middle) - head / 2, head)
             nodes = course.at(start + head * shares)
@@ -121,12 +139,12 @@ def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
     return _joined(parts)
 
 
-def _straight(course: Course) -> FloatArray:
+def _straight(course: SurfacePath) -> FloatArray:
     """Return lengths between which a course nowhere turns sharply, from 0 to all of it."""
     lengths = course.lengths
     moved = np.flatnonzero(np.diff(lengths, prepend=-1.0) > 0)
     along = unit(np.diff(course.places[moved], axis=0))
-    turns = (along[1:] * along[:-1]).sum(axis=1) < _SHARP
+    turns = (along[1:] * along[:-1]).sum(axis=1) < _TURN_COSINE_MIN
     return np.concatenate([[0.0], lengths[moved[1:-1][turns]], lengths[-1:]])
 
 
@@ -138,17 +156,17 @@ def _with_room(ends: FloatArray, start: float, length: float) -> float:
     return float(places[np.argmin(np.abs(places - start))])
 
 
-def _discs(nodes: Course, radius: float) -> Triangles:
+def _discs(nodes: SurfacePath, radius: float) -> Triangles:
     """Fans about places, flat on the surface."""
-    one = unit(np.cross(nodes.normals, np.roll(nodes.normals, 1, axis=1) + _UNEVEN))
+    one = unit(np.cross(nodes.normals, np.roll(nodes.normals, 1, axis=1) + _OFF_NORMAL))
     other = np.cross(nodes.normals, one)
-    angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    angles = 2 * np.pi * np.arange(_DISC_CORNERS) / _DISC_CORNERS
     ring = np.cos(angles)[:, None] * one[:, None] + np.sin(angles)[:, None] * other[:, None]
     middles = (nodes.places + _LIFT * nodes.normals)[:, None]
     vertices = np.concatenate([middles, middles + radius * ring], axis=1)
-    rim = np.arange(_AROUND)
-    fan = np.stack([np.zeros_like(rim), 1 + rim, 1 + (rim + 1) % _AROUND], axis=1)
-    firsts = (1 + _AROUND) * np.arange(len(vertices))[:, None, None]
+    rim = np.arange(_DISC_CORNERS)
+    fan = np.stack([np.zeros_like(rim), 1 + rim, 1 + (rim + 1) % _DISC_CORNERS], axis=1)
+    firsts = (1 + _DISC_CORNERS) * np.arange(len(vertices))[:, None, None]
     return vertices.reshape(-1, 3), (firsts + fan).reshape(-1, 3)
 
 
@@ -289,7 +307,7 @@ class Overlays:
             values = np.asarray(paint.values, dtype=np.float64)
             if paint.unknown is not None:  # nothing crosses what is no number
                 values = np.where(paint.unknown, np.nan, values)
-            lines = isoline_ribbons(mesh, values, levels, _ISOLINE)
+            lines = isoline_ribbons(mesh, values, levels, _ISOLINE_HALF_WIDTH)
             draw_ribbons(name, mesh, lines, theme.linear(theme.palette(view.theme).ink))
 
     def _draw_of_flow(self, mesh: TriangleMesh, of_flow: bool, has_source: bool) -> None:
@@ -302,15 +320,15 @@ class Overlays:
         for name, curves in ((_LINES, lines), (_PATHS, paths)):
             if self._is_new("advected", name, (curves, view.theme) if curves else None):
                 courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
-                draw_ribbons(name, mesh, line_ribbons(courses, _THIN), marker)
+                draw_ribbons(name, mesh, line_ribbons(courses, _LINE_HALF_WIDTH), marker)
         self._draw_tracks(mesh)
         time = quantities.path_time
-        if self._is_new("advected", _NOW, (paths, time, view.theme) if paths else None):
+        if self._is_new("advected", _POINTS_NOW, (paths, time, view.theme) if paths else None):
             places = np.array([path.at(time) for path in paths])
-            draw_points(_NOW, mesh, places, marker, _POINT)
-        if self._is_new("source", _START, (paths, view.theme) if paths and has_source else None):
+            draw_points(_POINTS_NOW, mesh, places, marker, _POINT_RADIUS)
+        if self._is_new("source", _STARTS, (paths, view.theme) if paths and has_source else None):
             on = self._shown.session.surface("source").mesh
-            draw_points(_START, on, quantities.starts(paths), marker, _POINT)
+            draw_points(_STARTS, on, quantities.starts(paths), marker, _POINT_RADIUS)
 
     def _draw_tracks(self, mesh: TriangleMesh) -> None:
         """Show where a film's critical points go, and where they are now."""
@@ -318,15 +336,15 @@ class Overlays:
         time = self._shown.session.document.time
         for kind in KINDS:
             own = tuple(way for way in ways if way.kind == kind)
-            color = theme.linear(CRITICAL[kind])
+            color = theme.linear(CRITICAL_COLORS[kind])
             name = _TRACKS[kind]
             if self._is_new("advected", name, (ways,) if own else None):
                 courses = [_course_at(mesh, way.points.positions, way.points) for way in own]
                 moved = [course for course in courses if course.lengths[-1] > 0]
-                draw_ribbons(name, mesh, line_ribbons(moved, _TRACK), color)
-            name = _PRESENT[kind]
+                draw_ribbons(name, mesh, line_ribbons(moved, _TRACK_HALF_WIDTH), color)
+            name = _POINT_NAMES[kind]
             if self._is_new("advected", name, (ways, time) if kind in now else None):
-                draw_points(name, mesh, now[kind], color, _CRITICAL)
+                draw_points(name, mesh, now[kind], color, _CRITICAL_POINT_RADIUS)
 
     def structures(self) -> Iterator[Placed]:
         for name, (surface, _) in self._drawn.items():

@@ -9,14 +9,15 @@ import time as clock
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
 
-_SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 30
+_SLOW_REDRAW = 0.025
+_FRAMES_PER_SLOW_REDRAW = 30
 _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
-_AT_ONCE = 3  # pictures of a run that do not wait: the start, and that something moves
+_FIRST_COUNT = 3  # pictures of a run that do not wait: the start, and that something moves
 _SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks
-STILL = 0.2
+STILL_SECONDS = 0.2
 """Seconds without motion after which the surfaces are drawn once more."""
 # samples along a side of a pixel, pixels of the window at most, and seconds to draw it
-_AFFORDABLE = ((3, 2.5e6, 0.1), (2, 1e7, 0.8))
+_SAMPLING_LIMITS = ((3, 2.5e6, 0.1), (2, 1e7, 0.8))
 
 
 class Pacing:
@@ -38,7 +39,7 @@ class Pacing:
     def begins(self) -> bool:
         """Return whether a run shows its first pictures, slowly: what shows its flow waits."""
         solver = self._session.solver
-        is_early = solver.started != self._run or self._pictures_of_run <= _AT_ONCE
+        is_early = solver.started != self._run or self._pictures_of_run <= _FIRST_COUNT
         return solver.running and is_early and not self.draws_quickly
 
     def waits(self, name: str, is_first: bool) -> bool:
@@ -48,7 +49,11 @@ class Pacing:
             return False
         if session.view.animate and name == "advected":
             return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * seconds
-        if not solver.running or solver.started != self._run or self._pictures_of_run < _AT_ONCE:
+        if (
+            not solver.running
+            or solver.started != self._run
+            or self._pictures_of_run < _FIRST_COUNT
+        ):
             return False
         if is_first:
             frames = max(_FRAMES_PER_SLOW_REDRAW, round(_FRAMES_PER_SECOND_OF_REDRAW * seconds))
@@ -80,11 +85,11 @@ class Resting:
         now, samples = clock.perf_counter(), self.samples
         if moves or self._session.running or self._session.player.playing:
             self._moved_at, samples = now, 1
-        elif samples == 1 and now >= self._moved_at + STILL:
+        elif samples == 1 and now >= self._moved_at + STILL_SECONDS:
             width, height = ps.get_window_size()
             fitting = [
                 side
-                for side, most, longest in _AFFORDABLE
+                for side, most, longest in _SAMPLING_LIMITS
                 if width * height <= most and seconds * side**2 <= longest
             ]
             samples = max(fitting, default=1)

@@ -30,7 +30,7 @@ from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
 
 # the viewer, in radii of a surface, of which a part may be two radii before its slot's middle
-_AWAY = 4.0
+_VIEWER_DISTANCE = 4.0
 _POINTS_OF_A_RIM = 32
 MARK_RADIUS = 9.0
 """Of landmarks, in pixels at a scale of 1."""
@@ -475,7 +475,7 @@ class Placing:
             ps.set_view_projection_mode("orthographic")
             ps.set_length_scale(radius)  # it sees 20 times as far, and twice as high
             ps.set_vertical_fov_degrees(float(np.degrees(2 * np.arctan(half / (2 * radius)))))
-            ps.look_at_dir((0.0, 0.0, _AWAY * radius), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+            ps.look_at_dir((0.0, 0.0, _VIEWER_DISTANCE * radius), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
             self._place_planes(view, window)
         for surface, name, structure in structures:
             if name in self.placed:

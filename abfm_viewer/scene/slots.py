@@ -11,14 +11,18 @@ import numpy as np
 
 from abfm.pages.front import Front, triple
 from abfm.types import FloatArray
-from abfm_viewer.document.document import FARTHEST, NEAREST, Layout
+from abfm_viewer.document.document import ZOOM_MAX, ZOOM_MIN, Layout
 from abfm_viewer.widgets.widget_record import Rect
 
 _MARGIN = 0.04  # of the smaller side, free on each side of a surface that fits
-_FRONT, _FILLED = 0.8, 0.5  # what the front counts, and that no place stays empty
-_LEAST = 8.0  # pixels that a surface has however little room there is
+# what the front counts, and that no place stays empty
+_FRONT_POWER = 0.8
+_FILL_POWER = 0.5
+_SURFACE_PIXELS_MIN = 8.0  # pixels that a surface has however little room there is
 # name's share of a low slot's height; width of a wide one; name's share of that
-_LOW, _WIDE, _BESIDE = 0.25, 2.0, 0.35
+_NAME_HEIGHT_SHARE = 0.25
+_WIDTH_RATIO_MIN = 2.0
+_NAME_WIDTH_SHARE = 0.35
 _BALL = 0.8  # of the surface's radius: the ball that the mouse turns
 _TOP = math.pi / 2  # how far the turntable tilts
 
@@ -59,7 +63,11 @@ def slots(
         """Rate how large surfaces are from the front, and a little from any side."""
         half = next(_grid(columns, count, rect, name_height)).half
         filled = count / (columns * math.ceil(count / columns))
-        return float(fitting(half, shape) ** _FRONT * min(half) ** (1 - _FRONT) * filled**_FILLED)
+        return float(
+            fitting(half, shape) ** _FRONT_POWER
+            * min(half) ** (1 - _FRONT_POWER)
+            * filled**_FILL_POWER
+        )
 
     columns = {"row": count, "column": 1}.get(layout) or max(range(count, 0, -1), key=goodness)
     return dict(zip(names, _grid(columns, count, rect, name_height), strict=True))
@@ -79,11 +87,11 @@ def _grid(columns: int, count: int, rect: Rect, name_height: float) -> Iterator[
         in_row = min(columns, count - row * columns)
         x, y = left + (column + (columns - in_row) / 2) * width, top + row * height
         end, low = x + width, y + height
-        if name_height > _LOW * height and width >= _WIDE * height:
-            start = x + _BESIDE * width
+        if name_height > _NAME_HEIGHT_SHARE * height and width >= _WIDTH_RATIO_MIN * height:
+            start = x + _NAME_WIDTH_SHARE * width
             yield Slot((start, y, end, low), (x, y, start, y + min(name_height, height)))
         else:
-            head = max(min(name_height, height - _LEAST), 0.0)
+            head = max(min(name_height, height - _SURFACE_PIXELS_MIN), 0.0)
             yield Slot((x, y + head, end, low), (x, y, end, y + head))
 
 
@@ -191,7 +199,7 @@ class SlotView:
 
     def zoomed(self, name: str, place: Place, factor: float) -> Self:
         """Come nearer to what is under the mouse; going farther leads back home."""
-        zoom = min(max(self.zoom * factor, FARTHEST), NEAREST)
+        zoom = min(max(self.zoom * factor, ZOOM_MIN), ZOOM_MAX)
         if zoom < self.zoom:
             share = max(0.0, 1 - 1 / zoom) / (1 - 1 / self.zoom) if self.zoom > 1 else 1.0
             return replace(self, zoom=zoom, target=self.home + share * (self.target - self.home))

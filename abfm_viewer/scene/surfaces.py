@@ -22,11 +22,13 @@ from abfm_viewer.document.document import Theme
 from abfm_viewer.scene.opengl import MATERIAL, ps
 from abfm_viewer.shown.paint import Paint
 
-_PLAIN = {"light": (0.8, 0.81, 0.83), "dark": (0.3, 0.3, 0.32)}
+_PLAIN_COLORS = {"light": (0.8, 0.81, 0.83), "dark": (0.3, 0.3, 0.32)}
 _CORNERS = "texture corners"
 _OF_FUNCTIONS = "vertex values", "face values"
 _EDGE = 1.0  # polyscope's unit: about a pixel
-_LONG_EDGE, _THINNEST = 12.0, 0.3  # pixels of an edge that is drawn in full width; share of it
+# pixels of an edge that is drawn in full width; share of it
+_FULL_WIDTH_EDGE_PIXELS = 12.0
+_EDGE_WIDTH_SHARE_MIN = 0.3
 
 
 class Viewport:
@@ -55,7 +57,7 @@ def register(name: str, mesh: TriangleMesh) -> Any:
         split.faces,
         smooth_shade=True,
         material=MATERIAL,
-        color=_PLAIN["light"],
+        color=_PLAIN_COLORS["light"],
         back_face_policy=back_faces(mesh),
     )
 
@@ -68,13 +70,13 @@ def back_faces(mesh: TriangleMesh) -> str:
 def edge_width(faces: int, scale: float) -> float:
     """Of a wireframe: thin where edges are short, or they would hide the colours."""
     length = scale * math.sqrt(4 / (math.sqrt(3) * faces))  # in pixels, of equal triangles
-    return _EDGE * min(max(round(length / _LONG_EDGE, 1), _THINNEST), 1.0)
+    return _EDGE * min(max(round(length / _FULL_WIDTH_EDGE_PIXELS, 1), _EDGE_WIDTH_SHARE_MIN), 1.0)
 
 
 def set_style(name: str, edges: float, flat: bool, theme: Theme) -> None:
     """Show edges in a width, 0 for none, and faces each in one shade or smoothly."""
     surface = ps.get_surface_mesh(name)
-    surface.set_color(_PLAIN[theme])
+    surface.set_color(_PLAIN_COLORS[theme])
     surface.set_edge_color(linear(palette(theme).ink)[:3])
     surface.set_edge_width(edges)
     surface.set_smooth_shade(not flat)

@@ -5,9 +5,10 @@ from abfm_viewer.document.document import Side
 from abfm_viewer.session.session import Session
 
 _WIDTH_PER_NOTCH = 1.12
-NARROWEST, WIDEST = 0.005, 2.0
+WIDTH_MIN = 0.005
+WIDTH_MAX = 2.0
 _FRAMES = "frames have no Gaussian"
-_NONE = "the {} has no Gaussian to {}: choose the family gaussian in the tab Functions"
+_NO_GAUSSIAN = "the {} has no Gaussian to {}: choose the family gaussian in the tab Functions"
 
 
 def active_gaussian(session: Session, side: Side) -> int | None:
@@ -25,7 +26,7 @@ def why_fixed(session: Session, side: Side) -> str:
     if session.active is None:
         return f"the {side} is still being chosen"
     if active_gaussian(session, side) is None:
-        return _NONE.format(side, "move")
+        return _NO_GAUSSIAN.format(side, "move")
     if gaussians.is_mapped(session.active.spec(side)):
         where = "type its Gaussian's vertex in the tab Functions"
         return f"the {side} goes through a vertex map: {where}"
@@ -46,9 +47,9 @@ def widen(session: Session, side: Side, notches: float, merge: str) -> None:
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:
         has_sides = session.document.has_sides
-        session.notices.say(_NONE.format(side, "widen") if has_sides else _FRAMES)
+        session.notices.say(_NO_GAUSSIAN.format(side, "widen") if has_sides else _FRAMES)
         return
     spec = session.active.spec(side)
     width = gaussians.gaussians(spec)[chosen].width * _WIDTH_PER_NOTCH**notches
-    width = float(f"{min(max(width, NARROWEST), WIDEST):.3g}")
+    width = float(f"{min(max(width, WIDTH_MIN), WIDTH_MAX):.3g}")
     session.editor.set_spec(side, gaussians.changed(spec, chosen, width=width), merge, chosen)

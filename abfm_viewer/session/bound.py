@@ -17,7 +17,7 @@ from abfm_viewer.document.document import InitialMap
 from abfm_viewer.session.editor import Editor
 from abfm_viewer.session.notices import Notices
 
-_ENDED = "the process that looks for it has ended; try again"
+_ENDED_MESSAGE = "the process that looks for it has ended; try again"
 
 
 class _Wanted(NamedTuple):
@@ -46,7 +46,7 @@ class Bound:
 
     def __init__(self, editor: Editor, jobs: Jobs, notices: Notices, at_once: bool = False) -> None:
         self._editor, self._notices = editor, notices
-        self._apart = None if at_once else Worker(stateless, _ENDED)
+        self._apart = None if at_once else Worker(stateless, _ENDED_MESSAGE)
         self._found: Latest[_Found] = jobs.latest()
         self._wanted: _Wanted | None = None
         self.most = 1.0

@@ -21,7 +21,8 @@ from abfm_viewer.document.document import (
 )
 from abfm_viewer.document.kinds import FilmDocument, MatchDocument
 
-LONGEST, LARGEST = 200, 500_000_000
+UNDO_STEPS_MAX = 200
+UNDO_BYTES_MAX = 500_000_000
 """How many steps undo goes back, and bytes of the meshes and results to which it leads, besides
 those of the latest step."""
 
@@ -94,12 +95,12 @@ class Editor:
 
     def _kept_steps(self) -> int:
         """Count the steps to take back: always the latest, others as far as there is room."""
-        counted, room = set(_large_parts(self.document)), LARGEST
+        counted, room = set(_large_parts(self.document)), UNDO_BYTES_MAX
         for count, step in enumerate(reversed(self.past)):
             parts = _large_parts(step.document)
             room -= sum(parts[key] for key in parts.keys() - counted)
             counted |= parts.keys()
-            if count == LONGEST or (count and room < 0):
+            if count == UNDO_STEPS_MAX or (count and room < 0):
                 return count
         return len(self.past)
 

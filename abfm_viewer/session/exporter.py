@@ -33,7 +33,9 @@ from abfm_viewer.files.project import save_project
 
 Known = Callable[[], dict[str, FloatArray]]
 RESULT = ".npz"
-PICTURES, MOVIES, TABLES = (".png",), tuple(outputs.FASTEST), (".csv",)
+PICTURES = (".png",)
+MOVIES = tuple(outputs.FPS_MAX)
+TABLES = (".csv",)
 LABELS = (".gii", ".annot", ".npy", ".csv", ".txt")
 """Suffixes."""
 
@@ -212,7 +214,7 @@ class Exporter:
 
     def _render(self, path: Path, document: Document, known: Known, words: list[str]) -> None:
         """Draw a copy of the document in a process of its own; put the file in place when whole."""
-        if self.movie.fps > (fastest := outputs.FASTEST.get(path.suffix, math.inf)):
+        if self.movie.fps > (fastest := outputs.FPS_MAX.get(path.suffix, math.inf)):
             raise AbfmError(
                 f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}"
             )

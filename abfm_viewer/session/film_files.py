@@ -15,21 +15,21 @@ from abfm.reading import read_gifti
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Surface, View
 from abfm_viewer.document.film import Film, settings_of, unit_of
-from abfm_viewer.document.kinds import MEASURED, FilmDocument, MatchDocument
+from abfm_viewer.document.kinds import MEASURED_COLUMN, FilmDocument, MatchDocument
 
-ALONE = (
+FRAME_ENDINGS = (
     *(".npy", ".mat", ".csv", ".tsv", ".txt", ".1d", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
     *(".func.gii", ".func.gii.gz", ".dtseries.nii", ".dscalar.nii"),
 )
 """Endings of files that hold frames and nothing else that is opened."""
-_NUMBERED = re.compile(r"[0-9]\.vt[kup]$")  # grids of VTK; those without a number are meshes
+_NUMBERED_NAME = re.compile(r"[0-9]\.vt[kup]$")  # grids of VTK; those without a number are meshes
 _POINTS = "NIFTI_INTENT_POINTSET"
 
 
 def is_named_as_frames(path: Path) -> bool:
     """Return whether a name says that a file holds frames, and nothing else that is opened."""
     name = path.name.lower()
-    return name.endswith(ALONE) or _NUMBERED.search(name) is not None
+    return name.endswith(FRAME_ENDINGS) or _NUMBERED_NAME.search(name) is not None
 
 
 def is_no_surface(path: Path) -> bool:
@@ -128,7 +128,7 @@ def document_of_pair(
         of = f", channel {number}" if film.channels > 1 else ""
         source, target = (spec(f"frame {k}{of}", film.columns[k][number]) for k in (first, last))
         channels.append(Channel(source, target, weight))
-    mask = "" if film.frames.mask is None else spec(MEASURED, film.frames.mask)
+    mask = "" if film.frames.mask is None else spec(MEASURED_COLUMN, film.frames.mask)
     made = MatchDocument(
         document.surfaces,
         tuple(channels),

@@ -22,7 +22,7 @@ from abfm_viewer.document.film import FilmSettings
 from abfm_viewer.document.kinds import FilmDocument
 
 _TRIES = 3  # of a process that ends, such as for want of memory, each from where the last one was
-_ENDED = (
+_ENDED_MESSAGE = (
     f"the process that matches ended {_TRIES} times, as for want of memory; match again to go on "
     "from what it found"
 )
@@ -58,7 +58,7 @@ class FilmMatch:
         self._fast = 0.0  # the largest of what counted as fast in the run's fields
         self._control = Control()
         self._work: Future[abfm.Sequence] | None = None
-        self._worker = Worker(stateless, _ENDED)
+        self._worker = Worker(stateless, _ENDED_MESSAGE)
         self._speeds = Memo[FloatArray]()
         self._of_result = Memo[tuple[FloatArray | None, ...]]()
 

@@ -23,17 +23,17 @@ from abfm_viewer.document.surface_points import paired
 from abfm_viewer.session.functions import DocumentFunctions
 
 if TYPE_CHECKING:
-    from abfm.registration.initial.given import Given, Initial
+    from abfm.registration.initial.given import Initial, MapInput
 
-_FIRST = "closest"
+_FIRST_WORD = "closest"
 """The word of the map that is shown while candidates are compared."""
-GIVEN = "given"
+GIVEN_WORD = "given"
 """The word of a map that came with a file of a registration."""
 _WITHOUT_FUNCTIONS = ("connectivity", "closest", "file")  # words of maps that use no functions
 _WITHOUT_LANDMARKS = ("connectivity", "file")
 
 
-class _Given(NamedTuple):
+class _ChannelValues(NamedTuple):
     """Values of sources on A, of targets on B, and of the mask on B; weights of the channels."""
 
     source: tuple[FloatArray, ...]
@@ -43,7 +43,7 @@ class _Given(NamedTuple):
     landmarks: tuple[Landmark, ...]
 
 
-class _Way(NamedTuple):
+class _MapChoice(NamedTuple):
     """From which surface to which, and by which map, or word for one."""
 
     a: TriangleMesh
@@ -53,7 +53,7 @@ class _Way(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedMap:
     """What is matched on B, and the map by which A's functions came there, which may be that of an
     earlier state of the document.
     """
@@ -74,13 +74,13 @@ class InitialMaps:
         self, jobs: Jobs, functions: DocumentFunctions, apart: Worker[None] | None
     ) -> None:
         self._functions = functions
-        self._prepared: Latest[Prepared] = jobs.latest()
-        self._first: Latest[Prepared] = jobs.latest()  # shown while candidates are compared
+        self._prepared: Latest[PreparedMap] = jobs.latest()
+        self._first: Latest[PreparedMap] = jobs.latest()  # shown while candidates are compared
         self._control, self._wanted = Control(), object()
         self._apart = apart
         self._maps: Memo[Initial] = Memo()
         self._first_maps: Memo[Initial] = Memo()
-        self._of_result = Memo[Prepared]()
+        self._of_result = Memo[PreparedMap]()
         self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
 
     @property
@@ -96,14 +96,14 @@ class InitialMaps:
         """Say why there is no map; nothing if there is one, or will be."""
         return "" if self.busy else self._prepared.error
 
-    def prepared(self, document: PairDocument) -> Prepared | None:
+    def prepared(self, document: PairDocument) -> PreparedMap | None:
         """Return what is known by now, lately of functions as they were; None before it is."""
         if not document.channels:
             return None
         kept, result = document.initial_map, document.result
         if kept is not None and result is not None and kept.is_for(document):
             of_result = kept, result.problem
-            return self._of_result.get(of_result, lambda: Prepared(*of_result))
+            return self._of_result.get(of_result, lambda: PreparedMap(*of_result))
         given = self._given(document)
         a, b = (surface.mesh for surface in document.surfaces)
         if given is None:
@@ -114,16 +114,16 @@ class InitialMaps:
             self._wanted = wanted
             self._control.cancel()
             self._control = Control()
-        way = _Way(a, b, document.initial)
-        if document.initial == GIVEN and kept is not None:
-            way = _Way(a, b, kept.correspondence, kept.warnings)
+        way = _MapChoice(a, b, document.initial)
+        if document.initial == GIVEN_WORD and kept is not None:
+            way = _MapChoice(a, b, kept.correspondence, kept.warnings)
         asked = document.asked
         found = self._prepared.newest(
             wanted, self._prepare, self._control, self._maps, way, given, asked
         )
         if found is not None or document.initial or not self._prepared.busy:
             return found
-        way = way._replace(by=_FIRST)
+        way = way._replace(by=_FIRST_WORD)
         return self._first.newest(
             wanted, self._prepare, self._control, self._first_maps, way, given, asked
         )
@@ -147,7 +147,7 @@ class InitialMaps:
 
         return self._columns[side].get((prepared, channel, own), column)
 
-    def _given(self, document: PairDocument) -> _Given | None:
+    def _given(self, document: PairDocument) -> _ChannelValues | None:
         """Return the functions, the mask and the weights; None if some are unknown."""
         known, sides = self._functions.values, []
         for side in SIDES:
@@ -160,15 +160,20 @@ class InitialMaps:
         if document.mask and mask is None:
             return None
         source, target = sides
-        return _Given(source, target, mask, document.weights, document.pairs)
+        return _ChannelValues(source, target, mask, document.weights, document.pairs)
 
     def _is_about(self, wanted: object) -> bool:
         key = self._prepared.key
         return isinstance(key, tuple) and same(key[0], wanted)
 
     def _prepare(
-        self, control: Control, maps: Memo[Initial], way: _Way, given: _Given, asked: Asked
-    ) -> Prepared:
+        self,
+        control: Control,
+        maps: Memo[Initial],
+        way: _MapChoice,
+        given: _ChannelValues,
+        asked: Asked,
+    ) -> PreparedMap:
         source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
         with controlled(control), _told():
             initial = self._map(maps, way, given)
@@ -184,7 +189,7 @@ class InitialMaps:
             )
         notes, usual = (*initial.notes, *found.notes), found.problem.parameters
         if maps is self._first_maps:
-            notes = (f"the map {_FIRST} is shown while candidates are compared", *notes)
+            notes = (f"the map {_FIRST_WORD} is shown while candidates are compared", *notes)
         made = InitialMap(
             found.initial,
             **asked._asdict(),
@@ -192,15 +197,15 @@ class InitialMaps:
             functions=found.functions,
             warnings=initial.warnings,
         )
-        return Prepared(made, found.problem, usual)
+        return PreparedMap(made, found.problem, usual)
 
-    def _map(self, maps: Memo[Initial], way: _Way, given: _Given) -> Initial:
+    def _map(self, maps: Memo[Initial], way: _MapChoice, given: _ChannelValues) -> Initial:
         """Return the map, found anew where something changed that it asks for."""
-        from abfm.registration.initial.given import Given, Initial
+        from abfm.registration.initial.given import Initial, MapInput
 
         if not isinstance(way.by, str):
             return Initial(way.by, warnings=way.warnings)
-        about = Given(way.a, way.b, landmarks=paired(way.a, way.b, given.landmarks))
+        about = MapInput(way.a, way.b, landmarks=paired(way.a, way.b, given.landmarks))
         if counts := any(given.weights):
             f, g = np.stack(given.source), np.stack(given.target)
             weights = np.array(given.weights)
@@ -231,7 +236,7 @@ def _told() -> Iterator[None]:
         raise AbfmError("another initial map is wanted now") from None
 
 
-def _found(_: None, word: str | None, given: Given) -> Initial:
+def _found(_: None, word: str | None, given: MapInput) -> Initial:
     """Find a map, which takes seconds, in which libraries hold the interpreter."""
     from abfm.registration.initial.words import initial_map
 

@@ -10,8 +10,10 @@ from typing import NamedTuple
 
 from abfm import AbfmError
 
-_SECONDS_OF_NOTICE, _SECONDS_OF_ERROR = 6.0, 12.0
-_LONGEST_LOG, _MOST_CARDS = 1000, 50
+_SECONDS_OF_NOTICE = 6.0
+_SECONDS_OF_ERROR = 12.0
+_LONGEST_LOG = 1000
+_MOST_CARDS = 50
 RUN = "run"
 """What cards about a match are about."""
 WaysOut = Mapping[str, Callable[[], None]]
@@ -32,7 +34,7 @@ class Card:
     remedies: WaysOut = field(default_factory=dict)
 
 
-class Entry(NamedTuple):
+class LogEntry(NamedTuple):
     """A line of the log; the time is in seconds since the epoch."""
 
     time: float
@@ -50,7 +52,7 @@ class Notices:
     def __init__(self, moves: Callable[[], int]) -> None:
         self.latest = Notice("")
         self.cards: tuple[Card, ...] = ()
-        self.log: deque[Entry] = deque(maxlen=_LONGEST_LOG)
+        self.log: deque[LogEntry] = deque(maxlen=_LONGEST_LOG)
         self._moves = moves
         self._said: tuple[float, int] = 0.0, 0  # when, and how many moves there were
 
@@ -63,7 +65,7 @@ class Notices:
         told = {card.text for card in cards} if is_error else {self.latest.text}
         is_known = text in told and (is_error or not self.latest.is_error)
         if text and not is_known:
-            self.log.append(Entry(time.time(), "error" if is_error else "notice", text))
+            self.log.append(LogEntry(time.time(), "error" if is_error else "notice", text))
         if text and is_error:
             new = Card(text, about, remedies or {})
             cards = tuple(new if card.text == text else card for card in cards)

@@ -19,7 +19,7 @@ from abfm_viewer.session.path_steps import PathSteps
 from abfm_viewer.session.player import Player
 from abfm_viewer.session.saves import Saves
 
-_ENDED = "the process that computes has ended; try again"
+_ENDED_MESSAGE = "the process that computes has ended; try again"
 
 
 class Parts:
@@ -31,7 +31,7 @@ class Parts:
         self.editor = Editor(MatchDocument((Surface(mesh, name),)))
         self.functions = DocumentFunctions(self.jobs)
         # for calls that hold the interpreter for long
-        self._process = None if at_once else Worker(stateless, _ENDED)
+        self._process = None if at_once else Worker(stateless, _ENDED_MESSAGE)
         self.initial_maps = InitialMaps(self.jobs, self.functions, self._process)
         self.notices = Notices(lambda: self.editor.moves)
         self.loading = Loading(self.jobs, self.notices)

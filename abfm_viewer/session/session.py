@@ -34,7 +34,7 @@ from abfm_viewer.document.kinds import (
 from abfm_viewer.document.rescaling import rescaled
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Step
-from abfm_viewer.session.initial_maps import Prepared
+from abfm_viewer.session.initial_maps import PreparedMap
 from abfm_viewer.session.notices import RUN
 from abfm_viewer.session.parts import Parts
 from abfm_viewer.session.work import FilmWork, MatchRun, MatchWork, PairWork, Work
@@ -209,7 +209,7 @@ class Session(Parts):
         return self.work.values(side)
 
     @property
-    def prepared(self) -> Prepared | None:
+    def prepared(self) -> PreparedMap | None:
         """What is matched on surface B of two, as far as it is known by now."""
         return self.work.prepared
 

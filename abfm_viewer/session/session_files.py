@@ -19,7 +19,7 @@ from abfm import AbfmError, FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh.files import MESH_ENDINGS
-from abfm.mesh.options import AS_IT_IS, MeshOptions
+from abfm.mesh.options import DEFAULT_OPTIONS, MeshOptions
 from abfm.pages.creases import drawn_mesh
 from abfm.reading import FREESURFER_SURFACES
 from abfm.types import FloatArray
@@ -44,7 +44,7 @@ from abfm_viewer.files import result_tables
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.film_files import (
-    ALONE,
+    FRAME_ENDINGS,
     circular_film,
     document_of_film,
     document_of_pair,
@@ -55,7 +55,7 @@ from abfm_viewer.session.film_files import (
     read_film,
 )
 from abfm_viewer.session.functions import known_values
-from abfm_viewer.session.initial_maps import GIVEN
+from abfm_viewer.session.initial_maps import GIVEN_WORD
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.result_tables import FoundTable, Tables, find_table
 from abfm_viewer.session.session import Session
@@ -70,10 +70,11 @@ LABELS = (
 )
 OTHER_MESH = "Open another mesh..."
 OTHER_NAME = "Save as..."
-OTHER_SECOND, OTHER_FRAMES = "Open another second surface...", "Open other frames..."
+OTHER_SECOND = "Open another second surface..."
+OTHER_FRAMES = "Open other frames..."
 OTHER_TABLE = "Open another table..."
 """Labels of what can be done about a file."""
-SAVING = "saving"
+SAVING_TOPIC = "saving"
 """What cards are about."""
 Do = Callable[[], None]
 Opened = tuple[Document, dict[str, FloatArray]]
@@ -95,7 +96,7 @@ class Ask(Protocol):
 
 def open_session(
     path: Path,
-    options: MeshOptions = AS_IT_IS,
+    options: MeshOptions = DEFAULT_OPTIONS,
     second: Path | None = None,
     array: str | None = None,
 ) -> Session:
@@ -105,7 +106,7 @@ def open_session(
     _check_alone(path)
     is_document = path.name.lower().endswith((PROJECT, RESULT))
     has_frames = second is not None and (
-        second.name.lower().endswith((*ALONE, RESULT)) or is_no_surface(second)
+        second.name.lower().endswith((*FRAME_ENDINGS, RESULT)) or is_no_surface(second)
     )
     if array is not None and not has_frames:
         raise AbfmError(f"there are no frames of which an array {brief(array)} could be chosen")
@@ -233,7 +234,7 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
         given = zip(starts, document.landmarks, strict=True)
         landmarks = tuple(one.placed("source", start) for start, one in given)
     drafted = {one.name: getattr(document, one.name) for one in fields(document)}
-    drafted |= {"surfaces": pair, "landmarks": landmarks, "initial": GIVEN}
+    drafted |= {"surfaces": pair, "landmarks": landmarks, "initial": GIVEN_WORD}
     opened = PairDocument(**drafted)
     kept = InitialMap(
         initial,
@@ -304,7 +305,9 @@ class SessionFiles:
             self.open_frames(path)
             return
         if not name.endswith(known):
-            listed = ", ".join(each for each in (*known, *ALONE) if not each.endswith(".gz"))
+            listed = ", ".join(
+                each for each in (*known, *FRAME_ENDINGS) if not each.endswith(".gz")
+            )
             text = f"{path.name} cannot be opened: expected a file that ends in {listed}"
             self._session.notices.say(text, True, OPENING, self._offered(OTHER_MESH))
             return
@@ -554,9 +557,9 @@ class SessionFiles:
         def end() -> None:
             if error := future.exception():
                 remedies = self._offered(OTHER_NAME, partial(self.save, path, go_on, document))
-                notices.say(f"not saved: {error_line(error)}", True, SAVING, remedies)
+                notices.say(f"not saved: {error_line(error)}", True, SAVING_TOPIC, remedies)
                 return
-            notices.mend(SAVING)
+            notices.mend(SAVING_TOPIC)
             session.saves.mark(document, future.result(), left)
             notices.say(f"saved {path}")
             if self.state:

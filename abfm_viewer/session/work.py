@@ -20,7 +20,7 @@ from abfm_viewer.document.film import FRAMES_A_SECOND
 from abfm_viewer.document.kinds import FilmDocument, MatchDocument, PairDocument
 from abfm_viewer.document.surface_points import points_of, surface_points
 from abfm_viewer.session.film_match import FilmMatch
-from abfm_viewer.session.initial_maps import Prepared
+from abfm_viewer.session.initial_maps import PreparedMap
 from abfm_viewer.session.notices import RUN, WaysOut
 from abfm_viewer.session.parts import Parts
 
@@ -137,7 +137,7 @@ class Work:
         return ""
 
     @property
-    def prepared(self) -> Prepared | None:
+    def prepared(self) -> PreparedMap | None:
         """What is matched on surface B of two, as far as it is known by now."""
         return None
 
@@ -320,7 +320,7 @@ class PairWork(MatchWork):
         return document
 
     @property
-    def prepared(self) -> Prepared | None:
+    def prepared(self) -> PreparedMap | None:
         return self.parts.initial_maps.prepared(self.document)
 
     @property

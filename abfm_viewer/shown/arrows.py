@@ -19,23 +19,39 @@ from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.ribbons import normals_at, outward
 
-_FARTHEST = 0.13  # are places from each other, however small the picture
-_SPARSE, _DENSE = 60.0, 15.0  # pixels between them at the least and the largest density
+_SPACING_MAX = 0.13  # are places from each other, however small the picture
+# pixels between them at the least and the largest density
+_SPARSE_PIXELS = 60.0
+_DENSE_PIXELS = 15.0
 _LEVELS = 2  # of spacings, from one to its double: zooming changes arrows no more often
-_LONGEST = 0.92  # arrow, of the distance between places
-_SHORTEST = 0.25  # of the longest: what is slower has none
-_SHAFT, _HEAD = 0.055, 0.165  # half widths, of that distance
-_HEAD_LENGTH, _MOST_HEAD = 0.36, 0.55  # of that distance, and of the arrow
-_RIM, _SHARPEST = 0.035, 2.0  # width of a rim, of that distance; and at the tip, of that width
-_THINNEST = 0.6  # of the widths, where arrows are short
-_SHAFT_NODES, _HEAD_NODES = 8, 6
-_HEIGHT, _RIM_HEIGHT = 0.04, 0.025  # of that distance: above the surface, which bends
-_HIGHEST, _HIGHEST_RIM = 0.0024, 0.0015
-_NEARER, _NEAREST = 0.13, 0.008  # of that distance, and at most: what is less far before a place
-_FLATTEST = 0.3  # cosine of the angle at which arrows are seen, near outlines
-_STEEPEST = 0.6  # cosine of the angle by which the surface turns between an arrow's middle and ends
-_FINER = 0.5  # of their distance: how near to each other places are of which some are chosen
-_AROUND = 8  # directions in which a disc is looked at
+_LENGTH_MAX = 0.92  # arrow, of the distance between places
+_SPEED_SHARE_MIN = 0.25  # of the longest: what is slower has none
+# half widths, of that distance
+_SHAFT = 0.055
+_HEAD = 0.165
+# of that distance, and of the arrow
+_HEAD_LENGTH = 0.36
+_MOST_HEAD = 0.55
+# width of a rim, of that distance; and at the tip, of that width
+_RIM_WIDTH = 0.035
+_TIP_RIM_RATIO_MAX = 2.0
+_WIDTH_SHARE_MIN = 0.6  # of the widths, where arrows are short
+_SHAFT_NODES = 8
+_HEAD_NODES = 6
+# of that distance: above the surface, which bends
+_HEIGHT = 0.04
+_RIM_HEIGHT = 0.025
+_HEIGHT_MAX = 0.0024
+_RIM_MAX = 0.0015
+# of that distance, and at most: what is less far before a place
+_DEPTH_SHARE = 0.13
+_DEPTH_MAX = 0.008
+_VIEW_COSINE_MIN = 0.3  # cosine of the angle at which arrows are seen, near outlines
+# cosine of the angle by which the surface turns between an arrow's middle and ends
+_TURN_COSINE_MIN = 0.6
+# of their distance: how near to each other places are of which some are chosen
+_CANDIDATE_SPACING = 0.5
+_DIRECTIONS = 8  # directions in which a disc is looked at
 
 
 @dataclass(frozen=True)
@@ -53,9 +69,9 @@ def arrow_spacing(density: float, scale: float) -> float:
     """Return how far apart arrows are at a density, 0 to 1, in a picture with so many pixels for a
     length of 1: about as many pixels whether a surface is large or small.
     """
-    pixels = _SPARSE * (_DENSE / _SPARSE) ** min(max(density, 0.0), 1.0)
+    pixels = _SPARSE_PIXELS * (_DENSE_PIXELS / _SPARSE_PIXELS) ** min(max(density, 0.0), 1.0)
     level = round(_LEVELS * math.log2(pixels / max(scale, 1e-300))) / _LEVELS
-    return float(min(max(2.0**level, abfm.maps.NEAREST), _FARTHEST))
+    return float(min(max(2.0**level, abfm.maps.SPACING_MIN), _SPACING_MAX))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +100,7 @@ class Arrows:
     def hidden(self, eye: Eye) -> BoolArray:
         """Tell which of them other parts of the surface hide, or a part of them, (A,)."""
         cosines = self.turned(eye)
-        hidden = cosines <= _FLATTEST
+        hidden = cosines <= _VIEW_COSINE_MIN
         places = self._lifted(eye)[~hidden]
         surface = self.mesh.vertices / self.mesh.length_scale, self.mesh.faces
         slopes = np.repeat(cosines[~hidden], places.shape[1])
@@ -97,7 +113,7 @@ class Arrows:
         """Return the vertices to be drawn, (A M, 3): arrows that an outline would cut, and those
         that are known to be hidden, are drawn as points.
         """
-        is_gone = self.turned(eye) <= _FLATTEST
+        is_gone = self.turned(eye) <= _VIEW_COSINE_MIN
         if hidden is not None:
             is_gone |= hidden
         points = self.ways[:, 1:2]
@@ -139,9 +155,9 @@ def arrows_of(
         vectors = relative[points.faces]
     speed_there = np.linalg.norm(vectors, axis=1)
     opacities = np.ones(len(points.faces)) if determined is None else determined[points.faces]
-    kept = np.flatnonzero((speed_there > _SHORTEST) & (opacities > OPACITY_MIN))
+    kept = np.flatnonzero((speed_there > _SPEED_SHARE_MIN) & (opacities > OPACITY_MIN))
     along = vectors[kept] / speed_there[kept, None]
-    lengths = min(look.length, _LONGEST * look.spacing) * np.minimum(speed_there[kept], 1)
+    lengths = min(look.length, _LENGTH_MAX * look.spacing) * np.minimum(speed_there[kept], 1)
     return _drawn(points[kept], along, lengths, look, opacities[kept])
 
 
@@ -152,7 +168,7 @@ def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.m
     spread = abfm.maps.spread_points(mesh)
     if eye is None:
         return spread.apart(spacing)
-    finer = np.arange(spread.count(_FINER * spacing))
+    finer = np.arange(spread.count(_CANDIDATE_SPACING * spacing))
     sights = _sights(spread.points[finer], spacing / 2, eye)
     # what is not seen is there nevertheless, as the surface may turn
     candidates = finer[(sights > 0) | (finer < spread.count(spacing))]
@@ -166,38 +182,40 @@ def _sights(points: abfm.maps.SurfacePoints, radius: float, eye: Eye) -> IntArra
     """
     mesh, count = points.mesh, len(points.faces)
     frames = abfm.calculus.face_frames(mesh)[points.faces]
-    angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     circle = radius * mesh.length_scale * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     ways = np.einsum("ak,pkx->pax", circle, frames).reshape(-1, 3)
-    ends, inside = abfm.flow.straight_ways(mesh, points[np.repeat(np.arange(count), _AROUND)], ways)
+    ends, inside = abfm.flow.straight_ways(
+        mesh, points[np.repeat(np.arange(count), _DIRECTIONS)], ways
+    )
     at = [
         (each.positions / mesh.length_scale, normals_at(mesh, each.faces, each.barycentric))
         for each in (points, ends)
     ]
     discs, normals = (
-        np.concatenate([middle[:, None], around.reshape(count, _AROUND, 3)], axis=1)
+        np.concatenate([middle[:, None], around.reshape(count, _DIRECTIONS, 3)], axis=1)
         for middle, around in zip(*at, strict=True)
     )
     seen = _is_flat(normals)
-    seen[:, 1:] &= inside.reshape(count, _AROUND)
+    seen[:, 1:] &= inside.reshape(count, _DIRECTIONS)
     cosines = (normals * eye.towards(discs)).sum(axis=2)
     if not mesh.is_closed:
         cosines *= np.where(cosines[:, :1] < 0, -1.0, 1.0)
-    seen &= cosines > _FLATTEST
+    seen &= cosines > _VIEW_COSINE_MIN
     surface = mesh.vertices / mesh.length_scale, mesh.faces
-    lifted = discs[seen] + _HIGHEST * eye.towards(discs[seen])
+    lifted = discs[seen] + _HEIGHT_MAX * eye.towards(discs[seen])
     seen[seen] = ~eye.hides(surface, lifted, cosines[seen], _slack(2 * radius))
     return np.asarray(seen[:, 0] * (1 + seen[:, 1:].sum(axis=1)))
 
 
 def _slack(spacing: float) -> float:
     """Return how far before a place on a surface what is seen still lies on it."""
-    return min(_NEARER * spacing, _NEAREST)
+    return min(_DEPTH_SHARE * spacing, _DEPTH_MAX)
 
 
 def _is_flat(normals: FloatArray) -> BoolArray:
     """Tell of normals (A, M, 3), a middle's first, which ones hardly turn from it, (A, M)."""
-    return np.asarray((normals * normals[:, :1]).sum(axis=2) > _STEEPEST)
+    return np.asarray((normals * normals[:, :1]).sum(axis=2) > _TURN_COSINE_MIN)
 
 
 def _drawn(
@@ -251,15 +269,15 @@ def _glyphs(
     a larger one, which is its rim; heights (M,), faces (T, 3) and which of these are rims.
     """
     length = lengths[:, None]
-    size = spacing * np.clip(np.sqrt(length / (_LONGEST * spacing)), _THINNEST, 1)
+    size = spacing * np.clip(np.sqrt(length / (_LENGTH_MAX * spacing)), _WIDTH_SHARE_MIN, 1)
     head, wide = np.minimum(_HEAD_LENGTH * size, _MOST_HEAD * length), _HEAD * size
-    rim = np.full_like(length, _RIM * spacing)
+    rim = np.full_like(length, _RIM_WIDTH * spacing)
     # the sides of the head, a rim farther out, meet farther on
-    ahead = rim * np.minimum(np.sqrt(1 + (head / wide) ** 2), _SHARPEST)
+    ahead = rim * np.minimum(np.sqrt(1 + (head / wide) ** 2), _TIP_RIM_RATIO_MAX)
     along_shaft, along_head = np.linspace(0, 1, _SHAFT_NODES), np.linspace(0, 1, _HEAD_NODES)
     corners, heights, faces, rims = [], [], [], []
     first = 0
-    above, above_rim = min(_HEIGHT * spacing, _HIGHEST), min(_RIM_HEIGHT * spacing, _HIGHEST_RIM)
+    above, above_rim = min(_HEIGHT * spacing, _HEIGHT_MAX), min(_RIM_HEIGHT * spacing, _RIM_MAX)
     for height, more, farther in ((above_rim, rim, ahead), (above, 0 * rim, 0 * ahead)):
         neck = length - head
         whole = head + farther + more

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 
-_BEHIND = 0.01  # of sqrt(area): what is less far behind a face lies on it
+_DEPTH_TOLERANCE = 0.01  # of sqrt(area): what is less far behind a face lies on it
 
 
 def are_hidden(
@@ -25,7 +25,7 @@ def are_hidden(
     nearest = corners[..., 2].max(axis=1)
     for number in np.flatnonzero(~hidden):
         seen = axes @ places[number]
-        before = seen[2] + _BEHIND * mesh.length_scale
+        before = seen[2] + _DEPTH_TOLERANCE * mesh.length_scale
         near = (low <= seen[:2]).all(axis=1) & (high >= seen[:2]).all(axis=1) & (nearest > before)
         around = corners[near] - [*seen[:2], 0]
         # barycentric weights of the place in each face, times twice the face's area, as it is seen

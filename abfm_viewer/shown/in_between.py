@@ -15,7 +15,7 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.shown.flow_state import FlowState
 
 _TIMES = 9  # of an interval at which it is computed; those between are blended
-_LARGEST = 30_000_000  # numbers that are kept, in single precision
+_NUMBERS_KEPT_MAX = 30_000_000  # numbers that are kept, in single precision
 
 
 Frames = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
@@ -102,7 +102,7 @@ class InBetween:
         if not isinstance(key, tuple) or value is None:
             return
         self._kept.setdefault(_number(key), (key, value))
-        most = max(_LARGEST // value.size, 4)
+        most = max(_NUMBERS_KEPT_MAX // value.size, 4)
         while len(self._kept) > most:
             self._kept.popitem(last=False)
 

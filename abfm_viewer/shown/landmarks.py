@@ -40,14 +40,14 @@ class Marks:
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
+class LandmarkPaths:
     """Where points are at times (T,) of a flow."""
 
     times: FloatArray
     points: list[abfm.maps.SurfacePoints]
 
     @classmethod
-    def along(cls, flow: FlowState, starts: abfm.maps.SurfacePoints) -> Ways:
+    def along(cls, flow: FlowState, starts: abfm.maps.SurfacePoints) -> LandmarkPaths:
         """Follow points to the end of the time bar, by the flow lines that judge a match."""
         lines = abfm.flow.ContinuousFlow(flow.mesh, flow.flow.fine_velocity, flow.parameters.tau)
         times, points = np.linspace(0, flow.duration, _TIMES), [starts]
@@ -71,7 +71,7 @@ class ShownLandmarks(Jobs):
         self._session, self._flow = session, flow
         self._placed = {side: Memo[Marks | None]() for side in SIDES}
         self._starts: Memo[abfm.maps.SurfacePoints] = Memo()
-        self._ways: Latest[Ways] = self.latest()
+        self._ways: Latest[LandmarkPaths] = self.latest()
         self._moved = Memo[Marks]()
         self._axes = defaultdict[tuple[str, Side | None], Memo[FloatArray]](Memo)
         self._hidden = defaultdict[tuple[str, Side | None], Latest[BoolArray]](self.latest)
@@ -111,7 +111,7 @@ class ShownLandmarks(Jobs):
         begun = partial(Marks.at, starts, numbers)
         if flow is None or time == 0:
             return self._moved.get((starts, 0.0), begun)
-        found = self._ways.newest((flow.mesh, starts), Ways.along, flow, starts)
+        found = self._ways.newest((flow.mesh, starts), LandmarkPaths.along, flow, starts)
         if found is None:
             return self._moved.get((starts, 0.0), begun)
         return self._moved.get((found, time), partial(found.at, time, numbers))

@@ -20,17 +20,18 @@ from abfm.pages.colormaps import (
 from abfm.pages.front import Front
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.document.document import CARRIED, HODGE_PARTS, SIDES, Side, Theme
+from abfm_viewer.document.document import CARRIED_COLORINGS, HODGE_PARTS, SIDES, Side, Theme
 from abfm_viewer.shown.quantities import Field
 from abfm_viewer.shown.shown import Shown
 
-COMPUTING = ": computing"
+COMPUTING_SUFFIX = ": computing"
 """What follows the title of a surface whose values are still to come."""
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12
-_BESIDE = 0.02  # of a range: what values may leave it by before it is told
+_RANGE_TOLERANCE = 0.02  # of a range: what values may leave it by before it is told
 # where A's function is in its own unit, and what is compared on B is not
-_OWN, _DEVIATIONS = "function on A, in its own unit", "function, in standard deviations"
+_OWN_UNIT_TITLE = "function on A, in its own unit"
+_DEVIATIONS_TITLE = "function, in standard deviations"
 _SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
 
 
@@ -106,7 +107,7 @@ class Painter:
         """
         session, title = self._session, self._session.document.titled(side)
         is_of_source = session.surface(side) is session.surface("source")
-        if session.view.coloring in CARRIED and is_of_source:
+        if session.view.coloring in CARRIED_COLORINGS and is_of_source:
             places = session.surface(side).mesh.vertices
             if (paint := self._carried(side, places, title)) is not None:
                 return paint
@@ -118,7 +119,7 @@ class Painter:
             return self._function(side, own, title, colors)
         made_of = (own, *self._look)
         colors = self._range_on_a.get(made_of, lambda: self._own_range(own))
-        return self._function(side, own, title, colors, _OWN)
+        return self._function(side, own, title, colors, _OWN_UNIT_TITLE)
 
     def _own_range(self, *functions: FloatArray) -> ColorRange:
         colors = color_range(*functions)
@@ -137,7 +138,7 @@ class Painter:
         """What colours of functions are called: of two surfaces, B's may be in another unit."""
         session = self._session
         is_own = session.compared("target") is session.values("target")
-        return "function" if is_own or session.compared("target") is None else _DEVIATIONS
+        return "function" if is_own or session.compared("target") is None else _DEVIATIONS_TITLE
 
     def _function(
         self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = ""
@@ -190,7 +191,7 @@ class Painter:
         kind = self._session.view.coloring
         if kind == "function":
             return self._textured(advected, colors) if self._session.view.streaks else None
-        if kind in CARRIED:
+        if kind in CARRIED_COLORINGS:
             carried = self._shown.flow.coordinates()
             title = self._extrapolated(self._session.document.carried_title(kind))
             return None if carried is None else self._carried("advected", carried, title)
@@ -363,13 +364,13 @@ class Painter:
 
 
 def _labelled(title: str, is_behind: bool) -> str:
-    return f"{title}{COMPUTING}" if is_behind else title
+    return f"{title}{COMPUTING_SUFFIX}" if is_behind else title
 
 
 def _with_range(title: str, values: FloatArray, colors: ColorRange) -> str:
     """A title, with the least and the largest value where these leave the colours."""
     low, high = float(values.min()) + 0.0, float(values.max()) + 0.0  # no -0
-    slack = _BESIDE * (colors.high - colors.low)
+    slack = _RANGE_TOLERANCE * (colors.high - colors.low)
     is_beyond = low < colors.low - slack or high > colors.high + slack
     return f"{title}: {low:.3g} to {high:.3g}" if is_beyond else title
 

@@ -25,15 +25,17 @@ from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.shown_flow import ShownFlow
 
 # vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
-_LARGEST = 15_000
+_COMMUTING_VERTICES_MAX = 15_000
 # along a side; fewer in the window, where textures change while one looks
-TEXELS, _TEXELS_OF_PICTURES = 1024, 2048
-_LEAST_TEXELS_PER_FACE, _MOST_TEXELS = 12, 16384
+TEXELS = 1024
+_TEXELS_OF_PICTURES = 2048
+_LEAST_TEXELS_PER_FACE = 12
+_MOST_TEXELS = 16384
 _PHASES = 16  # of moving streaks that are computed; those between are blended
 _SHOWN_PHASES = 32  # of moving streaks in the window
-_EXACT = 1e-6
+_SHARE_TOLERANCE = 1e-6
 _OF_FIELD: tuple[Coloring, ...] = ("speed", "divergence", "curl")
-_FASTEST = 1e30  # that cards know
+_SPEED_MAX = 1e30  # that cards know
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,7 @@ class Field:
         """Return the speed (F,) with sqrt(area) as the unit of length, and its unit; of a film in
         the mesh's unit, unless graphics cards know no such numbers.
         """
-        if self.of is not None and self.speed.max() < _FASTEST:
+        if self.of is not None and self.speed.max() < _SPEED_MAX:
             return self.speed, self.unit
         unit = self.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
         unit = unit.replace("the mesh's unit", "sqrt(area)")
@@ -86,9 +88,10 @@ def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
     if not flow.final:
         raise AbfmError("the field that commutes is computed when the run has ended")
     count = len(flow.mesh.vertices)
-    if count > _LARGEST:
+    if count > _COMMUTING_VERTICES_MAX:
         raise AbfmError(
-            f"commuting fields are computed on up to {_LARGEST:,} vertices; this mesh has {count:,}"
+            f"commuting fields are computed on up to {_COMMUTING_VERTICES_MAX:,} vertices; this "
+            f"mesh has {count:,}"
         )
     velocity = flow.velocity[segment]
     if not velocity.any():
@@ -137,7 +140,7 @@ class Streaks:
         place = phase % 1 * len(self.images)
         before, share = int(place), place % 1
         first: NDArray[np.uint8] = self.images[before % len(self.images)]
-        if share < _EXACT or len(self.images) == 1:
+        if share < _SHARE_TOLERANCE or len(self.images) == 1:
             return first
         second = self.images[(before + 1) % len(self.images)]
         blended: NDArray[np.float32] = np.float32(1 - share) * first + np.float32(share) * second

@@ -16,7 +16,7 @@ from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.mesh import per_mesh
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
-from abfm_viewer.document.document import CARRIED
+from abfm_viewer.document.document import CARRIED_COLORINGS
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.in_between import Frames, blended
@@ -24,9 +24,10 @@ from abfm_viewer.shown.in_between import Frames, blended
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
-_TIMES, _TIMES_WHILE_SOLVING = 61, 17
-_LONGEST = 60_000_000  # numbers in a span, as float32
-_SETTLED = 0.15  # seconds without a new time after which it is worth computing exactly
+_TIMES = 61
+_TIMES_WHILE_SOLVING = 17
+_SPAN_NUMBERS_MAX = 60_000_000  # numbers in a span, as float32
+_SETTLE_SECONDS = 0.15  # seconds without a new time after which it is worth computing exactly
 
 
 Carrying: TypeAlias = Callable[[FlowState, FloatArray, FloatArray], FloatArray]
@@ -52,7 +53,7 @@ def pushed(state: FlowState, function: FloatArray, times: FloatArray) -> FloatAr
 def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Span:
     """A function over the whole time bar, or up to tau where the flow overflows beyond."""
     wanted = _TIMES if state.final else _TIMES_WHILE_SOLVING
-    count = int(np.clip(_LONGEST // function.size, 9, wanted)) // 2 * 2 + 1
+    count = int(np.clip(_SPAN_NUMBERS_MAX // function.size, 9, wanted)) // 2 * 2 + 1
     tau = state.parameters.tau
 
     def until(end: float, note: str = "") -> Span:
@@ -279,7 +280,7 @@ class ShownFlow(Jobs):
         source, places = session.compared("source"), self._origins
         if state is None or source is None or places is None or not state.final:
             return True
-        of_places = session.view.coloring in CARRIED
+        of_places = session.view.coloring in CARRIED_COLORINGS
         return self._source.is_ready(state, source) and (
             not of_places or self._coordinates.is_ready(state, places)
         )
@@ -288,7 +289,7 @@ class ShownFlow(Jobs):
     def settled(self) -> bool:
         """Return whether the time stands, so that exact values are worth computing."""
         stands_for = clock.perf_counter() - self._session.editor.time_changed
-        return not self._session.player.playing and stands_for > _SETTLED
+        return not self._session.player.playing and stands_for > _SETTLE_SECONDS
 
     @property
     def note(self) -> str:

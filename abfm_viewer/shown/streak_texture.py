@@ -10,7 +10,9 @@ from abfm.streaks.texture_atlas import TextureAtlas
 from abfm.types import BoolArray, FloatArray, IndexArray
 
 SHADE = 0.72  # how much the darkest streak darkens a function's colour, in linear light
-_BRIGHT, _DARK = 0.85, 0.06  # streaks without a function, in linear light
+# streaks without a function, in linear light
+_BRIGHT_LEVEL = 0.85
+_DARK_LEVEL = 0.06
 _COLORS = 1024
 
 
@@ -28,8 +30,8 @@ def streak_texture(
     """
     scale = 1 / 255 if image.dtype == np.uint8 else 1.0
     if values is None or colors is None:
-        table, affine = np.full((1, 3), _BRIGHT), np.zeros((len(atlas.mesh.faces), 3))
-        shade = 1 - _DARK / _BRIGHT
+        table, affine = np.full((1, 3), _BRIGHT_LEVEL), np.zeros((len(atlas.mesh.faces), 3))
+        shade = 1 - _DARK_LEVEL / _BRIGHT_LEVEL
         return _draw(atlas.texel_faces, affine, table, (shade, shade * scale), image)
     affine = atlas.affine(values)
     affine[:, 0] -= colors.low

@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 
 import abfm
-from abfm.pages.film_motion import Way, ways_of
+from abfm.pages.film_motion import PointPath, ways_of
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.session.session import Session
@@ -19,10 +19,10 @@ class ShownTracks(Jobs):
     def __init__(self, session: Session) -> None:
         super().__init__(session.at_once)
         self._session = session
-        self._found: Latest[tuple[Way, ...]] = self.latest()
+        self._found: Latest[tuple[PointPath, ...]] = self.latest()
         self._episodes: Latest[list[abfm.sequences.Episode]] = self.latest()
 
-    def ways(self) -> tuple[Way, ...]:
+    def ways(self) -> tuple[PointPath, ...]:
         """Return those of the film's result that are wanted and known by now."""
         document = self._session.document
         sequence = document.tracked

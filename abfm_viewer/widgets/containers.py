@@ -14,12 +14,14 @@ from abfm_viewer.widgets.toolkit import Ui, close_by_escape, pushed
 from abfm_viewer.widgets.widget_record import Rect
 
 Fits = Literal["exactly", "at most", "at least"]
-_ENDLESS = 1e6  # pixels
-_STILL = imgui.ImGuiWindowFlags_NoMove | imgui.ImGuiWindowFlags_NoSavedSettings
+_HEIGHT_MAX = 1e6  # pixels
+_PLAIN_FLAGS = imgui.ImGuiWindowFlags_NoMove | imgui.ImGuiWindowFlags_NoSavedSettings
 _WINDOW = (
-    _STILL | imgui.ImGuiWindowFlags_NoDecoration | imgui.ImGuiWindowFlags_NoBringToFrontOnFocus
+    _PLAIN_FLAGS
+    | imgui.ImGuiWindowFlags_NoDecoration
+    | imgui.ImGuiWindowFlags_NoBringToFrontOnFocus
 )
-_DIALOG = _STILL | imgui.ImGuiWindowFlags_NoCollapse | imgui.ImGuiWindowFlags_NoResize
+_DIALOG = _PLAIN_FLAGS | imgui.ImGuiWindowFlags_NoCollapse | imgui.ImGuiWindowFlags_NoResize
 _CARD = (
     _DIALOG
     | imgui.ImGuiWindowFlags_NoTitleBar
@@ -106,7 +108,7 @@ def child(
     style, room = imgui.GetStyle(), imgui.GetContentRegionAvail()[0]
     if fits != "exactly":
         flags |= imgui.ImGuiChildFlags_AutoResizeY
-        lowest, highest = (height, _ENDLESS) if fits == "at least" else (0.0, height)
+        lowest, highest = (height, _HEIGHT_MAX) if fits == "at least" else (0.0, height)
         imgui.SetNextWindowSizeConstraints((0, lowest), (room, highest))
     else:  # what is in it stays where it is when a scroll bar comes
         padding = 2 * style.WindowPadding[0] if border else 0

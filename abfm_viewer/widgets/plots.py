@@ -11,8 +11,9 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.widgets.toolkit import Ui
 
-_LOWEST, _HIGHEST = 150, 240
-_CLEAR = (0.0, 0.0, 0.0, 0.0)
+_HEIGHT_MIN = 150
+_HEIGHT_MAX = 240
+_TRANSPARENT_COLOR = (0.0, 0.0, 0.0, 0.0)
 _FLAGS = (
     implot.ImPlotFlags_NoTitle
     | implot.ImPlotFlags_NoMenus
@@ -21,7 +22,9 @@ _FLAGS = (
     | implot.ImPlotFlags_NoMouseText
     | implot.ImPlotFlags_NoInputs  # the wheel scrolls the panel
 )
-_LEAST_FACTOR, _MARGIN = 2.0, 0.1  # between the ends of the upright axis, and at each
+# between the ends of the upright axis, and at each
+_LEAST_FACTOR = 2.0
+_MARGIN = 0.1
 _MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 2, 3, 5), (1, 1.5, 2, 3, 4, 5, 6, 8))
 _FEWEST_TICKS = 3
 
@@ -30,15 +33,15 @@ _FEWEST_TICKS = 3
 def plot(ui: Ui, label: str) -> Iterator[bool]:
     """Draw a plot as high as fits."""
     colors = {
-        implot.ImPlotCol_FrameBg: _CLEAR,
+        implot.ImPlotCol_FrameBg: _TRANSPARENT_COLOR,
         implot.ImPlotCol_PlotBg: ui.colors.ground,
         implot.ImPlotCol_PlotBorder: ui.colors.border,
         implot.ImPlotCol_AxisGrid: ui.colors.border,
-        implot.ImPlotCol_AxisTick: _CLEAR,
+        implot.ImPlotCol_AxisTick: _TRANSPARENT_COLOR,
     }
     for index, color in colors.items():
         implot.PushStyleColor(index, color)
-    height = min(max(imgui.GetContentRegionAvail()[1], ui.px(_LOWEST)), ui.px(_HIGHEST))
+    height = min(max(imgui.GetContentRegionAvail()[1], ui.px(_HEIGHT_MIN)), ui.px(_HEIGHT_MAX))
     is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, height), _FLAGS))
     try:
         yield is_drawn

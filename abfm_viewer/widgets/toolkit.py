@@ -23,13 +23,13 @@ from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetR
 Word = TypeVar("Word", bound=str)
 AUTO = "auto"
 """What is shown of a number that is chosen."""
-Kind = Literal["ink", "muted", "failure", "warning", "good", "source", "target"]
+TextTone = Literal["ink", "muted", "failure", "warning", "good", "source", "target"]
 """Colours of texts, by their names in the theme."""
 
-_AWAY = 8  # how far the mouse moves before tooltips come again
+_TIP_DISTANCE = 8  # how far the mouse moves before tooltips come again
 _CAPTION = 96  # the column of captions, at a scale of 1
 _WIDEST_CAPTION = 0.45  # of the panel
-_NARROW = 280  # a panel as narrow has captions above its widgets
+_CAPTION_WIDTH_MIN = 280  # a panel as narrow has captions above its widgets
 _NARROW_PAIR = 300
 _BOX = 76  # beside a slider, at a scale of 1
 
@@ -41,7 +41,7 @@ class Auto(NamedTuple):
     tip: str
 
 
-class _Row(NamedTuple):
+class _WidgetRow(NamedTuple):
     width: float  # as `Ui._placed` gives them
     caption: float
     written: str = ""  # in the box, in place of the value
@@ -98,7 +98,7 @@ class Ui:
 
     def __init__(self) -> None:
         self.scale = 1.0  # pixels of a length of 1
-        self.colors: Palette = theme.LIGHT
+        self.colors: Palette = theme.LIGHT_PALETTE
         self.record = WidgetRecord()
         self.refusals = Refusals(self.record)
         # whether frames are drawn for a picture, which polyscope does in a new ImGui context
@@ -125,7 +125,7 @@ class Ui:
         self.refusals.left.clear()
         if imgui.IsMouseClicked(0):
             self._clicked_at = tuple(io.MousePos)
-        elif self._clicked_at and math.dist(self._clicked_at, io.MousePos) > self.px(_AWAY):
+        elif self._clicked_at and math.dist(self._clicked_at, io.MousePos) > self.px(_TIP_DISTANCE):
             self._clicked_at = None
 
     def px(self, length: float) -> float:
@@ -156,13 +156,13 @@ class Ui:
 
     # Words
 
-    def note(self, text: str, kind: Kind = "muted") -> None:
+    def note(self, text: str, kind: TextTone = "muted") -> None:
         """Write text that wraps at the panel's edge."""
         imgui.PushTextWrapPos(0)
         self._write(text, getattr(self.colors, kind))
         imgui.PopTextWrapPos()
 
-    def line(self, text: str, kind: Kind = "muted", tip: str = "", room: float = 0) -> None:
+    def line(self, text: str, kind: TextTone = "muted", tip: str = "", room: float = 0) -> None:
         """Write text on one line, cut to its room, by default the panel's; a tip has all."""
         shown = self.fitted(text, room or imgui.GetContentRegionAvail()[0])
         self._write(shown, getattr(self.colors, kind))
@@ -356,7 +356,7 @@ class Ui:
         refuses in place what is no number; a new value, or None.
         """
         text, name = _text_and_name(label)
-        new = self._slider_and_box(label, _Row(*self._placed(text)), value, ends, tip)
+        new = self._slider_and_box(label, _WidgetRow(*self._placed(text)), value, ends, tip)
         return self._understood(name or text, new)
 
     def number_or_auto(
@@ -371,7 +371,7 @@ class Ui:
         ticked = self.checkbox(f"{AUTO}##{AUTO} {name or text}", is_auto, auto.tip)
         self.beside()
         taken = imgui.GetCursorPosX() - left
-        row = _Row(width - taken, caption, AUTO if is_auto else "")
+        row = _WidgetRow(width - taken, caption, AUTO if is_auto else "")
         with pushed({imgui.ImGuiCol_SliderGrab: self.colors.muted} if is_auto else {}):
             shown = auto.first if value is None else value
             new = self._slider_and_box(label, row, shown, ends, tip)
@@ -383,7 +383,7 @@ class Ui:
         return self._understood(name or text, new)
 
     def _slider_and_box(
-        self, label: str, row: _Row, value: float, ends: Range, tip: str
+        self, label: str, row: _WidgetRow, value: float, ends: Range, tip: str
     ) -> float | str | None:
         """Draw them and the caption; a number that was slid to, or a typed text."""
         text, name = _text_and_name(label)
@@ -530,7 +530,7 @@ class Ui:
         room, gap = float(imgui.GetContentRegionAvail()[0]), imgui.GetStyle().ItemInnerSpacing[0]
         if width:
             return width, self.text_width(label)
-        if room < self.px(_NARROW):
+        if room < self.px(_CAPTION_WIDTH_MIN):
             self.line(label, "ink")
             return room, 0.0
         caption = max(min(self.text_width(label), _WIDEST_CAPTION * room), self.px(_CAPTION))

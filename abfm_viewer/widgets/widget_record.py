@@ -15,7 +15,8 @@ _Input = Literal["button", "checkbox", "combo", "choice", "slider", "box"]
 WidgetKind = Literal[_Input, "section", "tab", "menu", "item", "plot", "mark"]
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
 # of a logarithmic slider from 0: how much of it is 0, and what the rest spans
-_ZERO_SHARE, _DECADES = 0.06, 6
+_ZERO_SHARE = 0.06
+_DECADES = 6
 
 
 @dataclass(frozen=True)

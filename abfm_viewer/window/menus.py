@@ -22,7 +22,7 @@ _TABLES = (
     "What abfm batch or population wrote, as a table: choose population.npz, subjects.csv, "
     "summary.csv, or rows.json in the folder ledger. A folder can be dropped on the window, too."
 )
-_FINER = (
+_FINER_TIP = (
     "Of a match that was found on a finer mesh: its functions there, without streaks. All else is "
     "on the mesh itself, where clicks and drags count."
 )
@@ -150,7 +150,7 @@ def _view(ui: Ui, actions: Actions) -> None:
     is_finer = session.result is not None and session.result.refined > 0
     if menu_item(ui, "Finer mesh", checked=view.finer, enabled=is_finer or view.finer):
         session.editor.set_view("switch the finer mesh", finer=not view.finer)
-    ui.tip(_FINER)
+    ui.tip(_FINER_TIP)
     if menu_item(ui, "Flow after a match", checked=view.flow_after_match):
         session.switch_flow_after_match()
     ui.tip("A match that has ended shows its flow, by streaks or arrows, and plays it once.")

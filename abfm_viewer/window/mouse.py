@@ -13,11 +13,11 @@ from abfm_viewer.session import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import Rect
 
-_STILL = 4.0  # pixels that a click may move
-_MOVING = (1, 2)  # buttons: right and middle
-_NEARER = 1.15  # by one notch of the wheel
+_CLICK_PIXELS_MAX = 4.0  # pixels that a click may move
+_MOVING_BUTTONS = (1, 2)  # buttons: right and middle
+_ZOOM_FACTOR = 1.15  # by one notch of the wheel
 _BURST = 0.5  # seconds without a turn of the wheel that end a step of undo
-_BESIDE = "no landmark: the click was beside the surfaces"
+_MISSED_CLICK_MESSAGE = "no landmark: the click was beside the surfaces"
 _NO_GAUSSIAN = "Shift-click on the source or the target to move its Gaussian; this surface has none"
 
 
@@ -73,7 +73,7 @@ class Mouse:
             self._enlarge(scene, place, over)
             self._move(scene, over, free)
             if over and io.MouseWheel:
-                scene.see(scene.view.zoomed(self.over, place, _NEARER**io.MouseWheel))
+                scene.see(scene.view.zoomed(self.over, place, _ZOOM_FACTOR**io.MouseWheel))
         self._place_point(session, scene, place, over and not ours)
 
     def _turn(self, scene: Scene, place: Place, over: bool) -> None:
@@ -95,16 +95,16 @@ class Mouse:
         if over and imgui.IsMouseClicked(0):
             self._clicked_twice = place if imgui.IsMouseDoubleClicked(0) else None
         if over and imgui.IsMouseReleased(0) and self._clicked_twice is not None:
-            if math.dist(place, self._clicked_twice) <= _STILL:
+            if math.dist(place, self._clicked_twice) <= _CLICK_PIXELS_MAX:
                 scene.enlarge("" if len(scene.shown) < len(scene.names) else self.over)
             self._clicked_twice = None
 
     def _move(self, scene: Scene, over: bool, free: bool) -> None:
         delta = tuple(imgui.GetIO().MouseDelta)
-        held = free and any(imgui.IsMouseDown(button) for button in _MOVING)
+        held = free and any(imgui.IsMouseDown(button) for button in _MOVING_BUTTONS)
         if self._moves and held and delta != (0, 0):
             scene.see(scene.view.moved(delta))
-        begins = over and any(imgui.IsMouseClicked(button) for button in _MOVING)
+        begins = over and any(imgui.IsMouseClicked(button) for button in _MOVING_BUTTONS)
         self._moves = held and (self._moves or begins)
 
     def _edit_gaussian(self, session: Session, scene: Scene, place: Place) -> None:
@@ -137,7 +137,7 @@ class Mouse:
         """Move a landmark along its surface; whether the mouse is on one, or moves one."""
         if self._dragged is None:
             is_busy = self._turned is not None or self._moves or imgui.GetIO().MouseWheel
-            if not over or is_busy or any(map(imgui.IsMouseDown, _MOVING)):
+            if not over or is_busy or any(map(imgui.IsMouseDown, _MOVING_BUTTONS)):
                 return False
             mark = scene.landmark_at(place)
             if mark is not None and imgui.IsMouseClicked(0):
@@ -165,11 +165,11 @@ class Mouse:
             places = over and session.view.tool != "nothing" and not imgui.IsMouseDoubleClicked(0)
             self._pressed_at = place if places else None
         if imgui.IsMouseReleased(0) and self._pressed_at is not None:
-            still = math.dist(place, self._pressed_at) <= _STILL
+            still = math.dist(place, self._pressed_at) <= _CLICK_PIXELS_MAX
             self._pressed_at = None
             hit = scene.pick(place) if still else None
             if still and hit is None and session.view.tool == "landmark":
-                session.notices.say(_BESIDE)
+                session.notices.say(_MISSED_CLICK_MESSAGE)
             if hit is not None:
                 if session.view.tool == "landmark":
                     side: Side = "source" if hit.surface == "source" else "target"

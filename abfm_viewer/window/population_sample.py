@@ -19,9 +19,15 @@ from abfm.workers.worker import Worker, stateless
 
 NAME = "population.npz"
 """What the population is written as."""
-MESH, SUBJECTS, ODD = "human_A.off", 8, "subject 5, odd"
-_SIZE, _NOISE = 0.06, 0.05  # of the fields, in sqrt(area), and of the values
-_WAVES, _FASTEST = 6, 2.0  # in each field, and the largest wave number over sqrt(area)
+MESH = "human_A.off"
+SUBJECTS = 8
+ODD_NAME = "subject 5, odd"
+# of the fields, in sqrt(area), and of the values
+_SIZE = 0.06
+_NOISE = 0.05
+# in each field, and the largest wave number over sqrt(area)
+_WAVES = 6
+_WAVE_NUMBER_MAX = 2.0
 _OPTIONS = {  # for seconds, not for the best map
     "refine": 0,
     "iterations": 20,
@@ -29,7 +35,7 @@ _OPTIONS = {  # for seconds, not for the best map
     "cooling-stages": 1,
     "max-displacement": 0.2,
 }
-_ENDED = "the population was not made: its process has ended; try again"
+_ENDED_MESSAGE = "the population was not made: its process has ended; try again"
 
 
 def function(mesh: TriangleMesh) -> FloatArray:
@@ -49,7 +55,7 @@ def fields(mesh: TriangleMesh, count: int) -> FloatArray:
     for field in found:
         for _ in range(_WAVES):
             along, towards = rng.normal(size=(2, 3))
-            along *= rng.uniform(0.5, _FASTEST) / np.linalg.norm(along)
+            along *= rng.uniform(0.5, _WAVE_NUMBER_MAX) / np.linalg.norm(along)
             phases = 2 * np.pi * (corners.mean(axis=1) @ along + rng.uniform())
             field += np.cos(phases)[:, None] * towards
         field -= (field * normals).sum(axis=1)[:, None] * normals
@@ -62,7 +68,7 @@ def made_apart(folder: Path) -> Path:
     """Make it in a process of its own, in seconds, unless it is there, and return its folder."""
     if (folder / NAME).is_file():
         return folder
-    with closing(Worker(stateless, _ENDED)) as worker:
+    with closing(Worker(stateless, _ENDED_MESSAGE)) as worker:
         return worker.call(_made, os.fspath(folder)).result()
 
 
@@ -75,7 +81,7 @@ def _made(_: None, folder: str) -> Path:
         for field in fields(mesh, SUBJECTS)
     ]
     names = [f"subject {number}" for number in range(1, SUBJECTS + 2)]
-    names[4] = ODD
+    names[4] = ODD_NAME
     values.insert(4, -values[4])  # as of who takes height for depth
     subjects = []
     for name, each in zip(names, values, strict=True):

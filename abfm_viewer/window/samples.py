@@ -20,10 +20,10 @@ from abfm.wording import capital
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.samples import (
     CORTEX,
-    DRAWN,
     FILMS,
     MESHES,
     PAIRS,
+    PICTURE_SOURCES,
     PICTURES,
     POPULATIONS,
     WAVE,
@@ -37,11 +37,14 @@ from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.wave import fsaverage5, wave_document
 
-_WIDTH, _HEIGHT = 420, 50
-_FEWEST, _MOST = 2, 5  # columns
+_WIDTH = 420
+_HEIGHT = 50
+# columns
+_COLUMNS_MIN = 2
+_COLUMNS_MAX = 5
 _SHARE = 0.86  # of the window's height that the menu may take
 _PICTURES = "pictures of the samples"
-_SHOWN: dict[int, dict[str, Any]] = {
+_VIEW_OF_FIGURE: dict[int, dict[str, Any]] = {
     1: {"blend": True},
     2: {"streaks": True},
     5: {"streaks": True, "part": "commuting"},
@@ -66,7 +69,7 @@ def figure_document(figure: int, view: View) -> tuple[MatchDocument, dict[str, F
         parameters=parameters,
         result=given,
         time=parameters.tau if given else 0.0,
-        view=replace(view.preferences, **_SHOWN.get(figure, {})),
+        view=replace(view.preferences, **_VIEW_OF_FIGURE.get(figure, {})),
     )
     return document, example.values
 
@@ -132,8 +135,8 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
         "Figures of the paper": figures,
     }
     room = _SHARE * display[1] - len(parts) * (line + spacing[1])  # below their headings
-    columns, height = _FEWEST - 1, 0.0
-    while height < line and columns < _MOST:
+    columns, height = _COLUMNS_MIN - 1, 0.0
+    while height < line and columns < _COLUMNS_MAX:
         columns += 1
         height = room / sum(-(-len(part) // columns) for part in parts.values()) - spacing[1]
     width = min(ui.px(_WIDTH), 0.92 * display[0] / columns - spacing[0])
@@ -170,7 +173,7 @@ def _is_chosen(
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
     ui.remember(name, "item", text="checked" if loaded else "")
     # of two surfaces B
-    pictured = DRAWN.get(name) or (name if name in vertices() else name.split(" to ")[-1])
+    pictured = PICTURE_SOURCES.get(name) or (name if name in vertices() else name.split(" to ")[-1])
     title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"
     ui.tip(f"{title}{', loaded' if loaded else ''}: {about}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]

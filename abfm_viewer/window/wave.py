@@ -16,10 +16,15 @@ from abfm_viewer.document.film import Film, FilmSettings
 from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.scene.slots import rotation
 
-FRAMES, STEP = 24, 0.04
+FRAMES = 24
+STEP = 0.04
 """How many there are, and seconds between them."""
-_TURN, _WANDER = 2.2, 1.3  # radians per second: about an axis, and of that about another one
-_ARMS, _TWIST = 2, 2.5  # of a spiral about the axis
+# radians per second: about an axis, and of that about another one
+_TURN = 2.2
+_WANDER = 1.3
+# of a spiral about the axis
+_ARMS = 2
+_TWIST = 2.5
 _SIGMA = 0.1
 _DRIFT = 0.8  # of sqrt(area) per second, on the mesh with handles
 

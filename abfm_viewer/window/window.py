@@ -18,7 +18,7 @@ from abfm import TriangleMesh
 from abfm.assets import asset_path
 from abfm.errors import SeveralArraysError
 from abfm.io import write_atomically
-from abfm.mesh.options import AS_IT_IS, MeshOptions
+from abfm.mesh.options import DEFAULT_OPTIONS, MeshOptions
 from abfm_viewer import signals
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.computing.freed_memory import keep_little
@@ -50,13 +50,16 @@ from abfm_viewer.window.recovery import Preferences, Recoveries
 from abfm_viewer.window.samples import SampleTextures
 from abfm_viewer.window.window_title import WindowTitle
 
-_SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
+_SECONDS_PER_FRAME = 1 / 30
+_SECONDS_PER_IDLE_FRAME = 1 / 10
+_LEAST_SLEEP = 0.002
 # as on most desktops; ImGui's 0.3 end between two clicks where frames are slow
 _DOUBLE_CLICK_SECONDS = 0.5
-_IDLE_AFTER = 1.0  # seconds without anything that moves
-_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
+_IDLE_SECONDS = 1.0  # seconds without anything that moves
+_PANEL_WIDTH = 380
+_WIDEST_PANEL = 0.44
 _STATUS_HEIGHT = 30
-_BUNDLED = "human_fine_A.off"
+_BUNDLED_MESH = "human_fine_A.off"
 
 
 What: TypeAlias = str | Path | TriangleMesh | tuple[str | Path, ...] | None
@@ -99,7 +102,7 @@ def open_window(
     backend: opengl.Backend,
     size: tuple[int, int],
     state_folder: Path | None = None,
-    options: MeshOptions = AS_IT_IS,
+    options: MeshOptions = DEFAULT_OPTIONS,
 ) -> Window:
     """Open the app's window with a mesh, project, result or table of results in it; by default with
     a bundled mesh. Of two mesh files the first is registered to the second; of
@@ -114,12 +117,12 @@ def open_window(
     else:
         given = what if isinstance(what, tuple) else (what,) if what else ()
         paths, array = [Path(one) for one in given[:2]], str(given[2]) if given[2:] else None
-        first, *second = paths or [asset_path(_BUNDLED)]
+        first, *second = paths or [asset_path(_BUNDLED_MESH)]
         table = None if second else find_first(first)
         if table is not None and table.opened is not None:
             session = session_of(table.opened)
         else:
-            first = asset_path(_BUNDLED) if table else first
+            first = asset_path(_BUNDLED_MESH) if table else first
             try:
                 beside = second[0] if second else None
                 session = open_session(first, options, beside, array)
@@ -225,7 +228,7 @@ class Window(Context):
         start = time.perf_counter()
         self.tick()
         now = time.perf_counter()
-        is_idle = now - self._moved_at >= _IDLE_AFTER
+        is_idle = now - self._moved_at >= _IDLE_SECONDS
         seconds = _SECONDS_PER_IDLE_FRAME if is_idle else _SECONDS_PER_FRAME
         drawn, session = now - start, self.session
         waits = session.loading.now is not None or session.functions.bare_since is not None

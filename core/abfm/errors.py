@@ -5,9 +5,11 @@ from difflib import get_close_matches
 from itertools import islice
 from typing import Any, NamedTuple
 
-_MOST_COMPARED, _LONGEST_COMPARED = 1000, 60  # words, and letters of each, as comparing takes long
+# words, and letters of each, as comparing takes long
+_WORDS_MAX = 1000
+_LETTERS_MAX = 60
 
-LONGEST = 600  # characters of a message
+MESSAGE_LENGTH_MAX = 600  # characters of a message
 
 
 class AbfmError(ValueError):
@@ -18,7 +20,7 @@ class AbfmError(ValueError):
     """
 
     def __init__(self, message: object = "") -> None:
-        super().__init__(one_line(str(message), LONGEST) if message else "")
+        super().__init__(one_line(str(message), MESSAGE_LENGTH_MAX) if message else "")
 
 
 class AbfmWarning(UserWarning):
@@ -86,10 +88,8 @@ class AdvectionError(AbfmError):
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean ...?)"``, or nothing where no known word is near."""
-    near = [name for name in islice(known, _MOST_COMPARED) if len(name) <= _LONGEST_COMPARED]
-    close = (
-        get_close_matches(word.strip().lower(), near, n=1) if len(word) <= _LONGEST_COMPARED else []
-    )
+    near = [name for name in islice(known, _WORDS_MAX) if len(name) <= _LETTERS_MAX]
+    close = get_close_matches(word.strip().lower(), near, n=1) if len(word) <= _LETTERS_MAX else []
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 

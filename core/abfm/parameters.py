@@ -13,20 +13,22 @@ Method = Literal["nonlinear", "linearised"]
 
 LARGEST_ALPHA = 1e7
 # numbers other than 0, whose squares neither underflow nor overflow
-SMALLEST, _LARGEST = 1e-30, 1e30
-MANY = 1_000_000_000
+VALUE_MIN = 1e-30
+_VALUE_MAX = 1e30
+COUNT_MAX = 1_000_000_000
 """The most that whole numbers may be which nothing else bounds."""
-LAST = 0.008
+LAST_SIGMA = 0.008
 """The last sigma unless one is given: flow lines confirm hardly less of any functions."""
-WARMEST = 18.0
+FIRST_SIGMA_MAX = 18.0
 """The largest sigma that a path to a smaller one begins with, in the unit of that one."""
-MOST_REFINED = 3
-LONGEST = 10.0  # reach
+REFINE_MAX = 3
+REACH_MAX = 10.0  # reach
 KEEPING_AREAS = 10.0
 """Times the curl's weight that the divergence has where functions match exactly: fields that keep
 areas fill what is behind a bump with what was beside it, others with what little was there.
 """
-_MOST_STAGES, _ROUNDING = 1000, 1e-9
+_MOST_STAGES = 1000
+_ROUNDING = 1e-9
 
 PAPER: dict[str, Any] = {
     "order": 1,
@@ -43,20 +45,20 @@ class Range(NamedTuple):
     """Numbers that a parameter takes; those that are not whole are 0 or at least 1e-30."""
 
     low: float
-    high: float = _LARGEST
+    high: float = _VALUE_MAX
     without_low: bool = False
 
     def holds(self, value: float) -> bool:
         """Return whether a finite number lies in the range."""
         above = value > self.low if self.without_low else value >= self.low
-        return above and value <= self.high and (value == 0 or value >= SMALLEST)
+        return above and value <= self.high and (value == 0 or value >= VALUE_MIN)
 
     def __str__(self) -> str:
         low = f"{'above' if self.without_low else 'at least'} {self.low:g}"
-        if self.high == MANY:
+        if self.high == COUNT_MAX:
             return low
-        small = "" if self.low else f", and from {SMALLEST:g} on where it is not 0"
-        return f"{low} and at most {self.high:g}{'' if self.high < MANY else small}"
+        small = "" if self.low else f", and from {VALUE_MIN:g} on where it is not 0"
+        return f"{low} and at most {self.high:g}{'' if self.high < COUNT_MAX else small}"
 
 
 _HELP = """
@@ -94,12 +96,14 @@ stage_iterations: iterations of each stage before the last; 0: as long as they p
   half of all)
 preconditioner: exact inverse of the field's norm, or none (the paper's plain L-BFGS)
 """
-_ABOUT = dict(line.split(": ", 1) for line in _HELP.replace("\n  ", " ").strip().splitlines())
-_ABOVE_0, _FROM_0, _WHOLE_FROM_0 = Range(0, without_low=True), Range(0), Range(0, MANY)
+_HELP_TEXTS = dict(line.split(": ", 1) for line in _HELP.replace("\n  ", " ").strip().splitlines())
+_ABOVE_0 = Range(0, without_low=True)
+_FROM_0 = Range(0)
+_WHOLE_FROM_0 = Range(0, COUNT_MAX)
 
 
 def _of(name: str, default: Any, symbol: str = "", range: Range | None = None) -> Any:
-    about = {"symbol": symbol, "help": _ABOUT[name], "range": range}
+    about = {"symbol": symbol, "help": _HELP_TEXTS[name], "range": range}
     return field(default=default, metadata=about)
 
 
@@ -147,7 +151,7 @@ class SolverSettings(Settings):
     """Settings of the minimisation and of its continuation; see `Parameters` for their fields."""
 
     order: int = _of("order", 2, "", Range(1, 2))
-    reach: float = _of("reach", 1.0, "", Range(0, LONGEST))
+    reach: float = _of("reach", 1.0, "", Range(0, REACH_MAX))
     levels: int = _of("levels", 0, "", Range(0, 10))
     segments: int = _of("segments", 0, "N", Range(0, 1000))
     iterations: int = _of("iterations", 1000, "", _WHOLE_FROM_0)
@@ -192,7 +196,7 @@ class Parameters(Settings):
     sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
     landmark_sigma: float = _of("landmark_sigma", 0.01, "", _ABOVE_0)
     goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
-    refine: int | None = _of("refine", None, "", Range(0, MOST_REFINED))
+    refine: int | None = _of("refine", None, "", Range(0, REFINE_MAX))
     solver: SolverSettings = field(default_factory=SolverSettings)
     paper: PaperSettings = field(default_factory=PaperSettings)
 
@@ -222,14 +226,14 @@ class Parameters(Settings):
 
     @property
     def last_sigma(self) -> float:
-        """Sigma as given, or `LAST`: where a path ends at the latest."""
-        return LAST if self.sigma is None else self.sigma
+        """Sigma as given, or `LAST_SIGMA`: where a path ends at the latest."""
+        return LAST_SIGMA if self.sigma is None else self.sigma
 
     def stage_sigmas(self) -> list[float]:
-        """Return sigma in each cooling stage, from `WARMEST` at most if none are given."""
+        """Return sigma in each cooling stage, from `FIRST_SIGMA_MAX` at most if none are given."""
         stages, factor = self.paper.cooling_stages, self.paper.cooling_factor
         if not stages:
-            steps = math.log(WARMEST / self.last_sigma, factor) + _ROUNDING
+            steps = math.log(FIRST_SIGMA_MAX / self.last_sigma, factor) + _ROUNDING
             stages = 1 + min(max(0, math.floor(steps)), _MOST_STAGES - 1)
         return [self.last_sigma * factor**left for left in reversed(range(stages))]
 
@@ -311,11 +315,12 @@ TITLES = {
 """A few words for each figure."""
 FIGURES = tuple(TITLES)
 
-_STAGES, _FACTOR = 3, 10.0
+_STAGES = 3
+_FACTOR = 10.0
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """A row of Table 1; a starred sigma is `cooled`: the first of three, each a tenth."""
 
     figure: int
@@ -364,14 +369,14 @@ class Row:
 TABLE_1 = {
     row.figure: row
     for row in (
-        Row(1, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, n=10),
-        Row(3, tau=2, alpha=1e3, beta=1e-5, sigma=1e-4, n=40),
-        Row(7, tau=1, alpha=1e3, beta=0, sigma=1e-1, cooled=True, N=20),
-        Row(8, tau=10, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=200),
-        Row(9, tau=1, alpha=1, beta=1e-4, sigma=5e-3, n=20),
-        Row(10, tau=1, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=20),
-        Row(11, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
-        Row(12, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
+        TableRow(1, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, n=10),
+        TableRow(3, tau=2, alpha=1e3, beta=1e-5, sigma=1e-4, n=40),
+        TableRow(7, tau=1, alpha=1e3, beta=0, sigma=1e-1, cooled=True, N=20),
+        TableRow(8, tau=10, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=200),
+        TableRow(9, tau=1, alpha=1, beta=1e-4, sigma=5e-3, n=20),
+        TableRow(10, tau=1, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=20),
+        TableRow(11, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
+        TableRow(12, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
     )
 }
 """The rows of Table 1 by figure, in its order."""
@@ -386,6 +391,6 @@ NOTE = (
 """What is taken over from the table, and what is not."""
 
 
-def row_of(parameters: Parameters) -> Row | None:
+def row_of(parameters: Parameters) -> TableRow | None:
     """Return the first row of Table 1 that these parameters follow, if any."""
     return next((row for row in TABLE_1.values() if row.holds(parameters)), None)

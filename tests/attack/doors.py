@@ -11,7 +11,7 @@ import numpy as np
 import abfm
 from abfm import AbfmError
 from abfm.batch import read_table
-from abfm.errors import LONGEST
+from abfm.errors import MESSAGE_LENGTH_MAX
 from abfm.functions.labels import read_labels
 from abfm.population.subjects import read_subjects
 from abfm.registration.initial.landmark_pairs import read_landmarks
@@ -44,7 +44,7 @@ def enter(door, path):
         given = path.read_bytes() if door == "spec" else b""
         words = [found[0] for found in _INNER.finditer(text.replace(str(path), ""))]
         faults = {
-            f"{len(text)} characters": len(text) > LONGEST,
+            f"{len(text)} characters": len(text) > MESSAGE_LENGTH_MAX,
             f"{len(text.splitlines())} lines": len(text.splitlines()) != 1,
             "characters that cannot be printed": not text.isprintable() and max(text) < "\udc80",
             "the words of Python": not all(each.encode() in given for each in words),
@@ -63,7 +63,9 @@ def _check_mesh(mesh):
     assert mesh.vertex_ids.shape == (V,)
     assert mesh.vertex_ids.max() < mesh.file_vertex_count
     assert 0 < area < np.inf
-    assert all(len(text.splitlines()) == 1 and len(text) <= LONGEST for text in mesh.messages)
+    assert all(
+        len(text.splitlines()) == 1 and len(text) <= MESSAGE_LENGTH_MAX for text in mesh.messages
+    )
 
 
 def _check_values(values, mesh=MESH):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from abfm import ParameterError, Parameters, SolverSettings
 from abfm.matching import Remedy
-from abfm.parameters import FIELDS, LAST, TABLE_1, WARMEST, row_of
+from abfm.parameters import FIELDS, FIRST_SIGMA_MAX, LAST_SIGMA, TABLE_1, row_of
 from tests.messages import raises
 
 
@@ -91,10 +91,10 @@ def test_cooling_ends_at_sigma_within_the_iterations(sigma, stages, iterations):
 def test_a_path_leads_from_the_warmest_sigma_to_the_one_that_is_given(sigma, factor):
     p = Parameters.of(sigma=sigma, cooling_factor=factor)
     sigmas = p.stage_sigmas()
-    assert sigmas[-1] == p.last_sigma == (sigma or LAST)
+    assert sigmas[-1] == p.last_sigma == (sigma or LAST_SIGMA)
     assert all(warm / cold == pytest.approx(factor) for warm, cold in pairwise(sigmas))
-    assert len(sigmas) == 1 or sigmas[0] <= WARMEST * (1 + 1e-8)
-    assert sigmas[0] * factor > WARMEST
+    assert len(sigmas) == 1 or sigmas[0] <= FIRST_SIGMA_MAX * (1 + 1e-8)
+    assert sigmas[0] * factor > FIRST_SIGMA_MAX
     limits = p.with_values(stage_iterations=200).stage_limits()
     assert len(limits) == len(sigmas)
     assert sum(limits[:-1]) <= p.solver.iterations

@@ -27,7 +27,7 @@ from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.files import outputs
 
 SUMMARY = "solve a table of tasks on all cores or a cluster, and resume where it was ended"
-_FILLED = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
+_PARAGRAPH = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
 DESCRIPTION = f"""\
 Solve a table of tasks, a row each, by this machine's cores or a Dask cluster; a result is
 DIR/<digest>.npz. The same command solves what is missing and nothing else: a run that is killed, at
@@ -56,7 +56,7 @@ double quotes:
   name,mesh,source,target
   one,a.off,"gaussian:vertex=1,width=0.2",curvature:mean
 All columns are
-{_FILLED.fill(", ".join(["name", *known_columns()]))}
+{_PARAGRAPH.fill(", ".join(["name", *known_columns()]))}
 
 DIR/summary.csv has a line for each row: its digest, verdict, residuals and columns.
 DIR/summary.html is a page of the worst {ROWS_SHOWN_MAX:,} rows with a picture of each, and counts

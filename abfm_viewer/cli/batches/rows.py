@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from abfm.batch import Entry
+from abfm.batch import LedgerEntry
 from abfm.outcome import Facts, Outcome
 
 ROWS_SHOWN_MAX = 1000
@@ -18,7 +18,7 @@ _NUMBERS = ("residual", "verified_residual", "folded", "log2_area")
 class SummaryRow(NamedTuple):
     """A row of a batch and its facts; without numbers if it has no result."""
 
-    entry: Entry
+    entry: LedgerEntry
     facts: Facts
 
     @property
@@ -45,7 +45,7 @@ class SummaryRow(NamedTuple):
         }
 
 
-def summary_row(entry: Entry) -> SummaryRow:
+def summary_row(entry: LedgerEntry) -> SummaryRow:
     """Read the facts of a row."""
     return SummaryRow(entry, entry.facts)
 

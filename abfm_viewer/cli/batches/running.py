@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from abfm import Control, ResultError
-from abfm.batch import Cluster, Entry, Ledger, Row, run
+from abfm.batch import Cluster, Ledger, LedgerEntry, Row, run
 from abfm.batch.cluster import LostError
 from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN
 from abfm.errors import one_line, printable
@@ -21,7 +21,7 @@ from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.best import Best, best_of
 from abfm_viewer.cli.batches.rows import SummaryRow, counts, summary_row
 from abfm_viewer.cli.batches.summary import Drawing, write_summary
-from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
+from abfm_viewer.cli.exit_status import FAILED_STATUS, UNMATCHED_STATUS, UsageError
 from abfm_viewer.cli.interrupts import cancelled_by_signals
 from abfm_viewer.cli.progress import row_progress
 
@@ -69,9 +69,9 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
         entries, status = solved(rows, title, arguments.out, arguments)
     except LostError as error:
         print(f"abfm: {error}", file=sys.stderr)
-        entries, status = Ledger(arguments.out).entries(rows), FAILED
+        entries, status = Ledger(arguments.out).entries(rows), FAILED_STATUS
     seconds = time.perf_counter() - began
-    if status not in (None, FAILED) and len(rows) > ROWS_AFTER_SIGNAL_MAX:
+    if status not in (None, FAILED_STATUS) and len(rows) > ROWS_AFTER_SIGNAL_MAX:
         done = sum(entry.state == "done" for entry in entries)
         print(f"{done:,} of {len(rows):,} rows are done; {_how_to_resume(True)}", file=sys.stderr)
         return status
@@ -80,7 +80,7 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
 
 def solved(
     rows: Sequence[Row], title: str, folder: Path, arguments: argparse.Namespace
-) -> tuple[list[Entry], int | None]:
+) -> tuple[list[LedgerEntry], int | None]:
     """Solve the rows of a folder that have no result, with progress.
 
     Returns
@@ -104,7 +104,7 @@ def solved(
         row_progress(len(keys), arguments.quiet, reported=REPORTED_STEPS) as report,
     ):
 
-        def show(entry: Entry) -> None:
+        def show(entry: LedgerEntry) -> None:
             report(_line(summary_row(entry)))
 
         found = run(
@@ -120,7 +120,7 @@ def solved(
 
 
 def report_all(
-    entries: Sequence[Entry],
+    entries: Sequence[LedgerEntry],
     title: str,
     arguments: argparse.Namespace,
     seconds: float | None = None,
@@ -182,8 +182,8 @@ def _print_json(head: dict[str, Any], rows: Sequence[SummaryRow]) -> None:
 def _status(rows: Sequence[SummaryRow]) -> int:
     outcomes = counts(rows).keys()
     if outcomes & {Outcome.FAILED, Outcome.MISSING}:
-        return FAILED
-    return 0 if all(outcome.is_good for outcome in outcomes) else UNMATCHED
+        return FAILED_STATUS
+    return 0 if all(outcome.is_good for outcome in outcomes) else UNMATCHED_STATUS
 
 
 def _line(row: SummaryRow) -> str:

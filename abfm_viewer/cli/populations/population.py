@@ -7,7 +7,7 @@ from pathlib import Path
 
 from abfm import Population
 from abfm.errors import printable
-from abfm.population import HELD_OUT
+from abfm.population import HELD_TAG
 from abfm.population.task import PopulationTask
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, solve
@@ -36,7 +36,7 @@ The first line of SUBJECTS.csv names its columns; paths begin at the table's fol
   mask        how much its vertices count, not negative: a file or a function
   landmarks   a file of points of it and of the template that belong together, as of `abfm register`
   weight      how much it counts in the mean (1); one of weight 0 is judged, too
-  {HELD_OUT}NAME  a channel that is carried, but not registered by: its correlation with the mean of
+  {HELD_TAG}NAME  a channel that is carried, but not registered by: its correlation with the mean of
               the others, before and after, is its score
   NAME        any other is a channel to register by: a file of values, or a function as text; where
               a file has NaN, the vertex counts for nothing

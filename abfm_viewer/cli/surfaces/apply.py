@@ -56,7 +56,8 @@ a label "???" in GIFTI or -1 elsewhere.
 """
 _LARGEST_KEY = 2**31 - 1
 # sqrt(area): nearer points lie on a surface, up to rounding; farther ones are none of its own
-_NEAR, _FARTHEST = 1e-6, 1.0
+_SURFACE_DISTANCE = 1e-6
+_DISTANCE_MAX = 1.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -203,10 +204,10 @@ def _on_surface(mesh: TriangleMesh, places: np.ndarray, path: str) -> SurfacePoi
     gaps = found.distances_from(places)
     row, gap = int(gaps.argmax()) + 1, gaps.max()
     told = f"{gap:.3g} away from the surface, {gap / mesh.length_scale:.2g} sqrt(area)"
-    if gap > _FARTHEST * mesh.length_scale:
+    if gap > _DISTANCE_MAX * mesh.length_scale:
         raise FunctionError(
             f"{path}: point {row} is {told}; expected points near it: are they in its units?"
         )
-    if gap > _NEAR * mesh.length_scale:
+    if gap > _SURFACE_DISTANCE * mesh.length_scale:
         print(f"note: of the points, {row} was farthest: {told}", file=sys.stderr)
     return found

@@ -22,16 +22,17 @@ _ITERATIONS = 500
 # L1 change of the interpolated density, whose mass is 1, from one iteration to the next
 _TOLERANCE = 1e-5
 _LEAST_HEAT = 1e-150  # squares and quotients of smaller densities underflow
-_SHARPEST = 64.0
-_WIDEST, _MOST_STEPS = 1e3, 10_000
-_NEGLIGIBLE = 0.01  # of the largest value: what a function may be below zero
-_LONGEST = 1e100  # times tau, of a blend
+_EXPONENT_MAX = 64.0
+_WIDTH_MAX = 1e3
+_STEPS_MAX = 10_000
+_NEGATIVE_SHARE_MAX = 0.01  # of the largest value: what a function may be below zero
+_TIME_MAX = 1e100  # times tau, of a blend
 
 
 def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> FloatArray:
     """Return ``(1 - t / tau) f + (t / tau) g``; AbfmError if an array or a time does not fit."""
     finite = is_finite_number(t) and is_finite_number(tau)
-    if not (finite and tau > 0 and abs(float(t)) < _LONGEST * float(tau)):
+    if not (finite and tau > 0 and abs(float(t)) < _TIME_MAX * float(tau)):
         raise ParameterError(
             f"t is {brief(t)} and tau {brief(tau)}; expected a finite time and a positive one"
         )
@@ -57,11 +58,11 @@ class HeatKernel:
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:
-        in_range = is_finite_number(width) and 0 < width <= _WIDEST
-        if not (in_range and is_whole_number(steps, 1, _MOST_STEPS)):
+        in_range = is_finite_number(width) and 0 < width <= _WIDTH_MAX
+        if not (in_range and is_whole_number(steps, 1, _STEPS_MAX)):
             raise ParameterError(
                 f"blur is {brief(width)}, steps is {brief(steps)}; expected a blur above 0, at "
-                f"most {_WIDEST:g}, and a whole number of steps from 1 to {_MOST_STEPS}"
+                f"most {_WIDTH_MAX:g}, and a whole number of steps from 1 to {_STEPS_MAX}"
             )
         unit = mesh.normalized()
         self.areas = vertex_areas(unit)  # (V,), on the mesh scaled to unit area
@@ -167,9 +168,9 @@ def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArr
 
     if _entropy(areas, power(1.0)) <= bound:
         return density
-    if _entropy(areas, power(_SHARPEST)) >= bound:
-        return power(_SHARPEST)
-    found = brentq(lambda one: _entropy(areas, power(one)) - bound, 1.0, _SHARPEST, xtol=1e-6)
+    if _entropy(areas, power(_EXPONENT_MAX)) >= bound:
+        return power(_EXPONENT_MAX)
+    found = brentq(lambda one: _entropy(areas, power(one)) - bound, 1.0, _EXPONENT_MAX, xtol=1e-6)
     return power(found)
 
 
@@ -194,7 +195,7 @@ def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArra
         )
     row = rows[0]
     worst, largest = int(row.argmin()), row.max()
-    if row[worst] < -_NEGLIGIBLE * largest:
+    if row[worst] < -_NEGATIVE_SHARE_MAX * largest:
         raise FunctionError(
             f"{name} is negative at {np.count_nonzero(row < 0)} of {len(row)} vertices, down to "
             f"{row[worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport moves mass, "

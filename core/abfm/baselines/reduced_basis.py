@@ -34,7 +34,9 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
-_MEMORY, _ITERATIONS = 30, 150  # pairs that L-BFGS keeps, and the most steps that it takes
+# pairs that L-BFGS keeps, and the most steps that it takes
+_MEMORY = 30
+_ITERATIONS = 150
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@ from .cluster import Cluster as Cluster
 from .cost import Cost as Cost
 from .kinds import KINDS as KINDS
 from .kinds import kind_of_columns as kind_of_columns
-from .ledger import Entry as Entry
 from .ledger import Ledger as Ledger
+from .ledger import LedgerEntry as LedgerEntry
 from .rows import Row as Row
 from .rows import problem_row as problem_row
 from .run import Workers as Workers

@@ -25,7 +25,7 @@ from abfm.tasks.task import Task as Solvable
 from abfm.workers.control import CancelledError, Control, checkpoint, present_control
 from abfm.workers.progress import step
 
-EXPECTED = f"{Outcome.IMPOSSIBLE}: "
+IMPOSSIBLE_STEP = f"{Outcome.IMPOSSIBLE}: "
 """Begin of the step of a row that no flow can match."""
 
 
@@ -160,7 +160,7 @@ def _report_expected(task: Task, row: Row, prepared: Solvable) -> None:
     if ledger.is_seen(task.identity):
         expected = f"{facts.outcome}: {facts.reason}"
         ledger.record(row, Record(prepared.digest, expected=expected))
-    with step(f"{EXPECTED}{one_line(row.name, 80)}: {facts.reason}"):
+    with step(f"{IMPOSSIBLE_STEP}{one_line(row.name, 80)}: {facts.reason}"):
         pass
 
 

@@ -19,9 +19,9 @@ from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts, Outcome
 from abfm.reading import from_json, read_bytes
 
-State = Literal["done", "failed", "missing"]
+RowState = Literal["done", "failed", "missing"]
 """Of a row: there is a result; it was tried in vain; it was not tried, or not to its end."""
-_LARGEST = 256 << 20  # bytes of a file of the ledger
+_LEDGER_BYTES_MAX = 256 << 20  # bytes of a file of the ledger
 _REASON_LENGTH_MAX = 400
 _NAME = re.compile("[0-9a-f]{1,128}")  # of keys and digests, which become names of files
 
@@ -58,11 +58,11 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Entry:
+class LedgerEntry:
     """A row and what has come of it."""
 
     row: Row
-    state: State
+    state: RowState
     record: Record = field(default_factory=Record)
     path: Path | None = None  # of the result, where it is done
 
@@ -149,11 +149,11 @@ class Ledger:
             with write_atomically(self.result(digest)) as temporary:
                 temporary.write_bytes(content)
 
-    def entry(self, row: Row) -> Entry:
+    def entry(self, row: Row) -> LedgerEntry:
         """Return what is known of a row."""
         return self._entry(row, row.key)
 
-    def entries(self, rows: Iterable[Row]) -> list[Entry]:
+    def entries(self, rows: Iterable[Row]) -> list[LedgerEntry]:
         """Return what is known of rows, in their order."""
         return [self.entry(row) for row in rows]
 
@@ -161,7 +161,7 @@ class Ledger:
         """Take a row as one that was never tried."""
         self._place(row.key).unlink(missing_ok=True)
 
-    def record(self, row: Row, record: Record) -> Entry:
+    def record(self, row: Row, record: Record) -> LedgerEntry:
         """Write what is known of a row, and return it."""
         if record.reason:
             record = replace(record, reason=one_line(record.reason, _REASON_LENGTH_MAX))
@@ -173,7 +173,7 @@ class Ledger:
         entries = [{**row.told(), "key": row.key} for row in rows]
         self._write(self.own / "rows.json", {"title": title, "rows": entries})
 
-    def kept(self) -> tuple[str, list[Entry]]:
+    def kept(self) -> tuple[str, list[LedgerEntry]]:
         """Return the title and what is known of the rows that were kept last, without a look at
         their files.
 
@@ -183,7 +183,7 @@ class Ledger:
             If there are none.
         """
         try:
-            content = from_json(read_bytes(self.own / "rows.json", _LARGEST))
+            content = from_json(read_bytes(self.own / "rows.json", _LEDGER_BYTES_MAX))
             if not isinstance(content, dict) or not isinstance(content.get("rows"), list):
                 raise ValueError(f"it holds {brief(content)}")
             found = [self._kept(number, each) for number, each in enumerate(content["rows"], 1)]
@@ -197,35 +197,35 @@ class Ledger:
                 "was written to"
             ) from error
 
-    def _kept(self, number: int, entry: Any) -> Entry:
+    def _kept(self, number: int, entry: Any) -> LedgerEntry:
         """Return what is known of a row of the list; a failure if it is damaged."""
         try:
             row, key = _row_and_key(entry)
         except ValueError as error:
             reason = f"its line in the list of rows is damaged: {one_line(error, 200)}"
-            return Entry(Row.unreadable(f"row {number}"), "failed", Record(reason=reason))
+            return LedgerEntry(Row.unreadable(f"row {number}"), "failed", Record(reason=reason))
         return self._entry(row, key)
 
-    def _entry(self, row: Row, key: str) -> Entry:
+    def _entry(self, row: Row, key: str) -> LedgerEntry:
         try:
             record = self._read(key)
         except FileNotFoundError:
-            return Entry(row, "missing")
+            return LedgerEntry(row, "missing")
         except (OSError, ValueError) as error:
             reason = f"its file in the folder ledger is damaged ({one_line(error, 80)})"
-            return Entry(row, "missing", Record(reason=reason))
+            return LedgerEntry(row, "missing", Record(reason=reason))
         if record.reason:
-            return Entry(row, "failed", record)
+            return LedgerEntry(row, "failed", record)
         if self.has(record.digest):
-            return Entry(row, "done", record, self.result(record.digest))
-        return Entry(row, "missing", record)
+            return LedgerEntry(row, "done", record, self.result(record.digest))
+        return LedgerEntry(row, "missing", record)
 
     def _place(self, key: str) -> Path:
         return self.own / f"{key}.json"
 
     def _read(self, key: str) -> Record:
         """Return the record of a row; an OSError or ValueError reports why it cannot be read."""
-        entry = from_json(read_bytes(self._place(key), _LARGEST))
+        entry = from_json(read_bytes(self._place(key), _LEDGER_BYTES_MAX))
         known = {each.name for each in fields(Record)}
         if not isinstance(entry, dict) or not entry or entry.keys() - known:
             raise ValueError(f"it holds {brief(entry)}")

@@ -11,9 +11,9 @@ from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 
-from abfm.batch.attempt import EXPECTED, Answer, Computation, Task, attempt
+from abfm.batch.attempt import IMPOSSIBLE_STEP, Answer, Computation, Task, attempt
 from abfm.batch.cluster import CONNECTING, NO_WORKERS, Cluster, LostError
-from abfm.batch.ledger import Entry, Ledger, Record
+from abfm.batch.ledger import Ledger, LedgerEntry, Record
 from abfm.batch.on_dask import OnDask
 from abfm.batch.rows import Row
 from abfm.errors import AbfmWarning, one_line
@@ -24,12 +24,12 @@ from abfm.workers.worker import WorkerEndedError
 
 TRIES = 3
 """How often a row is tried whose process dies."""
-ENDED = f"the process that solved it ended {TRIES} times, as for want of memory"
+ENDED_MESSAGE = f"the process that solved it ended {TRIES} times, as for want of memory"
 ROWS_READ_MIN = 500
 """Rows whose entries are read also if the run is cancelled before; of more that takes long."""
 VALUES_SUBMITTED_MAX = 256
 """Computations that are submitted at once: their results are in memory until they are taken."""
-REPORTED_STEPS = (CONNECTING, NO_WORKERS, EXPECTED)
+REPORTED_STEPS = (CONNECTING, NO_WORKERS, IMPOSSIBLE_STEP)
 """Beginnings of the steps that a user sees while rows are solved, see `abfm.workers.progress`."""
 
 
@@ -38,9 +38,9 @@ def run(
     folder: str | os.PathLike[str],
     cluster: Cluster | None = None,
     *,
-    on_change: Callable[[Entry], object] = lambda entry: None,
+    on_change: Callable[[LedgerEntry], object] = lambda entry: None,
     control: Control | None = None,
-) -> list[Entry]:
+) -> list[LedgerEntry]:
     """Solve rows that have no result in a folder yet, and return what has come of all, in order.
 
     Each result is ``<digest>.npz`` in the folder, and is the same, bit for bit, whoever solves it
@@ -104,13 +104,13 @@ class Workers:
         rows: Iterable[Row],
         folder: str | os.PathLike[str],
         *,
-        on_change: Callable[[Entry], object] = lambda entry: None,
+        on_change: Callable[[LedgerEntry], object] = lambda entry: None,
         control: Control | None = None,
-    ) -> list[Entry]:
+    ) -> list[LedgerEntry]:
         """Solve rows that have no result in a folder yet, see `abfm.batch.run`."""
         rows, control, ledger = list(rows), control or Control(), Ledger(folder)
         identity = ledger.make()
-        entries, tasks, warned = dict[str, Entry](), deque[Task](), set[str]()
+        entries, tasks, warned = dict[str, LedgerEntry](), deque[Task](), set[str]()
         for number, row in enumerate(rows):
             if control.cancelled and len(entries) >= ROWS_READ_MIN:
                 break
@@ -119,7 +119,7 @@ class Workers:
             entries[row.key] = ledger.entry(row)
             if entries[row.key].state != "done" and not control.cancelled:
                 ledger.forget(row)
-                entries[row.key] = Entry(row, "missing")
+                entries[row.key] = LedgerEntry(row, "missing")
                 tasks.append(Task(row, os.fspath(ledger.folder), identity, number=number))
         if not control.cancelled and tasks:
             with closing(self._answers(tasks, control)) as answers:
@@ -136,7 +136,9 @@ class Workers:
                     on_change(entry)
         # not read from the folder again, which takes long for many rows
         return [
-            replace(entries[row.key], row=row) if row.key in entries else Entry(row, "missing")
+            replace(entries[row.key], row=row)
+            if row.key in entries
+            else LedgerEntry(row, "missing")
             for row in rows
         ]
 
@@ -203,7 +205,7 @@ def _found(task: Task, future: Future[Answer]) -> Answer | Task:
     except WorkerEndedError:
         if task.tries < TRIES:
             return replace(task, tries=task.tries + 1)
-        return Answer(Record(reason=ENDED, tries=TRIES))
+        return Answer(Record(reason=ENDED_MESSAGE, tries=TRIES))
     except FutureCancelledError:
         raise
     except Exception as error:  # a bug, or what Dask reports of workers that died

@@ -17,7 +17,8 @@ Read = TypeVar("Read")
 
 NAME = "name"
 """The column with what a row is called."""
-_LARGEST, _MOST_ROWS = 256 << 20, 1_000_000
+_BYTES_MAX = 256 << 20
+_ROWS_MAX = 1_000_000
 
 
 def known_columns() -> dict[str, Input]:
@@ -51,8 +52,8 @@ def of_table(path: str | os.PathLike[str], read: Callable[[str, str], Read]) -> 
         opened = open_file(path)
         if opened.format not in (Format.TABLE, Format.UNKNOWN):
             raise ParameterError(f"it is {opened.format}; expected a table, such as .csv")
-        if len(opened.data) > _LARGEST:
-            raise ParameterError(f"it has {len(opened.data)} bytes; at most {_LARGEST} are read")
+        if len(opened.data) > _BYTES_MAX:
+            raise ParameterError(f"it has {len(opened.data)} bytes; at most {_BYTES_MAX} are read")
         return read(decoded(opened.data), os.fspath(opened.path.absolute().parent))
     except OSError as error:
         raise ParameterError(f"cannot read table {name}: {one_line(error)}") from error
@@ -79,7 +80,7 @@ def rows_of_text(text: str, folder: str | os.PathLike[str]) -> list[Row]:
     return rows
 
 
-def table_cells(text: str, most: int = _MOST_ROWS) -> Iterator[list[str]]:
+def table_cells(text: str, most: int = _ROWS_MAX) -> Iterator[list[str]]:
     """Yield the cells of each line that is not empty, the names of the columns first, then at most
     so many; no line has more cells than there are columns.
     """
@@ -163,8 +164,8 @@ def combinations(
     count = 1
     for values in over.values():
         count *= len(values)
-    if count > _MOST_ROWS:
-        raise ParameterError(f"there are {count} combinations; at most {_MOST_ROWS} are solved")
+    if count > _ROWS_MAX:
+        raise ParameterError(f"there are {count} combinations; at most {_ROWS_MAX} are solved")
     rows = []
     for values in product(*over.values()):
         chosen = list(zip(over, values, strict=True))

@@ -16,7 +16,7 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import Columns
 from abfm.types import BoolArray, FloatArray
 
-_LITTLE = 0.01  # of the values, as their range
+_RANGE_SHARE_MIN = 0.01  # of the values, as their range
 
 
 def at_vertices(
@@ -95,7 +95,7 @@ def constant_part(f: FloatArray) -> float:
     """Return the middle of values (V,) that vary little around it, of others 0."""
     low, high = float(f.min()), float(f.max())
     middle = low / 2 + high / 2
-    return middle if high - low < _LITTLE * abs(middle) else 0.0
+    return middle if high - low < _RANGE_SHARE_MIN * abs(middle) else 0.0
 
 
 def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:

@@ -20,7 +20,7 @@ from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
 Matrix = sparse.csr_array
 
 # height over longest edge below which squares of it are lost in the rounding of a norm
-THINNEST = 1e-5
+THICKNESS_MIN = 1e-5
 
 
 class FaceShapes(NamedTuple):
@@ -118,8 +118,8 @@ def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
     areas, gradients = face_areas(mesh).copy(), hat_gradients(mesh).copy()
     steepest = (gradients**2).sum(axis=2).max(axis=1)  # one over the square of the height
     thickness = 1 / (2 * areas * steepest)
-    thin = np.flatnonzero(thickness < THINNEST)
-    stretch, some = THINNEST / thickness[thin], gradients[thin]
+    thin = np.flatnonzero(thickness < THICKNESS_MIN)
+    stretch, some = THICKNESS_MIN / thickness[thin], gradients[thin]
     corner = (some**2).sum(axis=2).argmax(axis=1)
     across = some[np.arange(len(thin)), corner] / np.sqrt(steepest[thin])[:, None]
     components = np.einsum("fck,fk->fc", some, across) * (1 - 1 / stretch)[:, None]

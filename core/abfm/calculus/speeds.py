@@ -6,8 +6,9 @@ from abfm.calculus.operators import face_areas
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
-_WILD = 0.001  # of the area: speeds that no more of it has count as the next lower ones
-_FAST = 0.4  # of the squared norm: what as much of it exceeds is fast
+# of the area: speeds that no more of it has count as the next lower ones
+_OUTLIER_AREA_SHARE = 0.001
+_FAST_NORM_SHARE = 0.4  # of the squared norm: what as much of it exceeds is fast
 
 
 def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
@@ -17,9 +18,9 @@ def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
     """
     descending = np.argsort(-speed, kind="stable")
     areas = face_areas(mesh)[descending] / mesh.length_scale**2
-    tame = min(int(np.searchsorted(np.cumsum(areas), _WILD)), len(speed) - 1)
+    tame = min(int(np.searchsorted(np.cumsum(areas), _OUTLIER_AREA_SHARE)), len(speed) - 1)
     most = float(speed[descending[tame]]) or float(speed.max())
     if not most:
         return 0.0
     norms = np.cumsum(areas * np.minimum(speed[descending] / most, 1) ** 2)
-    return float(min(speed[descending[np.searchsorted(norms, _FAST * norms[-1])]], most))
+    return float(min(speed[descending[np.searchsorted(norms, _FAST_NORM_SHARE * norms[-1])]], most))

@@ -30,7 +30,7 @@ from abfm.numerics.real_numbers import is_finite_number, is_whole_number, real_n
 from abfm.types import FloatArray, IntArray
 
 Projection = Callable[[FloatArray], FloatArray]
-_HEAVIEST = 1e100  # weight of a bracket
+_WEIGHT_MAX = 1e100  # weight of a bracket
 _STEP_NORM = 4.0  # a Taylor step of this norm loses under two digits to cancellation
 _NORM_LIMIT = 1e5
 
@@ -234,9 +234,10 @@ def commuting_fields(
         )
     if weight is None:
         weight = float(np.sqrt(area) / edge_lengths(mesh).mean())
-    if not (is_finite_number(weight) and 0 <= float(weight) <= _HEAVIEST):
+    if not (is_finite_number(weight) and 0 <= float(weight) <= _WEIGHT_MAX):
         raise ParameterError(
-            f"weight is {brief(weight)}; expected a number of at least 0 and at most {_HEAVIEST:g}"
+            f"weight is {brief(weight)}; expected a number of at least 0 and at most "
+            f"{_WEIGHT_MAX:g}"
         )
     field = field / speed
     # in units of it, the L2 norm is that of coefficients

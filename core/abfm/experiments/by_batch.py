@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from abfm import AbfmError, Match
-from abfm.batch import Entry, Row, problem_row
+from abfm.batch import LedgerEntry, Row, problem_row
 from abfm.experiments.vocabulary import Sought
 
 
@@ -14,7 +14,7 @@ def rows_of(figure: int, sought: Sequence[Sought], folder: str | os.PathLike[str
     return [problem_row(each.problem, folder, f"figure {figure}, {each.text}") for each in sought]
 
 
-def matches_of(sought: Sequence[Sought], entries: Sequence[Entry]) -> list[Match]:
+def matches_of(sought: Sequence[Sought], entries: Sequence[LedgerEntry]) -> list[Match]:
     """Read what has come of these rows, in the order of what was sought: the same numbers, bit for
     bit, as if it had just been found, but for fields of a path that are not the match's own.
 

@@ -24,7 +24,7 @@ from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
 _TIMES = np.linspace(0, 1, 13)  # of tau
-_SHOWN = [2, 4, 6, 8, 10]  # of these times
+_SHOWN_TIMES = [2, 4, 6, 8, 10]  # of these times
 _BOUND = 0.05  # of the mismatch
 _WIDTH = 0.2  # of the targets, as a share of the distance from the source to the nearer of them
 
@@ -75,9 +75,9 @@ def one_to_two(
     stage.report("verifying", 0.7)
     witnesses, label, note = words.witnessed(found)
     stage.report("optimal transport", 0.8)
-    between = _TIMES[_SHOWN]
+    between = _TIMES[_SHOWN_TIMES]
     ways = {
-        "advection": path[_SHOWN],
+        "advection": path[_SHOWN_TIMES],
         "optimal transport": optimal_transport(mesh, f, g, between, blur=0.5 * width),
         "linear blend": np.stack([linear_blend(f, g, t) for t in between]),
     }

@@ -13,14 +13,16 @@ from abfm.maps import project_onto_surface
 from abfm.mesh.shapes import sphere
 from abfm.types import FloatArray
 
-FUNCTION, MAP = "function", "point map"
+FUNCTION = "function"
+MAP = "point map"
 
 _MODES = {3: 1.0, 4: 1.0, 6: 0.5}
 _WAY = 0.2  # root mean square over the surface, in sqrt(area)
 _TIMES = np.arange(1, 9) / 8  # of tau, which is 1
 _LINES = 24
 # what "advects" is taken for: this difference at tau, and this order under refinement
-_CLOSE, _ORDER = 0.05, 1.0
+_DIFFERENCE_MAX = 0.05
+_ORDER_MIN = 1.0
 
 
 def figure_2(stage: Stage) -> Script:
@@ -65,7 +67,7 @@ def figure_2(stage: Stage) -> Script:
     measures[:0] = [
         Measure(f"{against} at t = 0.25 tau, relative L2", quarter),
         Measure(f"{against} at t = 0.5 tau, relative L2", half),
-        Measure(f"{against} at t = 1 tau, relative L2", whole, claim, whole <= _CLOSE),
+        Measure(f"{against} at t = 1 tau, relative L2", whole, claim, whole <= _DIFFERENCE_MAX),
         Measure(of_map, here[MAP][-1]),
     ]
     for what in (FUNCTION, MAP):
@@ -75,7 +77,9 @@ def figure_2(stage: Stage) -> Script:
             f"order in the edge length in which the difference of the {what} falls between the "
             "finest spheres"
         )
-        measures.append(Measure(text, order, "tends to the flow under refinement", order >= _ORDER))
+        measures.append(
+            Measure(text, order, "tends to the flow under refinement", order >= _ORDER_MIN)
+        )
 
     x = mesh.vertices  # flow lines start far from each other through space
     chosen = [int(np.argmax(((x - x.mean(axis=0)) ** 2).sum(axis=1)))]

@@ -16,19 +16,24 @@ from abfm.types import FloatArray
 _MODES = {2: 1.0, 3: 0.6, 5: 0.6}
 _WAY = 0.3  # root mean square over the surface until tau, in sqrt(area)
 _TIMES = np.arange(21) / 20  # of tau
-_SHOWN = {4: ("0.2 tau", "0.2 τ"), -1: ("tau", "τ")}  # of these times
+_SHOWN_TIMES = {4: ("0.2 tau", "0.2 τ"), -1: ("tau", "τ")}  # of these times
 _GROWTH = 1e6  # by which linear steps amplify the fastest oscillation until tau
 _MOST_STEPS = 10_000
-_REFINED = 4  # times as many steps, for comparison
-_SMALL = 0.05  # "works well": so far from flow lines; "smooth": overshoot and variation in excess
+_REFINEMENT = 4  # times as many steps, for comparison
+# "works well": so far from flow lines; "smooth": overshoot and variation in excess
+_DIFFERENCE_MAX = 0.05
 # a plot is so much taller than its curves but the linear one, which may grow beyond all bounds
-_TALL = 4.0
-_LINEAR, _ONE_STEP, _NONLINEAR, _LINES = ("linear", "linear, one step", "nonlinear", "flow lines")
-_FINER = f"linear, {_REFINED} times the steps"
-_SMOOTH, _CLOSE = ("smooth even for long times", True), ("works well for short times", True)
+_HEIGHT_RATIO = 4.0
+_LINEAR_FLOW = "linear"
+_STEP_FLOW = "linear, one step"
+_FLOW = "nonlinear"
+_LINES = "flow lines"
+_FINER_NAME = f"linear, {_REFINEMENT} times the steps"
+_SMOOTH_CLAIM = ("smooth even for long times", True)
+_CLOSE_CLAIM = ("works well for short times", True)
 _CLAIMS = {  # of oscillations at tau and of differences before, whether they are small
-    True: {_LINEAR: ("oscillates for longer times", False), _NONLINEAR: _SMOOTH},
-    False: {_LINEAR: _CLOSE, _NONLINEAR: _CLOSE},
+    True: {_LINEAR_FLOW: ("oscillates for longer times", False), _FLOW: _SMOOTH_CLAIM},
+    False: {_LINEAR_FLOW: _CLOSE_CLAIM, _FLOW: _CLOSE_CLAIM},
 }
 
 
@@ -52,10 +57,10 @@ def figure_4(stage: Stage) -> Script:
     each = max(math.ceil(enough / (len(times) - 1)), 1)
     steps = each * (len(times) - 1)
     ways = {
-        _LINEAR: linear_steps(derivative, f, tau / steps, each),
-        _FINER: linear_steps(derivative, f, tau / steps / _REFINED, each * _REFINED),
-        _ONE_STEP: f - times[:, None] * (derivative @ f),
-        _NONLINEAR: flow.push(f, times),
+        _LINEAR_FLOW: linear_steps(derivative, f, tau / steps, each),
+        _FINER_NAME: linear_steps(derivative, f, tau / steps / _REFINEMENT, each * _REFINEMENT),
+        _STEP_FLOW: f - times[:, None] * (derivative @ f),
+        _FLOW: flow.push(f, times),
         _LINES: fields.carried(mesh, fields.feet(mesh, velocity, times), f),
     }
     stage.report("variation", 0.9)
@@ -69,7 +74,7 @@ def figure_4(stage: Stage) -> Script:
 
     measures = []
     for way, path in [*ways.items()][:4]:
-        for k, (when, _) in _SHOWN.items():
+        for k, (when, _) in _SHOWN_TIMES.items():
             off = fields.relative_difference(mesh, path[k], ways[_LINES][k])
             excess = total[way][k] / total[_LINES][k] - 1
             for what, x, oscillates in (
@@ -80,12 +85,12 @@ def figure_4(stage: Stage) -> Script:
                 claim, reproduces = "", None
                 if oscillates == (when == "tau") and way in _CLAIMS[oscillates]:
                     claim, small = _CLAIMS[oscillates][way]
-                    reproduces = (x <= _SMALL) == small
+                    reproduces = (x <= _DIFFERENCE_MAX) == small
                 measures.append(Measure(f"{way}, t = {when}: {what}", x, claim, reproduces))
 
     rows = []
-    for way in (_LINEAR, _NONLINEAR):
-        shown = [(np.clip(ways[way][k], low, high), t) for k, (_, t) in _SHOWN.items()]
+    for way in (_LINEAR_FLOW, _FLOW):
+        shown = [(np.clip(ways[way][k], low, high), t) for k, (_, t) in _SHOWN_TIMES.items()]
         panels = (Panel(mesh, Values(h), f"{way}, t = {t}") for h, t in shown)
         rows.append((Panel(mesh, Values(f), "t = 0", "source"), *panels))
     growth = {name: values / values[0] for name, values in total.items()}
@@ -122,7 +127,9 @@ def linear_steps(derivative: Matrix, f: FloatArray, step: float, each: int) -> F
 
 def plot(values: dict[str, FloatArray], title: str) -> Plot:
     """Plot what the ways give over time."""
-    shown = {name: values[name] for name in (_LINEAR, _ONE_STEP, _NONLINEAR, _LINES)}
+    shown = {name: values[name] for name in (_LINEAR_FLOW, _STEP_FLOW, _FLOW, _LINES)}
     curves = tuple(Curve(name, _TIMES, y, faint=name == _LINES) for name, y in shown.items())
-    calm = max(float(y.max()) for name, y in shown.items() if name != _LINEAR)
-    return Plot(curves, "t / τ", title, title.partition(" /")[0], top=max(_TALL * calm, 1.0))
+    calm = max(float(y.max()) for name, y in shown.items() if name != _LINEAR_FLOW)
+    return Plot(
+        curves, "t / τ", title, title.partition(" /")[0], top=max(_HEIGHT_RATIO * calm, 1.0)
+    )

@@ -15,7 +15,7 @@ from abfm.mesh.shapes import gourd, gourd_radius
 from abfm.types import FloatArray
 
 _SPEED = 0.25  # of v, in sqrt(area) per unit of time
-_OTHERS = 8  # smooth fields to compare the bracket with
+_COMPARED_FIELDS = 8  # smooth fields to compare the bracket with
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ def figure_5(stage: Stage) -> Script:
         found = [(level, commuting_fields(level.mesh, level.v)[0]) for level in levels]
         u = found[-1][1]
         brackets = [relative_bracket(level.mesh, level.v, w) for level, w in found]
-        others = commuting_fields(mesh, v, min(_OTHERS, len(mesh.faces)), weight=0)
+        others = commuting_fields(mesh, v, min(_COMPARED_FIELDS, len(mesh.faces)), weight=0)
         usual = float(np.median([relative_bracket(mesh, v, w) for w in others]))
         # how far first v then u ends from first u then v
         x, along_v, along_u = mesh.vertices, Flow(mesh, v), Flow(mesh, u)

@@ -19,9 +19,9 @@ from abfm.types import FloatArray
 _TURN = np.pi  # radians per unit of time
 # to try without a symmetry: sqrt(area) per unit of time
 _SPEEDS = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)
-_MOST_STRETCHED = 2.0
-_SHOWN = (0.125, 0.25)  # the paper's times
-_LONGER = (0.5, 1.0)
+_STRETCH_MAX = 2.0
+_TIMES = (0.125, 0.25)  # the paper's times
+_MORE_TIMES = (0.5, 1.0)
 _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 
 
@@ -57,7 +57,7 @@ def figure_6(stage: Stage) -> Script:
     for number, levels in enumerate(surfaces):
         case, mesh = levels[-1], levels[-1].mesh
         stage.report(fields.refined(levels), number / len(surfaces))
-        carried = {t: case.carried(t) for t in _SHOWN}
+        carried = {t: case.carried(t) for t in _TIMES}
         measures += against_exact(levels) if case.exact else against_functions(case, carried)
         results = (
             Panel(mesh, fields.coloured(mesh, w), f"u, carried to t = {t:g}", "result")
@@ -65,7 +65,7 @@ def figure_6(stage: Stage) -> Script:
         )
         v_panel = Panel(mesh, Streaks(case.v), "v", "field")
         rows.append((v_panel, Panel(mesh, fields.coloured(mesh, case.u), "u", "source"), *results))
-    seen = tuple(fields.speed(first.mesh, w) for w in (first.u, first.carried(_SHOWN[-1])))
+    seen = tuple(fields.speed(first.mesh, w) for w in (first.u, first.carried(_TIMES[-1])))
     sizes = "; ".join(map(fields.refined, surfaces))
     setting = f"{sizes}. {turns}. The pushforward is exp(-t ad_v) u."
     return Findings(measures, Sheet(tuple(rows), seen=seen), setting)
@@ -75,16 +75,16 @@ def against_exact(levels: Sequence[Case]) -> list[Measure]:
     """Compare with the exact answers on a surface, coarse to fine."""
     name, transports = levels[-1].name, "the pushforward transports u over the flow lines of v"
     coarse, fine = (
-        [case.error(case.carried(t), t) for t in (*_SHOWN, *_LONGER)] for case in levels[-2:]
+        [case.error(case.carried(t), t) for t in (*_TIMES, *_MORE_TIMES)] for case in levels[-2:]
     )
     of_error = f"{name}: relative L2 error at t ="
     measures = [
-        Measure(f"{of_error} {t:g}", x) for t, x in zip((*_SHOWN, *_LONGER), fine, strict=True)
+        Measure(f"{of_error} {t:g}", x) for t, x in zip((*_TIMES, *_MORE_TIMES), fine, strict=True)
     ]
-    for t, order in zip(_SHOWN, np.log2(np.divide(coarse, fine)), strict=False):
+    for t, order in zip(_TIMES, np.log2(np.divide(coarse, fine)), strict=False):
         text = f"{name}: order in the edge length at t = {t:g}"
         measures.append(Measure(text, order, transports, order > 0.5))
-    for t, off in zip(_SHOWN, fine, strict=False):
+    for t, off in zip(_TIMES, fine, strict=False):
         x = levels[-1].error(levels[-1].carried(-t), t)
         text = f"{of_error} {t:g} with the printed sign"
         measures.append(Measure(text, x, _PUSHFORWARD, x < 2 * off))
@@ -168,8 +168,8 @@ def on_any(mesh: TriangleMesh, name: str) -> Case:
     for fast in _SPEEDS:
         for v, u in pairwise(stirring):
             with suppress(AdvectionError), np.errstate(over="ignore"):
-                carried = pushforward(mesh, fast * v, u, _SHOWN[-1])
-                if fields.relative_norm(mesh, carried, u) < _MOST_STRETCHED:
+                carried = pushforward(mesh, fast * v, u, _TIMES[-1])
+                if fields.relative_norm(mesh, carried, u) < _STRETCH_MAX:
                     return Case(f"{name}, |v| = {fast:g} sqrt(area)", mesh, fast * v, u)
     raise MeshError(
         "the discrete pushforward grows without bounds on this mesh: remesh its thin and folded "

@@ -19,9 +19,10 @@ from abfm.mesh.shapes import five_limbs
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
-_SHOWN = (0.25, 0.5, 0.75)  # of tau
+_TIMES = (0.25, 0.5, 0.75)  # of tau
 _BOUND = 0.1
-_SMOOTH_TURN, _SMOOTH_ENERGY = 0.5, 1.5
+_SMOOTH_TURN = 0.5
+_SMOOTH_ENERGY = 1.5
 
 
 def figure_7(stage: Stage) -> Script:
@@ -40,10 +41,10 @@ def figure_7(stage: Stage) -> Script:
     stage.report("verifying", 0.95)
     witnesses, label, note = witnessed(found)
     path = found.advect(np.linspace(0, p.tau, p.solver.segments + 1))
-    between = found.advect(np.array(_SHOWN) * p.tau)
+    between = found.advect(np.array(_TIMES) * p.tau)
     panels = (
         Panel(mesh, Values(path[0]), "eigenfunction 7", "source"),
-        *(Panel(mesh, Values(h), f"t = {s:g} τ") for s, h in zip(_SHOWN, between, strict=True)),
+        *(Panel(mesh, Values(h), f"t = {s:g} τ") for s, h in zip(_TIMES, between, strict=True)),
         Panel(mesh, Values(path[-1]), label, "result"),
         Panel(mesh, Values(g), f"{sign}eigenfunction 8", "target"),
     )

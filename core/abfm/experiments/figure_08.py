@@ -12,9 +12,9 @@ from abfm.types import FloatArray
 
 _MODES = {2: 1.0, 5: 0.7}
 _WAY = 0.15  # root mean square over the surface, in sqrt(area)
-_SIGNIFICANT = 0.2  # of the largest slope
+_SLOPE_SHARE_MIN = 0.2  # of the largest slope
 _BOUND = 0.02
-_CLOSE = 0.1  # what "very close to the original field" is taken for
+_DIFFERENCE_MAX = 0.1  # what "very close to the original field" is taken for
 
 
 def figure_8(stage: Stage) -> Script:
@@ -35,7 +35,7 @@ def figure_8(stage: Stage) -> Script:
     velocity, given, matched = found.velocity[0], hidden.velocity[0], found.advected[:, 0]
     gradient, error, difference = slopes(mesh, f), velocity - given, np.abs(g - matched)
     steepness = np.linalg.norm(gradient, axis=1)
-    steep = steepness > _SIGNIFICANT * steepness.max()
+    steep = steepness > _SLOPE_SHARE_MIN * steepness.max()
     nowhere = np.zeros_like(gradient)
     directions = np.divide(gradient, steepness[:, None], out=nowhere, where=steep[:, None])
     along, along_given = (
@@ -47,13 +47,13 @@ def figure_8(stage: Stage) -> Script:
     whole = root_mean_square(mesh, error) / root_mean_square(mesh, given)
     share = root_mean_square(mesh, steep.astype(float)) ** 2
 
-    where = f"where |grad f| exceeds {_SIGNIFICANT:.0%} of its maximum"
+    where = f"where |grad f| exceeds {_SLOPE_SHARE_MIN:.0%} of its maximum"
     of_slopes = f"error of the field along grad f, {where}, relative L2"
     of_path = "error of <v, grad f_t> over the whole way, relative L2 on the surface and in time"
     of_functions = "largest |g - f_tau|, f and g on the scale of 1"
     small = "the error between the functions is very small"
     measures = (
-        Measure(of_slopes, off, "very close to the original field", off <= _CLOSE),
+        Measure(of_slopes, off, "very close to the original field", off <= _DIFFERENCE_MAX),
         Measure(f"share of the surface {where}", share),
         Measure(of_path, seen),
         Measure("error of the whole field, relative L2", whole),

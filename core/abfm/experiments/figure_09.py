@@ -20,11 +20,13 @@ from abfm.mesh.shapes import stepped_slab, two_armed
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray, IntArray
 
-_MEASURED = (1.0, 2.0)  # times, of tau, of the map
-_SHOWN = {0.0: "t = 0", 0.5: "t = 0.5 τ", 1.0: "t = τ", 2.0: "t = 2 τ"}  # by shares of tau
+_MEASURED_TIMES = (1.0, 2.0)  # times, of tau, of the map
+_SHOWN_TIMES = {0.0: "t = 0", 0.5: "t = 0.5 τ", 1.0: "t = τ", 2.0: "t = 2 τ"}  # by shares of tau
 _WIDTH = 0.2  # of the Gaussian
 _SAMPLE = 150
-_CORRECT, _SMALL_DRIFT = 0.02, 0.05  # of sqrt(area), for what the paper says in words
+# of sqrt(area), for what the paper says in words
+_ERROR_MAX = 0.02
+_DRIFT_MAX = 0.05
 
 
 def figure_9(stage: Stage) -> Script:
@@ -56,7 +58,7 @@ def figure_9(stage: Stage) -> Script:
 
     stage.report("following the map", 0.95)
     rows, measures = [function_row(found), scene.map_row(found)], scene.measured(found)
-    judged = words.maps_of_flow(found, "the map", _MEASURED)
+    judged = words.maps_of_flow(found, "the map", _MEASURED_TIMES)
     if scene.rotates:
         one, hot = others[:2]
         of_one, of_hot = scene.mean_errors(one, hot)
@@ -101,7 +103,7 @@ def figure_10(stage: Stage) -> Script:
 
     [found] = yield [Sought(example.problem, share=0.9)]
     stage.report("following the map", 0.9)
-    of_maps, notes = words.map_findings(words.maps_of_flow(found, "the map", _MEASURED))
+    of_maps, notes = words.map_findings(words.maps_of_flow(found, "the map", _MEASURED_TIMES))
     sides, normals = mesh.edge_faces[~mesh.is_boundary_edge], face_normals(mesh)
     steep = (normals[sides[:, 0]] * normals[sides[:, 1]]).sum(axis=1) < np.cos(np.pi / 4)
     creases = "edges with an angle of more than 45 degrees, share"
@@ -223,9 +225,11 @@ class Symmetric:
         small = "some drift is noticeable, yet it is relatively small"
         return [
             Measure("mismatch of the functions", match.mismatch),
-            Measure("map error at τ, mean, geodesic / √area", reached, correct, reached < _CORRECT),
+            Measure(
+                "map error at τ, mean, geodesic / √area", reached, correct, reached < _ERROR_MAX
+            ),
             Measure("map error at τ, 95th percentile", np.quantile(error, 0.95)),
-            Measure("drift at 2 τ, mean, geodesic / √area", kept, small, kept < _SMALL_DRIFT),
+            Measure("drift at 2 τ, mean, geodesic / √area", kept, small, kept < _DRIFT_MAX),
             Measure("drift at 2 τ, 95th percentile", np.quantile(drift, 0.95)),
             Measure("map error at τ by exact flow lines, mean", by_lines.mean()),
             Measure("advected points from the ends of exact flow lines, mean", apart.mean()),
@@ -234,7 +238,7 @@ class Symmetric:
     def map_row(self, match: Match) -> tuple[Panel, ...]:
         """Show places as colours, carried by the flow, and marked points that move with it."""
         panels = []
-        for share, label in _SHOWN.items():
+        for share, label in _SHOWN_TIMES.items():
             time = share * match.parameters.tau
             places = Coordinates(match.push(self.mesh.vertices, time))
             points = match.flow.coordinate_map(-time).positions[self.marks]

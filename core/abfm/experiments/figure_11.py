@@ -17,35 +17,51 @@ from abfm.io.sheets import Checker, Curve, Panel, Plot, Sheet, Values
 from abfm.maps import MapQuality, SurfacePoints, functional_map, point_map
 from abfm.maps.functional_maps import carry, spectral_coefficients
 from abfm.mesh import per_mesh
-from abfm.parameters import TABLE_1, Row
+from abfm.parameters import TABLE_1, TableRow
 from abfm.types import FloatArray, IntArray
 
-ONE, THREE, REDUCED = "1 function", "3 functions", "reduced basis"
-BOTH, AGAIN = "3 functions, both cut off", "ZoomOut, then 3 functions, both cut off"
-CUT_OFF, LINES, NEIGHBOURS = ", cut off alike", ", flow lines", ", nearest neighbours"
-START, NO_FLOW, ZOOM_OUT = "start", "no flow", "no flow: ZoomOut of the start"
+ONE_FUNCTION = "1 function"
+FUNCTIONS = "3 functions"
+BASIS = "reduced basis"
+CUT_FUNCTIONS = "3 functions, both cut off"
+ZOOMED_FUNCTIONS = "ZoomOut, then 3 functions, both cut off"
+CUT_SUFFIX = ", cut off alike"
+BY_LINES = ", flow lines"
+BY_NEIGHBOURS = ", nearest neighbours"
+START = "start"
+NO_FLOW = "no flow"
+ZOOM_OUT = "no flow: ZoomOut of the start"
 TARGETS = "no flow: nearest surface points of the target coordinates"
 
-_FEW = 10  # eigenfunctions of the start map
-_MANY, _MANY_SMALL = 100, 30
+_START_MODES = 10  # eigenfunctions of the start map
+_MODES = 100
+_MODES_SMALL = 30
 _FEWEST_VERTICES = 60
 _BEND = np.pi / 3
 _CHECKS = 16  # fields of the checkerboard, along the longest axis
-_MATCHED = 0.1  # share of the first mismatch that may be left where functions count as matched
+# share of the first mismatch that may be left where functions count as matched
+_MISMATCH_SHARE_MAX = 0.1
 _STEP = 10  # of ZoomOut
-_FIELDS, _SIGMA = 50, 0.1  # of the reduced basis
-_SHOWN = (START, TARGETS, ONE, THREE, REDUCED)  # in the pictures
-_OURS = (BOTH, BOTH + NEIGHBOURS, AGAIN + NEIGHBOURS)
-_REFERENCES = (START, TARGETS, THREE + LINES, REDUCED + NEIGHBOURS, ZOOM_OUT)
+# of the reduced basis
+_FIELDS = 50
+_SIGMA = 0.1
+_MAPS = (START, TARGETS, ONE_FUNCTION, FUNCTIONS, BASIS)  # in the pictures
+_CUT_MAPS = (CUT_FUNCTIONS, CUT_FUNCTIONS + BY_NEIGHBOURS, ZOOMED_FUNCTIONS + BY_NEIGHBOURS)
+_REFERENCES = (START, TARGETS, FUNCTIONS + BY_LINES, BASIS + BY_NEIGHBOURS, ZOOM_OUT)
 _PAIRS = (  # a map with a flow, and what the same data give without one, read off alike
-    (THREE, TARGETS),
-    (THREE + CUT_OFF, TARGETS + CUT_OFF),
-    (BOTH, TARGETS + CUT_OFF),
-    *((name + NEIGHBOURS, NO_FLOW + NEIGHBOURS) for name in (ONE, THREE, BOTH, REDUCED)),
-    (AGAIN + NEIGHBOURS, ZOOM_OUT),
+    (FUNCTIONS, TARGETS),
+    (FUNCTIONS + CUT_SUFFIX, TARGETS + CUT_SUFFIX),
+    (CUT_FUNCTIONS, TARGETS + CUT_SUFFIX),
+    *(
+        (name + BY_NEIGHBOURS, NO_FLOW + BY_NEIGHBOURS)
+        for name in (ONE_FUNCTION, FUNCTIONS, CUT_FUNCTIONS, BASIS)
+    ),
+    (ZOOMED_FUNCTIONS + BY_NEIGHBOURS, ZOOM_OUT),
 )
-_ALL_UP_TO, _MEASURED = 1500, 500  # vertices whose errors are measured
-_FROM = {BOTH: START, AGAIN: ZOOM_OUT}  # matches that begin at maps
+# vertices whose errors are measured
+_ALL_VERTICES_MAX = 1500
+_MEASURED_VERTICES = 500
+_SEED = {CUT_FUNCTIONS: START, ZOOMED_FUNCTIONS: ZOOM_OUT}  # matches that begin at maps
 _BOUND = 0.05
 _ERRORS = np.linspace(0, 0.15, 301)
 
@@ -69,7 +85,7 @@ def figure_11(stage: Stage) -> Script:
     measures = (
         Measure("mean pointwise sum of absolute errors before, sqrt(area)", weights @ before),
         Measure("mean pointwise sum of absolute errors after, sqrt(area)", weights @ after),
-        Measure(of_sum, left, claim, left <= _MATCHED),
+        Measure(of_sum, left, claim, left <= _MISMATCH_SHARE_MAX),
         Measure("largest pointwise sum of errors before, sqrt(area)", before.max()),
         Measure("largest pointwise sum of errors after, sqrt(area)", after.max()),
         Measure("mismatch", found.mismatch),
@@ -107,12 +123,12 @@ def figure_12(stage: Stage) -> Script:
     of_map = share_left(found.reduced.mismatch, found.reduced.start_mismatch)
     claim = "the target functions are matched"
     of_start = "share of the start's mismatch that is left"
-    of_maps, notes = words.map_findings({name: found.qualities[name] for name in _SHOWN})
+    of_maps, notes = words.map_findings({name: found.qualities[name] for name in _MAPS})
     measures = (
         Measure("1 function: mismatch", found.one.mismatch),
-        Measure(f"1 function: {of_start}", one, claim, one <= _MATCHED),
+        Measure(f"1 function: {of_start}", one, claim, one <= _MISMATCH_SHARE_MAX),
         Measure("3 functions: mismatch", found.three.mismatch),
-        Measure(f"3 functions: {of_start}", three, claim, three <= _MATCHED),
+        Measure(f"3 functions: {of_start}", three, claim, three <= _MISMATCH_SHARE_MAX),
         Measure(f"reduced basis: {of_start}", left(found.reduced_functions, slice(3))),
         Measure("reduced basis: share of the functional map's mismatch left", of_map),
         *of_maps,
@@ -141,7 +157,7 @@ def figure_13(stage: Stage) -> Script:
     yield example
 
     found = yield from compare(poses, example.problem, stage)
-    most = _ALL_UP_TO if len(poses.b.vertices) <= _ALL_UP_TO else _MEASURED
+    most = _ALL_VERTICES_MAX if len(poses.b.vertices) <= _ALL_VERTICES_MAX else _MEASURED_VERTICES
     accuracies = {}
     for number, (name, points) in enumerate(found.maps.items()):
         stage.report("measuring the maps", 0.85 + 0.15 * number / len(found.maps))
@@ -152,9 +168,9 @@ def figure_13(stage: Stage) -> Script:
         return accuracies[ours].mean - accuracies[theirs].mean
 
     measures = []
-    for reading in ("", NEIGHBOURS):
-        theirs = REDUCED + reading
-        for name in (ONE, THREE):
+    for reading in ("", BY_NEIGHBOURS):
+        theirs = BASIS + reading
+        for name in (ONE_FUNCTION, FUNCTIONS):
             ours, better = name + reading, f"{name}: a better reconstruction than [COC15]"
             apart, behind = less(ours, theirs), (shares[theirs] - shares[ours]).max()
             most_behind = 100 * max(float(behind), 0.0)
@@ -162,7 +178,7 @@ def figure_13(stage: Stage) -> Script:
             of_curve = f"{ours}: most that its curve is below the reduced basis'{reading}, %"
             measures.append(Measure(of_mean, apart, better, apart < 0))
             measures.append(Measure(of_curve, most_behind, better, most_behind == 0))
-    for ours in (THREE, THREE + LINES, THREE + NEIGHBOURS):
+    for ours in (FUNCTIONS, FUNCTIONS + BY_LINES, FUNCTIONS + BY_NEIGHBOURS):
         text, apart = f"{ours}: mean error less the start's, sqrt(area)", less(ours, START)
         measures.append(Measure(text, apart, "the map is improved", apart < 0))
     adds = "what the flow adds: mean error of"
@@ -177,13 +193,15 @@ def figure_13(stage: Stage) -> Script:
             Measure(f"{name}: largest error, sqrt(area)", accuracy.maximum),
             Measure(f"{name}: vertices with an error under {_BOUND:g} sqrt(area), %", share),
         ]
-    of_maps, notes = words.map_findings({name: found.qualities[name] for name in (*_SHOWN, *_OURS)})
-    shown = (THREE, ONE, REDUCED, BOTH + NEIGHBOURS, *_REFERENCES)
+    of_maps, notes = words.map_findings(
+        {name: found.qualities[name] for name in (*_MAPS, *_CUT_MAPS)}
+    )
+    shown = (FUNCTIONS, ONE_FUNCTION, BASIS, CUT_FUNCTIONS + BY_NEIGHBOURS, *_REFERENCES)
     plotted = tuple(Curve(name, _ERRORS, 100 * shares[name], name in _REFERENCES) for name in shown)
     plot = Plot(plotted, "geodesic error, √area", "vertices, %", "errors of the maps", width=3)
     setting = (
         f"{poses.setting(example.problem, [0, 1, 2])}. {found.setting}. Errors at "
-        f"{len(accuracies[THREE].errors):,} vertices"
+        f"{len(accuracies[FUNCTIONS].errors):,} vertices"
     )
     return Findings((*measures, *of_maps), Sheet(((plot,),), notes=notes), setting)
 
@@ -207,7 +225,8 @@ class Poses:
             told = "human_B.off against human_A.off, the same vertices in another pose"
         elif len(stage.mesh.vertices) < _FEWEST_VERTICES:
             raise MeshError(
-                f"the mesh has {len(stage.mesh.vertices)} vertices; for {_MANY} eigenfunctions, or "
+                f"the mesh has {len(stage.mesh.vertices)} vertices; for {_MODES} eigenfunctions, "
+                "or "
                 f"a third of the number of vertices, give one with at least {_FEWEST_VERTICES}"
             )
         else:
@@ -215,11 +234,11 @@ class Poses:
             bend = f"{np.degrees(_BEND):.0f}°"
             told = f"the mesh bent by {bend} against itself, as no second pose is known"
         truth = PointMap.of_vertices(b, a)
-        start = point_map(a, b, functional_map(truth, _FEW))
-        many = min(_MANY_SMALL if stage.small else _MANY, len(b.vertices) // 3)
+        start = point_map(a, b, functional_map(truth, _START_MODES))
+        many = min(_MODES_SMALL if stage.small else _MODES, len(b.vertices) // 3)
         return cls(a, b, name, told, start, functional_map(truth, many))
 
-    def example(self, row: Row, axes: list[int], small: bool) -> Example:
+    def example(self, row: TableRow, axes: list[int], small: bool) -> Example:
         """Return the match of some of A's coordinates."""
         places = coordinates(self.a)
         source = self.start.pull_back(places)[:, axes]
@@ -235,7 +254,8 @@ class Poses:
         return (
             f"{words.sized(self.words, self.b)}. Functions: coordinates "
             f"{', '.join('xyz'[x] for x in axes)} of A in units of sqrt(area); start: by the "
-            f"nearest neighbour in the spectral embedding, {_FEW} eigenfunctions; targets: by the "
+            f"nearest neighbour in the spectral embedding, {_START_MODES} eigenfunctions; "
+            "targets: by the "
             f"true functional map, {k} x {k}. Parameters of Table 1, "
             f"{problem.parameters.solver.iterations} iterations"
         )
@@ -310,7 +330,7 @@ def compare(
 
 
 def sought_on(poses: Poses, problem: Problem, without: Mapping[str, PointMap]) -> list[Sought]:
-    """Return the matches that are compared: one function, all, and all cut off by each of `_FROM`.
+    """Return the matches that are compared: one function, all, and all cut off by each of `_SEED`.
 
     There sources are cut off as the targets are, so that a true start has nothing to correct.
     """
@@ -318,7 +338,7 @@ def sought_on(poses: Poses, problem: Problem, without: Mapping[str, PointMap]) -
     alone = Problem(b, problem.source[:, longest], target[:, longest], p)
     cut = cut_off(poses.a, len(poses.wanted))
     by_both, again = (
-        Problem(b, without[start].pull_back(cut), target, p) for start in _FROM.values()
+        Problem(b, without[start].pull_back(cut), target, p) for start in _SEED.values()
     )
     return [
         Sought(alone, "matching one function", 0.2),
@@ -339,7 +359,7 @@ def compared(
     a, b, p, k, source = poses.a, poses.b, problem.parameters, len(poses.wanted), problem.source
     one, three, *others = matches
     read = dict(without)
-    for (name, start), found in zip(_FROM.items(), others, strict=True):
+    for (name, start), found in zip(_SEED.items(), others, strict=True):
         read[name] = closest_cut_off(poses, found.advected)
         read |= by_flow(without[start], k, name, found)
     stage.report("matching in a reduced basis", 0.8)
@@ -348,14 +368,14 @@ def compared(
     one_carries = one.push(source, p.tau)
     reduced_functions = advect(b, reduced.velocity, source, p.tau)
     read |= {
-        THREE: closest(poses, three.advected),
-        THREE + CUT_OFF: closest_cut_off(poses, three.advected),
-        ONE: closest(poses, one_carries),
-        REDUCED: closest(poses, reduced_functions),
-        **by_flow(poses.start, k, THREE, three),
-        **by_flow(poses.start, k, ONE, one),
-        REDUCED + LINES: followed(poses.start, reduced.velocity[None], p.tau),
-        REDUCED + NEIGHBOURS: point_map(a, b, reduced.functional_map),
+        FUNCTIONS: closest(poses, three.advected),
+        FUNCTIONS + CUT_SUFFIX: closest_cut_off(poses, three.advected),
+        ONE_FUNCTION: closest(poses, one_carries),
+        BASIS: closest(poses, reduced_functions),
+        **by_flow(poses.start, k, FUNCTIONS, three),
+        **by_flow(poses.start, k, ONE_FUNCTION, one),
+        BASIS + BY_LINES: followed(poses.start, reduced.velocity[None], p.tau),
+        BASIS + BY_NEIGHBOURS: point_map(a, b, reduced.functional_map),
     }
     qualities = {name: maps.map_quality(points) for name, points in read.items()}
     setting = (
@@ -370,12 +390,12 @@ def compared(
 def without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
     """Return the start, and what else the start and the targets (V, 3) say as they are, by name."""
     a, b, k = poses.a, poses.b, len(poses.wanted)
-    zoomed = maps.zoom_out(a, b, functional_map(poses.start, _FEW), k, _STEP)
+    zoomed = maps.zoom_out(a, b, functional_map(poses.start, _START_MODES), k, _STEP)
     return {
         START: poses.start,
         TARGETS: closest(poses, target),
-        TARGETS + CUT_OFF: closest_cut_off(poses, target),
-        NO_FLOW + NEIGHBOURS: point_map(a, b, functional_map(poses.start, k)),
+        TARGETS + CUT_SUFFIX: closest_cut_off(poses, target),
+        NO_FLOW + BY_NEIGHBOURS: point_map(a, b, functional_map(poses.start, k)),
         ZOOM_OUT: point_map(a, b, zoomed),
     }
 
@@ -386,7 +406,7 @@ def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, Point
     basis = start.pull_back(unit_eigenbasis(a, k)[1])
     C = spectral_coefficients(b, found.push(basis, found.parameters.tau), k)
     lines = followed(start, found.fine_velocity, found.parameters.tau)
-    return {name + LINES: lines, name + NEIGHBOURS: point_map(a, b, C)}
+    return {name + BY_LINES: lines, name + BY_NEIGHBOURS: point_map(a, b, C)}
 
 
 def closest(poses: Poses, functions: FloatArray) -> PointMap:

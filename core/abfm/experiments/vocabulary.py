@@ -140,7 +140,7 @@ Script = Generator[Example | Sequence[Sought], Sequence[Match], Findings]
 is sent in their order: whoever runs it has them found, as one likes.
 """
 
-_TOGETHER = {3: 1, 10: 9, 12: 11, 13: 11}  # figures in the module of another
+_MODULE_OF_FIGURE = {3: 1, 10: 9, 12: 11, 13: 11}  # figures in the module of another
 _CLAIMS = {
     1: "A single vector field advects the source to a function that matches the target, and "
     "interpolates smoothly.",
@@ -168,7 +168,7 @@ _CLAIMS = {
 
 def script(figure: int, stage: Stage) -> Script:
     """Return the script of a figure of the paper."""
-    module = import_module(f"abfm.experiments.figure_{_TOGETHER.get(figure, figure):02}")
+    module = import_module(f"abfm.experiments.figure_{_MODULE_OF_FIGURE.get(figure, figure):02}")
     found: Script = getattr(module, f"figure_{figure}")(stage)
     return found
 

@@ -9,11 +9,13 @@ from abfm.calculus.operators import edge_lengths, vertex_areas
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IndexArray
 
-USUAL = 3.0  # times the median of all rates, beyond which a vertex is joined with a neighbour
+# times the median of all rates, beyond which a vertex is joined with a neighbour
+RATE_RATIO_MAX = 3.0
 # of the median edge, times the root of how many times too fast: longer ones do not join vertices
-_NEAR = 0.5
+_NEIGHBOUR_DISTANCE_MAX = 0.5
 _ROUNDS = 12  # of joining pairs
-_FEW = 1.5  # times the usual rates: what is gained by less is not worth another discretisation
+# times the usual rates: what is gained by less is not worth another discretisation
+_RATE_GAIN_MIN = 1.5
 
 
 @per_mesh
@@ -23,12 +25,12 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
     """
     clusters = np.arange(len(mesh.vertices))
     rates = cluster_rates(mesh, clusters)
-    most = USUAL * np.median(rates)
-    if rates.max() <= _FEW * most:
+    most = RATE_RATIO_MAX * np.median(rates)
+    if rates.max() <= _RATE_GAIN_MIN * most:
         return None
     edges, lengths = mesh.edges, edge_lengths(mesh)
     order = np.argsort(lengths, kind="stable")
-    edges, apart = edges[order], lengths[order] / (_NEAR * np.median(lengths))
+    edges, apart = edges[order], lengths[order] / (_NEIGHBOUR_DISTANCE_MAX * np.median(lengths))
     for _ in range(_ROUNDS):
         pairs = clusters[edges]
         excess = rates[pairs].max(axis=1) / most

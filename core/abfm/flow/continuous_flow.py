@@ -29,13 +29,14 @@ from abfm.workers.control import checkpoint
 STEP = 0.5  # of a walk, at most, in square roots of the area of the face where it begins
 STEP_LIMIT = 20_000  # steps of one point along one field; it then stays where it is
 _MEAN_LIMIT = 10_000  # steps of a point on average over the surface
-_STILL = 1e-12  # a part of the face so short is no way
+_LENGTH_MIN = 1e-12  # a part of the face so short is no way
 # of the way to a face's centre: at a vertex rounding would choose the side on which to pass it
-_INWARD = 1e-10
+_INWARD_SHARE = 1e-10
 _CHUNK = 4096  # points between checkpoints: 0.2 s where they go over a hundred faces each
 _CROSSINGS = 64  # edges that a step may meet before the walk counts as caught at a vertex
 _CENTRES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # of children, in weights
-_STRAIGHT = 1 - 1e-9  # of a way's squared length: less is left where it slid along the boundary
+# of a way's squared length: less is left where it slid along the boundary
+_STRAIGHT_SHARE_MIN = 1 - 1e-9
 Face: TypeAlias = int | np.int64
 
 
@@ -248,7 +249,7 @@ def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walk
         return Walker(g, x, y, u, v)
     r, s = vector_at(flow, g, a, b)
     seen, length = 4 * (p * p + q * q), u * u + v * v
-    if seen > _STRAIGHT * length:
+    if seen > _STRAIGHT_SHARE_MIN * length:
         cosine, sine = 2 * step * (p * u + q * v) / seen, 2 * step * (p * v - q * u) / seen
         u, v = cosine * r - sine * s, sine * r + cosine * s
     elif seen > 0.0:  # it slid along the boundary: how much faster does it there?
@@ -297,8 +298,8 @@ def enter(
     """Write places (P, 2) in frames of points, moved inwards, with weights (P, 3)."""
     for i in range(faces.size):
         (a, b), (c, d) = gradients[faces[i], 1], gradients[faces[i], 2]
-        second = (1 - _INWARD) * barycentric[i, 1] + _INWARD / 3
-        third = (1 - _INWARD) * barycentric[i, 2] + _INWARD / 3
+        second = (1 - _INWARD_SHARE) * barycentric[i, 1] + _INWARD_SHARE / 3
+        third = (1 - _INWARD_SHARE) * barycentric[i, 2] + _INWARD_SHARE / 3
         determinant = a * d - b * c
         places[i, 0] = (d * second - b * third) / determinant
         places[i, 1] = (a * third - c * second) / determinant
@@ -333,7 +334,7 @@ def carry(
         for _ in range(STEP_LIMIT):
             u, v = vector_at(flow, f, x, y)
             speed = math.sqrt(u * u + v * v)
-            if speed * abs(left) <= _STILL * sizes[f]:
+            if speed * abs(left) <= _LENGTH_MIN * sizes[f]:
                 break
             slope = 0.0
             for k in range(2):

@@ -19,9 +19,9 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray
 
 GROUP = 7
-ONE = np.uint32(1)  # a signed one makes a signed index of the sum
+UNSIGNED_ONE = np.uint32(1)  # a signed one makes a signed index of the sum
 _BLOCK = 256  # rows at least
-_BLOCKED = 20_000  # vertices from which blocks pay
+_BLOCKED_VERTICES_MIN = 20_000  # vertices from which blocks pay
 
 
 class Assembly(NamedTuple):
@@ -172,7 +172,7 @@ def _pattern(
 def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
     """Return the ends of blocks, each with all the neighbours of the block before."""
     count = len(indptr) - 1
-    if count < _BLOCKED:
+    if count < _BLOCKED_VERTICES_MIN:
         return np.array([0, count])
     farthest = np.maximum.reduceat(indices.max(axis=1), indptr[:-1].astype(np.int64))
     reach = np.maximum.accumulate(farthest) + 1

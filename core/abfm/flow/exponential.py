@@ -22,7 +22,7 @@ from scipy.special import jv
 
 from abfm.calculus.channels import constant_part
 from abfm.errors import AdvectionError
-from abfm.flow.derivative import GROUP, ONE, DerivativePattern, dot, gathered, perron_bound
+from abfm.flow.derivative import GROUP, UNSIGNED_ONE, DerivativePattern, dot, gathered, perron_bound
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray
 
@@ -30,14 +30,15 @@ TOLERANCE = 1e-10  # of the series where nothing else is asked for
 # terms this much larger than the function lose five digits: split the time instead
 _GROWTH_LIMIT = 1e5
 _PRODUCT_LIMIT = 1e6
-_SHORTEST = 2.0  # products per segment below which splitting cannot help
-_SLOWEST = 1e-100  # a zero field still needs a positive rho for its derivative
+_PRODUCTS_MIN = 2.0  # products per segment below which splitting cannot help
+_BOUND_MIN = 1e-100  # a zero field still needs a positive rho for its derivative
 _MEMORY = 70_000_000  # numbers
 # products; shorter ones spend more than half on the tail
-_SHORT_SEGMENT, _LONG_SEGMENT = 30.0, 1000.0
+_SHORT_SEGMENT = 30.0
+_LONG_SEGMENT = 1000.0
 # of the largest value: less is nothing. Products with it are subnormal numbers, which take
 # processors many times as long; a narrow Gaussian has little else far from its centre
-_NOTHING = 1e-120
+_NEGLIGIBLE_SHARE = 1e-120
 _SWEEP = 4  # terms per sweep: their rows of the matrix together stay in the cache
 
 
@@ -159,7 +160,7 @@ class ExponentialFlow:
             )
         # Rounded up to a grid, so that the scheme, and with it the exactness of its derivative, is
         # locally constant.
-        self.rho = float(2.0 ** (np.ceil(64 * np.log2(max(bound, _SLOWEST))) / 64))
+        self.rho = float(2.0 ** (np.ceil(64 * np.log2(max(bound, _BOUND_MIN))) / 64))
 
     def transposed(self) -> ExponentialFlow:
         """Return the action of ``exp(-t D_v^T)``; not for clusters."""
@@ -196,7 +197,7 @@ class ExponentialFlow:
             terms = self.workspace.take(len(coefficients)) if keep else None
             buffer = self.workspace.rolling if terms is None else terms
             end, used, growth = self._series(state, step, coefficients, buffer)
-            if (used == 0 or growth > _GROWTH_LIMIT) and x > _SHORTEST:
+            if (used == 0 or growth > _GROWTH_LIMIT) and x > _PRODUCTS_MIN:
                 return None
             if used == 0:
                 return Trajectory(step, segments, np.full_like(f, np.inf))
@@ -297,7 +298,7 @@ def bessel_coefficients(x: float, count: int) -> FloatArray:
 @kernel
 def _without_traces(f: FloatArray) -> FloatArray:
     """Return a function (V,) with 0 for what is next to nothing of its largest value."""
-    least = _NOTHING * np.abs(f).max()
+    least = _NEGLIGIBLE_SHARE * np.abs(f).max()
     out: FloatArray = f.copy()
     for i in range(f.size):
         if abs(f[i]) < least:
@@ -315,7 +316,7 @@ def _forward_rows(series: Series, k: int, block: int, terms: FloatArray, out: Fl
     largest = 0.0
     for i in range(bounds[block], bounds[block + 1]):
         total = 0.0
-        for group in range(indptr[i], indptr[i + ONE]):
+        for group in range(indptr[i], indptr[i + UNSIGNED_ONE]):
             total += dot(values[group], gathered(now, indices[group]))
         value = factor * total + before[i]
         after[i] = value
@@ -398,7 +399,7 @@ def _backward_rows(
     for j in range(bounds[block], bounds[block + 1]):
         total = 0.0
         gain = factor * term[j]
-        for group in range(indptr[j], indptr[j + ONE]):
+        for group in range(indptr[j], indptr[j + UNSIGNED_ONE]):
             a = gathered(known, indices[group])
             total += dot(transposed[group], a)
             entry = entries[group]

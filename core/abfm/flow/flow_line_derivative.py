@@ -24,7 +24,9 @@ from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
 STEPS_PER_FACE = 2.0  # at the largest speed, over a face of mean size
-_FEWEST, _MOST = 8, 4096  # steps of a walk along one field
+# steps of a walk along one field
+_STEPS_MIN = 8
+_STEPS_MAX = 4096
 _CROSSINGS = 64  # edges that a step may meet, as in `continuous_flow`
 
 
@@ -101,9 +103,9 @@ class FlowLineDerivative:
         with np.errstate(over="ignore"):
             fastest = math.sqrt(float((field**2).sum(axis=1).max()))
         over = STEPS_PER_FACE * fastest * self.tau / fields / self._size
-        if not over <= _MOST:
+        if not over <= _STEPS_MAX:
             raise AdvectionError(f"flow lines lead over {over:.0e} faces: slow the field")
-        return int(2 ** math.ceil(math.log2(max(over, _FEWEST))))
+        return int(2 ** math.ceil(math.log2(max(over, _STEPS_MIN))))
 
     def jacobian(self, walk: Walk) -> sparse.csr_array:
         """Return the derivative of the ends of a walk, in the frames of their faces, by the

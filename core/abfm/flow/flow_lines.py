@@ -26,8 +26,8 @@ from abfm.types import FloatArray, IndexArray, IntArray
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
 STEP_LIMIT = 100_000  # edges and vertices that a path may meet
 AT_VERTEX = 1.0 - 1e-12  # of the weights: a walker with so much on one corner is at the vertex
-_FASTEST = 1e150  # faces per unit of time: products of two still are numbers
-GOING, BOUNDARY, STAGNATION = 0, 1, 2
+_RATE_MAX = 1e150  # faces per unit of time: products of two still are numbers
+GOING_STATE, BOUNDARY_STATE, STAGNATION_STATE = 0, 1, 2
 _ENDINGS: tuple[Ending, ...] = ("step limit", "boundary", "stagnation")
 
 
@@ -121,16 +121,16 @@ def _walked(
 ) -> tuple[int, int]:
     """Walk along fields from time to time; returns the path's entries, and how the way goes on."""
     where, b = np.array([face, -1]), start.copy()
-    count, status = 0, STAGNATION
+    count, status = 0, STAGNATION_STATE
     for flow, begin, end in spans:
-        if status == STAGNATION:
+        if status == STAGNATION_STATE:
             path.times[count], path.faces[count], path.weights[count] = begin, where[0], b
             count += 1
         where[1] = -1
         if b.max() >= AT_VERTEX:
             leave_vertex(flow, where, b, int(b.argmax()))
         count, status = trace(flow, (where, b), (begin, end), path, count)
-        if status == BOUNDARY or count == len(path.times):
+        if status == BOUNDARY_STATE or count == len(path.times):
             break
     return count, status
 
@@ -143,9 +143,9 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
     with np.errstate(over="ignore", invalid="ignore"):
         rates = np.einsum("fck,fk->fc", hat_gradients(mesh), coefficients)
         along = np.einsum("fck,fk->fc", edges, coefficients) / (edges**2).sum(axis=2)
-    if not (np.abs(rates).max() < _FASTEST and np.abs(along).max() < _FASTEST):
+    if not (np.abs(rates).max() < _RATE_MAX and np.abs(along).max() < _RATE_MAX):
         raise ParameterError(
-            f"velocity crosses a face in less than {1 / _FASTEST} units of time: scale it down"
+            f"velocity crosses a face in less than {1 / _RATE_MAX} units of time: scale it down"
         )
     return FaceFlow(rates, along, face_areas(mesh), mesh.opposite_slots)
 
@@ -166,17 +166,17 @@ def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
     """Step over the edge opposite corner ``c``, or begin to slide along it."""
     slot = flow.neighbours[where[0], c]
     if slot < 0:
-        return BOUNDARY
+        return BOUNDARY_STATE
     g, k = slot // 3, slot % 3
     if flow.rates[g, k] < 0.0:
         where[1] = c
-        return GOING
+        return GOING_STATE
     where[0] = g
     first, last = b[(c + 1) % 3], b[(c + 2) % 3]
     b[k] = 0.0
     b[(k + 1) % 3] = last
     b[(k + 2) % 3] = first
-    return GOING
+    return GOING_STATE
 
 
 @kernel
@@ -208,8 +208,8 @@ def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) 
     where[0], where[1] = face, along
     b[away_from] = 1.0
     if fastest > 0.0:
-        return GOING
-    return STAGNATION if is_closed else BOUNDARY
+        return GOING_STATE
+    return STAGNATION_STATE if is_closed else BOUNDARY_STATE
 
 
 @kernel
@@ -228,7 +228,7 @@ def advance(
     for i in range(3):
         b[i] /= total
     if leave < 0:
-        return used, GOING
+        return used, GOING_STATE
     for i in range(3):
         if b[i] >= AT_VERTEX:
             return used, leave_vertex(flow, where, b, i)
@@ -246,15 +246,15 @@ def trace(
     """Walk from a time to another; writes every crossing behind ``count`` of the path."""
     (where, b), (now, end) = walker, span
     rates = np.empty(3)
-    status = GOING
-    while status == GOING and now < end and count < path.times.size:
+    status = GOING_STATE
+    while status == GOING_STATE and now < end and count < path.times.size:
         rates[:] = flow.rates[where[0]]
         if where[1] >= 0:
             speed = sliding_speed(flow, where[0], where[1])
             rates[where[1]] = 0.0
             rates[(where[1] + 1) % 3], rates[(where[1] + 2) % 3] = -speed, speed
         if rates[0] == 0.0 and rates[1] == 0.0 and rates[2] == 0.0:
-            return count, STAGNATION
+            return count, STAGNATION_STATE
         used, status = advance(flow, where, b, rates, end - now)
         now = end if used >= end - now else now + used
         path.times[count] = now

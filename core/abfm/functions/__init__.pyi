@@ -6,9 +6,9 @@ from .circular_channels import split_channels as split_channels
 from .circular_channels import without_circle as without_circle
 from .family import VERTICES as VERTICES
 from .family import Family as Family
-from .family import Kind as Kind
 from .family import Parameter as Parameter
 from .family import Spec as Spec
+from .family import ValueKind as ValueKind
 from .family import quoted as quoted
 from .files import Permuted as Permuted
 from .files import ValuesFile as ValuesFile

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import AbfmWarning, FunctionError, ParameterError, brief
-from abfm.functions.family import POSITIVE, Family, Spec, choice, parameter
+from abfm.functions.family import POSITIVE_REAL, Family, Spec, choice, parameter
 from abfm.functions.sides import warn_once
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
@@ -32,7 +32,7 @@ class Circular(Family):
     """
 
     family = "circular"
-    period: float = parameter(POSITIVE, "after which values repeat", default=TURN)
+    period: float = parameter(POSITIVE_REAL, "after which values repeat", default=TURN)
     part: str | None = parameter(
         choice("cosine", "sine"), "one of the two functions", default=None, empty="both"
     )

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from abfm.errors import FunctionError, brief, did_you_mean, one_line
-from abfm.functions.family import Family, Kind, parameter
+from abfm.functions.family import Family, ValueKind, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
-_LONGEST, _DEEPEST = 1000, 495  # characters, and operations inside each other
+# characters, and operations inside each other
+_LENGTH_MAX = 1000
+_DEPTH_MAX = 495
 _CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
 
 
@@ -68,7 +70,7 @@ class Expression(Family):
     is_open_ended = True
     example = "expression:sin(10*x)*z"
     formula: str = parameter(
-        Kind("a formula", lambda text: " ".join(text.split())),
+        ValueKind("a formula", lambda text: " ".join(text.split())),
         "in x, y and z, with sin, exp, sqrt, abs, min, where and the like, and comparisons. Enter "
         "takes it",
     )
@@ -104,8 +106,8 @@ def _value(formula: str, points: FloatArray) -> FloatArray:
 
 
 def _parsed(formula: str) -> ast.expr:
-    if len(formula) > _LONGEST:
-        raise ValueError(f"it has {len(formula)} characters, at most {_LONGEST} are allowed")
+    if len(formula) > _LENGTH_MAX:
+        raise ValueError(f"it has {len(formula)} characters, at most {_LENGTH_MAX} are allowed")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -117,7 +119,7 @@ def _parsed(formula: str) -> ast.expr:
     levels: list[list[ast.AST]] = [[tree]]
     while levels[-1]:
         levels.append([each for node in levels[-1] for each in ast.iter_child_nodes(node)])
-    if len(levels) > _DEEPEST:
+    if len(levels) > _DEPTH_MAX:
         raise ValueError("it is nested too deeply")
     nodes = [node for level in levels for node in level]
     if any(isinstance(node, ast.Compare) and len(node.ops) > 1 for node in nodes):

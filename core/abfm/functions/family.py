@@ -23,7 +23,7 @@ class Spec(ABC):
 
 
 @dataclass(frozen=True)
-class Kind:
+class ValueKind:
     """What a parameter accepts."""
 
     name: str  # in messages
@@ -55,7 +55,7 @@ class Parameter:
     """One key of a family: all that the text form, help texts, messages and forms know about it."""
 
     name: str
-    kind: Kind
+    kind: ValueKind
     summary: str  # what it means, as the beginning of a sentence in small letters
     default: Any  # MISSING where it must be given; an optional one without a default has None
     unit: str = ""
@@ -70,7 +70,7 @@ class Parameter:
         return self.default is MISSING
 
 
-def parameter(kind: Kind, summary: str, *, default: Any = MISSING, **more: Any) -> Any:
+def parameter(kind: ValueKind, summary: str, *, default: Any = MISSING, **more: Any) -> Any:
     """Declare a dataclass field of a family, with the attributes of :class:`Parameter`."""
     return field(
         default=default, metadata={"kind": kind, "summary": summary, "default": default, **more}
@@ -167,26 +167,26 @@ _index = _checked(int, lambda value: 0 <= value < 2**31)
 _count = _checked(int, lambda value: 0 < value <= 2**31)
 _nonempty = _checked(str, lambda text: bool(text) and "\0" not in text)
 
-NUMBER = Kind("a finite number", _checked(float, math.isfinite))
-POSITIVE = Kind("a number above 0", _checked(float, lambda value: 0 < value < math.inf))
-INDEX = Kind("a whole number, 0 or more", _index, whole=True)
-COUNT = Kind("a whole number, 1 or more", _count, whole=True)
-VERTICES = Kind(
+NUMBER = ValueKind("a finite number", _checked(float, math.isfinite))
+POSITIVE_REAL = ValueKind("a number above 0", _checked(float, lambda value: 0 < value < math.inf))
+INDEX = ValueKind("a whole number, 0 or more", _index, whole=True)
+COUNT = ValueKind("a whole number, 1 or more", _count, whole=True)
+VERTICES = ValueKind(
     "one vertex number or several with commas, counted from 0",
     lambda text: tuple(_index(part) for part in text.split(",")),
 )
-WORD = Kind("a name or a number", _nonempty)
+WORD = ValueKind("a name or a number", _nonempty)
 
 
-def file_name(*suffixes: str) -> Kind:
+def file_name(*suffixes: str) -> ValueKind:
     """Return the kind of names of files with one of some endings."""
-    return Kind("the name of a file", _nonempty, suffixes=suffixes)
+    return ValueKind("the name of a file", _nonempty, suffixes=suffixes)
 
 
-def choice(*names: str) -> Kind:
+def choice(*names: str) -> ValueKind:
     """Return the kind that is one of a few names."""
     listed = " or ".join([", ".join(names[:-1]), names[-1]])
-    return Kind(listed, _checked(str, names.__contains__), names)
+    return ValueKind(listed, _checked(str, names.__contains__), names)
 
 
 def texts_of(given: Any) -> list[str] | None:

@@ -27,7 +27,7 @@ from abfm.reading import (
 )
 from abfm.types import FloatArray, IntArray
 
-_SYMMETRIC = ".sym.vts"
+_SYMMETRIC_SUFFIX = ".sym.vts"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,10 +136,10 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
     .csv that fit both ways, or two partners of a vertex.
     """
     table = read_map_table(path, mesh)
-    template = Path(os.path.expanduser(path[: -len(_SYMMETRIC)] + ".vts"))
+    template = Path(os.path.expanduser(path[: -len(_SYMMETRIC_SUFFIX)] + ".vts"))
     if table.shape[1] == 2:
         return _swapped(mesh, path, _local_vertices(mesh, path, table))
-    if path.lower().endswith(_SYMMETRIC) and template.is_file():
+    if path.lower().endswith(_SYMMETRIC_SUFFIX) and template.is_file():
         points, mirrored = read_map_table(template, mesh)[:, 0], table[:, 0]
         if len(points) != len(mirrored):
             raise FunctionError(

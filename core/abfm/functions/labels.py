@@ -12,7 +12,7 @@ from abfm.types import BoolArray
 __all__ = ["Labels", "read_label_columns", "read_labels", "where_label"]
 
 _WHOLE_NUMBERS = (Format.TABLE, Format.NPY, Format.NPZ, Format.MAT, Format.MGH)
-_MOST_SHOWN = 8
+_SHOWN_NAMES_MAX = 8
 
 
 def read_labels(
@@ -90,6 +90,6 @@ def where_label(
 
 def _near(label: str, names: Iterable[str]) -> str:
     known = [name for name in names if name]
-    shown = ", ".join(one_line(name, 30) for name in known[:_MOST_SHOWN])
-    more = ", ..." if len(known) > _MOST_SHOWN else ""
+    shown = ", ".join(one_line(name, 30) for name in known[:_SHOWN_NAMES_MAX])
+    more = ", ..." if len(known) > _SHOWN_NAMES_MAX else ""
     return did_you_mean(label, known) or (f"; there are {shown}{more}" if known else "")

@@ -22,8 +22,8 @@ _HALF_ANGLE = np.pi / 3
 # igl overlooks triangles below a fixed size: cast rays on the mesh scaled to an area of SIDE^2
 _SIDE = 1e4
 # cosine: faces at a right angle to the vertex's normal count on either side of rounding
-_UPRIGHT = 1e-6
-_ALIKE = 1e-6  # of a length: edges that differ less are equally long
+_COSINE_ROUNDING = 1e-6
+_LENGTH_ROUNDING = 1e-6  # of a length: edges that differ less are equally long
 _START = 1e-6 * _SIDE  # where rays start, so that they do not meet the faces at their vertex
 _CHUNK = 512  # vertices per call of igl, which keeps the GIL: about 20 ms
 
@@ -157,7 +157,7 @@ def _shape_diameter(mesh: TriangleMesh) -> FloatArray:
         )
         hit, length = hit.reshape(-1, _RAYS), length.reshape(-1, _RAYS) + _START
         sides = np.einsum("nrx,nx->nr", face_normals(mesh)[hit], normals[origins[part]])
-        lengths[part] = np.where((hit < 0) | (sides > _UPRIGHT), np.nan, length)
+        lengths[part] = np.where((hit < 0) | (sides > _COSINE_ROUNDING), np.nan, length)
     diameter, turns = np.empty(len(normals)), np.bincount(origins)
     for count in np.unique(turns):
         rows = lengths[turns[origins] == count].reshape(-1, count * _RAYS)
@@ -190,7 +190,7 @@ def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArr
     along = mesh.vertices[ends] - mesh.vertices[owners]
     lengths, longest = np.linalg.norm(along, axis=1), np.zeros(len(normals))
     np.maximum.at(longest, owners, lengths)
-    kept = np.flatnonzero(lengths >= (1 - _ALIKE) * longest[owners])
+    kept = np.flatnonzero(lengths >= (1 - _LENGTH_ROUNDING) * longest[owners])
     kept = kept[np.argsort(owners[kept], kind="stable")]
     owners, along = owners[kept], along[kept]
     inward = -normals[owners]

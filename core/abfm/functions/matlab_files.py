@@ -21,9 +21,9 @@ _SIGNATURE = b"MATLAB 5.0"
 _HEAD_BYTES = 128
 _TYPES = dict(zip((1, 2, 3, 4, 5, 6, 7, 9, 12, 13), "bBhHiIfdqQ", strict=True))
 _MATRIX = 14
-_COMPRESSED = 15
-_NUMERIC = range(6, 16)  # classes of arrays: double, single, and integers of 8 to 64 bits
-_COMPLEX = 0x800
+_COMPRESSED_KIND = 15
+_NUMERIC_CLASSES = range(6, 16)  # classes of arrays: double, single, and integers of 8 to 64 bits
+_COMPLEX_FLAG = 0x800
 
 Element = tuple[int, bytes]
 """The type of a data element, and its bytes."""
@@ -42,13 +42,13 @@ def matlab_arrays(data: bytes) -> PointData:
     found = []
     left = most_inflated(len(data))
     for kind, body in _elements(data, order, _HEAD_BYTES):
-        if kind == _COMPRESSED:
+        if kind == _COMPRESSED_KIND:
             unpacked = inflated(body, left)
             left -= len(unpacked)
             kind, body = next(_elements(unpacked, order), (0, b""))
         if kind == _MATRIX:
             parts = list(islice(_elements(body, order), 4))  # flags, sizes, name, numbers
-            if len(parts) == 4 and _flags(parts, order) & 0xFF in _NUMERIC:
+            if len(parts) == 4 and _flags(parts, order) & 0xFF in _NUMERIC_CLASSES:
                 name = parts[2][1].decode("latin-1")
                 found.append((name, partial(_array, name, parts, order)))
     return PointData(found)
@@ -56,7 +56,7 @@ def matlab_arrays(data: bytes) -> PointData:
 
 def _array(name: str, parts: list[Element], order: str) -> NDArray[Any]:
     _, (_, sizes), _, (kind, numbers) = parts
-    if _flags(parts, order) & _COMPLEX:
+    if _flags(parts, order) & _COMPLEX_FLAG:
         raise ValueError(f"its array {brief(name)} is complex; expected real numbers")
     if kind not in _TYPES:
         raise ValueError(f"its array {brief(name)} is of the unknown type {kind}")
@@ -86,4 +86,4 @@ def _elements(data: bytes, order: str, begin: int = 0) -> Iterator[Element]:
         if len(body) < size:
             raise ValueError(f"it is cut off: {len(body)} bytes are left for one part of {size}")
         yield kind, body
-        begin += 8 + size + (0 if kind == _COMPRESSED else -size % 8)
+        begin += 8 + size + (0 if kind == _COMPRESSED_KIND else -size % 8)

@@ -12,7 +12,7 @@ from abfm.calculus.geodesics import geodesic_distance, surface_distance
 from abfm.errors import FunctionError
 from abfm.functions.family import (
     NUMBER,
-    POSITIVE,
+    POSITIVE_REAL,
     VERTICES,
     Family,
     Shape,
@@ -80,7 +80,7 @@ class AroundPoints(Family):
 
 def _size(summary: str, default: float | None) -> Any:
     unit, slider = "fraction of sqrt(area)", Slider(0.01, 1, log=True)
-    return parameter(POSITIVE, summary, unit=unit, default=default, slider=slider)
+    return parameter(POSITIVE_REAL, summary, unit=unit, default=default, slider=slider)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, refined
 from abfm.types import FloatArray
 
-_OTHER = 0.5
+_DIFFERENCE_MAX = 0.5
 """Of its norm: what differs by more at the vertices that stay is another function, such as another
 one with the same eigenvalue; coarse distances are off by a tenth."""
 
@@ -25,7 +25,7 @@ def on_subdivision(mesh: TriangleMesh, values: FloatArray, spec: str = "") -> Fl
             anew = function(fine, spec)
         except AbfmError:
             return interpolated(mesh, values)
-        if np.linalg.norm(anew[: len(values)] - values) <= _OTHER * np.linalg.norm(values):
+        if np.linalg.norm(anew[: len(values)] - values) <= _DIFFERENCE_MAX * np.linalg.norm(values):
             return anew
     return interpolated(mesh, values)
 

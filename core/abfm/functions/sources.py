@@ -12,7 +12,12 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
 _FSAVERAGE = 163_842  # vertices, of which the first ones are those of its coarser copies
-_COARSER = {642: "fsaverage3", 2562: "fsaverage4", 10_242: "fsaverage5", 40_962: "fsaverage6"}
+_COARSER_COPIES = {
+    642: "fsaverage3",
+    2562: "fsaverage4",
+    10_242: "fsaverage5",
+    40_962: "fsaverage6",
+}
 
 
 def between_sources(film: Columns, mesh: TriangleMesh) -> tuple[FloatArray, tuple[str, ...]]:
@@ -40,8 +45,8 @@ def between_sources(film: Columns, mesh: TriangleMesh) -> tuple[FloatArray, tupl
         raise ValueError("it has no value at a vertex of the mesh that is in a face")
     note = f"{known:,} of {len(rows):,} vertices have values; the others are interpolated"
     are_first = known == sources.max() + 1
-    if mesh.file_vertex_count == _FSAVERAGE and are_first and known in _COARSER:
-        note += f": {_COARSER[known]} has just those with values, and takes less time"
+    if mesh.file_vertex_count == _FSAVERAGE and are_first and known in _COARSER_COPIES:
+        note += f": {_COARSER_COPIES[known]} has just those with values, and takes less time"
     return _interpolated(mesh, values, rows), (note,)
 
 

@@ -36,10 +36,11 @@ from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKern
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh
 from abfm.types import FloatArray
 
-LONGEST, DEEPEST = 10_000, 50
+LENGTH_MAX = 10_000
+DEPTH_MAX = 50
 
 _NAME = re.compile(r"[A-Za-z][\w-]*", re.ASCII)
-_QUOTED = re.compile(r'"(?:[^"]|"")*"')
+_QUOTED_TEXT = re.compile(r'"(?:[^"]|"")*"')
 _NEXT_TERM = re.compile(r"\+\s*(\(|$|[A-Za-z][\w-]*\s*([:+)]|$))", re.ASCII)
 _NEXT_ARGUMENT = re.compile(r",\s*[A-Za-z_][\w-]*\s*=", re.ASCII)
 _KEY_AND_VALUE = re.compile(r"([A-Za-z_][\w-]*)\s*=\s*(.*)", re.ASCII | re.DOTALL)
@@ -113,9 +114,9 @@ def parse(text: str) -> Spec:
     FunctionError
         If the text is no spec: what was found, what was expected, and the nearest known name.
     """
-    if len(text) > LONGEST:
+    if len(text) > LENGTH_MAX:
         raise FunctionError(
-            f"function {brief(text)} has {len(text)} characters; at most {LONGEST} are allowed"
+            f"function {brief(text)} has {len(text)} characters; at most {LENGTH_MAX} are allowed"
         )
     parser = _Parser(text)
     try:
@@ -209,8 +210,8 @@ class _Parser:
         return match.group()
 
     def spec(self, depth: int) -> Spec:
-        if depth > DEEPEST:
-            self.fail(f"at most {DEEPEST} parentheses inside each other")
+        if depth > DEPTH_MAX:
+            self.fail(f"at most {DEPTH_MAX} parentheses inside each other")
         terms: list[Spec] = []
         while not terms or self.take(r"\+"):
             term = self.term(depth)
@@ -237,7 +238,7 @@ class _Parser:
             return self.wrapped(cls, depth)
         if cls is not Permuted:
             return cls(**_values(cls, self.arguments()))
-        path = _unquoted(self.take(_QUOTED) or self.take(r"[^(]*"))
+        path = _unquoted(self.take(_QUOTED_TEXT) or self.take(r"[^(]*"))
         if not self.take(r"\("):
             self.fail("'(' and the function to compose, as in permuted:map.txt(gaussian:vertex=1)")
         return Permuted(path=path, function=self.inner(depth))
@@ -274,7 +275,7 @@ class _Parser:
         while self.position < len(self.text):
             sign = self.text[self.position]
             if sign == '"':
-                if not (quoted := _QUOTED.match(self.text, self.position)):
+                if not (quoted := _QUOTED_TEXT.match(self.text, self.position)):
                     self.fail("a closing double quote")
                 self.position = quoted.end()
                 continue
@@ -319,4 +320,4 @@ def _values(cls: type[Family], arguments: list[str]) -> dict[str, Any]:
 
 
 def _unquoted(text: str) -> str:
-    return text[1:-1].replace('""', '"') if _QUOTED.fullmatch(text) else text.strip()
+    return text[1:-1].replace('""', '"') if _QUOTED_TEXT.fullmatch(text) else text.strip()

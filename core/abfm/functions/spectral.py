@@ -7,7 +7,7 @@ import numpy as np
 
 from abfm.calculus.eigenbasis import unit_eigenbasis
 from abfm.errors import FunctionError
-from abfm.functions.family import COUNT, INDEX, NUMBER, POSITIVE, Family, Slider, parameter
+from abfm.functions.family import COUNT, INDEX, NUMBER, POSITIVE_REAL, Family, Slider, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -60,7 +60,7 @@ class HeatKernelSignature(Family):
 
     family = "hks"
     time: float = parameter(
-        POSITIVE, "diffusion time", unit="area", default=0.01, slider=Slider(1e-4, 1, log=True)
+        POSITIVE_REAL, "diffusion time", unit="area", default=0.01, slider=Slider(1e-4, 1, log=True)
     )
     eigenpairs: int = _eigenpairs()
 
@@ -90,7 +90,7 @@ class WaveKernelSignature(Family):
         NUMBER, "logarithm of an eigenvalue", unit="log(1/area)", default=5.0, slider=Slider(0, 10)
     )
     width: float | None = parameter(
-        POSITIVE,
+        POSITIVE_REAL,
         "spread of the energy",
         unit="log(1/area)",
         default=None,

@@ -97,7 +97,7 @@ def _refused(path: str | os.PathLike[str]) -> Iterator[None]:
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return the file that a path means; OSError if it has no place for one."""
     # with NumPy, before which the command line needs the rest
-    from abfm.reading.plain_files import SPECIAL
+    from abfm.reading.plain_files import SPECIAL_FILES
 
     try:
         target = Path(os.path.realpath(path))
@@ -106,7 +106,7 @@ def _target(path: str | os.PathLike[str]) -> Path:
         return target
     except ValueError:
         raise OSError(None, "its name has a zero byte") from None
-    no_files = SPECIAL | {stat.S_IFDIR: "a folder"}
+    no_files = SPECIAL_FILES | {stat.S_IFDIR: "a folder"}
     if kind in no_files:
         raise OSError(None, f"it is {no_files[kind]}, no place for a file")
     return target

@@ -20,7 +20,8 @@ ENTITIES = (
 """Keys of entities in their order, those of transforms before the description."""
 _VALUE = re.compile(r"[0-9A-Za-z+]+")
 _ENTITY = re.compile(rf"([A-Za-z]+)-({_VALUE.pattern})")
-_WORD, _EXTENSION = re.compile(r"[0-9A-Za-z]+"), re.compile(r"(\.[0-9A-Za-z]+)+")
+_WORD = re.compile(r"[0-9A-Za-z]+")
+_EXTENSION = re.compile(r"(\.[0-9A-Za-z]+)+")
 _FREESURFER = re.compile(r"[lr]h\.([0-9A-Za-z]+)")
 _EXTENSIONS = (".surf.gii", ".shape.gii", ".func.gii", ".label.gii")  # of names that are no BIDS
 

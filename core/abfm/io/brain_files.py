@@ -38,7 +38,7 @@ from abfm.reading import (
 )
 from abfm.types import FloatArray, IntArray
 
-_PRIMARY = "AnatomicalStructurePrimary"
+_PRIMARY_STRUCTURE_KEY = "AnatomicalStructurePrimary"
 _INTENTS = {".shape.gii": "NIFTI_INTENT_SHAPE", ".func.gii": "NIFTI_INTENT_NONE"}
 _TEXTS = {".csv": ",", ".txt": " "}
 # longer ones first, so that what is neither .surf.gii nor the like is plain GIFTI
@@ -52,7 +52,8 @@ _VALUES = (
 _LABELS = (".label.gii", ".gii", ".annot", CIFTI_LABELS, ".npy", *_TEXTS)
 _LARGEST_KEY = 2**31 - 1
 _STAMP = "created by abfm"
-_OPAQUE, _COLOURS = 255, 1 << 24
+_BYTE_MAX = 255
+_COLOURS = 1 << 24
 
 
 def write_surface(
@@ -153,7 +154,7 @@ def write_values(
         return
     columns = _single(array.reshape(len(array), count).T, "values")
     if ending in CIFTI_VALUES:
-        of = _structure(path, structure).get(_PRIMARY)
+        of = _structure(path, structure).get(_PRIMARY_STRUCTURE_KEY)
         write_cifti_values(path, columns.T, called, of, times)
         return
     if ending in _OVERLAYS:
@@ -210,7 +211,7 @@ def write_labels(
         return
     meta, known = _structure(path, structure), replace(labels, values=keys).with_unknown()
     if ending == CIFTI_LABELS:
-        write_cifti_labels(path, known, meta.get(_PRIMARY))
+        write_cifti_labels(path, known, meta.get(_PRIMARY_STRUCTURE_KEY))
     else:
         _write_gifti(path, [_gifti_array(known.values.astype(np.int32), LABEL)], meta, known)
 
@@ -237,7 +238,7 @@ def _structure(path: str | os.PathLike[str], given: str | None) -> dict[str, str
     structure = given or STRUCTURES.get(hemisphere(path) or "")
     if not structure:
         return {}
-    return {_PRIMARY: _printable(structure, "structure")}
+    return {_PRIMARY_STRUCTURE_KEY: _printable(structure, "structure")}
 
 
 def _printable(text: object, what: str) -> str:
@@ -301,13 +302,13 @@ def _table(labels: Labels) -> IntArray:
     taken, rows = {0}, []
     for key in labels.names:
         color = _color(labels, key)
-        code = (round(_OPAQUE * part) for part in color or (0.5, 0.5, 0.5, 1.0))
+        code = (round(_BYTE_MAX * part) for part in color or (0.5, 0.5, 0.5, 1.0))
         red, green, blue, opacity = code
         packed = red | green << 8 | blue << 16
         while packed in taken:
             packed = (packed + 1) % _COLOURS
         taken.add(packed)
-        rows.append([packed & 255, packed >> 8 & 255, packed >> 16, _OPAQUE - opacity])
+        rows.append([packed & 255, packed >> 8 & 255, packed >> 16, _BYTE_MAX - opacity])
     return np.array(rows, dtype=np.int64)
 
 

@@ -22,13 +22,15 @@ from abfm.workers.control import CancelledError
 FORMAT_VERSION = 3
 """Of result files and of projects."""
 MEND = "match again and save, or take another copy of the file"
-LARGEST = 1e154
+SIZE_MAX = 1e154
 """Of functions and, in lengths of the mesh, of fields: squares of more overflow, so no match was
 made of them.
 """
 # vertices of the mesh file that no face uses: maps to its vertices have a line for each
-_MOST_DROPPED = 10_000_000
-_MOST_TOLD, _LONGEST_TEXT = 400, 10_000  # characters
+_DROPPED_VERTICES_MAX = 10_000_000
+# characters
+_REASON_MAX = 400
+_TEXT_LENGTH_MAX = 10_000
 # bytes of files of abfm's own: those of thousands of frames are larger than any that others make
 _LARGEST_FILE = 1 << 40
 _KINDS: dict[str, tuple[str, Any]] = {
@@ -78,8 +80,8 @@ class Entry(NamedTuple):
 
     def _check_values(self, name: str, array: NDArray[Any]) -> None:
         if self.kind == "text":
-            if not all(len(text) <= _LONGEST_TEXT and text.isprintable() for text in array.flat):
-                limit = f"more than {_LONGEST_TEXT} characters, or some that cannot be shown"
+            if not all(len(text) <= _TEXT_LENGTH_MAX and text.isprintable() for text in array.flat):
+                limit = f"more than {_TEXT_LENGTH_MAX} characters, or some that cannot be shown"
                 raise ValueError(f"{name} has {limit}")
             return
         # without copies of arrays that may be larger than the memory
@@ -106,7 +108,7 @@ MESH_ENTRIES = {
     "copies": Entry("integer", ("copied", 2), required=False, may_be_empty=True, low=0),
     "structure": Entry("text", (), required=False),
 }
-_FUNCTION = Entry("real", ("V", "C"), low=-LARGEST, high=LARGEST)
+_FUNCTION = Entry("real", ("V", "C"), low=-SIZE_MAX, high=SIZE_MAX)
 _FUNCTIONS = {"source": _FUNCTION, "target": _FUNCTION}
 _DATA = {
     "parameters": Entry("text", ()),
@@ -155,14 +157,14 @@ _MATCH = {
 MATCH_ENTRIES = _FUNCTIONS | _MATCH | SPEC_ENTRIES | LANDMARK_ENTRIES | _DATA
 
 
-class Kind(NamedTuple):
+class FileKind(NamedTuple):
     """What a file is called, and which arrays it holds."""
 
     name: str
     entries: Mapping[str, Entry]
 
 
-RESULT = Kind("result file", MESH_ENTRIES | MATCH_ENTRIES)
+RESULT = FileKind("result file", MESH_ENTRIES | MATCH_ENTRIES)
 _OTHER_MESH = {  # surface A of two; B has the names of the only one
     f"a_{name}": entry._replace(
         shape=tuple(f"{size}A" if isinstance(size, str) else size for size in entry.shape)
@@ -183,18 +185,20 @@ _CORRESPONDENCE = {
     "candidate_costs": Entry("real", ("Z",), required=False, may_be_unknown=True),
 }
 CORRESPONDENCE_ENTRIES = _OTHER_MESH | _CORRESPONDENCE
-CORRESPONDENCE = Kind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)
+CORRESPONDENCE = FileKind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)
 # the initial map, and the match on B
-_OF_BOTH = {
+_MAP_ENTRIES = {
     "notes": Entry("text", ("K",), required=False),
     "warnings": Entry("text", ("W",), required=False),
     "registration_verdict": Entry("text", (4,), required=False),  # as `verdict`
     "a_functions": Entry("real", ("VA", "C"), required=False),  # as they are compared
 }
-REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_OF_BOTH})
-PROBLEM = Kind("problem file", PROBLEM_ENTRIES)
+REGISTRATION = FileKind(
+    "registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_MAP_ENTRIES}
+)
+PROBLEM = FileKind("problem file", PROBLEM_ENTRIES)
 _SEQUENCE = {
-    "frames": Entry("real", ("T", "V", "C"), low=-LARGEST, high=LARGEST),
+    "frames": Entry("real", ("T", "V", "C"), low=-SIZE_MAX, high=SIZE_MAX),
     "times": Entry("real", ("T",)),
     "velocity": Entry("real", ("I", "F", 3)),
     "parameters": Entry("text", ()),
@@ -213,7 +217,7 @@ _SEQUENCE = {
     "verdicts": Entry("text", ("I", 4)),  # as of a match
     "weights": Entry("real", ("C",), low=0),
 }
-SEQUENCE = Kind("sequence file", MESH_ENTRIES | _SEQUENCE)
+SEQUENCE = FileKind("sequence file", MESH_ENTRIES | _SEQUENCE)
 
 
 @contextmanager
@@ -223,14 +227,14 @@ def open_archive(path: Path, what: str, cure: str) -> Iterator[Archive]:
         with open_plain(path, _LARGEST_FILE) as file:
             yield Archive(file)
     except ResultError as error:
-        raise ResultError(f"{one_line(path)}: {one_line(error, _MOST_TOLD)}") from error
+        raise ResultError(f"{one_line(path)}: {one_line(error, _REASON_MAX)}") from error
     except OSError as error:
         reason = f"{one_line(error)}; check the path and its permissions"
         raise ResultError(f"cannot read {one_line(path)}: {reason}") from error
     # damage makes anything of the readers of zips, of JSON and of what they hold
     except Exception as error:
         is_of_python = isinstance(error, TypeError | AttributeError | IndexError | ArithmeticError)
-        reason = "its parts do not fit together" if is_of_python else one_line(error, _MOST_TOLD)
+        reason = "its parts do not fit together" if is_of_python else one_line(error, _REASON_MAX)
         raise ResultError(
             f"{one_line(path)}: no {what} of abfm, or damaged or cut short ({reason}); {cure}"
         ) from error
@@ -282,7 +286,7 @@ def check_arrays(
     }
 
 
-def save_arrays(path: Path, arrays: Mapping[str, Any], kind: Kind = RESULT) -> None:
+def save_arrays(path: Path, arrays: Mapping[str, Any], kind: FileKind = RESULT) -> None:
     """Write the arrays of its kind and ``format_version``; the same give the same bytes.
 
     Raises
@@ -299,7 +303,7 @@ def save_arrays(path: Path, arrays: Mapping[str, Any], kind: Kind = RESULT) -> N
     try:
         checked = _checked(arrays, kind)
     except ValueError as error:
-        told = f"{one_line(path)} not written: {one_line(error, _MOST_TOLD)}; {MEND}"
+        told = f"{one_line(path)} not written: {one_line(error, _REASON_MAX)}; {MEND}"
         raise ResultError(told) from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})
@@ -311,7 +315,7 @@ def made(parts: Parts) -> dict[str, Any]:
 
 
 def save_parts(
-    path: Path, parts: Parts, substitutes: Mapping[str, Any], kind: Kind = RESULT
+    path: Path, parts: Parts, substitutes: Mapping[str, Any], kind: FileKind = RESULT
 ) -> tuple[str, ...]:
     """Write those parts that can be made and would load again, and substitutes for required arrays
     that are in none of them; return what is missing and why, a line each.
@@ -332,7 +336,7 @@ def save_parts(
                 for name, array in make().items()
             }
         except Exception as error:  # whatever is wrong with a part, the others are kept
-            missing.append(f"{part} ({one_line(error, _MOST_TOLD)})")
+            missing.append(f"{part} ({one_line(error, _REASON_MAX)})")
         else:
             arrays |= own
             sizes = known
@@ -369,7 +373,7 @@ def save_what_can_be(path: Path, found: Saved) -> str:
     return ""
 
 
-def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
+def load_arrays(path: Path, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
     """Read the arrays of its kind, others left out: float64, int64, bool or unicode.
 
     Raises
@@ -398,7 +402,7 @@ def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
         return _checked(archive, kind)
 
 
-def loaded(path: Path, kind: Kind, make: Callable[[dict[str, NDArray[Any]]], Made]) -> Made:
+def loaded(path: Path, kind: FileKind, make: Callable[[dict[str, NDArray[Any]]], Made]) -> Made:
     """Return what is made of the arrays that a file of a kind holds.
 
     Raises
@@ -410,10 +414,10 @@ def loaded(path: Path, kind: Kind, make: Callable[[dict[str, NDArray[Any]]], Mad
     try:
         return make(arrays)
     except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, _MOST_TOLD)}; {MEND}") from error
+        raise ResultError(f"{one_line(path)}: {one_line(error, _REASON_MAX)}; {MEND}") from error
 
 
-def _checked(arrays: Mapping[str, Any], kind: Kind) -> dict[str, NDArray[Any]]:
+def _checked(arrays: Mapping[str, Any], kind: FileKind) -> dict[str, NDArray[Any]]:
     checked = check_arrays(arrays, kind.entries)
     for prefix in ("", "a_"):
         if f"{prefix}faces" in checked:
@@ -438,7 +442,7 @@ def mesh_of(arrays: Arrays, prefix: str = "") -> TriangleMesh:
     _check_indices(arrays, prefix)
     vertices, faces, ids, total, copies = _of_mesh(arrays, prefix)
     count = int(total)
-    if count - len(ids) > _MOST_DROPPED:
+    if count - len(ids) > _DROPPED_VERTICES_MAX:
         raise ValueError(f"the mesh file had {count} vertices, and {len(ids)} are used")
     structure = arrays.get(f"{prefix}structure")
     mesh = TriangleMesh(

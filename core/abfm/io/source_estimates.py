@@ -13,7 +13,7 @@ from abfm.reading import read_bytes, read_stc
 from abfm.types import IntArray
 
 _HEMISPHERES = ("-lh.stc", "-rh.stc")
-_UNEVEN = 1e-3  # of the time between samples
+_TIME_ROUNDING = 1e-3  # of the time between samples
 
 
 def check_stc_name(path: str | os.PathLike[str]) -> None:
@@ -31,7 +31,7 @@ def even_step(path: str | os.PathLike[str], times: ArrayLike) -> float:
     """
     when = real_numbers(times, "times", ResultError)
     step = float(when[-1] - when[0]) / max(len(when) - 1, 1) or 1.0
-    if np.abs(np.diff(when) - step).max(initial=0.0) > _UNEVEN * step:
+    if np.abs(np.diff(when) - step).max(initial=0.0) > _TIME_ROUNDING * step:
         raise ResultError(
             f"cannot write {path}: its times are not evenly spaced; this format has one time step"
         )

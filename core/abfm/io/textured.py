@@ -19,11 +19,18 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray
 
-TEXTURED = (".obj", ".glb")
+TEXTURED_ENDINGS = (".obj", ".glb")
 """Endings of names that `write_textured` knows."""
-_HEADER, _JSON, _BINARY = b"glTF\x02\0\0\0", b"JSON", b"BIN\0"
-_LINEAR, _CLAMP = 9729, 33071  # of samplers
-_FLOAT, _WHOLE, _VERTICES, _CORNERS = 5126, 5125, 34962, 34963
+_HEADER = b"glTF\x02\0\0\0"
+_JSON = b"JSON"
+_BINARY = b"BIN\0"
+# of samplers
+_FILTER = 9729
+_WRAP = 33071
+_FLOAT_COMPONENT = 5126
+_UNSIGNED_COMPONENT = 5125
+_POINT_TARGET = 34962
+_INDEX_TARGET = 34963
 _AT_A_TIME = 1 << 16  # lines of text
 
 
@@ -33,8 +40,10 @@ def textured_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
     """
     whole = Path(path)
     ending = whole.suffix.lower()
-    if ending not in TEXTURED:
-        raise ResultError(f"cannot write {path}: its name must end in {' or '.join(TEXTURED)}")
+    if ending not in TEXTURED_ENDINGS:
+        raise ResultError(
+            f"cannot write {path}: its name must end in {' or '.join(TEXTURED_ENDINGS)}"
+        )
     if ending == ".glb":
         return (whole,)
     name = whole.stem
@@ -136,16 +145,16 @@ def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) ->
     for part in parts:
         starts.append(len(binary))
         binary += part + b"\0" * (-len(part) % 4)
-    targets = [{"target": _VERTICES}, {"target": _VERTICES}, {"target": _CORNERS}, {}]
+    targets = [{"target": _POINT_TARGET}, {"target": _POINT_TARGET}, {"target": _INDEX_TARGET}, {}]
     views = [
         {"buffer": 0, "byteOffset": start, "byteLength": len(part)} | target
         for start, part, target in zip(starts, parts, targets, strict=True)
     ]
     reach = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
     accessors = [
-        _accessor(0, _FLOAT, len(order), "VEC3") | reach,
-        _accessor(1, _FLOAT, len(order), "VEC2"),
-        _accessor(2, _WHOLE, len(order), "SCALAR"),
+        _accessor(0, _FLOAT_COMPONENT, len(order), "VEC3") | reach,
+        _accessor(1, _FLOAT_COMPONENT, len(order), "VEC2"),
+        _accessor(2, _UNSIGNED_COMPONENT, len(order), "SCALAR"),
     ]
     surface = {"baseColorTexture": {"index": 0}, "metallicFactor": 0, "roughnessFactor": 1}
     header = {
@@ -170,9 +179,7 @@ def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) ->
         "textures": [{"sampler": 0, "source": 0}],
         "images": [{"bufferView": 3, "mimeType": "image/png"}],
         # no mipmaps, which would mix what lies side by side in the image alone
-        "samplers": [
-            {"magFilter": _LINEAR, "minFilter": _LINEAR, "wrapS": _CLAMP, "wrapT": _CLAMP}
-        ],
+        "samplers": [{"magFilter": _FILTER, "minFilter": _FILTER, "wrapS": _WRAP, "wrapT": _WRAP}],
         "accessors": accessors,
         "bufferViews": views,
         "buffers": [{"byteLength": len(binary)}],

@@ -16,7 +16,7 @@ from .quality import map_accuracy as map_accuracy
 from .quality import map_quality as map_quality
 from .quality import there_and_back as there_and_back
 from .sphere_embedding import sphere_embedding as sphere_embedding
-from .spread_points import NEAREST as NEAREST
+from .spread_points import SPACING_MIN as SPACING_MIN
 from .spread_points import SpreadPoints as SpreadPoints
 from .spread_points import spread_points as spread_points
 from .surface_points import SurfacePoints as SurfacePoints

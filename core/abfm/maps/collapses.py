@@ -16,7 +16,7 @@ from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
 _SHARE = 0.25  # of the vertices, that go in a round at most
-_USUAL = 7  # neighbours; more make an edge worse to collapse
+_DEGREE_MAX = 7  # neighbours; more make an edge worse to collapse
 
 
 class Surface(NamedTuple):
@@ -122,7 +122,7 @@ def _cheapest(
             for x in range(3):
                 length += (points[faces[next_slot(other)], x] - points[kept, x]) ** 2
             cost = max(cost, length)
-        cost *= max(degrees[kept] + ring.size - 4, _USUAL)
+        cost *= max(degrees[kept] + ring.size - 4, _DEGREE_MAX)
         slot = twins[next_slot(next_slot(corner))]
         if cost < least and _is_free(surface, slot, room):
             least, best = cost, slot

@@ -16,7 +16,7 @@ from abfm.calculus.smoothing import smoothed
 from abfm.maps.image_relaxation import Ground, Image, push_to_sphere, relax, relocate
 from abfm.maps.point_maps import PointMap
 from abfm.maps.sphere_embedding import (
-    State,
+    Embedding,
     check_embedded,
     embed,
     filled,
@@ -32,16 +32,28 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_FIRST = 100  # vertices that are turned to where they belong
-_SHORT = 1e-12  # a direction that is none
-_TURNS, _NEAR = 20, 0.1  # of weighing down those that are farther off, squared
+_TURNED_VERTICES = 100  # vertices that are turned to where they belong
+_LENGTH_MIN = 1e-12  # a direction that is none
+# of weighing down those that are farther off, squared
+_TURNS = 20
+_SQUARED_DISTANCE_SOFTENING = 0.1
 # on the sphere: how often moves are averaged, one after the other, how long they are at most, and
 # how many times vertices move, few of them more often, with sweeps of less distortion each time
-_AVERAGED, _LONGEST, _PULLS, _PULLED, _SWEEPS = (16, 8, 4, 2, 1), 0.5, (2, 10), 10_000, 6
+_AVERAGING_ROUNDS = (16, 8, 4, 2, 1)
+_MOVE_LENGTH_MAX = 0.5
+_PULLS = (2, 10)
+_PULLED_VERTICES = 10_000
+_SWEEPS = 6
 # on A: the same, in sqrt(area)
-_AVERAGED_ON_A, _LONGEST_ON_A, _PULLS_ON_A, _SWEEPS_ON_A = (8, 4, 2, 1), 0.1, 3, 4
-_SMOOTHED = 0.02  # sqrt(area), the torn map that its image is pulled to
-_LOOSE, _TIGHT, _LAST = 0.05, 0.02, 10  # distances that cost as much as distortion; last sweeps
+_AVERAGED_ON_A = (8, 4, 2, 1)
+_LONGEST_ON_A = 0.1
+_PULLS_ON_A = 3
+_SWEEPS_ON_A = 4
+_SMOOTHING_LENGTH = 0.02  # sqrt(area), the torn map that its image is pulled to
+# distances that cost as much as distortion; last sweeps
+_LOOSE_DISTANCE = 0.05
+_TIGHT_DISTANCE = 0.02
+_LAST_SWEEPS = 10
 
 
 def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
@@ -61,15 +73,15 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
     (points_a, faces_a), (points_b, faces_b) = filled(a), filled(b)
     sphere_a = embed(points_a, faces_a)
     directions = points.pull_back(sphere_a[: len(a.vertices)])
-    directions /= np.maximum(np.linalg.norm(directions, axis=1), _SHORT)[:, None]
+    directions /= np.maximum(np.linalg.norm(directions, axis=1), _LENGTH_MIN)[:, None]
     targets = _with_middles(b, directions)
-    places = smoothed(b, points.positions / points.codomain.length_scale, _SMOOTHED)
+    places = smoothed(b, points.positions / points.codomain.length_scale, _SMOOTHING_LENGTH)
     sphere_b = _pulled(points_b, faces_b, targets)
     with step("moving the map to less distortion", len(points_b)):
         surface = surface_of(faces_a, len(points_a))
         corners, neighbours = surface.faces.reshape(-1, 3), surface.twins.reshape(-1, 3)
         ground = Ground(Faces(corners, neighbours, sphere_a, 1.0), points_a)
-        state = State(points_b, surface_of(faces_b, len(points_b)), sphere_b)
+        state = Embedding(points_b, surface_of(faces_b, len(points_b)), sphere_b)
         _relax(state, ground, _with_middles(b, places))
     check_embedded(sphere_b, faces_b)
     return sphere_a[: len(a.vertices)], sphere_b[: len(b.vertices)]
@@ -89,15 +101,15 @@ def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatAr
     with step("pulling the map together", count) as done:
         for state, alive in unfolding(points, faces):
             done(len(alive) / count)
-            if len(alive) < min(_FIRST, count):
+            if len(alive) < min(_TURNED_VERTICES, count):
                 continue
             if not turned:
                 state.sphere[alive] = _turned(state.sphere[alive], targets[alive])
                 turned = True
-            pulls = int(np.clip(_PULLED // len(alive), *_PULLS))
-            for rounds in np.repeat(_AVERAGED, pulls).tolist():
+            pulls = int(np.clip(_PULLED_VERTICES // len(alive), *_PULLS))
+            for rounds in np.repeat(_AVERAGING_ROUNDS, pulls).tolist():
                 checkpoint()
-                set_moves(state.sphere, targets, _LONGEST, alive, pull.moves)
+                set_moves(state.sphere, targets, _MOVE_LENGTH_MAX, alive, pull.moves)
                 average(state.surface, rounds, alive, pull, room.star)
                 shift(state, alive, pull, room)
                 for _ in range(_SWEEPS):
@@ -111,11 +123,11 @@ def _turned(sphere: FloatArray, targets: FloatArray) -> FloatArray:
     for _ in range(_TURNS):
         u, _, v = np.linalg.svd((weights[:, None] * sphere).T @ targets)
         turned = sphere @ u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
-        weights = 1 / (((turned - targets) ** 2).sum(axis=1) + _NEAR)
+        weights = 1 / (((turned - targets) ** 2).sum(axis=1) + _SQUARED_DISTANCE_SOFTENING)
     return np.asarray(turned)
 
 
-def _relax(state: State, ground: Ground, targets: FloatArray) -> None:
+def _relax(state: Embedding, ground: Ground, targets: FloatArray) -> None:
     """Move a surface on the sphere so that its image is less distorted and near to targets."""
     count = len(targets)
     alive, pull, room = np.arange(count), pull_for(count), room_for(count)
@@ -123,7 +135,7 @@ def _relax(state: State, ground: Ground, targets: FloatArray) -> None:
     a, b, c = np.moveaxis(state.points[corners], 1, 0)
     sizes = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     areas = np.bincount(corners.ravel(), np.repeat(sizes, 3), count)
-    faces, weights = np.zeros(count, dtype=np.int64), areas / _LOOSE**2
+    faces, weights = np.zeros(count, dtype=np.int64), areas / _LOOSE_DISTANCE**2
     image = Image(state, ground, faces, np.zeros((count, 3)), targets, weights)
     relocate(image)
     for rounds in np.repeat(_AVERAGED_ON_A, _PULLS_ON_A).tolist():
@@ -135,7 +147,7 @@ def _relax(state: State, ground: Ground, targets: FloatArray) -> None:
         relocate(image)
         for _ in range(_SWEEPS_ON_A):
             relax(image, room)
-    weights *= (_LOOSE / _TIGHT) ** 2
-    for _ in range(_LAST):
+    weights *= (_LOOSE_DISTANCE / _TIGHT_DISTANCE) ** 2
+    for _ in range(_LAST_SWEEPS):
         checkpoint()
         relax(image, room)

@@ -17,19 +17,21 @@ from abfm.types import BoolArray, FloatArray, IntArray
 
 SHARE = 0.99
 """Share of the faces that keep a bound: single ones, as at the ends of creases, may exceed it."""
-MOST = 2048  # faces that are looked at closely, unless said
+CUT_FACES_MAX = 2048  # faces that are looked at closely, unless said
 _PARTS = 8  # along each side
 # Share of a face's parts beyond which it is folded: of slivers along a bent surface about half look
 # turned over, in 36 of 38 maps of flows never more than this; of folded faces nearly all.
-_TURNED = 0.75
-_INSIDE = 1e-6  # of the way to the centre, so that no point lies on two faces
-_FLAT = 1e-12  # of its size before: a part that has less area now has collapsed, not turned over
-_COLLAPSED = 1e-9  # of a face's area: less is left by rounding
+_TURNED_SHARE_MIN = 0.75
+_INWARD_SHARE = 1e-6  # of the way to the centre, so that no point lies on two faces
+# of its size before: a part that has less area now has collapsed, not turned over
+_AREA_ROUNDING = 1e-12
+_COLLAPSED_AREA_MAX = 1e-9  # of a face's area: less is left by rounding
 _CHUNK = 4096  # faces that are cut at once, 184,320 points
-_LEAST = 1e-6  # of a stretch: logarithms of less are those of this
+_STRETCH_MIN = 1e-6  # of a stretch: logarithms of less are those of this
 # A triangle between mapped corners says little where it is stretched this much and the surface's
 # normals at its corners have a mean this short: they are about 30 degrees apart
-_LONG, _BENT = 2.0, 0.95
+_LONG_STRETCH = 2.0
+_BENT_NORMAL_LENGTH = 0.95
 Map = Callable[[SurfacePoints], SurfacePoints]
 
 
@@ -87,7 +89,7 @@ class Distortion:
     @property
     def collapsed(self) -> int:
         """The number of faces that are mapped to a line or a point."""
-        return int((self.area <= _COLLAPSED).sum())
+        return int((self.area <= _COLLAPSED_AREA_MAX).sum())
 
     @property
     def log2_area(self) -> Log2:
@@ -103,12 +105,12 @@ class Distortion:
         """Return the share of the faces, 0 to 1, with neither ``|log2 J|`` nor ``|log2 R|`` above
         ``most``.
         """
-        logs = np.log2(np.clip([self.area, self.conformal], _LEAST, 1 / _LEAST))
+        logs = np.log2(np.clip([self.area, self.conformal], _STRETCH_MIN, 1 / _STRETCH_MIN))
         return float((np.abs(logs) <= most).all(axis=0).mean())
 
     def bound_of(self, share: float) -> float:
         """Return the least ``most`` that this share of the faces keeps, see `share_within`."""
-        logs = np.log2(np.clip([self.area, self.conformal], _LEAST, 1 / _LEAST))
+        logs = np.log2(np.clip([self.area, self.conformal], _STRETCH_MIN, 1 / _STRETCH_MIN))
         largest = np.sort(np.abs(logs).max(axis=0))
         return float(largest[max(int(np.ceil(share * len(largest))), 1) - 1])
 
@@ -129,7 +131,7 @@ class Distortion:
         )
 
     def _log2(self, ratios: FloatArray) -> Log2:
-        values = np.abs(np.log2(np.clip(ratios, _LEAST, 1 / _LEAST)))
+        values = np.abs(np.log2(np.clip(ratios, _STRETCH_MIN, 1 / _STRETCH_MIN)))
         areas = self.weights
         p95, p98 = np.percentile(values, (95, 98), method="inverted_cdf", weights=areas)
         mean = np.average(values, weights=areas)
@@ -161,7 +163,7 @@ def log2_changes(
     area, over some faces (S,), by number, whose corners are mapped to (S, 3, 3), with triangles
     between these.
     """
-    found = np.maximum(_stretches(corners, hat_gradients(mesh)[faces]), _LEAST)
+    found = np.maximum(_stretches(corners, hat_gradients(mesh)[faces]), _STRETCH_MIN)
     logs, areas = np.log2(found), face_areas(mesh)[faces]
     area, shape = np.abs(logs[:, 0] + logs[:, 1]), logs[:, 0] - logs[:, 1]
     p95 = np.percentile(area, 95, method="inverted_cdf", weights=areas)
@@ -182,11 +184,11 @@ def distortion_of_flow(
     """
     chords = _of_corners(mesh, faces, corners.positions.reshape(-1, 3, 3), corners.mesh)
     normals = face_normals(corners.mesh)[corners.faces].reshape(-1, 3, 3).mean(axis=1)
-    bent = np.linalg.norm(normals, axis=1) < _BENT
-    cut = np.flatnonzero(chords.flipped | (bent & (chords.singular_values[:, 0] > _LONG)))
+    bent = np.linalg.norm(normals, axis=1) < _BENT_NORMAL_LENGTH
+    cut = np.flatnonzero(chords.flipped | (bent & (chords.singular_values[:, 0] > _LONG_STRETCH)))
     turned, stretches = by_parts(mesh, carried, faces[cut])
     flipped, values = chords.flipped.copy(), chords.singular_values.copy()
-    flipped[cut] &= turned > _TURNED
+    flipped[cut] &= turned > _TURNED_SHARE_MIN
     values[cut] = stretches
     return _of_stretches(values, flipped, chords.weights)
 
@@ -224,7 +226,11 @@ def turned_over(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
 
 
 def folds(
-    mesh: TriangleMesh, carried: Map, faces: IntArray, corners: FloatArray, most: int = MOST
+    mesh: TriangleMesh,
+    carried: Map,
+    faces: IntArray,
+    corners: FloatArray,
+    most: int = CUT_FACES_MAX,
 ) -> tuple[float, float]:
     """Return the shares of some faces (S,), by number, that a map folds, and that its mapped
     vertices alone, ``corners`` (S, 3, 3), turn over.
@@ -239,7 +245,7 @@ def folds(
     share = len(overturned) / len(faces)
     chosen = np.linspace(0, len(overturned) - 1, min(len(overturned), most)).astype(np.int64)
     turned, _ = by_parts(mesh, carried, overturned[chosen])
-    return share * float((turned > _TURNED).mean()), share
+    return share * float((turned > _TURNED_SHARE_MIN).mean()), share
 
 
 def by_parts(mesh: TriangleMesh, carried: Map, faces: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -247,7 +253,7 @@ def by_parts(mesh: TriangleMesh, carried: Map, faces: IntArray) -> tuple[FloatAr
     geometric means of the parts' stretches.
     """
     weights, parts = _grid(_PARTS)
-    weights = (1 - _INSIDE) * weights + _INSIDE / 3
+    weights = (1 - _INWARD_SHARE) * weights + _INWARD_SHARE / 3
     shares, stretches = np.empty(len(faces)), np.empty((len(faces), 2))
     for begin in range(0, len(faces), _CHUNK):
         chunk = slice(begin, begin + _CHUNK)
@@ -256,10 +262,10 @@ def by_parts(mesh: TriangleMesh, carried: Map, faces: IntArray) -> tuple[FloatAr
         end, shape = carried(start), (len(cut), len(weights), 3)
         before, after = (points.positions.reshape(shape)[:, parts] for points in (start, end))
         normals = face_normals(end.mesh)[end.faces].reshape(shape)[:, parts].mean(axis=2)
-        least = -_FLAT * np.linalg.norm(_areas(before), axis=-1)
+        least = -_AREA_ROUNDING * np.linalg.norm(_areas(before), axis=-1)
         shares[chunk] = ((_areas(after) * normals).sum(axis=-1) < least).mean(axis=1)
-        gradients = _PARTS / (1 - _INSIDE) * hat_gradients(mesh)[cut, None]
-        found = np.maximum(_stretches(after, gradients), _LEAST)
+        gradients = _PARTS / (1 - _INWARD_SHARE) * hat_gradients(mesh)[cut, None]
+        found = np.maximum(_stretches(after, gradients), _STRETCH_MIN)
         stretches[chunk] = np.exp(np.log(found).mean(axis=1))
     return shares, stretches
 

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.maps.sphere_embedding import State, is_outward, set_shapes
+from abfm.maps.sphere_embedding import Embedding, is_outward, set_shapes
 from abfm.maps.spherical import Faces, side_volumes, walk
 from abfm.maps.star_moves import (
-    SHORTER,
-    TRIES,
+    STEP_FACTOR,
+    STEP_TRIES,
     Room,
     add_product,
     difference,
@@ -29,7 +29,7 @@ from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IntArray
 
 _ON_SPHERE = 0.02  # weight of the conformal energy
-_TINY = 1e-300
+_GUARD = 1e-300
 
 
 class Ground(NamedTuple):
@@ -42,7 +42,7 @@ class Ground(NamedTuple):
 class Image(NamedTuple):
     """Surface B on A."""
 
-    state: State
+    state: Embedding
     ground: Ground
     faces: IntArray  # (V_B,), of A, that hold its vertices
     places: FloatArray  # (V_B, 3), where these are in space
@@ -116,7 +116,7 @@ def relax(image: Image, room: Room) -> None:
         along, across = step_to_minimum(room.model)
         sphere = image.state.sphere
         energy = _energy(image, v, sphere[v], image.places[v], around)
-        for _ in range(TRIES):
+        for _ in range(STEP_TRIES):
             moved = sphere[v] + along * slopes[0] + across * slopes[1]
             normalize(moved)
             if is_outward(image.state, around.star, moved):
@@ -124,8 +124,8 @@ def relax(image: Image, room: Room) -> None:
                 if _energy(image, v, moved, place, around) < energy:
                     sphere[v], image.places[v], image.faces[v] = moved, place, face
                     break
-            along *= SHORTER
-            across *= SHORTER
+            along *= STEP_FACTOR
+            across *= STEP_FACTOR
 
 
 @steady_kernel
@@ -138,7 +138,7 @@ def _energy(image: Image, v: int, direction: FloatArray, place: FloatArray, arou
         b, c = surface.faces[after], surface.faces[next_slot(after)]
         _, _, _, area = around.shapes[k]
         dirichlet, normal = _dirichlet(around.shapes[k], place, places[b], places[c])
-        total += 0.25 * dirichlet * (1 + (2 * area) ** 2 / (scalar(normal, normal) + _TINY))
+        total += 0.25 * dirichlet * (1 + (2 * area) ** 2 / (scalar(normal, normal) + _GUARD))
         dirichlet, _ = _dirichlet(around.shapes[k], direction, sphere[b], sphere[c])
         total += _ON_SPHERE * area * dirichlet / volume(direction, sphere[b], sphere[c])
     gap = difference(place, image.targets[v])
@@ -174,9 +174,9 @@ def _set_model(image: Image, v: int, slopes: FloatArray, around: Room) -> None:
         _, at_b, at_c, area = around.shapes[k]
         size = 2 * (at_b + at_c)
         dirichlet, normal = _dirichlet(around.shapes[k], places[v], places[b], places[c])
-        inverse = (2 * area) ** 2 / (scalar(normal, normal) + _TINY)
+        inverse = (2 * area) ** 2 / (scalar(normal, normal) + _GUARD)
         height = cross(normal, difference(places[c], places[b]))
-        height_square = scalar(normal, normal) + _TINY
+        height_square = scalar(normal, normal) + _GUARD
         add_product(
             model,
             _first(dirichlet, around.shapes[k], around.axes, (places[v], places[b], places[c])),

@@ -22,9 +22,11 @@ BOUNDS = (0.05, 0.1, 0.25)  # errors whose shares a report gives, in sqrt(area)
 # Of 30 flows of known smooth fields on five surfaces every one beyond the first had points more
 # than 0.16 from the ends of exact flow lines; every one beyond the second was wrong by 0.03 on
 # average; those within all three by at most 0.022, the others by up to 0.13.
-LARGEST_DISTANCE, RMS_DISTANCE, FOLDED = 0.1, 0.02, 0.1
-_MOST = 10_000  # vertices that go there and back
-LOST = 1.0  # edges from where they were that 5% of the vertices may come back
+DISTANCE_MAX = 0.1
+RMS_DISTANCE_MAX = 0.02
+FOLDED_SHARE_MAX = 0.1
+_ASKED_VERTICES_MAX = 10_000  # vertices that go there and back
+RETURN_DISTANCE_MAX = 1.0  # edges from where they were that 5% of the vertices may come back
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,12 +117,12 @@ class MapQuality:
     def faults(self) -> str:
         """Name what exceeds its bound, in a few words; empty where nothing does."""
         wrong = []
-        if self.largest_distance > LARGEST_DISTANCE or self.rms_distance > RMS_DISTANCE:
+        if self.largest_distance > DISTANCE_MAX or self.rms_distance > RMS_DISTANCE_MAX:
             wrong.append(
                 f"points up to {self.largest_distance:.3g} sqrt(area) off the surface (RMS "
                 f"{self.rms_distance:.3g})"
             )
-        if self.folded > FOLDED:
+        if self.folded > FOLDED_SHARE_MAX:
             wrong.append(f"{100 * self.folded:.0f}% of the faces folded")
         return " and ".join(wrong)
 
@@ -157,7 +159,7 @@ def there_and_back(there: PointMap, back: Map) -> ThereAndBack:
     mesh, count = there.domain, len(there.faces)
     ends, lengths = mesh.edges.ravel(), np.repeat(edge_lengths(mesh), 2)
     edges = np.bincount(ends, lengths, count) / np.bincount(ends, minlength=count)
-    asked = np.linspace(0, count - 1, min(count, _MOST)).astype(np.int64)
+    asked = np.linspace(0, count - 1, min(count, _ASKED_VERTICES_MAX)).astype(np.int64)
     off = back(there.points[asked]).distances_from(mesh.vertices[asked]) / edges[asked]
     median, p95 = np.percentile(off, (50, 95))
     return ThereAndBack(float(median), float(p95))
@@ -176,8 +178,8 @@ class FlowMapQuality:
     def warning(self) -> str | None:
         """Say why this is no map, and what helps; None where nothing exceeds its bound."""
         folded, off = self.distortion.flipped.mean(), self.there_and_back.p95
-        wrong = [f"{100 * folded:.0f}% of the faces are folded"] * bool(folded > FOLDED)
-        if off > LOST:
+        wrong = [f"{100 * folded:.0f}% of the faces are folded"] * bool(folded > FOLDED_SHARE_MAX)
+        if off > RETURN_DISTANCE_MAX:
             wrong.append(f"5% of the vertices come back {off:.2g} edges from where they were")
         if not wrong:
             return None

@@ -20,9 +20,9 @@ import numpy as np
 from abfm.errors import MeshError
 from abfm.maps.collapses import Collapses, Surface, collapse, unfold
 from abfm.maps.star_moves import (
-    FLAT,
-    SHORTER,
-    TRIES,
+    FLAT_VOLUME,
+    STEP_FACTOR,
+    STEP_TRIES,
     Room,
     add_product,
     difference,
@@ -42,10 +42,14 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_SWEEPS, _MOVES = 10, 10_000  # after each round: over all vertices, and moves more of few vertices
-_CLOSER, _CLOSEST = 0.6, 1e-15  # to the vertex that one was collapsed to, where it comes back
+# after each round: over all vertices, and moves more of few vertices
+_SWEEPS = 10
+_MOVES = 10_000
+# to the vertex that one was collapsed to, where it comes back
+_STEP_FACTOR = 0.6
+_STEP_MIN = 1e-15
 _AREA = 4 * np.pi
-_TOO_THIN = (
+_THIN_FACES_MESSAGE = (
     "some faces are so thin or small that rounding folds them on the sphere; expected a mesh of "
     "even faces: remesh it"
 )
@@ -81,7 +85,7 @@ def check_embedded(sphere: FloatArray, faces: IntArray) -> None:
     """Raise a MeshError if faces do not look outward."""
     a, b, c = np.moveaxis(sphere[faces], 1, 0)
     if not (np.einsum("fx,fx->f", a, np.cross(b - a, c - a)) > 0).all():
-        raise MeshError(_TOO_THIN)
+        raise MeshError(_THIN_FACES_MESSAGE)
 
 
 def filled(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
@@ -130,7 +134,7 @@ def _tetrahedron(surface: Surface, count: int, collapses: Collapses) -> FloatArr
     return sphere
 
 
-class State(NamedTuple):
+class Embedding(NamedTuple):
     """A surface on its way to the sphere."""
 
     points: FloatArray  # (V, 3), in space
@@ -138,14 +142,14 @@ class State(NamedTuple):
     sphere: FloatArray  # (V, 3), unit vectors
 
 
-def unfolding(points: FloatArray, faces: IntArray) -> Iterator[tuple[State, IntArray]]:
+def unfolding(points: FloatArray, faces: IntArray) -> Iterator[tuple[Embedding, IntArray]]:
     """Embed a closed surface (V, 3) of genus 0: give, from the tetrahedron on, after every round,
     the same arrays as they are then, in space with the sphere's area, and the vertices that are
     there. They may be moved meanwhile, if no face turns over.
     """
     count, surface = len(points), surface_of(faces, len(points))
     collapses, room = collapse(points, surface), room_for(count)
-    whole = State(points, surface, _tetrahedron(surface, count, collapses))
+    whole = Embedding(points, surface, _tetrahedron(surface, count, collapses))
     ends = collapses.rounds
     alive = np.setdiff1d(np.arange(count), collapses.vertices)
     state = _scaled(whole, alive, room)
@@ -153,7 +157,7 @@ def unfolding(points: FloatArray, faces: IntArray) -> Iterator[tuple[State, IntA
     for start, end in zip(ends[-2::-1], ends[:0:-1], strict=True):
         checkpoint()
         if not _put_back(state, collapses.vertices[start:end], collapses.slots[start:end], room):
-            raise MeshError(_TOO_THIN)
+            raise MeshError(_THIN_FACES_MESSAGE)
         alive = np.setdiff1d(np.arange(count), collapses.vertices[:start])
         state = _scaled(whole, alive, room)
         for _ in range(_SWEEPS + _MOVES // len(alive)):
@@ -162,12 +166,12 @@ def unfolding(points: FloatArray, faces: IntArray) -> Iterator[tuple[State, IntA
         yield state, alive
 
 
-def _scaled(state: State, alive: IntArray, room: Room) -> State:
+def _scaled(state: Embedding, alive: IntArray, room: Room) -> Embedding:
     return state._replace(points=state.points * np.sqrt(_AREA / _area_at(state, alive, room)))
 
 
 @steady_kernel
-def _area_at(state: State, alive: IntArray, room: Room) -> float:
+def _area_at(state: Embedding, alive: IntArray, room: Room) -> float:
     """Return the area in space of the faces at vertices."""
     points, (faces, twins, corner_of), _ = state
     total = 0.0
@@ -180,14 +184,14 @@ def _area_at(state: State, alive: IntArray, room: Room) -> float:
 
 
 @steady_kernel
-def sweep(state: State, alive: IntArray, room: Room) -> None:
+def sweep(state: Embedding, alive: IntArray, room: Room) -> None:
     """Move each of some vertices by one step."""
     for v in alive:
         _move(state, v, 1, room)
 
 
 @steady_kernel
-def _put_back(state: State, vertices: IntArray, slots: IntArray, room: Room) -> bool:
+def _put_back(state: Embedding, vertices: IntArray, slots: IntArray, room: Room) -> bool:
     """Put vertices back, the last first, each with a few steps of itself and of its neighbours;
     return whether there was place for all.
     """
@@ -207,7 +211,7 @@ def _put_back(state: State, vertices: IntArray, slots: IntArray, room: Room) -> 
 
 
 @steady_kernel
-def _place(state: State, v: int, kept: int, star: IntArray) -> bool:
+def _place(state: Embedding, v: int, kept: int, star: IntArray) -> bool:
     """Place a vertex where its faces look outward: in the middle of its neighbours, or near the one
     that it was collapsed to, whose two sides of the ring look in the direction between their
     normals; return whether rounding lets it.
@@ -221,27 +225,27 @@ def _place(state: State, v: int, kept: int, star: IntArray) -> bool:
             normal[:] = cross(sphere[b], difference(sphere[c], sphere[b]))
             inward += normal / np.sqrt(scalar(normal, normal))
     length = 1.0
-    while length > _CLOSEST:
+    while length > _STEP_MIN:
         sphere[v] = place / np.sqrt(scalar(place, place))
         if is_outward(state, star, sphere[v]):
             return True
         place[:] = sphere[kept] + length * inward
-        length *= _CLOSER
+        length *= _STEP_FACTOR
     return False
 
 
 @steady_kernel
-def is_outward(state: State, star: IntArray, place: FloatArray) -> bool:
+def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
     faces, sphere = state.surface.faces, state.sphere
     for corner in star:
         b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
-        if not volume(place, sphere[b], sphere[c]) > FLAT:
+        if not volume(place, sphere[b], sphere[c]) > FLAT_VOLUME:
             return False
     return True
 
 
 @steady_kernel
-def set_shapes(state: State, v: int, room: Room) -> int:
+def set_shapes(state: Embedding, v: int, room: Room) -> int:
     """Find the corners at a vertex and the shapes of their faces; return how many there are."""
     points, (faces, twins, corner_of), _ = state
     size = fill_star(room.star, twins, corner_of[v])
@@ -252,7 +256,7 @@ def set_shapes(state: State, v: int, room: Room) -> int:
 
 
 @steady_kernel
-def _move(state: State, v: int, steps: int, room: Room) -> None:
+def _move(state: Embedding, v: int, steps: int, room: Room) -> None:
     """Take Newton steps of a vertex toward the least energy of its faces."""
     size, place, axes = set_shapes(state, v, room), state.sphere[v].copy(), room.axes
     for _ in range(steps):
@@ -260,21 +264,21 @@ def _move(state: State, v: int, steps: int, room: Room) -> None:
         _set_model(state, place, size, room)
         along, across = step_to_minimum(room.model)
         energy = _energy(state, place, size, room)
-        for _ in range(TRIES):
+        for _ in range(STEP_TRIES):
             moved = place + along * axes[0] + across * axes[1]
             normalize(moved)
             if _energy(state, moved, size, room) < energy:
                 place[:] = moved
                 break
-            along *= SHORTER
-            across *= SHORTER
+            along *= STEP_FACTOR
+            across *= STEP_FACTOR
         else:
             break
     state.sphere[v] = place
 
 
 @steady_kernel
-def _energy(state: State, place: FloatArray, size: int, room: Room) -> float:
+def _energy(state: Embedding, place: FloatArray, size: int, room: Room) -> float:
     """Return the symmetric Dirichlet energy of the faces at a vertex at some place, ``area (s_1^2 +
     s_2^2 + s_1^-2 + s_2^-2)`` with the stretches of each; infinite if one does not look outward.
     """
@@ -283,7 +287,7 @@ def _energy(state: State, place: FloatArray, size: int, room: Room) -> float:
         after = next_slot(room.star[k])
         b, c = sphere[faces[after]], sphere[faces[next_slot(after)]]
         covered = volume(place, b, c)
-        if not covered > FLAT:
+        if not covered > FLAT_VOLUME:
             return np.inf
         at_place, at_b, at_c, area = room.shapes[k]
         p, q, r = difference(b, c), difference(c, place), difference(place, b)
@@ -293,7 +297,7 @@ def _energy(state: State, place: FloatArray, size: int, room: Room) -> float:
 
 
 @steady_kernel
-def _set_model(state: State, place: FloatArray, size: int, room: Room) -> None:
+def _set_model(state: Embedding, place: FloatArray, size: int, room: Room) -> None:
     """Compute the derivatives of the energy along two axes, on the sphere."""
     faces, sphere, (first, second) = state.surface.faces, state.sphere, room.axes
     room.model[:] = 0.0

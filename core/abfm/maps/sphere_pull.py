@@ -9,15 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.maps.collapses import Surface
-from abfm.maps.sphere_embedding import State
-from abfm.maps.star_moves import FLAT, Room, normalize, volume
+from abfm.maps.sphere_embedding import Embedding
+from abfm.maps.star_moves import FLAT_VOLUME, Room, normalize, volume
 from abfm.maps.surface_points import scalar
 from abfm.mesh.coarsening import fill_star, next_slot
 from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IntArray
 
 _STEP = 0.5  # of the way
-_LEAST = 0.1  # of a face's volume that a move leaves
+_VOLUME_SHARE_MIN = 0.1  # of a face's volume that a move leaves
 _HALVINGS = 12
 
 
@@ -61,7 +61,7 @@ def average(surface: Surface, rounds: int, alive: IntArray, pull: Pull, star: In
 
 
 @steady_kernel
-def shift(state: State, alive: IntArray, pull: Pull, room: Room) -> None:
+def shift(state: Embedding, alive: IntArray, pull: Pull, room: Room) -> None:
     """Move vertices on the sphere by half of their moves; those of faces that would turn over, or
     come near to it, by half as much, and so on.
     """
@@ -81,7 +81,7 @@ def shift(state: State, alive: IntArray, pull: Pull, room: Room) -> None:
 
 
 @steady_kernel
-def _hold_back(state: State, alive: IntArray, pull: Pull, factor: float, room: Room) -> bool:
+def _hold_back(state: Embedding, alive: IntArray, pull: Pull, factor: float, room: Room) -> bool:
     """Reduce the shares of corners of faces that are turned over; return whether there are any."""
     (faces, twins, corner_of), sphere, moved = state.surface, state.sphere, pull.spare
     turned = False
@@ -90,7 +90,7 @@ def _hold_back(state: State, alive: IntArray, pull: Pull, factor: float, room: R
             b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
             if b < v or c < v:
                 continue
-            least = max(FLAT, _LEAST * volume(sphere[v], sphere[b], sphere[c]))
+            least = max(FLAT_VOLUME, _VOLUME_SHARE_MIN * volume(sphere[v], sphere[b], sphere[c]))
             if not volume(moved[v], moved[b], moved[c]) > least:
                 turned = True
                 for end in (v, b, c):

@@ -27,10 +27,11 @@ from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
-ROUND = 0.02  # of the radius: how far from a sphere its vertices may lie
-_INSIDE = -1e-14  # of a volume: rounding on the side of a face
-_BESIDE = 1e-9  # between a direction and the point that was found in it: more is in no face
-_LEAST_COVERED = 0.25  # of the sphere, by a surface with holes
+ROUNDNESS = 0.02  # of the radius: how far from a sphere its vertices may lie
+_VOLUME_ROUNDING = -1e-14  # of a volume: rounding on the side of a face
+# between a direction and the point that was found in it: more is in no face
+_DIRECTION_ROUNDING = 1e-9
+_COVERAGE_MIN = 0.25  # of the sphere, by a surface with holes
 _ROUNDING = 1e-14  # of unit vectors
 _CHUNK = 8192  # points between checkpoints
 
@@ -65,15 +66,15 @@ def _directions(mesh: TriangleMesh) -> FloatArray | str:
     offsets = x - centre
     radii = np.linalg.norm(offsets, axis=1)
     off = float(np.abs(radii / radii.mean() - 1).max())
-    if not off <= ROUND:
+    if not off <= ROUNDNESS:
         return (
             f"the mesh is no sphere: its vertices are up to {100 * off:.2g}% nearer to a centre or "
-            f"farther than the mean, and {100 * ROUND:g}% are allowed; give a spherical mesh"
+            f"farther than the mean, and {100 * ROUNDNESS:g}% are allowed; give a spherical mesh"
         )
     directions: FloatArray = offsets / radii[:, None]
     solid = float(solid_angles(directions[mesh.faces]).sum())
     turns = abs(solid) / (4 * np.pi)
-    if not abs(turns - 1) < ROUND:
+    if not abs(turns - 1) < ROUNDNESS:
         return f"the mesh goes {turns:.3g} times around its centre; expected a whole sphere, once"
     return directions
 
@@ -127,8 +128,8 @@ class SphereLayout:
         self.mesh, self.directions = mesh, given / lengths[:, None]
         angles = solid_angles(self.directions[mesh.faces])
         turns = angles.sum() / (4 * np.pi)
-        least = _LEAST_COVERED if mesh.is_boundary_vertex.any() else 1 - ROUND
-        if not least < abs(turns) < 1 + ROUND:
+        least = _COVERAGE_MIN if mesh.is_boundary_vertex.any() else 1 - ROUNDNESS
+        if not least < abs(turns) < 1 + ROUNDNESS:
             raise AbfmError(
                 f"the layout goes {turns:.3g} times around the sphere; expected once: give a "
                 "spherical mesh with the surface's faces"
@@ -162,7 +163,7 @@ class SphereLayout:
             faces[chunk] = self._first[self._tree.query(given[chunk])[1]]
             walk(own, given[chunk], faces[chunk], weights[chunk])
         found = SurfacePoints(self.mesh, faces, weights)
-        outside = np.linalg.norm(self.directions_of(found) - given, axis=1) > _BESIDE
+        outside = np.linalg.norm(self.directions_of(found) - given, axis=1) > _DIRECTION_ROUNDING
         if not outside.any():
             return found
         near = ClosestPoints(self.mesh, self.directions).to(given[outside])
@@ -192,7 +193,7 @@ def walk(own: Faces, points: FloatArray, faces: IndexArray, weights: FloatArray)
         for _ in range(limit):
             side_volumes(own, points[p], f, volumes)
             c = volumes.argmin()
-            if volumes[c] >= _INSIDE:
+            if volumes[c] >= _VOLUME_ROUNDING:
                 found = volumes.sum() > 0.0
                 break
             slot = own.neighbours[f, c]

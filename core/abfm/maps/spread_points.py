@@ -12,10 +12,11 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
-NEAREST = 0.014
+SPACING_MIN = 0.014
 """How near to each other points may be, in square roots of the area."""
 _CANDIDATES = 32_768  # 0.006 from each other on average, in these units
-_OPPOSITE = -0.5  # cosine of normals: points that look away from each other are no neighbours
+# cosine of normals: points that look away from each other are no neighbours
+_OPPOSITE_COSINE = -0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +32,8 @@ class SpreadPoints:
 
     def apart(self, spacing: float) -> SurfacePoints:
         """Return points no two of which are nearer than a spacing, in square roots of the area,
-        while every place is about as near to one of them. The spacing is at least `NEAREST`; points
-        of a larger one are among those of a smaller one.
+        while every place is about as near to one of them. The spacing is at least `SPACING_MIN`;
+        points of a larger one are among those of a smaller one.
         """
         return self.points[np.arange(self.count(spacing))]
 
@@ -63,7 +64,7 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
     candidates = points_by_area(unit, _CANDIDATES)
     order, gaps = np.empty(_CANDIDATES, dtype=np.int64), np.empty(_CANDIDATES)
     normals = _smooth_normals(unit, candidates)
-    count = farthest_first(candidates.positions, normals, NEAREST, order, gaps)
+    count = farthest_first(candidates.positions, normals, SPACING_MIN, order, gaps)
     chosen = candidates[order[:count]]
     points = SurfacePoints(mesh, chosen.faces, chosen.barycentric)
     return SpreadPoints(points, gaps[:count], normals[order[:count]])
@@ -102,7 +103,7 @@ def farthest_first(
             for x in range(3):
                 square += (places[i, x] - place[x]) ** 2
                 cosine += normals[i, x] * normal[x]
-            if square < squares[i] and cosine > _OPPOSITE:
+            if square < squares[i] and cosine > _OPPOSITE_COSINE:
                 squares[i] = square
             if squares[i] > squares[farthest]:
                 farthest = i
@@ -122,7 +123,7 @@ def _first_come(places: FloatArray, normals: FloatArray, spacing: float, taken: 
                 square += (places[i, x] - places[taken[k], x]) ** 2
                 cosine += normals[i, x] * normals[taken[k], x]
             # what is taken as it is has its gap to rounding alone
-            if square < 0.999999 * spacing * spacing and cosine > _OPPOSITE:
+            if square < 0.999999 * spacing * spacing and cosine > _OPPOSITE_COSINE:
                 is_free = False
                 break
         if is_free:

@@ -14,10 +14,12 @@ from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IntArray
 
 # what sides are longer by, as a share of their face's mean: needles need not stay such
-_MOLLIFIED = 0.01
-_CONVEX = 0.01  # least curvature, as a share of the largest
-FLAT = 1e-15  # a face's volume, see `volume`, that rounding may turn over
-SHORTER, TRIES = 0.4, 12  # steps that do not go down
+_MOLLIFICATION = 0.01
+_CURVATURE_SHARE_MIN = 0.01  # least curvature, as a share of the largest
+FLAT_VOLUME = 1e-15  # a face's volume, see `volume`, that rounding may turn over
+# steps that do not go down
+STEP_FACTOR = 0.4
+STEP_TRIES = 12
 
 
 class Room(NamedTuple):
@@ -57,7 +59,7 @@ def shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, fl
     """Return half the cotangents of a face's angles, and its area, its sides somewhat longer."""
     p, q, r = difference(b, c), difference(c, a), difference(a, b)
     first, second, third = np.sqrt(scalar(p, p)), np.sqrt(scalar(q, q)), np.sqrt(scalar(r, r))
-    more = _MOLLIFIED * (first + second + third) / 3
+    more = _MOLLIFICATION * (first + second + third) / 3
     u, v, w = (first + more) ** 2, (second + more) ** 2, (third + more) ** 2
     area = 0.25 * np.sqrt(4 * u * v - (u + v - w) ** 2)
     return (v + w - u) / (8 * area), (w + u - v) / (8 * area), (u + v - w) / (8 * area), area
@@ -98,7 +100,7 @@ def step_to_minimum(model: FloatArray) -> tuple[float, float]:
     """Return the step along two axes to the minimum of a quadratic model, made convex."""
     g1, g2, h11, h12, h22 = model
     middle, gap = (h11 + h22) / 2, np.hypot((h11 - h22) / 2, h12)
-    more = max(0.0, _CONVEX * (abs(middle) + gap) - (middle - gap))
+    more = max(0.0, _CURVATURE_SHARE_MIN * (abs(middle) + gap) - (middle - gap))
     h11 += more
     h22 += more
     determinant = h11 * h22 - h12 * h12

@@ -24,7 +24,7 @@ Vector: TypeAlias = tuple[float, float, float]
 POINTS_PER_QUERY = 8192
 _ROUNDING = 1e-9  # of barycentric weights
 # fractional parts of multiples of these are spread evenly over a square (Roberts' R2 sequence)
-_SPREAD = np.array([0.7548776662466927, 0.5698402909980532])
+_SPREAD_FRACTIONS = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def points_by_area(mesh: TriangleMesh, count: int) -> SurfacePoints:
     before = np.cumsum(face_areas(mesh))
     at = (np.arange(count) + 0.5) / count * before[-1]
     faces = np.searchsorted(before, at).clip(max=len(before) - 1)
-    u, v = (np.arange(1, count + 1)[:, None] * _SPREAD % 1).T
+    u, v = (np.arange(1, count + 1)[:, None] * _SPREAD_FRACTIONS % 1).T
     beyond = u + v > 1
     u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
     return SurfacePoints(mesh, faces, np.stack([1 - u - v, u, v], axis=1))

@@ -13,17 +13,19 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import step
 
-Kind = Literal["mirror", "rotation"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+SymmetryKind = Literal["mirror", "rotation"]
+KINDS: tuple[SymmetryKind, ...] = get_args(SymmetryKind)
 TOLERANCE = 0.02
 
-_FAR = 1e-6  # of sqrt(area): what is nearer is the same place
+_ROUNDING = 1e-6  # of sqrt(area): what is nearer is the same place
 _NO_MOTION = 1e-3  # of sqrt(area), root mean square: the plane of a flat surface is no mirror
 _PARTNERS = 60  # vertices that one vertex may be carried to
-_APART = 0.1  # of sqrt(area): partners that do not look alike
-_FEW, _MANY = 64, 400  # vertices that candidates are screened, and refined, on
-_ALIKE = 1e-4  # 1 - cosine of axes: 0.8 degrees
-_KEPT = 12  # candidates that are refined
+_PARTNER_DISTANCE_MIN = 0.1  # of sqrt(area): partners that do not look alike
+# vertices that candidates are screened, and refined, on
+_SCREENED_COUNT = 64
+_REFINED_COUNT = 400
+_AXIS_TOLERANCE = 1e-4  # 1 - cosine of axes: 0.8 degrees
+_CANDIDATES = 12  # candidates that are refined
 _REFINEMENTS = 8
 
 
@@ -31,7 +33,7 @@ _REFINEMENTS = 8
 class Symmetry:
     """An isometry that carries a surface to itself: ``x -> centre + linear (x - centre)``."""
 
-    kind: Kind
+    kind: SymmetryKind
     # after how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``
     order: int
     # (3,), unit normal of the mirror, or axis of the rotation; its largest component is positive
@@ -58,7 +60,7 @@ class SymmetryError(AbfmError):
 
 
 def detect_symmetry(
-    mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: float = TOLERANCE
+    mesh: TriangleMesh, kind: SymmetryKind, order: int = 2, tolerance: float = TOLERANCE
 ) -> Symmetry:
     """Find the mirror plane, or the axis of a rotation by ``2 pi / order``, of a surface, made once
     per mesh; a SymmetryError says how far the best one is off if that is more than a tolerance.
@@ -93,7 +95,7 @@ class _Isometries(NamedTuple):
 
     surface: TriangleMesh
     closest: ClosestPoints
-    kind: Kind
+    kind: SymmetryKind
     order: int
 
     def linear(self, axes: FloatArray) -> FloatArray:
@@ -108,13 +110,13 @@ class _Isometries(NamedTuple):
 
 
 @per_mesh
-def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
+def _best(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     """Find the symmetry to choose, whatever its error."""
     with step("looking for symmetries", len(mesh.vertices)):
         return _chosen(mesh, kind, order)
 
 
-def _chosen(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
+def _chosen(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     unit = mesh.normalized()
     group = _Isometries(unit, ClosestPoints(unit), kind, order)
     centroid, axes = principal_axes(unit)
@@ -126,7 +128,10 @@ def _chosen(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     found = [_axes_between(group, x, p) for p in (first, second, third)]
     axes = np.concatenate([axes, *found])
     by_distance = unit.vertices[np.argsort(np.linalg.norm(x, axis=1), kind="stable")]
-    few, many = (by_distance[np.linspace(0, len(x) - 1, n).astype(int)] for n in (_FEW, _MANY))
+    few, many = (
+        by_distance[np.linspace(0, len(x) - 1, n).astype(int)]
+        for n in (_SCREENED_COUNT, _REFINED_COUNT)
+    )
     axes = _screened(group, centroid, axes, few)
     axes, centres, errors = _refined(group, axes, np.tile(centroid, (len(axes), 1)), many)
     chosen = [i for i in _distinct(axes, errors) if errors[i] <= max(TOLERANCE, errors.min())]
@@ -144,7 +149,9 @@ def _chosen(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
         return float(((s.carry(vertices) - vertices) ** 2).sum(axis=1).mean())
 
     gaps = [gap(s) for s in exact or tried]
-    good = [s for s, far in zip(exact or tried, gaps, strict=True) if far <= 2 * min(gaps) + _FAR]
+    good = [
+        s for s, far in zip(exact or tried, gaps, strict=True) if far <= 2 * min(gaps) + _ROUNDING
+    ]
     return max(good, key=lambda s: (round(motion(s) / scale**2, 6), -s.error))
 
 
@@ -169,7 +176,7 @@ def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
     unlike = np.abs(distance - distance[p])
     spread: list[int] = []
     for q in np.argsort(unlike, kind="stable")[: 20 * _PARTNERS]:
-        if all(np.linalg.norm(x[q] - x[r]) > _APART for r in spread):
+        if all(np.linalg.norm(x[q] - x[r]) > _PARTNER_DISTANCE_MIN for r in spread):
             spread.append(int(q))
     size = np.sqrt(vertex_areas(group.surface))
     same = np.argsort(unlike + np.abs(size - size[p]), kind="stable")[:_PARTNERS]
@@ -182,10 +189,10 @@ def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
     middle, normal = (x[p] + to) / 2, np.cross(x[p], to)
     height = np.linalg.norm(middle, axis=1)
     along = np.sqrt(np.maximum(distance[p] ** 2 - (half / np.sin(np.pi / group.order)) ** 2, 0))
-    usable = (height > _FAR) & (along <= height * (1 + _FAR))
+    usable = (height > _ROUNDING) & (along <= height * (1 + _ROUNDING))
     cosine = np.minimum(along[usable] / height[usable], 1)[:, None]
     inside = _unit_rows(middle[usable])
-    across = normal[usable] / np.maximum(np.linalg.norm(normal[usable], axis=1), _FAR)[:, None]
+    across = normal[usable] / np.maximum(np.linalg.norm(normal[usable], axis=1), _ROUNDING)[:, None]
     signs, sine = (1, -1) if group.order > 2 else (1,), np.sqrt(1 - cosine**2)
     return _unit_rows(np.concatenate([cosine * inside + sign * sine * across for sign in signs]))
 
@@ -193,7 +200,7 @@ def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
 def _unit_rows(vectors: FloatArray) -> FloatArray:
     """Return those that are not zero, scaled to length 1."""
     lengths = np.linalg.norm(vectors, axis=1)
-    return np.asarray(vectors[lengths > _FAR] / lengths[lengths > _FAR, None])
+    return np.asarray(vectors[lengths > _ROUNDING] / lengths[lengths > _ROUNDING, None])
 
 
 def _screened(
@@ -207,14 +214,16 @@ def _screened(
     axes, carried = axes[moving], carried[moving]
     places = carried.reshape(-1, 3)
     distances = group.closest.to(places).distances_from(places).reshape(len(axes), -1)
-    return axes[_distinct(axes, np.maximum((distances**2).mean(axis=1), _FAR**2))[:_KEPT]]
+    return axes[
+        _distinct(axes, np.maximum((distances**2).mean(axis=1), _ROUNDING**2))[:_CANDIDATES]
+    ]
 
 
 def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
     """Return axes by ascending error, without those that are like an earlier one."""
     kept: list[int] = []
     for i in np.argsort(errors, kind="stable"):
-        if (np.abs(axes[kept] @ axes[i]) < 1 - _ALIKE).all():
+        if (np.abs(axes[kept] @ axes[i]) < 1 - _AXIS_TOLERANCE).all():
             kept.append(int(i))
     return kept
 
@@ -228,13 +237,13 @@ def _refined(
         places = carried.reshape(-1, 3)
         landed = group.closest.to(places)
         gaps = landed.distances_from(places).reshape(len(axes), -1).max(axis=1)
-        if not left or gaps.max() < _FAR:
+        if not left or gaps.max() < _ROUNDING:
             break
         pairs = landed.positions.reshape(carried.shape)
         centres = (points + pairs).mean(axis=1) / 2
         products = np.swapaxes(points - centres[:, None], 1, 2) @ (pairs - centres[:, None])
         vectors = np.linalg.eigh(products + np.swapaxes(products, 1, 2))[1]
-        rough = gaps[:, None] > _FAR  # what is exact stays as it is
+        rough = gaps[:, None] > _ROUNDING  # what is exact stays as it is
         axes = np.where(rough, vectors[:, :, 0 if group.kind == "mirror" else 2], axes)
     return axes, centres, gaps
 

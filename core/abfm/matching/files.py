@@ -50,9 +50,9 @@ def match_of(
         parts["bound"] = Bound.of(parts["bound"])
     times_subdivided(parts["fine_velocity"].shape[1], mesh)
     fastest = np.abs(parts["fine_velocity"]).max()
-    if fastest > results.LARGEST * mesh.length_scale:
+    if fastest > results.SIZE_MAX * mesh.length_scale:
         raise ValueError(
-            f"velocity has the value {fastest:.3g}; expected up to {results.LARGEST:g} length "
+            f"velocity has the value {fastest:.3g}; expected up to {results.SIZE_MAX:g} length "
             "scales of the mesh"
         )
     if any(name.startswith("path_") for name in arrays):

@@ -29,7 +29,7 @@ COLUMNS = (
 )
 
 
-_REFINED_MAX = 10  # times: more faces than memory holds
+_REFINE_MAX = 10  # times: more faces than memory holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ def path_of(
         raise ValueError(f"it lacks {' and '.join(sorted(missing))}")
     rows, own = arrays["path_steps"], int(arrays["path_step"])
     levels = rows[:, -1]
-    if not (np.isin(levels, np.arange(_REFINED_MAX + 1))).all():
+    if not (np.isin(levels, np.arange(_REFINE_MAX + 1))).all():
         raise ValueError(f"path_steps were refined {levels} times; expected whole numbers")
     if own >= len(rows):
         raise ValueError(f"path_step is {own}; expected a number below {len(rows)}")

@@ -27,7 +27,7 @@ _DETAIL_SHARE = 0.02  # of the range, by which what is counted as detail stands 
 _EXTREMA_MAX = 20
 # edges per width below which advection over a quarter of a body (half of sqrt(area)) is off by
 # several percent
-RESOLVED = 5.0
+RESOLUTION_MIN = 5.0
 _VARIATION_SHARE = 0.75  # of the variation lies on edges along which the function changes less
 # of source's and target's deviations: what has vanished has less. Of 18 matches of Gaussians
 # those that ended at a mismatch of 1 had a share below 0.01, all others one above 0.4

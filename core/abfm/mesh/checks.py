@@ -22,9 +22,11 @@ from abfm.mesh.topology import edges_of_faces
 from abfm.numerics.real_numbers import plain_array
 from abfm.types import BoolArray, IntArray
 
-SMALLEST, LARGEST = 1e-60, 1e60  # squared areas of such sizes neither underflow nor overflow
+# squared areas of such sizes neither underflow nor overflow
+SIZE_MIN = 1e-60
+SIZE_MAX = 1e60
 # distance from the origin over width, from which on rounding takes more than 2e-9 of the width
-FAR = 1e7
+OFFSET_RATIO_MAX = 1e7
 CLEANING = "in MeshLab for example with Filters > Cleaning and Repairing"
 
 
@@ -233,12 +235,12 @@ def _refuse_unusable_coordinates(draft: Draft) -> None:
             f"{draft.vertices[vertex].tolist()}): correct or remove them"
         )
     reach, size = _reach_and_size(draft)
-    if reach > LARGEST or 0 < size < SMALLEST:
+    if reach > SIZE_MAX or 0 < size < SIZE_MIN:
         vertex = np.abs(draft.vertices).max(axis=1).argmax()
         raise MeshError(
             f"the mesh is {size:.3g} wide and reaches {reach:.3g} (vertex "
             f"{draft.vertex_ids[vertex]}), where areas "
-            f"over- or underflow: rescale it to between {SMALLEST:g} and {LARGEST:g}"
+            f"over- or underflow: rescale it to between {SIZE_MIN:g} and {SIZE_MAX:g}"
         )
 
 
@@ -251,7 +253,7 @@ def _reach_and_size(draft: Draft) -> tuple[float, float]:
 def _note_distance(draft: Draft) -> None:
     """Say where coordinates are so large that they leave few digits to the shape itself."""
     reach, size = _reach_and_size(draft)
-    if reach / size >= FAR:
+    if reach / size >= OFFSET_RATIO_MAX:
         draft.messages.append(
             f"warning: the surface lies {reach / size:.1g} times its width from the origin, where "
             f"rounding moves its vertices by {np.finfo(np.float64).eps * (reach / size):.0g} of "

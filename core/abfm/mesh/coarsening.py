@@ -19,8 +19,9 @@ from abfm.mesh.triangle_mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel, steady_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
-_SMALL = np.int32  # enough for slots of 700 million faces
-_ENOUGH = 1.25  # a mesh that refuses to shrink to this times what was asked is no coarser mesh
+_INDEX_TYPE = np.int32  # enough for slots of 700 million faces
+# a mesh that refuses to shrink to this times what was asked is no coarser mesh
+_VERTICES_RATIO_MAX = 1.25
 
 
 @per_mesh
@@ -36,12 +37,12 @@ def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
     if vertex_count >= count or face_count < 4:
         return None
     points = np.concatenate([mesh.vertices, np.zeros((1, 3))])  # and one at infinity
-    faces, twins, edges = (array.astype(_SMALL) for array in _closed(mesh))
+    faces, twins, edges = (array.astype(_INDEX_TYPE) for array in _closed(mesh))
     lengths = ((mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]]) ** 2).sum(axis=1)
     fixed = np.append(mesh.is_pinched_vertex, True)  # these stay, with all their edges
     keys = np.full(edges.max() + 1, np.inf)
     keys[: len(lengths)] = np.where(fixed[mesh.edges].any(axis=1), np.inf, lengths)
-    order = np.argsort(keys, kind="stable").astype(_SMALL)
+    order = np.argsort(keys, kind="stable").astype(_INDEX_TYPE)
     surface = _Surface(points, faces, twins, edges, fixed)
     _collapse_edges(surface, order, keys, len(mesh.faces), face_count)
     left = faces[: mesh.faces.size].reshape(-1, 3)
@@ -52,7 +53,7 @@ def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
         coarse = TriangleMesh(points[:count][used], (np.cumsum(used) - 1)[left])
     except MeshError:
         return None
-    return coarse if len(coarse.vertices) <= _ENOUGH * vertex_count else None
+    return coarse if len(coarse.vertices) <= _VERTICES_RATIO_MAX * vertex_count else None
 
 
 def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:

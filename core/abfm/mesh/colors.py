@@ -18,7 +18,7 @@ from abfm.mesh.triangle_mesh import TriangleMesh
 from abfm.reading import Format, read_bytes
 from abfm.types import FloatArray, IntArray
 
-COLORED: Readers[ColoredFaces] = {
+COLOR_READERS: Readers[ColoredFaces] = {
     Format.OBJ: colored_obj,
     Format.GLB: colored_gltf,
     Format.GLTF: colored_gltf,
@@ -26,7 +26,8 @@ COLORED: Readers[ColoredFaces] = {
 }
 """By the format of the file."""
 # how far a vertex may lie from itself on the surface: in sqrt(area), and in its coordinates
-_SAME, _SINGLE_PRECISION = 1e-5, 2e-7
+_POSITION_TOLERANCE = 1e-5
+_SINGLE_PRECISION = 2e-7
 
 
 class SurfaceColors(NamedTuple):
@@ -73,7 +74,7 @@ def load_colors(
         One line that begins with the file's name: why it cannot be read, or that it is of another
         surface, or gives it no colours.
     """
-    name, readers = one_line(path), dict(COLORED)
+    name, readers = one_line(path), dict(COLOR_READERS)
     if image is not None:
         readers[Format.OBJ] = partial(colored_obj, has_materials=False)
     try:
@@ -122,7 +123,7 @@ def _rows_of(mesh: TriangleMesh, found: ColoredFaces) -> tuple[IntArray, IntArra
     places, own = np.unique(mesh.vertices, axis=0, return_inverse=True)
     distances, nearest = KDTree(places).query(found.vertices)
     reach = float(np.abs(mesh.vertices).max())
-    same = distances <= _SAME * mesh.length_scale + _SINGLE_PRECISION * reach
+    same = distances <= _POSITION_TOLERANCE * mesh.length_scale + _SINGLE_PRECISION * reach
     by_place = own.reshape(-1)[mesh.faces], np.where(same, nearest, -1)[found.faces]
     rows = _equal_faces(*by_place)
     if (rows < 0).any() and len(found.vertices) == mesh.file_vertex_count:

@@ -24,14 +24,14 @@ from abfm.types import IntArray
 MeshLike: TypeAlias = Any
 """A `TriangleMesh`, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio,
 Open3D, PyMeshLab, vedo, LaPy, BrainSpace, nilearn or nibabel."""
-ACCEPTED = (
+ACCEPTED_TYPES = (
     "a TriangleMesh, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista "
     "(PolyData, UnstructuredGrid), meshio, Open3D, PyMeshLab, vedo, LaPy, BrainSpace, nilearn or "
     "nibabel (GIFTI)"
 )
 _FACES = ("triangle", "quad")
 _SIDES = {word: side for side, word in HEMISPHERES.items()}
-_DRAWN_ONLY = ("vertex", "line", "line3", "polyline")
+_DRAWN_KINDS = ("vertex", "line", "line3", "polyline")
 
 
 def has(given: Any, *names: str) -> bool:
@@ -62,7 +62,9 @@ def contents_of(given: Any, hemisphere: str = "") -> FileContents:
         if has(given, *names):
             found = read(given)
             return found._replace(side=hemisphere or found.side)
-    raise ValueError(f"it is of type {one_line(type(given).__name__, 60)}; expected {ACCEPTED}")
+    raise ValueError(
+        f"it is of type {one_line(type(given).__name__, 60)}; expected {ACCEPTED_TYPES}"
+    )
 
 
 def parts_of(given: Any) -> Mapping[str, Any] | None:
@@ -128,7 +130,7 @@ def _of_cells(given: Any) -> FileContents:
         blocks = [(str(block.type), block.data) for block in given.cells]
     sizes, corners = [], []
     for kind, data in blocks:
-        if kind in _DRAWN_ONLY:
+        if kind in _DRAWN_KINDS:
             continue
         if kind not in _FACES and not kind.startswith("polygon"):
             raise ValueError(

@@ -10,8 +10,8 @@ from typing import Any, TypedDict
 from abfm.errors import ParameterError, brief
 from abfm.reading import HEMISPHERES
 
-_TRUE = ("yes", "true", "1")
-_FALSE = ("no", "false", "0")
+_TRUE_WORDS = ("yes", "true", "1")
+_FALSE_WORDS = ("no", "false", "0")
 MERGE = "merge"
 
 
@@ -26,9 +26,9 @@ class MeshKeywords(TypedDict, total=False):
 
 def read_flag(text: str) -> bool:
     """Return True for a text such as "yes", False for one such as "no"."""
-    if text.lower() in (*_TRUE, *_FALSE):
-        return text.lower() in _TRUE
-    raise ParameterError(f"{brief(text)} is neither {_TRUE[0]} nor {_FALSE[0]}")
+    if text.lower() in (*_TRUE_WORDS, *_FALSE_WORDS):
+        return text.lower() in _TRUE_WORDS
+    raise ParameterError(f"{brief(text)} is neither {_TRUE_WORDS[0]} nor {_FALSE_WORDS[0]}")
 
 
 def read_merge(text: str) -> bool | float:
@@ -138,5 +138,5 @@ class MeshOptions:
         return ", ".join([names[0], *(name.lower() for name in names[1:])])
 
 
-AS_IT_IS = MeshOptions()
+DEFAULT_OPTIONS = MeshOptions()
 """Nothing is changed."""

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 Others = ParamSpec("Others")
-Entry = TypeVar("Entry", bound=np.generic)
+Number = TypeVar("Number", bound=np.generic)
 
-_ROUNDED = 1e-6  # of the largest value: a difference that writing and reading may make
-_ENCLOSES = 0.3  # of what the normals of a sphere come to
+_COPY_ROUNDING = 1e-6  # of the largest value: a difference that writing and reading may make
+_NORMAL_SHARE_MIN = 0.3  # of what the normals of a sphere come to
 
 
 def per_mesh(
@@ -229,7 +229,7 @@ class TriangleMesh(Display):
         sizes = np.linalg.norm(normals, axis=1)
         outward = middles - sizes @ middles / sizes.sum()
         agree = float(np.linalg.norm(normals.sum(axis=0)) / sizes.sum())
-        clearly = _ENCLOSES * agree * float(sizes @ np.linalg.norm(outward, axis=1))
+        clearly = _NORMAL_SHARE_MIN * agree * float(sizes @ np.linalg.norm(outward, axis=1))
         return float(np.einsum("fx,fx->", normals, outward)) < -clearly
 
     @property
@@ -309,7 +309,7 @@ class TriangleMesh(Display):
             )
         return row
 
-    def restrict(self, values: NDArray[Entry]) -> NDArray[Entry]:
+    def restrict(self, values: NDArray[Number]) -> NDArray[Number]:
         """Return the kept rows (V, ...) of (file_vertex_count, ...) or (V, ...) values.
 
         Of vertices that were merged the value of the first one is taken, as ParaView does; a
@@ -345,7 +345,7 @@ class TriangleMesh(Display):
         copies, kept = (values[part].reshape(len(self.copies), -1) for part in self.copies.T)
         differs = (copies != kept) & ((copies == copies) | (kept == kept))  # both NaN are the same
         if values.dtype.kind == "f" and differs.any():
-            differs &= ~(np.abs(copies - kept) <= _ROUNDED * np.nanmax(np.abs(values)))
+            differs &= ~(np.abs(copies - kept) <= _COPY_ROUNDING * np.nanmax(np.abs(values)))
         rows = np.flatnonzero(differs.any(axis=1))
         if len(rows):
             copy, first = self.copies[rows[0]]
@@ -358,6 +358,6 @@ class TriangleMesh(Display):
             )
 
 
-def _frozen(array: NDArray[Entry]) -> NDArray[Entry]:
+def _frozen(array: NDArray[Number]) -> NDArray[Number]:
     array.flags.writeable = False
     return array

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-_SMALLEST = 15_000  # unknowns; cholespy factors fewer within a few frames of a window
+_UNKNOWNS_MIN = 15_000  # unknowns; cholespy factors fewer within a few frames of a window
 _factored_apart: ContextVar[float] = ContextVar("unknowns from which on", default=math.inf)
 
 
 @contextmanager
-def factoring_apart(unknowns: float = _SMALLEST) -> Iterator[None]:
+def factoring_apart(unknowns: float = _UNKNOWNS_MIN) -> Iterator[None]:
     """Factor systems of so many unknowns, or fewer with long rows, in processes of their own.
 
     cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. So what

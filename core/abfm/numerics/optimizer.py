@@ -15,7 +15,9 @@ import numpy as np
 from abfm.numerics.kernels import inner, kernel
 from abfm.types import FloatArray
 
-DECREASE, CURVATURE, MOST_TRIALS = 1e-4, 0.9, 12
+DECREASE = 1e-4
+CURVATURE = 0.9
+MOST_TRIALS = 12
 _ROUNDING = 1e-16
 
 
@@ -51,7 +53,7 @@ class Trial(Generic[Point]):
 
 
 @dataclass(frozen=True)
-class State(Generic[Point]):
+class Iterate(Generic[Point]):
     """One iterate of L-BFGS."""
 
     x: FloatArray  # never has a higher energy than the one before
@@ -88,9 +90,9 @@ class LBFGS(Generic[Point]):
         self,
         x: FloatArray,
         point: Point | None = None,
-        before: State[Point] | None = None,
+        before: Iterate[Point] | None = None,
         steeper: float = 1.0,
-    ) -> State[Point]:
+    ) -> Iterate[Point]:
         """Return the first iterate, with its evaluation if there is one already.
 
         What a search ``before`` has learned serves this one, whose energy bends about ``steeper``
@@ -99,14 +101,14 @@ class LBFGS(Generic[Point]):
         point = self.evaluate(x) if point is None else point
         preconditioned, norm = self._preconditioned(point.gradient)
         if before is None:
-            return State(x, point, preconditioned, (), 1.0, norm, norm)
+            return Iterate(x, point, preconditioned, (), 1.0, norm, norm)
         pairs = tuple(
             Pair(s, steeper * y, steeper * hy, rho / steeper) for s, y, hy, rho in before.pairs
         )
         scale = before.scale / steeper
-        return State(x, point, preconditioned, pairs, scale, norm, norm, before.length)
+        return Iterate(x, point, preconditioned, pairs, scale, norm, norm, before.length)
 
-    def step(self, state: State[Point]) -> State[Point]:
+    def step(self, state: Iterate[Point]) -> Iterate[Point]:
         """Do one iteration; where the search fails, again without the memory."""
         direction = -self._inverse_hessian(state)
         slope = _inner(direction, state.point.gradient)
@@ -132,7 +134,7 @@ class LBFGS(Generic[Point]):
         forgetful = replace(state, pairs=(), scale=1.0)
         return self.step(forgetful) if state.pairs else replace(forgetful, failed=True)
 
-    def stop_reason(self, state: State[Point]) -> str | None:
+    def stop_reason(self, state: Iterate[Point]) -> str | None:
         """Return why to stop at this iterate, or None to go on."""
         if state.failed:
             return "line search failed"
@@ -144,8 +146,8 @@ class LBFGS(Generic[Point]):
         return None
 
     def _accept(
-        self, state: State[Point], trial: Trial[Point], direction: FloatArray
-    ) -> State[Point]:
+        self, state: Iterate[Point], trial: Trial[Point], direction: FloatArray
+    ) -> Iterate[Point]:
         """Return the next iterate; a pair is kept only if the energy bends upwards along the step.
 
         A preconditioner is scaled by the root of the usual ``<s, y> / <y, H_0 y>``: the mismatch
@@ -166,9 +168,9 @@ class LBFGS(Generic[Point]):
             scale = curvature / spread
             scale = float(np.sqrt(scale)) if self.precondition else scale
         x, length = state.x + s, self.size(s)
-        return State(x, trial.point, preconditioned, pairs, scale, norm, state.first_norm, length)
+        return Iterate(x, trial.point, preconditioned, pairs, scale, norm, state.first_norm, length)
 
-    def _inverse_hessian(self, state: State[Point]) -> FloatArray:
+    def _inverse_hessian(self, state: Iterate[Point]) -> FloatArray:
         """Apply the two-loop recursion, algorithm 7.4, with ``H_0`` summed from what is known."""
         if not state.pairs:
             return state.preconditioned

@@ -7,7 +7,7 @@ from .of_results import match_page as match_page
 from .of_results import registration_page as registration_page
 from .of_sequences import Filmed as Filmed
 from .of_sequences import Labels as Labels
-from .of_sequences import Told as Told
+from .of_sequences import SequenceTexts as SequenceTexts
 from .of_sequences import film_page as film_page
 from .of_sequences import sequence_page as sequence_page
 from .page import Clock as Clock

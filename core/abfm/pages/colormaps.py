@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 from abfm.types import BoolArray, FloatArray
 
 NAMES = ("abfm sequential", "abfm diverging", "viridis", "magma", "coolwarm", "gray")
-_DARK = {name: f"{name} dark" for name in NAMES[:2]}
+_DARK_NAMES = {name: f"{name} dark" for name in NAMES[:2]}
 # evenly spaced colours (101, 3) in linear light: a few stops in Oklab, joined by SciPy, which takes
 # longer to load than all of polyscope
 _STOPS = 16  # of a gradient
-_FINE = 1024  # entries of a table that nobody sees
+_TABLE_ENTRIES = 1024  # entries of a table that nobody sees
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
-_TABLES = dict(zip((*NAMES, *_DARK.values()), np.split(_ROWS, 8, axis=1), strict=True))
+_TABLES = dict(zip((*NAMES, *_DARK_NAMES.values()), np.split(_ROWS, 8, axis=1), strict=True))
 NO_VALUES = 0.3  # grey, in linear light
-_SHOWN = 0.2, 99.8  # percentiles of values at the ends of the colours: noise has few extremes
+# percentiles of values at the ends of the colours: noise has few extremes
+_SHOWN_PERCENTILES = 0.2, 99.8
 CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # in linear light
 DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
 
@@ -35,7 +36,7 @@ class ColorRange:
 
 def on_ground(colormap: str, is_dark: bool) -> str:
     """Return the map that stands for one of `NAMES` on a light or a dark ground."""
-    return _DARK.get(colormap, colormap) if is_dark else colormap
+    return _DARK_NAMES.get(colormap, colormap) if is_dark else colormap
 
 
 def color_range(*functions: FloatArray) -> ColorRange:
@@ -59,7 +60,7 @@ def color_range(*functions: FloatArray) -> ColorRange:
 def without_extremes(values: FloatArray) -> FloatArray:
     """Return the finite values, clipped to their percentiles 0.2 and 99.8, for a `color_range`."""
     known = values[np.isfinite(values)]
-    return np.clip(known, *np.percentile(known, _SHOWN)) if known.size else known
+    return np.clip(known, *np.percentile(known, _SHOWN_PERCENTILES)) if known.size else known
 
 
 def typical_range(*functions: FloatArray) -> ColorRange:
@@ -95,9 +96,9 @@ def gradient(colormap: str) -> list[str]:
 
 def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> FloatArray:
     """Return the colours of values (N,) in linear light, (N, 3), grey where they are unknown."""
-    table = linear_table(colors.colormap, _FINE)
+    table = linear_table(colors.colormap, _TABLE_ENTRIES)
     share = (values - colors.low) / (colors.high - colors.low)
-    entries = np.clip(np.nan_to_num(share) * (_FINE - 1) + 0.5, 0, _FINE - 1)
+    entries = np.clip(np.nan_to_num(share) * (_TABLE_ENTRIES - 1) + 0.5, 0, _TABLE_ENTRIES - 1)
     found = table[entries.astype(np.int64)]
     found[unknown] = NO_VALUES
     return found

@@ -11,8 +11,11 @@ from abfm.mesh.topology import connected, edge_slots
 from abfm.types import IntArray
 
 # degrees between the normals at an edge
-_FLAT, _CREASED, _HALF_SHARP, _SHARP = 1.0, 25.0, 20.0, 40.0
-_MOST = 0.5  # of the edges
+_FLAT_DEGREES = 1.0
+_CREASE_DEGREES = 25.0
+_HALF_SHARP_DEGREES = 20.0
+_SHARP_DEGREES = 40.0
+_FLAT_EDGES_SHARE = 0.5  # of the edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +43,9 @@ def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
     normals = np.cross(b - a, d - a)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     cosines = (normals[f] * normals[g]).sum(axis=1)
-    of_planes = (cosines > np.cos(np.radians(_FLAT))).mean() >= _MOST
-    smooth = cosines > np.cos(np.radians(_CREASED if of_planes else _SHARP))
-    half_sharp = smooth & (cosines < np.cos(np.radians(_HALF_SHARP)))
+    of_planes = (cosines > np.cos(np.radians(_FLAT_DEGREES))).mean() >= _FLAT_EDGES_SHARE
+    smooth = cosines > np.cos(np.radians(_CREASE_DEGREES if of_planes else _SHARP_DEGREES))
+    half_sharp = smooth & (cosines < np.cos(np.radians(_HALF_SHARP_DEGREES)))
     if smooth.all() or (not of_planes and (~smooth).sum() <= half_sharp.sum()):
         return DrawnMesh(np.arange(len(mesh.vertices)), mesh.faces)
     f, c, g, k = f[smooth], c[smooth], g[smooth], k[smooth]

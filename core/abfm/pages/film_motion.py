@@ -14,7 +14,7 @@ from abfm.types import FloatArray
 
 OPACITY_MIN = 0.1
 """Smallest opacity of arrows, which is how well frames determine the field there, 0 to 1."""
-CRITICAL = {
+CRITICAL_COLORS = {
     "source": (0.949, 0.722, 0.020, 1.0),
     "sink": (0.110, 0.486, 0.235, 1.0),
     "spiral": (0.541, 0.247, 1.000, 1.0),
@@ -34,7 +34,7 @@ def fast_in(sequence: abfm.Sequence) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class PointPath:
     """A critical point's places at times (K,), close enough to be joined, and what it mostly is."""
 
     kind: str
@@ -51,7 +51,7 @@ class Way:
         return np.array([np.interp(time, self.times, places[:, axis]) for axis in range(3)])
 
 
-def ways_of(tracks: Sequence[abfm.sequences.Track]) -> list[Way]:
+def ways_of(tracks: Sequence[abfm.sequences.Track]) -> list[PointPath]:
     """Return the ways of tracks, between their points on the surface."""
     if not tracks:
         return []
@@ -71,6 +71,6 @@ def ways_of(tracks: Sequence[abfm.sequences.Track]) -> list[Way]:
     points = abfm.maps.project_onto_surface(mesh, np.concatenate(between))
     ends = np.cumsum([len(each) for each in between])
     return [
-        Way(track.kind, each, points[np.arange(end - len(each), end)])
+        PointPath(track.kind, each, points[np.arange(end - len(each), end)])
         for track, each, end in zip(tracks, times, ends, strict=True)
     ]

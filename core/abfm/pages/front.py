@@ -16,7 +16,7 @@ _AZIMUTHS = np.radians(np.arange(0, 360, 10))
 _ELEVATIONS = np.radians([0, 12, 25, -12, 55])
 _STEEP_ELEVATION = np.radians(30)  # above it only flat surfaces are seen from,
 _STEEP_COST = 0.2  # and only if much more of them is visible
-_FLAT = 0.5  # of its smaller width: what is lower lies flat
+_FLAT_HEIGHT_RATIO = 0.5  # of its smaller width: what is lower lies flat
 _SIDES = np.array([0.001, 0.002, 0.25])
 """What looking from the right, from above and at the face is worth, of the surface that the best
 direction shows. The first two only decide between directions that show alike."""
@@ -76,7 +76,7 @@ def best_front(
     seen = [weight @ facing for weight in (np.ones(len(faces)), *weights)]
     shares = [each / max(float(each.max()), 1e-300) for each in seen]
     width, height, depth = np.ptp(mesh.vertices @ axes.T, axis=0)
-    steep_cost = _STEEP_COST if height < _FLAT * min(width, depth) else np.inf
+    steep_cost = _STEEP_COST if height < _FLAT_HEIGHT_RATIO * min(width, depth) else np.inf
     costs = np.where(elevation > _STEEP_ELEVATION, steep_cost, 0.0)
     costs -= 0.0 if weights else directions @ (_SIDES @ axes)
     best = np.argmax(np.min(shares, axis=0) + 0.2 * shares[0] - costs)

@@ -30,12 +30,15 @@ from abfm.workers.progress import step
 _FRAMES = 7, 41  # fewest and most keys of what is carried
 _MOST_VALUES = 3_000_000  # in all keys of all functions: about as many bytes of a page
 _SECONDS = 4.0
-_LINES, _PLACES, _LEAST = 160, 16, 0.02  # flow lines, keys of each, and how long in sqrt(area)
+# flow lines, keys of each, and how long in sqrt(area)
+_LINES_MAX = 160
+_KEYS_PER_LINE = 16
+_LINE_LENGTH_MIN = 0.02
 _INK: Color = (0.11, 0.13, 0.17)
 _MARK: Color = (0.04, 0.56, 0.42)
-_WANTED: Color = (0.7, 0.12, 0.12)
+_TARGET_COLOR: Color = (0.7, 0.12, 0.12)
 _OF_MAP = "log2_area", "folded"
-_ALWAYS = (-1e30, 1e30)
+_ALL_TIMES = (-1e30, 1e30)
 
 
 def match_page(match: Match, title: str, up: str | None = None, share: float = 1.0) -> Page:
@@ -170,9 +173,9 @@ def _lines(match: Match, share: float) -> list[Ways]:
     """Return flow lines from places spread over the surface, and from the landmarks."""
     mesh, tau = match.mesh, match.parameters.tau
     spread = spread_points(mesh)
-    seeds = spread.points[np.arange(min(int(_LINES * share**0.5), len(spread.gaps)))]
+    seeds = spread.points[np.arange(min(int(_LINES_MAX * share**0.5), len(spread.gaps)))]
     paths = _walked(match, seeds)
-    least = _LEAST * mesh.length_scale
+    least = _LINE_LENGTH_MIN * mesh.length_scale
     far = [each for each in paths if np.linalg.norm(np.diff(each[1], axis=0), axis=1).sum() > least]
     look = {"tail": tau / 3, "disc": 2.2, "line": 1.6, "opacity": 0.75}
     ways = [Ways.along("flow lines", far, _INK, **look)] if far else []
@@ -189,7 +192,7 @@ def _walked(match: Match, seeds: SurfacePoints) -> list[tuple[FloatArray, FloatA
     with step("flow lines"), suppress(AbfmError):  # those that lead over too many faces
         lines = flow_lines(match.mesh, match.fine_velocity, seeds, tau, tau)
     for line in lines:
-        times = np.linspace(0, tau, _PLACES)
+        times = np.linspace(0, tau, _KEYS_PER_LINE)
         places = [np.interp(times, line.times, line.positions[:, x]) for x in range(3)]
         found.append((times, np.stack(places, axis=1)))
     return found
@@ -200,9 +203,9 @@ def _marks(match: Match, side: int) -> list[Ways]:
     if marks is None:
         return []
     if side == 0:
-        return [Ways.points("landmarks", marks.points(match.mesh).positions, _ALWAYS, _MARK)]
+        return [Ways.points("landmarks", marks.points(match.mesh).positions, _ALL_TIMES, _MARK)]
     places = marks.wanted(match.mesh).positions
-    return [Ways.points("where landmarks belong", places, _ALWAYS, _WANTED)]
+    return [Ways.points("where landmarks belong", places, _ALL_TIMES, _TARGET_COLOR)]
 
 
 def _marks_on_a(found: Registration) -> list[Ways]:
@@ -210,7 +213,7 @@ def _marks_on_a(found: Registration) -> list[Ways]:
     if marks is None:
         return []
     places = found.initial.inverse().carry_points(marks.points(found.b)).positions
-    return [Ways.points("landmarks", places, _ALWAYS, _MARK)]
+    return [Ways.points("landmarks", places, _ALL_TIMES, _MARK)]
 
 
 def _page(found: Match | Registration, title: str, about: str, panels: list[Panel]) -> Page:

@@ -18,7 +18,7 @@ from abfm.maps import SurfacePoints, spread_points
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Tone
 from abfm.pages.colormaps import ColorRange, color_range
-from abfm.pages.film_motion import CRITICAL, OPACITY_MIN, fast_in, ways_of
+from abfm.pages.film_motion import CRITICAL_COLORS, OPACITY_MIN, fast_in, ways_of
 from abfm.pages.front import best_front, changes_in_time
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 from abfm.pages.registered import MOST_CHANNELS
@@ -81,7 +81,7 @@ class Labels:
 
 
 @dataclass(frozen=True)
-class Told:
+class SequenceTexts:
     """What is said of a film: of all of it, and of each interval with its tone; layers that may be
     chosen besides its channels; notes; and where values are missing, (V,), which is grey.
     """
@@ -108,7 +108,7 @@ def sequence_page(
     facts, middles = sequence.facts, sequence.middles
     unit = f"1/{labels.unit_of_time}" if labels.unit_of_time else ""
     parts = {"divergence": sequence.divergence, "curl": sequence.curl}
-    told = Told(
+    told = SequenceTexts(
         facts.headline,
         facts.tone,
         [(of_interval(sequence, i), v.kind.tone) for i, v in enumerate(sequence.verdicts)],
@@ -135,7 +135,7 @@ def sequence_page(
 def film_page(
     film: Filmed,
     title: str,
-    told: Told,
+    told: SequenceTexts,
     ways: Sequence[Ways] = (),
     labels: Labels | None = None,
 ) -> Page:
@@ -212,7 +212,7 @@ def _tracks(sequence: sequences.Sequence) -> list[Ways]:
     tail = _TAIL_SHARE * float(np.ptp(sequence.times))
     return [
         Ways.along(f"{kind}s", kinds[kind], color[:3], tail=tail)
-        for kind, color in CRITICAL.items()
+        for kind, color in CRITICAL_COLORS.items()
         if kind in kinds
     ]
 

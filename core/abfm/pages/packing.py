@@ -18,14 +18,16 @@ from abfm.types import FloatArray
 
 LEVELS = 4095
 """Steps between the least and the greatest value: a colour map has 256 colours."""
-NONE = 65535
+NO_VALUE = 65535
 """Stands for no value."""
 _PLACES = 65535  # steps along each side of a mesh's box
 
 
 @dataclass(frozen=True, eq=False)
 class Quantised:
-    """Values as whole numbers: ``least + step * numbers``, within half a step; `NONE` for NaN."""
+    """Values as whole numbers: ``least + step * numbers``, within half a step; `NO_VALUE` for
+    NaN.
+    """
 
     numbers: NDArray[np.uint16]
     least: float
@@ -39,14 +41,14 @@ class Quantised:
 def quantised(values: ArrayLike) -> Quantised:
     """Return values (T, V) in `LEVELS` steps from the least to the greatest one that is finite.
 
-    Neither infinite values nor NaN have a colour, and both are `NONE`.
+    Neither infinite values nor NaN have a colour, and both are `NO_VALUE`.
     """
     given = np.asarray(values, dtype=float)
     known = np.isfinite(given)
     least, most = (given[known].min(), given[known].max()) if known.any() else (0.0, 0.0)
     unit = max(abs(least), abs(most)) or 1.0  # in which no difference of huge values is infinite
     step = (most / unit - least / unit) / LEVELS or 1.0
-    numbers = np.full(given.shape, NONE, dtype=np.uint16)
+    numbers = np.full(given.shape, NO_VALUE, dtype=np.uint16)
     numbers[known] = np.round((given[known] / unit - least / unit) / step)
     return Quantised(numbers, float(least), float(step * unit) or 1.0)
 

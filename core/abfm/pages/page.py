@@ -182,7 +182,7 @@ class Page:
             is_embedded=is_embedded,
             moving="hidden" if self.clock is None else "",
             version=version("abfm"),
-            told=_Told(self, store).page(),
+            told=_PageData(self, store).page(),
             data=store.text(),
             script=script,
         )
@@ -195,7 +195,7 @@ class Page:
             temporary.write_text(text, encoding="utf-8")
 
 
-class _Told:
+class _PageData:
     """What the script is told of a page; arrays go into the store."""
 
     def __init__(self, page: Page, store: Store) -> None:

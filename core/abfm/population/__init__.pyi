@@ -1,4 +1,4 @@
-from .misfits import FEWEST as FEWEST
+from .misfits import SUBJECTS_MIN as SUBJECTS_MIN
 from .misfits import Compared as Compared
 from .misfits import Judged as Judged
 from .misfits import Likeness as Likeness
@@ -9,7 +9,7 @@ from .population import load_population as load_population
 from .rounds import register_population as register_population
 from .settings import Settings as Settings
 from .statistics import Phase as Phase
-from .subjects import HELD_OUT as HELD_OUT
+from .subjects import HELD_TAG as HELD_TAG
 from .subjects import Channel as Channel
 from .subjects import Cohort as Cohort
 from .subjects import Subject as Subject

@@ -27,9 +27,9 @@ from abfm.population.subjects import Subject
 from abfm.reading import array_from, read_bytes
 from abfm.registration import load_registration
 from abfm.registration.initial import initial_map, read_landmarks
-from abfm.registration.initial.given import Given
+from abfm.registration.initial.given import MapInput
 from abfm.registration.initial.turned_spheres import LANDMARKS_MIN
-from abfm.registration.task import INITIAL
+from abfm.registration.task import INITIAL_INPUT
 from abfm.tasks.inputs import Rename, renamed_spec
 from abfm.tasks.meshes import mesh_of
 from abfm.types import FloatArray
@@ -126,7 +126,7 @@ class Carrying:
             self,
             subject=subject,
             template=rename(self.template),
-            initial=word and INITIAL.renamed(word, rename),
+            initial=word and INITIAL_INPUT.renamed(word, rename),
             registration=self.registration and rename(self.registration),
             drift=self.drift and rename(self.drift),
         )
@@ -144,7 +144,7 @@ class Carrying:
                 "an initial map by embedding without the template's functions needs "
                 f"{LANDMARKS_MIN} landmarks or more"
             )
-        found = initial_map(self.initial or None, Given(surface, template, landmarks=marks))
+        found = initial_map(self.initial or None, MapInput(surface, template, landmarks=marks))
         return found.correspondence.points.points
 
     def _registered(self, own: Own, template: TriangleMesh) -> Carried:

@@ -9,20 +9,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.matching.judging.verdict import FOLDED
+from abfm.matching.judging.verdict import FOLDED_SHARE_MAX
 from abfm.population.statistics import Others, Shares, correlation, relative_distance
 from abfm.types import BoolArray, FloatArray
 
-FEWEST = 5
+SUBJECTS_MIN = 5
 """Subjects that tell what is usual; of fewer none is left out for being unlike the others."""
 ROBUST_Z = 3.5
 """Deviations from the median beyond which one is an outlier [Iglewicz and Hoaglin 1993]."""
 _NORMAL = 1.4826  # times the MAD is the standard deviation of a normal distribution
-_SPREAD = 0.02  # of z-transformed correlations or logarithms, at least: less is no difference
-_EXPLAINED = 0.5  # times the usual share of variance in common, below which one is unlike
-_FARTHER = 2.0  # times the usual distance or distortion
-_DISTORTED = 0.5  # mean |log2 J|: areas change by 41%
-_OTHER_UNIT, _OPPOSITE = 2.0, -0.3  # a ratio of spreads, and a correlation, that are told
+_SPREAD_MIN = 0.02  # of z-transformed correlations or logarithms, at least: less is no difference
+_EXPLAINED_RATIO_MIN = 0.5  # times the usual share of variance in common, below which one is unlike
+_RATIO_MAX = 2.0  # times the usual distance or distortion
+_LOG2_AREA_MAX = 0.5  # mean |log2 J|: areas change by 41%
+# a ratio of spreads, and a correlation, that are told
+_SPREAD_RATIO_MAX = 2.0
+_OPPOSITE_CORRELATION = -0.3
 
 
 @dataclass(frozen=True)
@@ -162,9 +164,9 @@ def _unlike(found: Sequence[Likeness], counting: BoolArray) -> list[str]:
     """Say of each of N in what it is unlike the others; empty where it is not."""
     told = ["" for _ in found]
     for i, each in enumerate(found):
-        if counting[i] and each.folded > FOLDED:
+        if counting[i] and each.folded > FOLDED_SHARE_MAX:
             told[i] = f"its map folds {100 * each.folded:.3g}% of the faces"
-    if counting.sum() < FEWEST:
+    if counting.sum() < SUBJECTS_MIN:
         return told
     alike, apart, changes = (
         np.array([getattr(each, name) for each in found])
@@ -175,15 +177,15 @@ def _unlike(found: Sequence[Likeness], counting: BoolArray) -> list[str]:
     z_apart, z_changes = (
         _robust_z(np.log(np.maximum(each, 1e-9)), counting) for each in (apart, changes)
     )
-    is_distorted = (changes > _FARTHER * _usual(changes, counting)) & (changes > _DISTORTED)
+    is_distorted = (changes > _RATIO_MAX * _usual(changes, counting)) & (changes > _LOG2_AREA_MAX)
     rules = (
         (
-            (z_alike < -ROBUST_Z) & (common < _EXPLAINED * _usual(common, counting)),
+            (z_alike < -ROBUST_Z) & (common < _EXPLAINED_RATIO_MIN * _usual(common, counting)),
             alike,
             "it correlates with the mean of the others by {:.2f}, where the median is {:.2f}",
         ),
         (
-            (z_apart > ROBUST_Z) & (apart > _FARTHER * _usual(apart, counting)),
+            (z_apart > ROBUST_Z) & (apart > _RATIO_MAX * _usual(apart, counting)),
             apart,
             "it is {:.2g} deviations from the mean of the others, where the median is {:.2g}",
         ),
@@ -212,7 +214,7 @@ def _robust_z(values: FloatArray, counting: BoolArray) -> FloatArray:
         return np.full(len(values), np.nan)
     middle = float(np.median(values[known]))
     spread = _NORMAL * float(np.median(np.abs(values[known] - middle)))
-    return np.asarray((values - middle) / max(spread, _SPREAD))
+    return np.asarray((values - middle) / max(spread, _SPREAD_MIN))
 
 
 def _sign_and_unit(compared: Compared, others: Sequence[Others], subject: int) -> str:
@@ -228,9 +230,9 @@ def _sign_and_unit(compared: Compared, others: Sequence[Others], subject: int) -
         size_own, size = (math.sqrt(weights @ one**2) for one in (off_own, off))
         if size == 0:
             continue
-        if weights @ (off_own * off) < _OPPOSITE * size_own * size:
+        if weights @ (off_own * off) < _OPPOSITE_CORRELATION * size_own * size:
             return "; its values have the other sign"
-        if not 1 / _OTHER_UNIT < size_own / size < _OTHER_UNIT:
+        if not 1 / _SPREAD_RATIO_MAX < size_own / size < _SPREAD_RATIO_MAX:
             told = f"its values spread {size_own / size:.2g} times as much over the surface"
             return f"; {told}, as in another unit"
         if abs(middle_own - middle) > size:

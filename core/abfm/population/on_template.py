@@ -27,7 +27,9 @@ from abfm.types import BoolArray, FloatArray
 
 Shift: TypeAlias = Callable[[SurfacePoints], SurfacePoints]
 """Where on the template its points come from, before a mean field was taken off."""
-_LEAST_LOG2, _MOST_LOG2 = 2.0**-20, 2.0**20  # of changes of areas whose logarithm is told
+# of changes of areas whose logarithm is told
+_LEAST_LOG2 = 2.0**-20
+_MOST_LOG2 = 2.0**20
 
 
 class OnTemplate(NamedTuple):

@@ -13,7 +13,7 @@ from abfm.calculus.operators import vertex_areas
 from abfm.display import Display
 from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.io import results
-from abfm.io.results import Entry, Kind
+from abfm.io.results import Entry, FileKind
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts, Outcome
 from abfm.population import statistics
@@ -25,18 +25,19 @@ from abfm.types import BoolArray, FloatArray
 from abfm.wording import counted
 
 _NUMBERS = ("correlation", "distance", "log2_area", *MapFacts._fields)
-_LARGEST = results.LARGEST
-_TEXTS, _UNKNOWN = Entry("text", ("N",)), {"may_be_unknown": True}
-_VALUES = Entry("real", ("N", "V", "C"), low=-_LARGEST, high=_LARGEST, **_UNKNOWN)
+_VALUE_MAX = results.SIZE_MAX
+_TEXT_ENTRY = Entry("text", ("N",))
+_NAN_ALLOWED = {"may_be_unknown": True}
+_VALUES = Entry("real", ("N", "V", "C"), low=-_VALUE_MAX, high=_VALUE_MAX, **_NAN_ALLOWED)
 _MASKS = Entry("real", ("N", "V"), low=0)
-POPULATION = Kind(
+POPULATION = FileKind(
     "population file",
     results.MESH_ENTRIES
     | {
-        "names": _TEXTS,
-        "reasons": _TEXTS,
-        "verdicts": _TEXTS,
-        "digests": _TEXTS,
+        "names": _TEXT_ENTRY,
+        "reasons": _TEXT_ENTRY,
+        "verdicts": _TEXT_ENTRY,
+        "digests": _TEXT_ENTRY,
         "subject_weights": Entry("real", ("N",), low=0),
         "fits": Entry("boolean", ("N",)),
         "channels": Entry("text", ("C",)),
@@ -47,14 +48,14 @@ POPULATION = Kind(
         "masks_before": _MASKS,
         "masks": _MASKS,
         "template_mask": Entry("real", ("V",), low=0),
-        "phases": Entry("real", ("C", len(Phase._fields)), **_UNKNOWN),
-        "log2_area_mean": Entry("real", ("F",), **_UNKNOWN),
-        "log2_area_deviation": Entry("real", ("F",), **_UNKNOWN),
+        "phases": Entry("real", ("C", len(Phase._fields)), **_NAN_ALLOWED),
+        "log2_area_mean": Entry("real", ("F",), **_NAN_ALLOWED),
+        "log2_area_deviation": Entry("real", ("F",), **_NAN_ALLOWED),
         "drift": Entry("real", ("F", 3)),
-        "changes": Entry("real", ("R",), low=0, **_UNKNOWN),
+        "changes": Entry("real", ("R",), low=0, **_NAN_ALLOWED),
         "bound": Entry("real", (), low=0),
         # the last one is required: damage to a zip's directory can hide the last entry
-        "numbers": Entry("real", ("N", len(_NUMBERS)), **_UNKNOWN),
+        "numbers": Entry("real", ("N", len(_NUMBERS)), **_NAN_ALLOWED),
     },
 )
 

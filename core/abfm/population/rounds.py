@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abfm.batch import Cluster, Entry, Ledger, Row, Workers
+from abfm.batch import Cluster, Ledger, LedgerEntry, Row, Workers
 from abfm.batch.attempt import Answer
 from abfm.mesh import MeshLike
 from abfm.population.carrying import Carrying
@@ -36,7 +36,7 @@ def register_population(
     settings: Settings | None = None,
     cluster: Cluster | None = None,
     *,
-    on_change: Callable[[Entry], object] = lambda entry: None,
+    on_change: Callable[[LedgerEntry], object] = lambda entry: None,
     control: Control | None = None,
 ) -> Population:
     """Register subjects to a template by their functions, and make their mean.
@@ -72,7 +72,7 @@ def register_population(
     by_name = Cohort(cohort.channels, tuple(cohort.subjects[i] for i in order))
     control = control or Control()
     with Workers(cluster) as workers, controlled(control):
-        solver = _Solver(Path(folder), workers, on_change, control)
+        solver = _RoundSolver(Path(folder), workers, on_change, control)
         work = Work(by_name, template, Path(folder), settings or Settings(), solver.carried)
         target, changes = work.first_target(), list[float]()
         fits = list[BoolArray]()
@@ -90,22 +90,22 @@ def register_population(
 
 
 @dataclass(frozen=True)
-class _Solver:
+class _RoundSolver:
     """Who solves the rows of a round, and who is told of it."""
 
     folder: Path
     workers: Workers
-    on_change: Callable[[Entry], object]
+    on_change: Callable[[LedgerEntry], object]
     control: Control
 
-    def registered(self, rows: Sequence[Row], number: int) -> list[Entry]:
+    def registered(self, rows: Sequence[Row], number: int) -> list[LedgerEntry]:
         ledger = Ledger(self.folder)
         ledger.make()
         ledger.write_rows(rows, f"round {number} of a population")  # for abfm batch --status
         with step(f"round {number}: registering", len(rows), f" {len(rows)} subjects") as done:
             count = len(rows) - len({r.key for r in rows if ledger.entry(r).state != "done"})
 
-            def report(entry: Entry) -> None:
+            def report(entry: LedgerEntry) -> None:
                 nonlocal count
                 count += 1
                 done(count / len(rows))

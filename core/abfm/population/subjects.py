@@ -15,9 +15,9 @@ from abfm.population.settings import LARGEST_WEIGHT
 from abfm.reading.text_tables import parse_number
 from abfm.tasks.inputs import absolute, renamed_spec
 
-HELD_OUT = "held-out:"
+HELD_TAG = "held-out:"
 """How the column of a channel begins that is carried, but not registered by."""
-_OWN = ("name", "surface", "mask", "weight", "landmarks")
+_OWN_COLUMNS = ("name", "surface", "mask", "weight", "landmarks")
 _MOST_ROWS = 100_000
 
 
@@ -78,7 +78,7 @@ class Cohort:
         if all(channel.is_held_out for channel in self.channels):
             raise ParameterError(
                 "there is no channel to register by: give a column with functions, not "
-                f"beginning with {HELD_OUT}; landmarks alone make no mean to register to"
+                f"beginning with {HELD_TAG}; landmarks alone make no mean to register to"
             )
         _require_once("channel", [channel.name for channel in self.channels])
         _require_once("subject", [subject.name for subject in self.subjects])
@@ -164,20 +164,20 @@ def _columns(cells: Sequence[str]) -> list[str]:
     for number, cell in enumerate(cells, 1):
         if not cell:
             raise ParameterError(f"column {number} has no name; give it one")
-        found.append(cell.lower() if cell.lower() in _OWN else cell)
+        found.append(cell.lower() if cell.lower() in _OWN_COLUMNS else cell)
     _require_once("column", found)
     return found
 
 
 def _channels(columns: Sequence[str]) -> list[str]:
-    return [column for column in columns if column not in _OWN]
+    return [column for column in columns if column not in _OWN_COLUMNS]
 
 
 def _channel(column: str) -> Channel:
-    name = column.removeprefix(HELD_OUT).strip()
+    name = column.removeprefix(HELD_TAG).strip()
     if not name:
         raise ParameterError(f"column {brief(column)} has no name of a channel; give it one")
-    return Channel(name, column.startswith(HELD_OUT))
+    return Channel(name, column.startswith(HELD_TAG))
 
 
 def _subject(columns: Sequence[str], cells: Sequence[str], number: int, folder: str) -> Subject:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from abfm.batch.cluster import Cluster
-from abfm.batch.ledger import Entry
+from abfm.batch.ledger import LedgerEntry
 from abfm.errors import ParameterError, ResultError, brief, one_line, printable
 from abfm.io import check_values_name
 from abfm.matching.task import MAX_DISTORTION
@@ -19,7 +19,7 @@ from abfm.population.population import Population, load_population
 from abfm.population.rounds import register_population
 from abfm.population.settings import BOUND, MOST_ROUNDS, Settings
 from abfm.population.subjects import Cohort, function_text, read_subjects
-from abfm.registration.task import INITIAL, ONE_BASED
+from abfm.registration.task import INITIAL_INPUT, ONE_BASED_INPUT
 from abfm.tasks.inputs import (
     MESH_FORMATS,
     MESH_INPUTS,
@@ -120,7 +120,7 @@ class PopulationTask(Task):
             group=_MEAN,
             repeats=True,
         ),
-        INITIAL,
+        INITIAL_INPUT,
         number_input(
             "bound",
             "end when the mean changes by less, over its deviation",
@@ -139,7 +139,7 @@ class PopulationTask(Task):
             default=str(MOST_ROUNDS),
         ),
         MAX_DISTORTION,
-        ONE_BASED,
+        ONE_BASED_INPUT,
         *parameter_inputs(),
     )
     result: ClassVar = Population
@@ -167,7 +167,7 @@ class PopulationTask(Task):
         values = given.values()
         options = {
             each.name: "auto" if values[each.name] is None else values[each.name]
-            for each in (*parameter_inputs(), *MESH_INPUTS, MAX_DISTORTION, ONE_BASED)
+            for each in (*parameter_inputs(), *MESH_INPUTS, MAX_DISTORTION, ONE_BASED_INPUT)
             if each.name in values
         }
         settings = Settings(
@@ -190,7 +190,7 @@ class PopulationTask(Task):
         if monitor.checkpoint is None:
             raise ResultError("a population needs a folder for its registrations")
 
-        def report_failure(entry: Entry) -> None:
+        def report_failure(entry: LedgerEntry) -> None:
             if entry.reason:
                 monitor.on_note(f"{printable(entry.row.name)} failed: {entry.reason}")
 

@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from abfm.batch import Entry, Row
+from abfm.batch import LedgerEntry, Row
 from abfm.batch.attempt import Answer
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
@@ -51,7 +51,7 @@ Carry: TypeAlias = Callable[[Sequence[Carrying], str], Generator[Answer, None, N
 """Yields what comes of computations, in their order; the text says what is done, for progress."""
 _TARGETS = "targets"  # folder of templates, functions that subjects are registered to, mean fields
 _LOOKS = 3  # at who fits, in a round, each with the mean field of those who did before
-_LISTENED_TO = 3  # subjects, for noise
+_NOISE_SUBJECTS = 3  # subjects, for noise
 _BY_FUNCTIONS = "embedding", "landmarks"  # initial maps of which none is found without
 
 
@@ -120,7 +120,7 @@ class Work:
         measured, as on coarse meshes: no closer than the noise of the first subjects.
         """
         levels = []
-        for subject in self.cohort.subjects[:_LISTENED_TO]:
+        for subject in self.cohort.subjects[:_NOISE_SUBJECTS]:
             with suppress(AbfmError):  # which its registration tells
                 mesh = self._mesh(subject.surface or self.path)
                 texts = [subject.functions[c] for c in self.cohort.registered_by]
@@ -228,7 +228,7 @@ class Work:
         return one.renamed(absolute(cwd))
 
     def _by_registration(
-        self, subject: Subject, entry: Entry, drift: str, at_edges: bool = False
+        self, subject: Subject, entry: LedgerEntry, drift: str, at_edges: bool = False
     ) -> Carrying:
         """Return what carries a subject by its registration and along a mean field."""
         return replace(
@@ -239,7 +239,9 @@ class Work:
             at_edges=at_edges,
         )
 
-    def round(self, entries: Sequence[Entry], before: Sequence[BoolArray], number: int) -> Round:
+    def round(
+        self, entries: Sequence[LedgerEntry], before: Sequence[BoolArray], number: int
+    ) -> Round:
         """Carry all subjects by their maps less the mean field of those who fitted at the end of
         the round before, if there is one, and say who fits; again if these are others.
         """
@@ -272,7 +274,7 @@ class Work:
                 f"{one_line(self.cohort.subjects[failures.index(told)].name, 60)}: {told}"
             )
 
-    def _mean_field(self, entries: Sequence[Entry], fits: BoolArray) -> FloatArray:
+    def _mean_field(self, entries: Sequence[LedgerEntry], fits: BoolArray) -> FloatArray:
         total, weight = np.zeros((len(self.template.faces), 3)), 0.0
         for entry, counts, each in zip(entries, fits, self.weights, strict=True):
             if entry.path is not None and counts and each:
@@ -282,7 +284,7 @@ class Work:
 
     def _look(
         self,
-        entries: Sequence[Entry],
+        entries: Sequence[LedgerEntry],
         fits: BoolArray,
         failures: Sequence[str],
         number: int,
@@ -356,7 +358,7 @@ class Work:
             middles.append(known @ np.nan_to_num(mean) / known.sum() if known.any() else 0.0)
         return np.array(middles)
 
-    def phases(self, entries: Sequence[Entry], found: Round) -> FloatArray:
+    def phases(self, entries: Sequence[LedgerEntry], found: Round) -> FloatArray:
         """Part the variance of each channel, (C, 4), by the middles of edges, where values are
         means of two before and of two or three after, so that noise is smoothed alike.
         """

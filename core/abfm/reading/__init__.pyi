@@ -36,7 +36,7 @@ from .opening import Format as Format
 from .opening import Opened as Opened
 from .opening import decoded as decoded
 from .opening import open_file as open_file
-from .plain_files import LARGEST as LARGEST
+from .plain_files import FILE_BYTES_MAX as FILE_BYTES_MAX
 from .plain_files import Archive as Archive
 from .plain_files import array_from as array_from
 from .plain_files import from_json as from_json

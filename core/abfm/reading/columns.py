@@ -19,7 +19,7 @@ from abfm.types import FloatArray, IntArray
 _VERTEX_NAMES = (
     *("vertex", "vertexid", "vertexindex", "node", "nodeid", "nodeindex", "pointid", "index"),
 )
-_UNNAMED = ("", "unnamed:0")  # what pandas and R call the column of row names
+_UNNAMED_COLUMNS = ("", "unnamed:0")  # what pandas and R call the column of row names
 _AXES_MAX = 3
 _LABELS_ADVICE = (
     "it holds labels, which cannot be interpolated: use label=NAME for the place of one, abfm "
@@ -147,7 +147,7 @@ class Columns:
         place = self._place_of_vertices()
         if place is None:
             return self
-        column, unnamed = self.values[:, place], _plain(self.names[place]) in _UNNAMED
+        column, unnamed = self.values[:, place], _plain(self.names[place]) in _UNNAMED_COLUMNS
         if not np.array_equal(column, np.rint(column)) or (np.abs(column) > 2**53).any():
             if unnamed or _plain(self.names[place]) == "index":
                 return self  # values of that name
@@ -172,7 +172,7 @@ class Columns:
         plain = [_plain(name) for name in self.names]
         found = next((name for name in _VERTEX_NAMES if name in plain), None)
         if found is None:
-            return 0 if plain[0] in _UNNAMED else None
+            return 0 if plain[0] in _UNNAMED_COLUMNS else None
         if plain.count(found) > 1:
             raise ValueError(
                 f"it has {plain.count(found)} columns called {found}; rename all but one"

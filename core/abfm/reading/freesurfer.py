@@ -23,11 +23,13 @@ FREESURFER_SURFACES = (
 )
 FREESURFER_VALUES = (".sulc", ".curv", ".thickness", ".area", ".volume")
 """What names of surfaces and of values usually end in; they may end in anything."""
-_SURFACE, _VALUES, _QUADRANGLES = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
+_SURFACE = b"\xff\xff\xfe"
+_VALUES = b"\xff\xff\xff"
+_QUADRANGLES = b"\xff\xff\xfd"
 _LONGEST_LINE = 1 << 16  # of the two lines that say who made a surface
 _MGH_TYPES = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2", 10: ">u2"}
 _MGH_DATA = 284  # where it begins
-_OPAQUE = 255
+_BYTE_MAX = 255
 
 
 def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
@@ -127,7 +129,7 @@ def freesurfer_annotation(data: bytes) -> Labels:
         if key in names:
             raise ValueError(f"its table has two entries of the number {key}")
         names[key] = name
-        codes[key] = red / _OPAQUE, green / _OPAQUE, blue / _OPAQUE, 1 - clear / _OPAQUE
+        codes[key] = red / _BYTE_MAX, green / _BYTE_MAX, blue / _BYTE_MAX, 1 - clear / _BYTE_MAX
         found.setdefault(red | green << 8 | blue << 16, key)  # of one colour the first
     if has_table:
         known, place = np.unique(colors, return_inverse=True)
@@ -237,7 +239,7 @@ def _table(bytes_: _Bytes) -> list[tuple[int, str, tuple[int, int, int, int]]]:
         key = place if version == 1 else bytes_.count("as the number of a colour")
         name = bytes_.text()
         red, green, blue, clear = (bytes_.number() for _ in range(4))
-        if not all(0 <= part <= _OPAQUE for part in (red, green, blue, clear)):
+        if not all(0 <= part <= _BYTE_MAX for part in (red, green, blue, clear)):
             raise ValueError(f"the colour of {brief(name)} has parts that are not from 0 to 255")
         found.append((key, name, (red, green, blue, clear)))
     return found

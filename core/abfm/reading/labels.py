@@ -12,7 +12,7 @@ Color = tuple[float, float, float, float]
 """Red, green, blue and opacity, each from 0 to 1."""
 NO_LABEL = -1
 """Key of vertices without a label, unless the labels name it."""
-_UNKNOWN = ("???", "unknown")
+_UNKNOWN_NAMES = ("???", "unknown")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +41,13 @@ class Labels:
         absent = self.values == NO_LABEL
         if NO_LABEL in self.names or not absent.any():
             return self
-        named = [key for key, name in self.names.items() if name.lower() in _UNKNOWN]
+        named = [key for key, name in self.names.items() if name.lower() in _UNKNOWN_NAMES]
         taken = {*self.names, *np.unique(self.values).tolist()}
         key = named[0] if named else next(key for key in count() if key not in taken)
         return replace(
             self,
             values=np.where(absent, key, self.values),
-            names=self.names if named else {key: _UNKNOWN[0], **self.names},
+            names=self.names if named else {key: _UNKNOWN_NAMES[0], **self.names},
             colors=self.colors if named else {**self.colors, key: (0.0, 0.0, 0.0, 0.0)},
         )
 

@@ -130,7 +130,7 @@ _ARCHIVES = {
     b"\xfd7zXZ\x00": "an xz archive",
     b"\x28\xb5\x2f\xfd": "a Zstandard archive",
 }
-_CONVERTIBLE = {
+_CONVERTIBLE_FORMATS = {
     b"\xff\xff\xff\xff": "a FreeSurfer patch, which has no triangles. Write it as a surface: "
     "mris_convert -p PATCH NAME.surf.gii",
     b"<AFNI_dataset": "an AFNI dataset. Write it as GIFTI: "
@@ -139,15 +139,15 @@ _CONVERTIBLE = {
 _SPREADSHEETS = (".xlsx", ".xlsm", ".ods")
 _TAR = b"ustar"
 _TAR_OFFSET = 257
-_OLD_OR_NEW = b"\xff\xff\xff"  # old quadrangles and new values begin alike
+_OLD_OR_NEW_MAGIC = b"\xff\xff\xff"  # old quadrangles and new values begin alike
 _HEAD_BYTES = 1 << 16
 _ROOT = re.compile(r"<(GIFTI|VTKFile)\b([^>]*)")
 _WEB_PAGE = re.compile(
     r"\s*(?:<\?xml[^>]*>\s*)?<(?:!doctype\s+html|html|head|body)\b", re.IGNORECASE
 )
 _MNI_OBJECT = re.compile(r"P(?:\s+[-+.0-9eE]+){5}\s+\d+\s")
-_OFF = re.compile(r"\s*+(?:#[^\n]*+\s*+)*+(?:ST|C|N){0,3}4?n?OFF(?:\s+BINARY)?\s*\d")
-_TEXTS = {_MNI_OBJECT: Format.MNI_OBJ, _OFF: Format.OFF}
+_OFF_HEADER = re.compile(r"\s*+(?:#[^\n]*+\s*+)*+(?:ST|C|N){0,3}4?n?OFF(?:\s+BINARY)?\s*\d")
+_TEXTS = {_MNI_OBJECT: Format.MNI_OBJ, _OFF_HEADER: Format.OFF}
 _CIFTI_INTENTS = range(3000, 3100)
 
 
@@ -198,7 +198,7 @@ def _refuse_other_contents(data: bytes, head: str, name: str) -> None:
         raise ValueError("the file is a web page (HTML). Download the data file itself")
     if name.endswith(_SPREADSHEETS):
         raise ValueError("the file is a spreadsheet. Save the values as CSV")
-    for mark, text in _CONVERTIBLE.items():
+    for mark, text in _CONVERTIBLE_FORMATS.items():
         if data.startswith(mark):
             raise ValueError(f"the file is {text}")
     archive = next((text for mark, text in _ARCHIVES.items() if data.startswith(mark)), None)
@@ -212,7 +212,7 @@ def _format(data: bytes, head: str, name: str) -> Format:
     for mark, found in _SIGNATURES.items():
         if data.startswith(mark):
             return found
-    if data.startswith(_OLD_OR_NEW):
+    if data.startswith(_OLD_OR_NEW_MAGIC):
         return Format.FREESURFER_QUADS if _has_old_quads(data) else Format.FREESURFER_VALUES
     if root := _ROOT.search(head) if head.lstrip().startswith("<") else None:
         if root[1] == "GIFTI":

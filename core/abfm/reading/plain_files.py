@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 
 from abfm.errors import brief, one_line
 
-LARGEST = 4 << 30
+FILE_BYTES_MAX = 4 << 30
 """Bytes of the largest file that is read."""
 # inflated data may have so many bytes, or so many times those of its file
-_SMALL, _MOST_TIMES = 64 << 20, 20
+_INFLATED_BYTES_MIN = 64 << 20
+_INFLATION_MAX = 20
 _NPY_HEADERS = {
     (1, 0): npy.read_array_header_1_0,
     (2, 0): npy.read_array_header_2_0,
@@ -39,12 +40,12 @@ _NPY_HEADERS = {
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
 # what is no plain file and no folder, by its mode's format
-SPECIAL = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
-SPECIAL |= dict.fromkeys((stat.S_IFCHR, stat.S_IFBLK), "a device")
+SPECIAL_FILES = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+SPECIAL_FILES |= dict.fromkeys((stat.S_IFCHR, stat.S_IFBLK), "a device")
 
 
 @contextmanager
-def open_plain(path: str | os.PathLike[str], most: int = LARGEST) -> Iterator[BinaryIO]:
+def open_plain(path: str | os.PathLike[str], most: int = FILE_BYTES_MAX) -> Iterator[BinaryIO]:
     """Open a plain file for reading: no folder, pipe, socket or device, of at most so many bytes.
 
     It is looked at before it is opened, as opening alone makes some devices act, and again when it
@@ -60,7 +61,7 @@ def open_plain(path: str | os.PathLike[str], most: int = LARGEST) -> Iterator[Bi
         yield file
 
 
-def read_bytes(path: str | os.PathLike[str], most: int = LARGEST) -> bytes:
+def read_bytes(path: str | os.PathLike[str], most: int = FILE_BYTES_MAX) -> bytes:
     """Read all of a plain file that there is when it is opened; see `open_plain`."""
     with open_plain(path, most) as file:
         size = os.fstat(file.fileno()).st_size
@@ -119,14 +120,14 @@ def inflated(data: bytes, most: int | None = None) -> bytes:
 
 def most_inflated(size: int) -> int:
     """Return the bytes that what a file of this size holds may have when it is decompressed."""
-    return max(_SMALL, _MOST_TIMES * size)
+    return max(_INFLATED_BYTES_MIN, _INFLATION_MAX * size)
 
 
 def _check(status: os.stat_result, most: int) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
-        kind = SPECIAL.get(stat.S_IFMT(status.st_mode), "something else")
+        kind = SPECIAL_FILES.get(stat.S_IFMT(status.st_mode), "something else")
         raise OSError(errno.EINVAL, f"it is {kind}, not a file as is expected")
     if status.st_size > most:
         raise OSError(errno.EFBIG, f"it has {status.st_size} bytes, and at most {most} are read")
@@ -185,7 +186,7 @@ class Archive(Mapping[str, NDArray[Any]]):
     def __init__(self, file: BinaryIO) -> None:
         self._zip = zipfile.ZipFile(file)
         size = file.seek(0, os.SEEK_END)
-        self._left, self._most = most_inflated(size), max(LARGEST, size)
+        self._left, self._most = most_inflated(size), max(FILE_BYTES_MAX, size)
         names = self._zip.namelist()
         self._names = {name.removesuffix(".npy") for name in names if name.endswith(".npy")}
         self.packed = [member.filename for member in self._zip.infolist() if member.compress_type]

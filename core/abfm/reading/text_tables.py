@@ -14,10 +14,10 @@ from abfm.reading.words import number
 from abfm.types import FloatArray
 
 _SEPARATORS = ";\t,"
-_QUOTED = re.compile(r'"[^"]*"')
+_QUOTED_TEXT = re.compile(r'"[^"]*"')
 _DECIMAL = re.compile(r"[+-]?\d+,\d+(?:[eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
-_BLANK_AFTER = re.compile(r",\s+")
+_COMMA_AND_BLANK = re.compile(r",\s+")
 _EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # which names the separator
 _POINT = re.compile(r"\d\.|\.\d")
 _WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eEdD][+-]?\d+)?")
@@ -26,7 +26,7 @@ _WORD = re.compile(r'"[^"]*"|\S+')
 _BINARY = re.compile(rb"[\0-\x08\x0e-\x1f]")
 _ERRORS = ("#N/A", "#NV", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?", "#NULL!")  # of Excel
 _MISSING_WORDS = ("na", "n/a", "<na>", "nan", "null", "none", "missing", ".")
-_MISSING = (*_MISSING_WORDS, *map(str.lower, _ERRORS))
+_MISSING_VALUES = (*_MISSING_WORDS, *map(str.lower, _ERRORS))
 _TRUTH = {"true": "1", "false": "0"}
 _NUMPY_ERROR = re.compile(  # NumPy counts rows from 0 and columns from 1
     r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
@@ -195,7 +195,7 @@ def _number_of(cell: str) -> str:
     """Return a cell as NumPy reads it, empty if it is missing."""
     text = cell.strip(' "').replace("\u2212", "-")  # the sign for minus
     small = text.lower()
-    return "" if small in _MISSING else _TRUTH.get(small, _FORTRAN.sub(r"\1e\2", text))
+    return "" if small in _MISSING_VALUES else _TRUTH.get(small, _FORTRAN.sub(r"\1e\2", text))
 
 
 def _refused(error: ValueError, places: Sequence[int] = ()) -> ValueError:
@@ -236,7 +236,7 @@ def _lines(text: str, comments: str | None) -> Iterator[str]:
 
 def _separator(line: str) -> str | None:
     """Return what separates the cells of a line; None is blanks."""
-    outside = _QUOTED.sub("0", line)
+    outside = _QUOTED_TEXT.sub("0", line)
     found = next((sign for sign in _SEPARATORS if sign in outside), None)
     if found != ",":
         return found
@@ -265,7 +265,7 @@ def is_number(text: str) -> bool:
 
 def _are_numbers(cells: list[str]) -> bool:
     """Return whether a first line is numbers, of which some may be missing, and not names."""
-    words = (*_MISSING, *_TRUTH)
+    words = (*_MISSING_VALUES, *_TRUTH)
     known = cells if cells[-1] else cells[:-1]
     return all(is_number(cell) or cell.lower() in words for cell in known)
 
@@ -281,9 +281,9 @@ def _with_points(
         return rows, separator
     body = "\n".join(rows)
     if separator == ",":  # commas between quotes are decimal, others separate
-        inside = [cell.strip('" ') for cell in _QUOTED.findall(body) if _has_comma(cell)]
+        inside = [cell.strip('" ') for cell in _QUOTED_TEXT.findall(body) if _has_comma(cell)]
         _refuse_mixed(body, inside, separator)
-        body = _QUOTED.sub(
+        body = _QUOTED_TEXT.sub(
             lambda cell: cell[0][1:-1].replace(",", ".") if _has_comma(cell[0]) else cell[0], body
         )
     else:
@@ -318,7 +318,7 @@ def _refuse_ambiguous(rows: list[str], names: list[str], whole: bool) -> None:
     if whole:
         return
     if not names and all(
-        all(map(_DECIMAL.fullmatch, _BLANK_AFTER.split(row.strip()))) for row in rows
+        all(map(_DECIMAL.fullmatch, _COMMA_AND_BLANK.split(row.strip()))) for row in rows
     ):
         shown = rows[0].strip()
         raise ValueError(

@@ -47,7 +47,7 @@ _TYPES = {
 _ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 _HEADS = {"UInt32": "u4", "UInt64": "u8"}
 _KINDS = ("UnstructuredGrid", "PolyData")
-_APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_")
+_APPENDED_DATA = re.compile(rb"<AppendedData[^>]*>\s*_")
 _END = b"</AppendedData>"
 _MOST_BLOCKS = 1 << 24
 
@@ -102,7 +102,7 @@ class _File:
     def __init__(self, content: bytes) -> None:
         self._left = most_inflated(len(content))
         self._appended = b""
-        if found := _APPENDED.search(content):
+        if found := _APPENDED_DATA.search(content):
             end = content.rfind(_END)
             if end < found.end():
                 raise ValueError("its appended data does not end: it may be cut off")

@@ -4,7 +4,7 @@ from .files import load_correspondence as load_correspondence
 from .files import load_registration as load_registration
 from .initial.landmark_pairs import Landmarks as Landmarks
 from .initial.landmark_pairs import read_landmarks as read_landmarks
-from .register import MEASURED as MEASURED
+from .register import MEASURED_PARAMETERS as MEASURED_PARAMETERS
 from .register import Prepared as Prepared
 from .register import prepare as prepare
 from .register import register as register

@@ -25,10 +25,10 @@ from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 By: TypeAlias = Literal["point", "area"]
-_MOST = 20_000  # faces that are asked for the coverage
-_LEAST = 1e-12  # of a weight that carries
+_ASKED_FACES_MAX = 20_000  # faces that are asked for the coverage
+_WEIGHT_MIN = 1e-12  # of a weight that carries
 _CANDIDATES = "candidates", "candidate_costs"  # in files
-_SAME = 1e-9  # sqrt(area) between places that are one
+_ROUNDING = 1e-9  # sqrt(area) between places that are one
 
 
 class Candidate(NamedTuple):
@@ -244,7 +244,7 @@ class Correspondence(Display):
         20,000 faces, evenly chosen, stand for all.
         """
         count = len(self.a.faces)
-        asked = np.linspace(0, count - 1, min(count, _MOST)).astype(np.int64)
+        asked = np.linspace(0, count - 1, min(count, _ASKED_FACES_MAX)).astype(np.int64)
         lengths = edge_lengths(self.a)[self.a.face_edges[asked]].max(axis=1)
         middles = SurfacePoints(self.a, asked, np.full((len(asked), 3), 1 / 3))
         returned = self.points.at(self.back.at(middles))
@@ -332,7 +332,7 @@ def _of_points(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Corr
     if np.array_equal(a.faces, b.faces) and _is_by_number(there) and _is_by_number(back):
         return Correspondence.of_same_faces(a, b)
     nearest = there.inverse()
-    if np.allclose(nearest.positions, back.positions, rtol=0, atol=_SAME * b.length_scale):
+    if np.allclose(nearest.positions, back.positions, rtol=0, atol=_ROUNDING * b.length_scale):
         back = PointMap(a, b, back.faces, back.barycentric, carried=nearest.carried)
     return Correspondence(there, back)
 
@@ -369,7 +369,7 @@ def _placed(points: PointMap, domain: TriangleMesh, codomain: TriangleMesh) -> P
 
 def _without_zeros(matrix: sparse.csr_array) -> sparse.csr_array:
     found = matrix.copy()  # its entries may be those of a map
-    found.data[np.abs(found.data) < _LEAST] = 0
+    found.data[np.abs(found.data) < _WEIGHT_MIN] = 0
     found.eliminate_zeros()
     found.sum_duplicates()
     return found

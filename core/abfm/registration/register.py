@@ -37,7 +37,7 @@ from abfm.mesh import MeshLike, TriangleMesh, as_meshes
 from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.counting import warn_of_counting
-from abfm.registration.initial.given import Given
+from abfm.registration.initial.given import MapInput
 from abfm.registration.initial.landmark_pairs import Landmarks, by_surface
 from abfm.registration.initial.searching.search import is_searched
 from abfm.registration.initial.words import initial_map
@@ -47,16 +47,17 @@ from abfm.workers.control import Control
 
 Functions: TypeAlias = ArrayLike | str | Sequence[str]
 Pairs: TypeAlias = ArrayLike | tuple[SurfacePoints, SurfacePoints] | Landmarks
-MEASURED = Parameters.of(order=1, alpha=0.03, divergence=1.5)
+MEASURED_PARAMETERS = Parameters.of(order=1, alpha=0.03, divergence=1.5)
 """Parameters for measured functions of two surfaces, which are only as alike as two people are.
 
 On a human's cortex and fsaverage5, compared with the norm of second order at about the same change
 of shapes (mean log2 R 0.39 and 0.38): held-out curvature 0.614 and 0.571, Dice of labels 0.905 and
 0.892.
 """
-_OPPOSITE = -0.3  # a correlation below it tells of another sign
+_OPPOSITE_CORRELATION = -0.3  # a correlation below it tells of another sign
 _CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
-_SAME = 0.25  # of the range: least and largest values of functions in one unit differ by less
+# of the range: least and largest values of functions in one unit differ by less
+_RANGE_SHARE_MAX = 0.25
 
 
 class Prepared(NamedTuple):
@@ -112,8 +113,8 @@ def register(
         map has A's to B's. Without f and g they are all that is matched. Vertices of a
         `TriangleMesh` are its rows; any other file or object counts its own vertices.
     parameters : Parameters, optional
-        By default `MEASURED` if the functions are measured, or the initial map was searched between
-        two shapes, whose functions are only alike; else ``Parameters()``.
+        By default `MEASURED_PARAMETERS` if the functions are measured, or the initial map was
+        searched between two shapes, whose functions are only alike; else ``Parameters()``.
     mask_a, mask_b : (V_A,) and (V_B,) arrays, optional
         Weight of the mismatch at each vertex, not negative. Where it is 0, functions are filled in
         from around, like values that are not finite.
@@ -212,7 +213,7 @@ def prepare(
                 "masks and weights say how much functions count, and there are none: give f and g, "
                 "or no masks and weights"
             )
-        first = initial_map(initial, Given(a, b, landmarks=marks))
+        first = initial_map(initial, MapInput(a, b, landmarks=marks))
         problem = Problem(b, None, None, parameters, **_on_b(first.correspondence, marks))
         return Prepared(first.correspondence, problem, first.notes, None, first.warnings)
     f, g = texts_or_values(a, f, "f"), texts_or_values(b, g, "g")
@@ -232,9 +233,9 @@ def prepare(
         )
     counts = checked_weights(weights, len(source), "weights", "channel", True)
     if counts.any():
-        given = Given(a, b, source, target, on_a, on_b, counts, marks)
+        given = MapInput(a, b, source, target, on_a, on_b, counts, marks)
     else:
-        given = Given(a, b, mask_a=on_a, mask_b=on_b, landmarks=marks)
+        given = MapInput(a, b, mask_a=on_a, mask_b=on_b, landmarks=marks)
     first = initial_map(initial, given)
     found = first.correspondence
     carried = found.carry(source.T, by="area").T
@@ -247,7 +248,7 @@ def prepare(
         warnings.warn(phases, AbfmWarning, stacklevel=2)
     # of two shapes that are not one and the same functions are only alike
     approximate = is_searched(found.candidates) and bool(counts.any())
-    usual = MEASURED if measured or approximate else Parameters()
+    usual = MEASURED_PARAMETERS if measured or approximate else Parameters()
     problem = Problem(
         b,
         carried.T,
@@ -356,7 +357,7 @@ def _comparable(
         is_rough = is_measured(FunctionTerm(unit, *pair, mask))
         measured |= is_rough and weights[c] > 0
         alike = float(np.average(apart[0] * apart[1], weights=areas)) / (sizes[0] * sizes[1])
-        is_turned = is_rough and alike < _OPPOSITE
+        is_turned = is_rough and alike < _OPPOSITE_CORRELATION
         if is_turned:
             notes.append(
                 f"channel {c + 1} of A was taken with the other sign, as packages differ in it: by "
@@ -375,4 +376,4 @@ def _have_one_unit(f: FloatArray, g: FloatArray) -> bool:
     """Tell whether two functions, (n,) each, have about the same least and largest values."""
     span = max(np.ptp(f), np.ptp(g))
     ends = abs(f.min() - g.min()), abs(f.max() - g.max())
-    return bool(max(ends) <= _SAME * span)
+    return bool(max(ends) <= _RANGE_SHARE_MAX * span)

@@ -13,7 +13,7 @@ import numpy as np
 
 from abfm.errors import ParameterError, brief
 from abfm.io import results
-from abfm.io.results import Entry, Kind
+from abfm.io.results import Entry, FileKind
 from abfm.maps.point_maps import PointMap
 from abfm.outcome import Facts, Outcome
 from abfm.registration import report
@@ -27,7 +27,7 @@ from abfm.types import FloatArray
 from abfm.wording import share
 from abfm.workers.progress import step
 
-SYMMETRIC = Kind(
+SYMMETRIC_KIND = FileKind(
     "symmetric registration file",
     {
         **results.CORRESPONDENCE.entries,
@@ -94,7 +94,7 @@ class SymmetricRegistration(Correspondence):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file (``.npz``, no pickles), completely or not at all, or raise ResultError."""
-        results.save_arrays(path, self.arrays(), SYMMETRIC)
+        results.save_arrays(path, self.arrays(), SYMMETRIC_KIND)
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Write what `save` writes; nothing can be left out."""
@@ -118,7 +118,7 @@ def load_symmetric(path: str | os.PathLike[str]) -> SymmetricRegistration:
         facts = _facts(str(arrays["facts"]))
         return SymmetricRegistration(found.points, found.back, arrays["asymmetry"], facts)
 
-    return results.loaded(path, SYMMETRIC, made)
+    return results.loaded(path, SYMMETRIC_KIND, made)
 
 
 def _facts(text: str) -> Facts:
@@ -190,8 +190,8 @@ class SymmetricTask(Task):
 
     @staticmethod
     def facts_of_file(path: Path) -> Facts:
-        with results.open_archive(path, SYMMETRIC.name, results.MEND) as archive:
-            text = SYMMETRIC.entries["facts"].check("facts", archive["facts"], {})
+        with results.open_archive(path, SYMMETRIC_KIND.name, results.MEND) as archive:
+            text = SYMMETRIC_KIND.entries["facts"].check("facts", archive["facts"], {})
         return _facts(str(text))
 
     @staticmethod

@@ -20,7 +20,7 @@ from abfm.parameters import Parameters, as_option
 from abfm.registration import report
 from abfm.registration.files import load_registration
 from abfm.registration.initial import WORDS, read_landmarks, word_of
-from abfm.registration.register import MEASURED, prepare, within
+from abfm.registration.register import MEASURED_PARAMETERS, prepare, within
 from abfm.registration.registration import Registration
 from abfm.tasks.inputs import (
     MESH_FORMATS,
@@ -58,7 +58,7 @@ def _renamed_initial(text: str, rename: Rename) -> str:
     return f"sphere:{','.join(word if word == 'mirror' else rename(word) for word in words)}"
 
 
-INITIAL = Input(
+INITIAL_INPUT = Input(
     name="initial",
     help="the initial map, see above",
     read=_initial,
@@ -73,7 +73,7 @@ LANDMARKS = file_input(
     "FILE.csv",
     group=_START,
 )
-ONE_BASED = Input(
+ONE_BASED_INPUT = Input(
     name="one-based",
     help="vertex numbers of the landmarks count from 1, not from 0",
     read=read_flag,
@@ -110,7 +110,9 @@ def vertex_numbers(points: PointMap) -> IntArray:
 
 
 _WORDS = "\n".join(f"  {word.form}\n      {word.about}" for word in WORDS)
-_MEASURED = ", ".join(as_option(name, value) for name, value in MEASURED.changed().items())
+_MEASURED_OPTIONS = ", ".join(
+    as_option(name, value) for name, value in MEASURED_PARAMETERS.changed().items()
+)
 _DESCRIPTION = f"""\
 Find where on surface A each point of surface B lies, so that the functions of A (--source), carried
 to B, are as near to those of B (--target) as they can be: by an initial map, and then by the flow
@@ -130,7 +132,7 @@ landmarks; a note reports the chosen one and the next one. Or it is one of
 Functions that were measured, or have other units, are compared in standard deviations from their
 means; one with the other sign is turned, with a note. These, and functions of two shapes whose map
 was searched, are matched as far as left-out patches gain, with the parameters
-{_MEASURED} unless given; others with those of `abfm match`.
+{_MEASURED_OPTIONS} unless given; others with those of `abfm match`.
 
 The exit status is as of `abfm match`. It is 3 also if the initial map may lead elsewhere (a warning
 reports why) or if the complete map from A to B has a larger residual than the flow on B. Measured
@@ -180,8 +182,8 @@ class RegistrationTask(Task):
         weight_input("mask-a", "weight of each vertex of A"),
         weight_input("mask-b", "weight of each vertex of B"),
         LANDMARKS,
-        ONE_BASED,
-        INITIAL,
+        ONE_BASED_INPUT,
+        INITIAL_INPUT,
         *parameter_inputs(),
         MAX_DISTORTION,
         *MESH_INPUTS,

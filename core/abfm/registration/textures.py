@@ -20,9 +20,11 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
 Image = NDArray[np.uint8]
-_USUAL_SIZE, _MANY_FACES = 2048, 40_000  # which have 100 texels each
+# which have 100 texels each
+_USUAL_SIZE = 2048
+_MANY_FACES = 40_000
 _CHUNK = 1 << 17  # texels between checkpoints
-_FARTHEST = 1e6  # of coordinates: beyond, doubles do not tell pixels
+_COORDINATE_MAX = 1e6  # of coordinates: beyond, doubles do not tell pixels
 _REPEAT: tuple[Wrap, Wrap] = ("repeat", "repeat")
 
 
@@ -80,7 +82,7 @@ class Texture:
                 f"wraps are {brief(wraps)}; expected a pair of {', '.join(_WAYS)} for each image"
             )
         shape = count, 3, 2
-        places = _numbers(self.coordinates, "coordinates", shape, -_FARTHEST, _FARTHEST)
+        places = _numbers(self.coordinates, "coordinates", shape, -_COORDINATE_MAX, _COORDINATE_MAX)
         tints = self.tints
         if tints is not None:
             tints = _numbers(tints, "tints", (count, 3, images[0].shape[2]), 0, 1)

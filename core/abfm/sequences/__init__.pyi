@@ -7,8 +7,8 @@ from .exports import export_tracks as export_tracks
 from .exports import vertex_speed as vertex_speed
 from .frames import Frames as Frames
 from .interval_words import of_interval as of_interval
-from .parameters import CHOSEN as CHOSEN
-from .parameters import TAKEN as TAKEN
+from .parameters import CHOSEN_NAMES as CHOSEN_NAMES
+from .parameters import TAKEN_NAMES as TAKEN_NAMES
 from .parameters import SequenceParameters as SequenceParameters
 from .parameters import defaults as defaults
 from .reading.frames_file import FramesFile as FramesFile

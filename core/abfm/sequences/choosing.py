@@ -20,8 +20,8 @@ from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.held_out import without
 from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames, interval_parameters, sigma_of
-from abfm.sequences.interval import COOLER, Interval, cooling
-from abfm.sequences.noise import OFTEN, noise_floor
+from abfm.sequences.interval import COOLING_FACTOR, Interval, cooling
+from abfm.sequences.noise import NOISE_FACTOR, noise_floor
 from abfm.sequences.parameters import SequenceParameters
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
@@ -70,7 +70,7 @@ def norms(given: SequenceParameters) -> list[Norm]:
     return list(dict.fromkeys(found))
 
 
-class _Given(NamedTuple):
+class _ChoiceInput(NamedTuple):
     """What norm and sigma are chosen for; levels are those of the noise at vertices."""
 
     frames: Frames
@@ -94,7 +94,7 @@ def chosen(frames: Frames, given: SequenceParameters, levels: FloatArray) -> Cho
     ParameterError
         If there are too few vertices to hold any out, and sigma is not given.
     """
-    made_for, candidates = _Given(frames, given, levels), norms(given)
+    made_for, candidates = _ChoiceInput(frames, given, levels), norms(given)
     usual = Norm(given.order, given.alpha)
     if given.sigma is not None and len(candidates) == 1:
         return Choice(candidates[0], given.sigma)
@@ -123,7 +123,7 @@ class _HeldOut:
     """
 
     def __init__(
-        self, given: _Given, intervals: Sequence[int], norm: Norm, sigmas: Sequence[float]
+        self, given: _ChoiceInput, intervals: Sequence[int], norm: Norm, sigmas: Sequence[float]
     ) -> None:
         self.norm, self._sigmas = norm, sigmas
         self._is_given = given.parameters.sigma is not None
@@ -154,7 +154,7 @@ class _HeldOut:
     def follow_all(self, report: Callable[[float], None]) -> None:
         """Decrease sigma until the residual grows; if it stays large, look further away."""
         self._descend(report)
-        if self.least > max(_RESIDUAL_LARGE * self.rest, OFTEN * self._noise):
+        if self.least > max(_RESIDUAL_LARGE * self.rest, NOISE_FACTOR * self._noise):
             least, found = self.least, (self._left, self._fields)
             self._left, self._fields = {}, {}
             with step("looking further"):
@@ -183,7 +183,7 @@ class _HeldOut:
             walk.starts = of_other.starts
         at = self._sigmas.index(other._best_sigma)
         if self.norm.order == other.norm.order and not self._is_given:
-            at += round(float(np.log(self.norm.alpha / other.norm.alpha) / np.log(COOLER)))
+            at += round(float(np.log(self.norm.alpha / other.norm.alpha) / np.log(COOLING_FACTOR)))
         at = int(np.clip(at, 0, len(self._sigmas) - 1))
         self._follow(self._sigmas[at], other._fields[other._best_sigma])
         if self._is_given or self.least > _RESIDUAL_RATIO_MAX * best:
@@ -215,7 +215,9 @@ class _HeldOut:
 class _Walk:
     """Fields of one interval, without the patches of every ``count``-th fold, from ``start`` on."""
 
-    def __init__(self, given: _Given, interval: int, norm: Norm, start: int, count: int) -> None:
+    def __init__(
+        self, given: _ChoiceInput, interval: int, norm: Norm, start: int, count: int
+    ) -> None:
         energy = given.energy(interval, norm)
         self._functions, self._given = energy.functions, given
         self._duration = energy.parameters.tau

@@ -13,7 +13,7 @@ from abfm.matching.objective.matching_energy import MatchingEnergy, carried_alon
 from abfm.sequences.noise import means_of_neighbours
 from abfm.types import FloatArray
 
-_SMOOTHED = 4  # times, halfway to the mean of neighbours
+_SMOOTHING_STEPS = 4  # times, halfway to the mean of neighbours
 
 
 def defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
@@ -29,7 +29,7 @@ def defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
     except ParameterError:
         return np.zeros_like(source)
     apart = carried_along(energy.flow, x, source) - bent(flow.origins(), source)
-    for _ in range(_SMOOTHED):
+    for _ in range(_SMOOTHING_STEPS):
         apart = 0.5 * (apart + means_of_neighbours(mesh, apart))
     return apart
 

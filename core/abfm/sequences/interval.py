@@ -21,11 +21,14 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 
 _STEPS = 8  # of Gauss-Newton with one sigma, at most
-_GAINED = 0.05  # share of the energy; a step that gains less is the last one
-_DECREASE, _SHORTEST = 1e-4, 0.1
-_FEWEST, _MOST = 4, 60  # of conjugate gradients in a step
-_CLOSE = 0.25  # of the first residual, where they end
-COOLER = 3.0
+_GAIN_SHARE_MIN = 0.05  # share of the energy; a step that gains less is the last one
+_SUFFICIENT_DECREASE = 1e-4
+_STEP_LENGTH_MIN = 0.1
+# of conjugate gradients in a step
+_ITERATIONS_MIN = 4
+_ITERATIONS_MAX = 60
+_RESIDUAL_SHARE = 0.25  # of the first residual, where they end
+COOLING_FACTOR = 3.0
 """Factor between two sigmas."""
 
 Apply = Callable[[FloatArray], FloatArray]
@@ -42,7 +45,7 @@ class Neighbour:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class FieldPoint:
     """A field (F, 2) with its evaluation, and its energy with what neighbours say."""
 
     field: FloatArray
@@ -65,7 +68,7 @@ class Interval:
         self._neighbours = [each for each in neighbours if each.weight > 0]
         self._norm, self._tau = energy.regularizer(), energy.parameters.tau
 
-    def find(self, sigma: float, warmest: float, start: FloatArray | None) -> Point:
+    def find(self, sigma: float, warmest: float, start: FloatArray | None) -> FieldPoint:
         """Minimise with a sigma, by way of warmer ones: from a start (F, 2) and a little warmer,
         where that carries the one frame closer to the other than they were; else from no motion,
         and from the warmest on. What a start has too much of is smoothed away by the warmer one.
@@ -80,7 +83,7 @@ class Interval:
             field = point.field
         return point
 
-    def go_on(self, sigma: float, field: FloatArray, steps: int = _STEPS) -> Point:
+    def go_on(self, sigma: float, field: FloatArray, steps: int = _STEPS) -> FieldPoint:
         """Minimise with a sigma from a field (F, 2), by steps while they pay, at most so many."""
         objective = self._objective(sigma)
         point = self._evaluated(objective, field)
@@ -89,14 +92,14 @@ class Interval:
             found = self._step(objective, sigma, point)
             gained = point.energy - found.energy
             point = found
-            if not gained > _GAINED * point.energy:
+            if not gained > _GAIN_SHARE_MIN * point.energy:
                 break
         return point
 
     def _objective(self, sigma: float) -> Objective:
         return self.energy.objective(sigma, shift=self._shift)
 
-    def _step(self, objective: Objective, sigma: float, point: Point) -> Point:
+    def _step(self, objective: Objective, sigma: float, point: FieldPoint) -> FieldPoint:
         slope = point.at.gradient[0]
         for each in self._neighbours:
             apart = self._norm.apply(point.field - each.field)
@@ -104,9 +107,9 @@ class Interval:
         direction = self._solved(self._bend(sigma, point.at), -slope)
         downhill = _inner(direction, slope)
         length = 1.0
-        while length >= _SHORTEST and downhill < 0:
+        while length >= _STEP_LENGTH_MIN and downhill < 0:
             found = self._evaluated(objective, point.field + length * direction)
-            if found.energy <= point.energy + _DECREASE * length * downhill:
+            if found.energy <= point.energy + _SUFFICIENT_DECREASE * length * downhill:
                 return found
             length /= 2
         return point
@@ -119,9 +122,9 @@ class Interval:
             total += 0.5 * self._tau * each.weight * _inner(apart, self._norm.apply(apart))
         return total
 
-    def _evaluated(self, objective: Objective, field: FloatArray) -> Point:
+    def _evaluated(self, objective: Objective, field: FloatArray) -> FieldPoint:
         at = objective.evaluate(field[None])
-        return Point(field, at, at.energy + self.tied(field))
+        return FieldPoint(field, at, at.energy + self.tied(field))
 
     @property
     def _stiffness(self) -> float:
@@ -151,7 +154,7 @@ class Interval:
         found, residual = np.zeros_like(wanted), wanted.copy()
         direction = eased = self._norm.inverse(residual) / self._stiffness
         first = size = _inner(residual, eased)
-        for count in range(1, _MOST + 1):
+        for count in range(1, _ITERATIONS_MAX + 1):
             if not size > 0:
                 break
             bent = bend(direction)
@@ -160,7 +163,7 @@ class Interval:
             residual -= length * bent
             eased = self._norm.inverse(residual) / self._stiffness
             before, size = size, _inner(residual, eased)
-            if count >= _FEWEST and size <= _CLOSE**2 * first:
+            if count >= _ITERATIONS_MIN and size <= _RESIDUAL_SHARE**2 * first:
                 break
             direction = eased + size / before * direction
         return found
@@ -169,8 +172,8 @@ class Interval:
 def cooling(sigma: float, warmest: float) -> list[float]:
     """Return sigmas that fall to this one, from the warmest at most."""
     found = [sigma]
-    while found[0] * COOLER <= warmest:
-        found.insert(0, found[0] * COOLER)
+    while found[0] * COOLING_FACTOR <= warmest:
+        found.insert(0, found[0] * COOLING_FACTOR)
     return found
 
 

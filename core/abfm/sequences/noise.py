@@ -11,16 +11,16 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.sequences.frames import Frames
 from abfm.types import BoolArray, FloatArray
 
-OFTEN = 1.3
+NOISE_FACTOR = 1.3
 """Times what noise leaves, within which nothing but noise is left."""
 # of what differed at first, or would if all were squeezed away: more is left where motion
 # explains little
-_EXPLAINED = 0.6
+_EXPLAINED_SHARE_MIN = 0.6
 _ROUNDED_RESIDUAL = 1e-9  # a residual that is rounding, as of constants
 _RESIDUAL_OF_MEAN = 1.0
 """Residual of a constant, the mean of the target: that of a bump in the wrong place is larger, and
 falls to this if the flow only flattens it."""
-_ROUNDED = 1e-12  # of the largest value: less is rounding
+_ROUNDING = 1e-12  # of the largest value: less is rounding
 
 
 def noise(
@@ -65,8 +65,8 @@ def explains_little(functions: FunctionTerm, levels: FloatArray, left: float) ->
     levels (C, V).
     """
     first = functions.residual(functions.source)
-    explained = _EXPLAINED * min(first, _RESIDUAL_OF_MEAN)
-    return left > max(OFTEN * noise_floor(functions, levels), explained, _ROUNDED_RESIDUAL)
+    explained = _EXPLAINED_SHARE_MIN * min(first, _RESIDUAL_OF_MEAN)
+    return left > max(NOISE_FACTOR * noise_floor(functions, levels), explained, _ROUNDED_RESIDUAL)
 
 
 def flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:
@@ -74,7 +74,7 @@ def flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:
     was put in place of values is.
     """
     sizes = np.abs(functions).max(axis=-1, keepdims=True)
-    return np.asarray(_alone(mesh, functions) <= _ROUNDED * sizes)
+    return np.asarray(_alone(mesh, functions) <= _ROUNDING * sizes)
 
 
 def means_of_neighbours(mesh: TriangleMesh, functions: FloatArray) -> FloatArray:

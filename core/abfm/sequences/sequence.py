@@ -39,7 +39,7 @@ from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
 from abfm.sequences.reading.frame_objects import frames_of
 from abfm.sequences.solution import Solution
-from abfm.sequences.solve import Said, Solver
+from abfm.sequences.solve import Said, SequenceSolver
 from abfm.sequences.tracking.critical_points import CriticalPoints, critical_points
 from abfm.sequences.tracking.episodes import Episode, episodes
 from abfm.sequences.tracking.tracks import Track, tracks
@@ -59,7 +59,7 @@ from abfm.workers.progress import step
 
 GAMMA = 1.0
 """How much neighbouring fields are held together unless that is given."""
-_HEAVIEST = 1e6  # gamma
+_GAMMA_MAX = 1e6  # gamma
 _THREADS = 2  # that walk along flow lines: the rest is one thread's work
 
 
@@ -376,7 +376,7 @@ def sequence(
         try:
             film = _film(mesh, frames, times, dt, mask, weights, circular)
             _refuse_extremes(film, given)
-            solver = Solver(film, given, gamma, noise_levels(film))
+            solver = SequenceSolver(film, given, gamma, noise_levels(film))
             keep = unfinished or Unfinished()
             keep.take_up(solver)
         except CancelledError:
@@ -430,7 +430,7 @@ def _film(
     return replace(film, notes=found.notes)
 
 
-def _told(solver: Solver, keep: Unfinished, left: LeftOut) -> Sequence:
+def _told(solver: SequenceSolver, keep: Unfinished, left: LeftOut) -> Sequence:
     """Return the sequence with what its witnesses say."""
     film, unit = solver.frames, solver.frames.mesh.length_scale
     count = len(solver.fields)
@@ -495,6 +495,6 @@ def _refuse_extremes(film: Frames, given: SequenceParameters) -> None:
 
 
 def _checked_gamma(gamma: float) -> float:
-    if not (is_finite_number(gamma) and 0 <= gamma <= _HEAVIEST):
-        raise ParameterError(f"gamma is {brief(gamma)}; expected 0 to {_HEAVIEST:g}")
+    if not (is_finite_number(gamma) and 0 <= gamma <= _GAMMA_MAX):
+        raise ParameterError(f"gamma is {brief(gamma)}; expected 0 to {_GAMMA_MAX:g}")
     return float(gamma)

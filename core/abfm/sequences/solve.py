@@ -17,19 +17,19 @@ from abfm.parameters import Parameters
 from abfm.sequences.choosing import SIGMA_MAX, Norm, chosen, searched
 from abfm.sequences.defect import defect
 from abfm.sequences.frames import Frames, interval_parameters, sigma_of
-from abfm.sequences.interval import Interval, Neighbour, Point
-from abfm.sequences.noise import OFTEN, explains_little, noise_floor, noise_levels
+from abfm.sequences.interval import FieldPoint, Interval, Neighbour
+from abfm.sequences.noise import NOISE_FACTOR, explains_little, noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_MUCH = 0.2  # of what differed at first: where more is left, it is looked for further away
-_WORTH = 0.5  # of the energy
-_IN_VAIN = 3  # searches, after which no more are made
+_SHARE_MAX = 0.2  # of what differed at first: where more is left, it is looked for further away
+_ENERGY_SHARE_MAX = 0.5  # of the energy
+_VAIN_SEARCHES_MAX = 3  # searches, after which no more are made
 _SWEEPS = 4  # at most
-_WITNESSED = ("verified_residual", "folded")
-_SETTLED = 0.01  # share of its energy that a sweep gains, which is then the last
+_CHECK_NAMES = ("verified_residual", "folded")
+_GAIN_SHARE_MIN = 0.01  # share of its energy that a sweep gains, which is then the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Said:
     folded: float = np.nan
 
 
-class Solver:
+class SequenceSolver:
     """Finds fields (T - 1, F, 2) of the mesh scaled to unit area, per unit of time."""
 
     def __init__(
@@ -97,11 +97,11 @@ class Solver:
         self.given = replace(self.given, order=norm.order, alpha=norm.alpha)
         self.sigma, self.is_chosen = sigma, True
 
-    def _is_no_motion(self, energy: MatchingEnergy, found: Point) -> bool:
+    def _is_no_motion(self, energy: MatchingEnergy, found: FieldPoint) -> bool:
         left = energy.residual(found.at.advected)
         return explains_little(energy.functions, self.levels, left)
 
-    def first_found(self, i: int) -> Point:
+    def first_found(self, i: int) -> FieldPoint:
         """Return the field of an interval from that of the one before; where frames are far apart
         by way of no warmer sigma, which draws back; else from a match that looks further.
         """
@@ -110,7 +110,7 @@ class Solver:
         interval = self._interval(i, [i - 1] if i else [])
         energy = interval.energy
         found = interval.find(last, warmest, start)
-        if self.in_vain >= _IN_VAIN or not self._is_far(energy, found):
+        if self.in_vain >= _VAIN_SEARCHES_MAX or not self._is_far(energy, found):
             return found
         if start is not None:
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
@@ -125,14 +125,16 @@ class Solver:
             found = further if self._is_better(energy, further, anew) else anew
         return found
 
-    def _is_better(self, energy: MatchingEnergy, further: Point, found: Point) -> bool:
+    def _is_better(self, energy: MatchingEnergy, further: FieldPoint, found: FieldPoint) -> bool:
         """Tell whether what is far has less energy than what is near: of measured functions, of
         which all is not to be had, and of which the near explains some, less than half.
         """
         is_part = is_measured(energy.functions) and not self._is_no_motion(energy, found)
-        return further.energy < (_WORTH if is_part else 1.0) * found.energy
+        return further.energy < (_ENERGY_SHARE_MAX if is_part else 1.0) * found.energy
 
-    def _is_far(self, energy: MatchingEnergy, found: Point, by_flow_lines: bool = False) -> bool:
+    def _is_far(
+        self, energy: MatchingEnergy, found: FieldPoint, by_flow_lines: bool = False
+    ) -> bool:
         """Tell whether much of an interval is left that is not noise, by the discrete flow, or also
         by flow lines.
         """
@@ -141,7 +143,9 @@ class Solver:
         if by_flow_lines:
             apart = defect(energy, found.field)
             left = max(left, energy.residual(found.at.advected - apart))
-        return left > max(_MUCH * first, OFTEN * noise_floor(energy.functions, self.levels))
+        return left > max(
+            _SHARE_MAX * first, NOISE_FACTOR * noise_floor(energy.functions, self.levels)
+        )
 
     def _settle(self, on_step: Callable[[], object] = lambda: None) -> None:
         """Sweep back and forth until the energy of all, by flow lines, hardly falls."""
@@ -160,7 +164,7 @@ class Solver:
                 self.swept += 1
                 if done == count - 1:
                     before, self.before = self.before, self.total()
-                    if not before - self.before > _SETTLED * before:
+                    if not before - self.before > _GAIN_SHARE_MIN * before:
                         self.swept = _SWEEPS * count
                 tell(self.swept / (_SWEEPS * count))
                 on_step()
@@ -176,7 +180,7 @@ class Solver:
                     self._ask_flow_lines(i)
                 before = self.energies[i]
                 self._go_on(i)
-                is_settled = not before - self.energies[i] > _SETTLED * before
+                is_settled = not before - self.energies[i] > _GAIN_SHARE_MIN * before
                 self.swept += _SWEEPS - times if is_settled else 1
                 if self.swept % _SWEEPS == 0:
                     del self._defects[i]  # which nobody asks for again
@@ -248,7 +252,7 @@ class Solver:
         )
         return last, warmest
 
-    def _keep(self, i: int, found: Point) -> None:
+    def _keep(self, i: int, found: FieldPoint) -> None:
         self.fields[i], self.energies[i] = found.field, found.at.energy
 
     def said(self, i: int, by_flow_lines: bool = True) -> Said:
@@ -260,6 +264,6 @@ class Solver:
         energies = np.array([(e.energy, e.regularity, e.mismatch) for e in (rest, at)])
         if by_flow_lines and self.found[i] and np.isnan(self.witnessed[i]).any():
             told = measured(energy, to_ambient(energy.mesh, field)[None])
-            self.witnessed[i] = [told.get(name, np.nan) for name in _WITNESSED]
-        known = zip(_WITNESSED, self.witnessed[i].tolist(), strict=True)
+            self.witnessed[i] = [told.get(name, np.nan) for name in _CHECK_NAMES]
+        known = zip(_CHECK_NAMES, self.witnessed[i].tolist(), strict=True)
         return Said(at.advected, energies, energy.left(at), **dict(known))

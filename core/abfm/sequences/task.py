@@ -23,14 +23,14 @@ from abfm.sequences.exports import (
     export_stc,
     export_tracks,
 )
-from abfm.sequences.parameters import CHOSEN, TAKEN, defaults
+from abfm.sequences.parameters import CHOSEN_NAMES, TAKEN_NAMES, defaults
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.sequences.reading.reading_frames import ENDINGS, read_frames
 from abfm.sequences.sequence import GAMMA, Sequence, load_sequence, sequence
 from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import NUMBERS, facts_of_intervals
 from abfm.tasks.inputs import (
-    CIRCULAR,
+    CIRCULAR_INPUT,
     MESH_FORMATS,
     MESH_INPUTS,
     Input,
@@ -50,7 +50,7 @@ from abfm.types import FloatArray
 SECONDS_MAX = 86400.0
 GAMMA_MAX = 1e6
 _FRAMES = "frames"
-_DEFAULTS = {name: getattr(defaults(), name) for name in TAKEN} | dict.fromkeys(CHOSEN)
+_DEFAULTS = {name: getattr(defaults(), name) for name in TAKEN_NAMES} | dict.fromkeys(CHOSEN_NAMES)
 _PARAMETER_HELP = {
     "alpha": "smoothness of the fields: weight of their Hodge Laplacian; not given, chosen by "
     "held-out patches of a few intervals",
@@ -131,7 +131,7 @@ class SequenceTask(Task):
             lambda seconds: 0 < seconds <= SECONDS_MAX,
             group=_FRAMES,
         ),
-        CIRCULAR,
+        CIRCULAR_INPUT,
         Input(
             name="array",
             help="which array of a .npz, .mat or .ply, or of VTK's point data",

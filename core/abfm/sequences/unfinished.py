@@ -20,12 +20,12 @@ from abfm.errors import ResultError
 from abfm.io import results
 from abfm.io.results import Entry
 from abfm.sequences.choosing import Norm
-from abfm.sequences.solve import Solver
+from abfm.sequences.solve import SequenceSolver
 
-_EVERY = 5.0  # seconds, at least, from one writing to the next
-_SPARED = 20.0  # times as long as a writing takes, too, so that it costs 5% at most
+_WRITE_SECONDS_MIN = 5.0  # seconds, at least, from one writing to the next
+_WRITE_TIME_RATIO = 20.0  # times as long as a writing takes, too, so that it costs 5% at most
 _SUFFIX = ".unfinished"
-_KIND = results.Kind(
+_KIND = results.FileKind(
     "file of a film that is not finished",
     {
         "problem": Entry("text", ()),
@@ -71,7 +71,7 @@ class Unfinished:
         self._problem, self._next = "", 0.0
         self.path: Path | None = None  # known, once a film is solved
 
-    def take_up(self, solver: Solver) -> None:
+    def take_up(self, solver: SequenceSolver) -> None:
         """Have a solver go on from what there is of its problem: nothing, where that is damaged."""
         if self._result is None:
             return
@@ -92,7 +92,7 @@ class Unfinished:
                 solver.in_vain, solver.swept = int(found["in_vain"]), int(found["swept"])
                 self._on_found(len(fields))
 
-    def keep(self, solver: Solver, at_once: bool = True) -> None:
+    def keep(self, solver: SequenceSolver, at_once: bool = True) -> None:
         """Write what a solver has found; now and then only, unless at once. Where it cannot be
         written the film is solved all the same.
         """
@@ -116,7 +116,7 @@ class Unfinished:
         with suppress(ResultError):
             results.save_arrays(self.path, arrays, _KIND)
         now = time.monotonic()
-        self._next = now + max(_EVERY, _SPARED * (now - began))
+        self._next = now + max(_WRITE_SECONDS_MIN, _WRITE_TIME_RATIO * (now - began))
 
     def remove(self) -> None:
         """Remove the file, as the result is safe."""
@@ -144,7 +144,7 @@ def move_unfinished(result: Path, other: Path) -> None:
             path.replace(other.with_name(other.name + path.name.removeprefix(result.name)))
 
 
-def _digest(solver: Solver) -> str:
+def _digest(solver: SequenceSolver) -> str:
     """Name what a solver is to find, by its content, in hexadecimal digits."""
     film = solver.frames
     told = {

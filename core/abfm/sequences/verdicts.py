@@ -14,14 +14,14 @@ from abfm.matching.solvability import narrowest, range_bound
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Facts, Outcome, worse_residual
-from abfm.sequences.noise import OFTEN, explains_little, noise_floor
+from abfm.sequences.noise import NOISE_FACTOR, explains_little, noise_floor
 from abfm.sequences.solve import Said
 from abfm.types import FloatArray
 from abfm.wording import counted
 
 _NOTHING_BUT_NOISE = 0.85  # of the deviation, which is three quarters of the variance
 _FEW_EDGES = 2.0  # what spans less is hardly carried, and looks like noise
-_UNSOLVED = Verdict(
+_UNSOLVED_VERDICT = Verdict(
     Outcome.NOT_REACHED,
     sentence_of(Cause.NOT_SOLVED),
     ADVICE[Cause.NOT_SOLVED],
@@ -77,7 +77,7 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
     """
     functions = problem.functions
     if not found:
-        return _UNSOLVED
+        return _UNSOLVED_VERDICT
     evidence = Evidence(
         said.advected, said.residual, StopReason.NO_PROGRESS, said.verified_residual, said.folded
     )
@@ -89,7 +89,7 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
         return replace(told.because(Outcome.NOT_REACHED, told.cause), advice="")
     if told.cause is Cause.VALUES_DIFFER and _lacks_values(functions, levels):
         return replace(told, advice="", remedies=())
-    if left <= OFTEN * noise_floor(functions, levels) and not told.kind.is_good:
+    if left <= NOISE_FACTOR * noise_floor(functions, levels) and not told.kind.is_good:
         told = told.because(Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=_noise(functions))
     if told.kind.is_good and explains_little(functions, levels, left):
         cause = _unexplained(functions, levels, said)
@@ -132,7 +132,7 @@ def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:
     (C, V).
     """
     sides = (functions, functions.reversed())
-    return any(range_bound(side) > OFTEN * noise_floor(side, levels) for side in sides)
+    return any(range_bound(side) > NOISE_FACTOR * noise_floor(side, levels) for side in sides)
 
 
 def _noise(functions: FunctionTerm) -> str:

@@ -37,15 +37,17 @@ _STRIDE = 1.2  # between places where noise is read and texels are served, in te
 _RIPPLES = 2
 _LEAST_PARTS = 3  # of a step, at which noise is read
 _CONTRAST = (2, 98)  # percentiles that become black and white
-_CALM = 1e-9  # of the largest speed: below, there is no direction
-_SLOWER = 0.98  # part of the area that is slower than where the contrast is full, if it fades
+_SPEED_SHARE_MIN = 1e-9  # of the largest speed: below, there is no direction
+# part of the area that is slower than where the contrast is full, if it fades
+_SLOW_AREA_SHARE = 0.98
 _LEAST_TEXELS = 1.5  # in a grain
 _SAMPLE = 7  # every so many texels tell the contrast
 _ROUNDING = 1e-9
 # steps, beyond those convolved, by which a streamline grows, and how often at most
-_CHUNK, _CHUNKS = 4, 12
-_NEW = 255  # of texels that no streamline has met
-_WORTH = 8  # it grows while one in so many texels is new
+_CHUNK = 4
+_CHUNKS = 12
+_NEW_TEXEL = 255  # of texels that no streamline has met
+_NEW_TEXEL_PERIOD = 8  # it grows while one in so many texels is new
 _TILT = np.linalg.qr(np.array([[3.0, 1.0, 2.0], [-1.0, 4.0, 1.0], [1.0, -2.0, 5.0]]))[0]
 _SHIFT = np.array([0.317, 0.541, 0.733])  # so that no plane of a mesh is one between cells of noise
 
@@ -113,7 +115,7 @@ def line_integral_convolution(
             length * scale / (_STEP * grain), None if phase is None else phases.ravel()
         )
         parts = max(int(np.ceil(_STEP * grain / (_STRIDE * spacing))), _LEAST_PARTS)
-        calm, done = _CALM * float(speeds.max()), np.zeros(len(owners), dtype=bool)
+        calm, done = _SPEED_SHARE_MIN * float(speeds.max()), np.zeros(len(owners), dtype=bool)
         canvas = flow, charts, atlas.corners, owners, size
         lines = Streamlines(*canvas, _STEP, parts, calm, int(seed) % 2**63)
         convolve(lines, weights, done, images)
@@ -122,7 +124,7 @@ def line_integral_convolution(
         fill_margins(lines, done, images)
         sharpen(1 / max(bright - dark, 1e-12), images)
         if fade:
-            fast = np.quantile(speeds, _SLOWER, weights=areas, method="inverted_cdf")
+            fast = np.quantile(speeds, _SLOW_AREA_SHARE, weights=areas, method="inverted_cdf")
             dim(lines, 1 / float(fast), images)
     images = images.reshape(*phases.shape, size, size)
     images += np.float32(GREY)
@@ -291,9 +293,9 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
         f = lines.owners[texel]
         inside = f >= 0 and weigh_texel(lines, texel, b)
         done[texel] = inside and not lines.flow.vectors[f].any()  # where there is no field
-        nearest[texel] = _NEW if inside and not done[texel] else 0
+        nearest[texel] = _NEW_TEXEL if inside and not done[texel] else 0
     for texel in range(done.size):
-        if nearest[texel] != _NEW or between_known(lines, nearest, texel):
+        if nearest[texel] != _NEW_TEXEL or between_known(lines, nearest, texel):
             continue
         f = lines.owners[texel]
         weigh_texel(lines, texel, b)
@@ -313,7 +315,7 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
         first, last = middle - reach[1] * lines.parts, middle + reach[0] * lines.parts
         serve((first, last, lines.parts), track, nearest, values, images)
     for texel in range(done.size):
-        done[texel] = done[texel] or 0 < nearest[texel] < _NEW
+        done[texel] = done[texel] or 0 < nearest[texel] < _NEW_TEXEL
 
 
 @kernel
@@ -334,9 +336,9 @@ def grow(
         middle, new = (track.noise.size // 2) * lines.parts, 0
         for part in range((steps - _CHUNK) * lines.parts + 1, steps * lines.parts + 1):
             texel = track.texels[middle + ahead * part]
-            if texel >= 0 and nearest[texel] == _NEW:
+            if texel >= 0 and nearest[texel] == _NEW_TEXEL:
                 new += 1
-        if known < most and _WORTH * new >= _CHUNK * lines.parts:
+        if known < most and _NEW_TEXEL_PERIOD * new >= _CHUNK * lines.parts:
             steps += _CHUNK
     return steps
 
@@ -410,7 +412,7 @@ def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
         count = 0
         for i in (texel - away, texel + away):
             if 0 <= i < nearest.size and lines.owners[i] == lines.owners[texel]:
-                count += 0 < nearest[i] < _NEW
+                count += 0 < nearest[i] < _NEW_TEXEL
         if count == 2:
             return True
     return False

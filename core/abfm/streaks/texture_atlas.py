@@ -16,7 +16,7 @@ from abfm.types import FloatArray, IndexArray, IntArray
 
 LARGEST_SIZE = 16384  # texels along a side that graphics cards take
 _MARGIN = 0.5  # from the legs to the rectangle's sides: texel centres lie on the legs
-_SMALLEST = 4  # side of a rectangle whose triangles have legs of one texel
+_RECTANGLE_SIDE_MIN = 4  # side of a rectangle whose triangles have legs of one texel
 _ROUNDS = 14
 
 
@@ -75,14 +75,14 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
     texels as the other two edges in units of ``texel_length``, but at least one texel. Two of like
     size share a rectangle, and all texels that linear filtering reads for a triangle are its own.
     """
-    if not isinstance(size, int | np.integer) or not _SMALLEST <= size <= LARGEST_SIZE:
+    if not isinstance(size, int | np.integer) or not _RECTANGLE_SIDE_MIN <= size <= LARGEST_SIZE:
         raise ParameterError(
-            f"size is {size!r}; expected a whole number of texels from {_SMALLEST} to "
+            f"size is {size!r}; expected a whole number of texels from {_RECTANGLE_SIDE_MIN} to "
             f"{LARGEST_SIZE}"
         )
     rectangles = -(-len(mesh.faces) // 2)
-    if rectangles > (size // _SMALLEST) ** 2:
-        least = _SMALLEST * int(np.ceil(np.sqrt(rectangles)))
+    if rectangles > (size // _RECTANGLE_SIDE_MIN) ** 2:
+        least = _RECTANGLE_SIDE_MIN * int(np.ceil(np.sqrt(rectangles)))
         raise ParameterError(
             f"size {size} has no room for {len(mesh.faces)} faces: take {least} or more"
         )
@@ -122,7 +122,7 @@ def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArr
     lost = 1 + _MARGIN
     heights = np.ceil(legs[:, 1] + 2 * lost - 1e-9)
     widths = np.ceil((legs[:, 0] + lost) / (1 - lost / heights) - 1e-9)
-    sides = np.maximum(np.stack([widths, heights], axis=1), _SMALLEST)
+    sides = np.maximum(np.stack([widths, heights], axis=1), _RECTANGLE_SIDE_MIN)
     sides = np.minimum(sides, LARGEST_SIZE + 1).astype(np.int16)
     sequence = np.lexsort(-sides.T)
     padded = np.concatenate([sides[sequence], np.zeros((len(sides) % 2, 2), dtype=np.int16)])

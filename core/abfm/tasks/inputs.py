@@ -223,7 +223,7 @@ def weight_input(name: str, help: str, group: str = "weights and start") -> Inpu
     return Input(name=name, help=text, metavar="SPEC", group=group, renamed=_renamed_weight)
 
 
-CIRCULAR = Input(
+CIRCULAR_INPUT = Input(
     name="circular",
     help="values are phases, which repeat after this period, and are compared by their cosine and "
     "sine (without a number: 2 pi)",
@@ -248,7 +248,7 @@ def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
             renamed=_renamed_channel,
             repeats=True,
         ),
-        CIRCULAR,
+        CIRCULAR_INPUT,
     )
 
 

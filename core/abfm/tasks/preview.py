@@ -20,7 +20,7 @@ class Preview(NamedTuple):
 
 
 def preview_of(
-    path: Path, file: results.Kind, functions: Callable[..., list[FloatArray]]
+    path: Path, file: results.FileKind, functions: Callable[..., list[FloatArray]]
 ) -> Preview:
     """Return the functions that are made of the arrays of a file, and its surface.
 

@@ -22,7 +22,7 @@ ONE_THREAD = {
 """What makes compiled libraries compute in one thread: a call takes one core, and sums of several
 threads come out differently.
 """
-ENDED = "the process has ended"
+ENDED_MESSAGE = "the process has ended"
 CALLS_SUBMITTED_MAX = 2000
 """Calls that an executor has at once: more than it has workers, and few enough to cancel quickly.
 """
@@ -44,7 +44,7 @@ class Processes(Executor):
 
     def __init__(self, count: int) -> None:
         self._threads = ThreadPoolExecutor(count)  # each waits for one process
-        self._workers = [Worker(stateless, ENDED, ONE_THREAD) for _ in range(count)]
+        self._workers = [Worker(stateless, ENDED_MESSAGE, ONE_THREAD) for _ in range(count)]
         self._idle = self._workers[::-1]  # the last one is called next
 
     def submit(

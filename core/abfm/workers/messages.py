@@ -82,7 +82,7 @@ class Order(NamedTuple):
     brief: bool
 
 
-Kind = Literal["step", "report", "warning", "value", "error"]
+MessageKind = Literal["step", "report", "warning", "value", "error"]
 """What an answer is: on the way a step (or None), another report or the text of an `AbfmWarning`,
 at the end one of the rest.
 """
@@ -92,5 +92,5 @@ class Answer(NamedTuple):
     """One of the answers to a request."""
 
     number: int
-    kind: Kind
+    kind: MessageKind
     parcel: Parcel

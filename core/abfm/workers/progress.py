@@ -18,10 +18,10 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 
 # smaller works than this share of the largest one measured tell nothing about large ones
-_FORGETS = 0.25
-_SHORTEST = 1e-3  # seconds; shorter ones measure the clock
+_WORK_SHARE_MIN = 0.25
+_SECONDS_MIN = 1e-3  # seconds; shorter ones measure the clock
 _A_WHILE = 2.0  # seconds; how long less takes nobody asks
-_NEVER_DONE = 0.99  # share of a step that takes longer than expected
+_SHARE_MAX = 0.99  # share of a step that takes longer than expected
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Step:
         """Share that is done at a time, 0 to 1, which never falls; None if unknown."""
         if self.done is not None or self.expected is None:
             return self.done
-        return min(self._elapsed(now) / self.expected, _NEVER_DONE)
+        return min(self._elapsed(now) / self.expected, _SHARE_MAX)
 
     def seconds_left(self, now: float | None = None) -> float | None:
         """Seconds left, at least 0; None if unknown, as when it takes longer than expected."""
@@ -141,11 +141,11 @@ def step(
 
 def _learn(task: str, rate: float, work: float) -> None:
     """Keep the rate of large works, which small ones do not tell: a busy machine is slow."""
-    if rate * work < _SHORTEST:
+    if rate * work < _SECONDS_MIN:
         return
     with _lock:
         before, most = _rates.get(task, (rate, 0.0))
         if work >= most:
             _rates[task] = rate, work
-        elif work >= _FORGETS * most:
+        elif work >= _WORK_SHARE_MIN * most:
             _rates[task] = (before + rate) / 2, most

@@ -9,9 +9,10 @@ from concurrent.futures import Executor, Future
 from functools import partial
 from typing import ParamSpec, TypeVar
 
-_IDLE = 10.0  # seconds without a job after which a thread ends; the next job gets another one
+# seconds without a job after which a thread ends; the next job gets another one
+_IDLE_SECONDS = 10.0
 
-Given = ParamSpec("Given")
+Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 _Job = Callable[[], None]
 
@@ -29,7 +30,11 @@ class DaemonThreads(Executor):
         self._idle = 0
 
     def submit(
-        self, function: Callable[Given, Result], /, *given: Given.args, **named: Given.kwargs
+        self,
+        function: Callable[Arguments, Result],
+        /,
+        *given: Arguments.args,
+        **named: Arguments.kwargs,
     ) -> Future[Result]:
         """Run a function in a thread; RuntimeError where the machine has no more of them."""
         future = Future[Result]()
@@ -55,7 +60,7 @@ class DaemonThreads(Executor):
             jobs.pop()()  # not kept while this thread is idle
             with self._condition:
                 self._idle += 1
-                self._condition.wait_for(lambda: self._waiting, _IDLE)
+                self._condition.wait_for(lambda: self._waiting, _IDLE_SECONDS)
                 self._idle -= 1
                 if self._waiting:
                     jobs.append(self._waiting.popleft())

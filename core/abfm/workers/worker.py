@@ -22,19 +22,21 @@ from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from abfm.errors import AbfmError, AbfmWarning
 from abfm.workers.control import CancelledError, Control, controlled, present_control
-from abfm.workers.messages import Answer, Kind, Order, Request, pack
+from abfm.workers.messages import Answer, MessageKind, Order, Request, pack
 from abfm.workers.process import OwnProcess, ProcessEndedError, Requests
 from abfm.workers.progress import tell, telling
 
 State = TypeVar("State")
 Result = TypeVar("Result")
 Other = TypeVar("Other")
-Given = ParamSpec("Given")
+Arguments = ParamSpec("Arguments")
 
 MODULE = "abfm.workers"
 # seconds for which reports wait for one another: each message costs the work the time of its own
-_TOGETHER = 0.02
-_answer: ContextVar[Callable[[Kind, object], None]] = ContextVar("answers to the present call")
+_REPORT_SECONDS = 0.02
+_answer: ContextVar[Callable[[MessageKind, object], None]] = ContextVar(
+    "answers to the present call"
+)
 
 
 class WorkerEndedError(AbfmError):
@@ -87,9 +89,9 @@ class Call(Generic[Result]):
 
     def beside(
         self,
-        function: Callable[Concatenate[Any, Given], Other],
-        *given: Given.args,
-        **_: Given.kwargs,
+        function: Callable[Concatenate[Any, Arguments], Other],
+        *given: Arguments.args,
+        **_: Arguments.kwargs,
     ) -> Call[Other]:
         """Call another, short function in the same process at once, whatever it computes."""
         return self._connection.call(function, given, True)
@@ -126,10 +128,10 @@ class Worker(Generic[State]):
 
     def call(
         self,
-        function: Callable[Concatenate[State, Given], Result],
+        function: Callable[Concatenate[State, Arguments], Result],
         /,
-        *given: Given.args,
-        **_: Given.kwargs,
+        *given: Arguments.args,
+        **_: Arguments.kwargs,
     ) -> Call[Result]:
         """Call a function after those that were called before; what it gives is not waited for."""
         with self._lock:
@@ -296,7 +298,7 @@ class Server:
         function: Callable[..., Any],
         given: tuple[Any, ...],
     ) -> None:
-        def answer(kind: Kind, value: object) -> None:
+        def answer(kind: MessageKind, value: object) -> None:
             self._unsent.put(Answer(number, kind, pack(value, known)[0]))
             if kind != "report":
                 self._urgent.set()
@@ -317,7 +319,7 @@ class Server:
         while True:
             answers = [self._unsent.get()]
             if answers[0].kind == "report":
-                self._urgent.wait(_TOGETHER)
+                self._urgent.wait(_REPORT_SECONDS)
             self._urgent.clear()
             with suppress(Empty):
                 while True:

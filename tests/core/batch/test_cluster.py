@@ -12,7 +12,7 @@ from distributed import Client, LocalCluster
 import abfm
 from abfm.batch import Cluster, Workers, on_dask, run
 from abfm.batch.cluster import CONNECTING, NO_WORKERS, LostError
-from abfm.batch.run import ENDED
+from abfm.batch.run import ENDED_MESSAGE
 from abfm.errors import AbfmError, ResultError
 from abfm.workers.progress import telling
 from tests.core.batch.rows import ONE, Deadly, pair, results
@@ -45,7 +45,7 @@ def test_two_processes_find_the_same_files_and_survive_a_deadly_row(alone, tmp_p
     entries = run(rows, tmp_path, Cluster(jobs=2))
     by_name = {entry.row.name: entry for entry in entries if entry.state != "done"}
     assert by_name.keys() == {"deadly", "lost"}
-    assert (by_name["deadly"].reason, by_name["deadly"].record.tries) == (ENDED, 3)
+    assert (by_name["deadly"].reason, by_name["deadly"].record.tries) == (ENDED_MESSAGE, 3)
     assert {entry.record.tries for entry in entries if entry.row is not deadly} == {1}
     assert results(tmp_path) == alone
     assert not list(tmp_path.rglob(".abfm-*"))

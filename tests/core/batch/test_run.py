@@ -12,8 +12,8 @@ import pytest
 import abfm
 from abfm.assets import asset_path
 from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, run
-from abfm.batch.attempt import EXPECTED, Task, attempt
-from abfm.batch.run import ENDED, seen_here
+from abfm.batch.attempt import IMPOSSIBLE_STEP, Task, attempt
+from abfm.batch.run import ENDED_MESSAGE, seen_here
 from abfm.errors import AbfmWarning, ParameterError, ResultError
 from abfm.flow.exponential import counted_row_products
 from abfm.matching import task
@@ -359,7 +359,7 @@ def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
     assert (before.state, before.facts.outcome) == ("missing", Outcome.MISSING)
     check_message(before.facts.reason, "source")
     assert after.facts.outcome is Outcome.IMPOSSIBLE
-    [reported] = {each for each in steps if each and each.startswith(EXPECTED)}
+    [reported] = {each for each in steps if each and each.startswith(IMPOSSIBLE_STEP)}
     assert "sub-01" in reported
 
 
@@ -393,7 +393,7 @@ def test_a_row_is_tried_three_times_at_most(tmp_path, monkeypatch):
     monkeypatch.setattr("abfm.workers.worker.Worker.call", call)
     entries = run([pair("one"), pair("two", target=12)], tmp_path, ONE)
     assert sorted(tried) == ["one"] * 3 + ["two"] * 3
-    assert [(entry.reason, entry.record.tries) for entry in entries] == [(ENDED, 3)] * 2
+    assert [(entry.reason, entry.record.tries) for entry in entries] == [(ENDED_MESSAGE, 3)] * 2
 
 
 def test_a_run_that_is_cancelled_keeps_what_is_done(tmp_path):

@@ -12,7 +12,7 @@ from abfm.experiments import Stage, findings_of
 from abfm.experiments import figure_11 as maps
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, map_accuracy
+from abfm.maps.quality import DISTANCE_MAX, FOLDED_SHARE_MAX, RMS_DISTANCE_MAX, map_accuracy
 from abfm.matching.match import match
 from abfm.mesh import TriangleMesh
 from abfm.parameters import TABLE_1
@@ -105,7 +105,7 @@ def test_what_needs_no_flow_is_read_off_the_targets_and_the_start(poses):
     errors = {name: map_accuracy(points, most=200).mean for name, points in read.items()}
     assert errors[maps.START] > 0.01  # wrong enough to correct
     assert errors[maps.ZOOM_OUT] < 0.7 * errors[maps.START]
-    assert errors[maps.TARGETS + maps.CUT_OFF] < errors[maps.TARGETS]
+    assert errors[maps.TARGETS + maps.CUT_SUFFIX] < errors[maps.TARGETS]
 
 
 def test_a_flow_that_stands_still_reads_as_no_flow(poses):
@@ -114,9 +114,9 @@ def test_a_flow_that_stands_still_reads_as_no_flow(poses):
     still = np.zeros((parameters.solver.segments, len(poses.b.faces), 3))
     found = match(poses.b, problem.source, problem.target, parameters, start=still)
     read = maps.by_flow(poses.start, len(poses.wanted), "still", found)
-    expected = maps.without_flow(poses, problem.target)[maps.NO_FLOW + maps.NEIGHBOURS]
-    assert_array_equal(read["still" + maps.NEIGHBOURS].positions, expected.positions)
-    assert_allclose(read["still" + maps.LINES].positions, poses.start.positions, atol=1e-9)
+    expected = maps.without_flow(poses, problem.target)[maps.NO_FLOW + maps.BY_NEIGHBOURS]
+    assert_array_equal(read["still" + maps.BY_NEIGHBOURS].positions, expected.positions)
+    assert_allclose(read["still" + maps.BY_LINES].positions, poses.start.positions, atol=1e-9)
 
 
 def test_figure_13_says_what_the_flow_adds_and_draws_shares_that_only_rise(comparison):
@@ -149,7 +149,7 @@ def test_figures_with_maps_measure_them_as_maps(figure):
         folded = measured[f"{name}: folded, % of the faces"]
         assert 0 <= rms <= largest
         assert 0 <= folded <= 100
-        faulty = largest > LARGEST_DISTANCE or rms > RMS_DISTANCE or folded > 100 * FOLDED
+        faulty = largest > DISTANCE_MAX or rms > RMS_DISTANCE_MAX or folded > 100 * FOLDED_SHARE_MAX
         told = any(f"{mark} {name} (" in note for note in found.sheet.notes for mark in ":;")
         assert told == faulty
 

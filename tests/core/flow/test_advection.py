@@ -229,7 +229,7 @@ def test_several_terms_in_one_sweep_are_the_same_terms(monkeypatch):
     mesh, results = torus(60, 30), []
     v, f = to_frame(mesh, wavy_field(mesh, 1))[None], bump(mesh, mesh.vertices[5], 0.2)
     for least in (10**9, 0):
-        monkeypatch.setattr("abfm.flow.derivative._BLOCKED", least)
+        monkeypatch.setattr("abfm.flow.derivative._BLOCKED_VERTICES_MIN", least)
         fresh = abfm.TriangleMesh(mesh.vertices, mesh.faces)
         results.append(differentiated(fresh, v, 0.7, 1e-13, f))
     (one, expected), (blocks, gradient) = results

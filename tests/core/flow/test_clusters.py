@@ -15,7 +15,7 @@ import abfm
 from abfm.assets import asset_path
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, to_ambient, to_frame
-from abfm.flow.clusters import USUAL, cluster_rates, vertex_clusters
+from abfm.flow.clusters import RATE_RATIO_MAX, cluster_rates, vertex_clusters
 from abfm.flow.derivative import clustered_pattern, derivative_pattern
 from abfm.flow.exponential import ExponentialFlow, Workspace, counted_row_products
 from abfm.matching.objective.matching_energy import MatchingEnergy
@@ -90,7 +90,7 @@ def check_partition(mesh):
     inside = np.equal(*clusters[mesh.edges].T)
     assert connected_components(edge_graph(mesh, inside))[0] == len(counts)
     rates = cluster_rates(mesh, singles(mesh))
-    most = USUAL * np.median(rates)
+    most = RATE_RATIO_MAX * np.median(rates)
     assert cluster_rates(mesh, clusters).max() <= most < rates.max()
     assert (np.bincount(clusters, rates > most)[counts > 1] > 0).all()
 

@@ -349,7 +349,7 @@ def test_own_files_may_be_larger_than_those_of_others(path, monkeypatch):
     """As those of films with thousands of frames are."""
     save_arrays(path, result_arrays())
     size = path.stat().st_size
-    monkeypatch.setattr(plain_files, "LARGEST", size // 100)
+    monkeypatch.setattr(plain_files, "FILE_BYTES_MAX", size // 100)
     monkeypatch.setattr(open_plain.__wrapped__, "__defaults__", (size - 1,))
     with raises(OSError, size):
         read_bytes(path, size - 1)

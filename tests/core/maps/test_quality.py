@@ -13,16 +13,16 @@ from abfm.experiments.fields import feet, stream_field
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.maps import quality
-from abfm.maps.distortion import MOST, by_parts, chord_distortion, folds
+from abfm.maps.distortion import CUT_FACES_MAX, by_parts, chord_distortion, folds
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import FOLDED, MapAccuracy, MapQuality, map_accuracy, map_quality
+from abfm.maps.quality import FOLDED_SHARE_MAX, MapAccuracy, MapQuality, map_accuracy, map_quality
 from abfm.maps.surface_points import project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh, load_mesh
 from tests.core.fields import rotation_field, wavy_field
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, square, torus
 
-LARGEST, RMS = quality.LARGEST_DISTANCE, quality.RMS_DISTANCE
+LARGEST, RMS = quality.DISTANCE_MAX, quality.RMS_DISTANCE_MAX
 RING = torus(24, 12)
 
 
@@ -93,9 +93,9 @@ def test_reports_have_the_numbers_and_every_bound_warns_alone():
     errors, bounds = ("0.0925", "0.0350", "0.3000"), ("0.05", "0.1", "0.25")
     check_message(accuracy.report(), *errors, "50.0", "75.0", *bounds)
     check_message(MapQuality(0.25, 0.0125, 0.031).report(), "0.25", "0.0125", "3.1")
-    for over in np.diag([1.01 * LARGEST, 1.01 * RMS, 1.01 * FOLDED]):
+    for over in np.diag([1.01 * LARGEST, 1.01 * RMS, 1.01 * FOLDED_SHARE_MAX]):
         assert MapQuality(*over).faults
-    assert not MapQuality(LARGEST, RMS, FOLDED).faults
+    assert not MapQuality(LARGEST, RMS, FOLDED_SHARE_MAX).faults
 
 
 def test_what_does_not_fit_is_refused():
@@ -140,7 +140,7 @@ def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces():
     dragged[np.argmin(np.linalg.norm(flat.vertices - [0.5, 0.5, 0], axis=1))] += [0.3, 0, 0]
     few = map_quality(PointMap.project(flat, flat, dragged))
     assert few.folded == chord_distortion(flat, dragged).flipped.sum() / len(flat.faces)
-    assert 0 < few.folded < FOLDED
+    assert 0 < few.folded < FOLDED_SHARE_MAX
     assert not few.faults
 
 
@@ -179,7 +179,7 @@ def by_positions(mesh, move):
     return lambda points: project_onto_surface(mesh, move(points.positions))
 
 
-def shares(mesh, carried, most=MOST):
+def shares(mesh, carried, most=CUT_FACES_MAX):
     places = carried(vertex_points(mesh)).positions
     return folds(mesh, carried, np.arange(len(mesh.faces)), places[mesh.faces], most)
 

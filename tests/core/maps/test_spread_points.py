@@ -7,7 +7,7 @@ from scipy.spatial.distance import cdist
 from abfm import TriangleMesh
 from abfm.calculus import face_normals
 from abfm.maps import spread_points
-from abfm.maps.spread_points import NEAREST
+from abfm.maps.spread_points import SPACING_MIN
 from abfm.maps.surface_points import points_by_area
 from abfm.mesh.shapes import five_limbs
 from tests.shapes import icosphere, square
@@ -51,7 +51,7 @@ def test_they_are_as_many_as_have_room_on_coarse_meshes_as_on_fine_ones():
 def test_few_are_among_many_and_their_gaps_descend():
     found = spread_points(LIMBS)
     assert (found.gaps[1:] <= found.gaps[:-1]).all()
-    assert found.gaps[-1] >= NEAREST
+    assert found.gaps[-1] >= SPACING_MIN
     few, many = found.apart(0.1), found.apart(0.03)
     assert 0 < len(few.faces) < len(many.faces)
     np.testing.assert_array_equal(few.positions, many.positions[: len(few.faces)])

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from abfm.maps import sphere_embedding
 from abfm.maps.image_relaxation import Ground, Image, relax, relocate
-from abfm.maps.sphere_embedding import State, surface_of, sweep
+from abfm.maps.sphere_embedding import Embedding, surface_of, sweep
 from abfm.maps.spherical import Faces
 from abfm.maps.star_moves import add_product, room_for, shape, step_to_minimum, volume
 from abfm.mesh.shapes import geodesic_sphere, two_armed
@@ -81,7 +81,7 @@ def test_sweeps_on_the_sphere_go_down():
     sphere = mesh.vertices + noise
     sphere /= np.linalg.norm(sphere, axis=1)[:, None]
     count = len(sphere)
-    state = State(mesh.vertices, surface_of(mesh.faces, count), sphere)
+    state = Embedding(mesh.vertices, surface_of(mesh.faces, count), sphere)
     energies = [stretches(mesh.vertices, sphere, mesh.faces)]
     for _ in range(4):
         sweep(state, np.arange(count), room_for(count))
@@ -99,7 +99,7 @@ def test_an_image_relaxes_to_an_isometry():
     layout = Faces(mesh.faces, surface.twins.reshape(-1, 3), own, 1.0)
     faces, places = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
     weights = np.full(count, 1e2 / count)
-    state = State(mesh.vertices, surface, sphere)
+    state = Embedding(mesh.vertices, surface, sphere)
     image = Image(state, Ground(layout, mesh.vertices), faces, places, mesh.vertices, weights)
     relocate(image)
     start = np.linalg.norm(image.places - mesh.vertices, axis=1).mean()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from abfm import TriangleMesh
-from abfm.batch import Entry, Row
+from abfm.batch import LedgerEntry, Row
 from abfm.outcome import Facts, Outcome
 from abfm.pages import Clock, Layer, Page, Panel, Span, Ways
 from abfm.pages.colormaps import ColorRange, linear_table
@@ -502,7 +502,7 @@ def test_static_pages_fit_a_phone(driver, tmp_path):
     """Wide tables, long names and long reasons do not widen a page."""
     row = Row("one", {"mesh": "a" * 60 + ".off", "source": "file:f.npy", "target": "file:g.npy"})
     reason = "a/" * 60 + "b.off: there is no such file"
-    failed = SummaryRow(Entry(row, "failed"), Facts(Outcome.FAILED, "failed", reason))
+    failed = SummaryRow(LedgerEntry(row, "failed"), Facts(Outcome.FAILED, "failed", reason))
     names = {"table": "t" * 60, "template": "mean.gii"}
     found = small_population()
     of_population = population_page(names | details(found), found.facts, None)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from abfm.pages.packing import LEVELS, NONE, Store, quantised, quantised_places
+from abfm.pages.packing import LEVELS, NO_VALUE, Store, quantised, quantised_places
 from tests.shapes import ellipsoid
 
 
@@ -47,7 +47,7 @@ def test_numbers_of_single_precision_come_back():
 @given(arrays(float, array_shapes(min_dims=2, max_dims=2), elements=NUMBERS))
 def test_values_come_back_within_half_a_step(values):
     found, known = quantised(values), np.isfinite(values)
-    np.testing.assert_array_equal(found.numbers == NONE, ~known)
+    np.testing.assert_array_equal(found.numbers == NO_VALUE, ~known)
     if known.any():
         whole = found.numbers[known].astype(float)
         assert whole.max() <= LEVELS
@@ -60,7 +60,7 @@ def test_values_come_back_within_half_a_step(values):
 
 def test_values_that_are_all_alike_and_none_at_all():
     np.testing.assert_array_equal(quantised(np.full((2, 3), 7.0)).numbers, 0)
-    np.testing.assert_array_equal(quantised(np.full((2, 3), np.nan)).numbers, NONE)
+    np.testing.assert_array_equal(quantised(np.full((2, 3), np.nan)).numbers, NO_VALUE)
     found = quantised([[1e9, 1e9 + 1]])  # a small difference of large numbers
     np.testing.assert_array_equal(found.numbers, [[0, LEVELS]])
     assert (found.place(1e9), found.place(1e9 + 1)) == pytest.approx((0, LEVELS))

@@ -17,8 +17,8 @@ from abfm.pages import (
     Layer,
     Page,
     Panel,
+    SequenceTexts,
     Span,
-    Told,
     Ways,
     film_page,
     match_page,
@@ -164,7 +164,10 @@ class Film:
 
 def test_page_of_a_film_has_carried_keys_between_its_frames():
     film = Film(icosphere(2), 6)
-    told, labels = Told("5 of 5", "good", [("matched", "good")] * 5), Labels(["potential"], "mV")
+    told, labels = (
+        SequenceTexts("5 of 5", "good", [("matched", "good")] * 5),
+        Labels(["potential"], "mV"),
+    )
     page = film_page(film, "wave", told, labels=labels)
     layer, *others = page.panels[0].layers
     assert not others
@@ -182,7 +185,7 @@ def test_page_of_a_film_has_carried_keys_between_its_frames():
 def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
     monkeypatch.setattr("abfm.pages.of_sequences.VALUES_MAX", 5 * 42)
     film = Film(icosphere(1), 12)
-    page = film_page(film, "wave", Told())
+    page = film_page(film, "wave", SequenceTexts())
     layer = page.panels[0].layers[0]
     assert len(layer.times) <= 5
     assert (layer.times[0], layer.times[-1]) == (2.0, 3.0)

@@ -10,7 +10,7 @@ import pytest
 import abfm
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
-from abfm.pages import Labels, Told, film_page, sequence_page
+from abfm.pages import Labels, SequenceTexts, film_page, sequence_page
 from abfm.pages.film_motion import OPACITY_MIN, fast_in
 from abfm.pages.of_sequences import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN
 from tests.messages import check_message
@@ -168,7 +168,7 @@ class Film:
 
 def test_a_film_of_one_frame_stands_still():
     mesh = Film.mesh
-    page = film_page(Film([3.0], mesh.vertices[None, :, 0]), "a frame", Told())
+    page = film_page(Film([3.0], mesh.vertices[None, :, 0]), "a frame", SequenceTexts())
     assert page.clock is None
     check_message(page.about, 1)
     assert "a frame" in page.html()
@@ -176,22 +176,24 @@ def test_a_film_of_one_frame_stands_still():
 
 def test_values_that_are_missing_change_neither_colours_nor_the_front():
     frames = np.stack([Film.mesh.vertices[:, 0], Film.mesh.vertices[:, 1]])
-    whole = film_page(Film([0.0, 1.0], frames), "a film", Told())
+    whole = film_page(Film([0.0, 1.0], frames), "a film", SequenceTexts())
     holes = frames.copy()
     holes[:, np.abs(frames).max(axis=0) < 0.3] = np.nan
     holes[1, np.argmin(np.abs(frames[1]))] = np.inf
-    page = film_page(Film([0.0, 1.0], holes), "a film", Told())
+    page = film_page(Film([0.0, 1.0], holes), "a film", SequenceTexts())
     assert page.panels[0].layers[0].colors == whole.panels[0].layers[0].colors
     assert np.isnan(page.panels[0].layers[0].values).any()
     assert "NaN" not in page.html().split('id="page"')[1].split("</script>")[0]
-    nothing = film_page(Film([0.0, 1.0], np.full_like(frames, np.nan)), "a film", Told())
+    nothing = film_page(Film([0.0, 1.0], np.full_like(frames, np.nan)), "a film", SequenceTexts())
     assert nothing.panels[0].layers[0].colors.low < nothing.panels[0].layers[0].colors.high
 
 
 def test_channels_beyond_the_first_four_are_told():
     frames = np.stack([Film.mesh.vertices] * 2)
     for times, told in ((1, []), (2, ["these are the first 4 of 6 channels"])):
-        page = film_page(Film([0.0, 1.0], np.tile(frames, (1, 1, times))), "a film", Told())
+        page = film_page(
+            Film([0.0, 1.0], np.tile(frames, (1, 1, times))), "a film", SequenceTexts()
+        )
         assert list(page.notes) == told
 
 
@@ -202,7 +204,7 @@ def test_play_seconds(frames, seconds):
     """A page plays for 0.15 s a frame, between 4 s and 30 s."""
     film = Film(np.arange(float(frames)), np.tile(Film.mesh.vertices[:, 0], (frames, 1)))
     assert (PLAY_SECONDS_MIN, PLAY_SECONDS_MAX) == (4.0, 30.0)
-    assert film_page(film, "a film", Told()).clock.seconds == pytest.approx(seconds)
+    assert film_page(film, "a film", SequenceTexts()).clock.seconds == pytest.approx(seconds)
 
 
 def test_page_of_half_confirmed_sequence_is_not_red(sequence):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abfm.population.misfits import FEWEST, Compared, Likeness, judge, left_for_good
+from abfm.population.misfits import SUBJECTS_MIN, Compared, Likeness, judge, left_for_good
 from tests.messages import check_message
 
 RNG = np.random.default_rng(8)
@@ -63,9 +63,9 @@ def test_reasons_say_what_is_wrong(odd, named):
 
 
 def test_of_few_subjects_none_is_left_out_for_being_unlike():
-    few = judge(compared([*ALIKE[: FEWEST - 2], RNG.normal(size=200)]))
+    few = judge(compared([*ALIKE[: SUBJECTS_MIN - 2], RNG.normal(size=200)]))
     assert few.fits.all()
-    assert not judge(compared([*ALIKE[: FEWEST - 1], RNG.normal(size=200)])).fits.all()
+    assert not judge(compared([*ALIKE[: SUBJECTS_MIN - 1], RNG.normal(size=200)])).fits.all()
 
 
 def test_subjects_that_are_all_unlike_fit():

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import abfm
 from abfm import AbfmError, Flow, ParameterError, TriangleMesh, load_population
-from abfm.batch import Entry, Ledger, Workers
+from abfm.batch import Ledger, LedgerEntry, Workers
 from abfm.batch.attempt import Task, attempt
 from abfm.batch.run import seen_here
 from abfm.calculus.operators import vertex_areas
@@ -669,7 +669,7 @@ def test_who_cannot_be_registered_is_told_and_stops_nobody(tmp_path):
     assert "gone.npy" in found.reasons[3]
     assert found.digests[3] == ""
     assert np.isnan(found.values[3]).all()
-    assert all(isinstance(entry, Entry) for entry in told)
+    assert all(isinstance(entry, LedgerEntry) for entry in told)
     assert [entry.row.name for entry in told if entry.reason] == ["gone"]
 
 

@@ -28,7 +28,7 @@ from abfm.registration.initial.spheres import (
     rotation_by_functions,
     rotation_by_landmarks,
 )
-from abfm.registration.register import MEASURED, prepare
+from abfm.registration.register import MEASURED_PARAMETERS, prepare
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, with_loose_vertex
 
@@ -116,7 +116,11 @@ def found():
     f = hills(A.vertices)
     g = hills(flowed(B, TURN.inv().apply(B.vertices.copy())))
     return register(
-        A, B, f, 3 * g + 7, parameters=Parameters.of(**{**MEASURED.to_dict(), "sigma": 2})
+        A,
+        B,
+        f,
+        3 * g + 7,
+        parameters=Parameters.of(**{**MEASURED_PARAMETERS.to_dict(), "sigma": 2}),
     )
 
 
@@ -237,7 +241,7 @@ def test_measured_functions_are_compared_in_their_own_units():
     for values in (prepared.problem.source, prepared.problem.target):
         assert abs(np.average(values[:, 0], weights=areas)) < 0.1
         assert abs(np.sqrt(np.average(values[:, 0] ** 2, weights=areas)) - 1) < 0.1
-    assert prepared.problem.parameters == MEASURED
+    assert prepared.problem.parameters == MEASURED_PARAMETERS
 
 
 def test_functions_of_a_are_kept_as_they_are_compared():
@@ -339,7 +343,7 @@ def test_landmarks_count_as_the_given_mesh_does():
 def test_what_counts_for_nothing_says_nothing_of_the_parameters():
     smooth, rough = B.vertices[:, 2], hills(B.vertices)
     both = np.stack([smooth, rough], axis=1)
-    for weights, usual in (([1, 0], Parameters()), ([1, 1], MEASURED)):
+    for weights, usual in (([1, 0], Parameters()), ([1, 1], MEASURED_PARAMETERS)):
         assert prepare(B, B, both, both, weights=weights).problem.parameters == usual
 
 

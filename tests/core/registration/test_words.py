@@ -11,7 +11,7 @@ from abfm.maps.spherical import SphereLayout
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh.shapes import even_sphere, five_limbs
 from abfm.registration.initial import WORDS
-from abfm.registration.initial.given import Given
+from abfm.registration.initial.given import MapInput
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.words import initial_map
 from abfm.registration.register import prepare
@@ -58,11 +58,11 @@ def test_spheres_of_files_fit_surfaces_that_were_merged_or_cut(tmp_path):
     surfaces = np.concatenate([bumpy + np.array([x, 0, 0]) for x in (-4, 4)])
     mesh = TriangleMesh(surfaces, faces, merge=True, hemisphere="R")
     spheres = write(tmp_path, "s.off", off_text(np.concatenate([corners, corners]), faces))
-    found = initial_map(f"sphere:{spheres},{spheres}", Given(mesh, mesh, None, None))
+    found = initial_map(f"sphere:{spheres},{spheres}", MapInput(mesh, mesh, None, None))
     assert_allclose(found.correspondence.points.positions, mesh.vertices, atol=1e-6)
     small = write(tmp_path, "t.off", off_text(corners, faces[: len(BALL.faces)]))
     with raises(ParameterError, 960, 1920):
-        initial_map(f"sphere:{small},{spheres}", Given(mesh, mesh, None, None))
+        initial_map(f"sphere:{small},{spheres}", MapInput(mesh, mesh, None, None))
 
 
 def test_landmarks_are_vertices_or_points_beside_functions_or_alone():
@@ -117,7 +117,7 @@ def test_a_torn_map_is_made_continuous_and_told_unless_there_are_handles(tmp_pat
     swapped = rng.choice(len(torn), 60, replace=False)
     torn[swapped] = rng.permutation(torn[swapped])
     np.savetxt(tmp_path / "map.txt", torn, fmt="%d")
-    found = initial_map(f"file:{tmp_path}/map.txt", Given(BODY, BODY))
+    found = initial_map(f"file:{tmp_path}/map.txt", MapInput(BODY, BODY))
     check_message(found.notes[0])
     assert found.correspondence.distortion().folded == 0
     assert found.correspondence.coverage() == 1
@@ -125,29 +125,29 @@ def test_a_torn_map_is_made_continuous_and_told_unless_there_are_handles(tmp_pat
     mixed = np.roll(np.arange(len(ring.vertices)), 1)
     mixed[:40] = rng.permutation(mixed[:40])
     np.savetxt(tmp_path / "ring.txt", mixed, fmt="%d")
-    kept = initial_map(f"file:{tmp_path}/ring.txt", Given(ring, ring))
+    kept = initial_map(f"file:{tmp_path}/ring.txt", MapInput(ring, ring))
     check_message(kept.notes[0])
     assert_array_equal(kept.correspondence.to_vertices(), mixed)
     # what is given as a map stays as it is
     own = PointMap.of_vertices(BODY, BODY, torn)
-    assert initial_map(own, Given(BODY, BODY)).correspondence.points is own
+    assert initial_map(own, MapInput(BODY, BODY)).correspondence.points is own
 
 
 def test_a_map_far_from_an_isometry_says_so():
     stretched = TriangleMesh(BODY.vertices * [1, 2.5, 1], BODY.faces)
-    assert initial_map("spectral", Given(BODY, stretched)).warnings
+    assert initial_map("spectral", MapInput(BODY, stretched)).warnings
     other, _ = moved(BODY)
-    assert not initial_map("spectral", Given(BODY, other)).warnings
+    assert not initial_map("spectral", MapInput(BODY, other)).warnings
 
 
 def test_a_map_that_distorts_shapes_has_a_warning():
     """A map that was searched, unlike one that is given."""
     long = TriangleMesh(BALL.vertices * [1, 1, 12], BALL.faces)
-    closest = initial_map("closest", Given(OTHER, long))
+    closest = initial_map("closest", MapInput(OTHER, long))
     assert closest.correspondence.distortion().log2_shape.mean > 1.2
     assert len(closest.warnings) == 1
-    assert not initial_map(closest.correspondence, Given(OTHER, long)).warnings
-    assert not initial_map("closest", Given(OTHER, BALL)).warnings
+    assert not initial_map(closest.correspondence, MapInput(OTHER, long)).warnings
+    assert not initial_map("closest", MapInput(OTHER, BALL)).warnings
 
 
 def test_an_ambiguous_rotation_has_a_warning():
@@ -157,7 +157,7 @@ def test_an_ambiguous_rotation_has_a_warning():
     assert len(found.warnings) == 1
     assert not any("rotation" in note for note in found.notes)
     marks = np.stack([[3, 5, 8]] * 2, axis=1)
-    assert not initial_map("sphere", Given(BALL, BALL, landmarks=_marks(marks))).warnings
+    assert not initial_map("sphere", MapInput(BALL, BALL, landmarks=_marks(marks))).warnings
 
 
 def _marks(pairs):

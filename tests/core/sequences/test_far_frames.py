@@ -33,7 +33,7 @@ class Turned:
         rng = np.random.default_rng(0)
         frames += 0.02 * frames.std() * rng.standard_normal(frames.shape)  # it is measured
         film = checked(SPHERE, frames, None, None, None)
-        self.solver = solve.Solver(film, defaults(order=1, alpha=1, sigma=0.3), 0.0)
+        self.solver = solve.SequenceSolver(film, defaults(order=1, alpha=1, sigma=0.3), 0.0)
         interval, mesh = self.solver._interval(1, [0]), self.solver.energy(1).mesh
         sigma = self.solver._sigmas(1)[0]
         fields = [turn(mesh, degrees) for degrees in (0, -20, 70)]

@@ -13,7 +13,7 @@ from abfm.matching.judging.cause import Cause
 from abfm.sequences import defaults, load_sequence
 from abfm.sequences.between.in_between import in_between
 from abfm.sequences.between.left_out import left_out
-from abfm.sequences.solve import Solver
+from abfm.sequences.solve import SequenceSolver
 from tests.core.sequences.films import SPHERE, bumps, turning
 from tests.messages import check_message
 from tests.shapes import icosphere
@@ -162,7 +162,7 @@ def test_a_still_film_leaves_the_share_unknown():
 def test_leaving_out_changes_no_field():
     frames, _ = turning(SPHERE, 0.1, 4)
     found = abfm.sequence(SPHERE, frames, parameters=FAST)
-    solver = Solver(found._frames, FAST, 1.0)
+    solver = SequenceSolver(found._frames, FAST, 1.0)
     solver.run(lambda i: None)
     before = solver.fields.copy()
     assert left_out(solver).share == found.motion_share

@@ -181,7 +181,7 @@ def test_between_sources_values_are_interpolated_with_little_error(tmp_path):
 
 def test_sources_that_a_coarser_surface_has_are_told(tmp_path, monkeypatch):
     monkeypatch.setattr(source_frames, "_FSAVERAGE", COUNT)
-    monkeypatch.setattr(source_frames, "_COARSER", {42: "fsaverage1"})
+    monkeypatch.setattr(source_frames, "_COARSER_COPIES", {42: "fsaverage1"})
     told = f"42 of {COUNT} vertices have values; the others are interpolated"
     hint = ": fsaverage1 has just those with values, and takes less time"
     for sources, wanted in ((np.arange(42), told + hint), (np.arange(1, 43), told)):

@@ -18,7 +18,7 @@ from abfm.sequences import defaults, load_sequence
 from abfm.sequences.choosing import changes
 from abfm.sequences.frames import checked
 from abfm.sequences.noise import noise_levels
-from abfm.sequences.solve import Said, Solver
+from abfm.sequences.solve import Said, SequenceSolver
 from abfm.sequences.verdicts import facts_of_intervals, verdict_of
 from abfm.workers.progress import telling
 from tests.core.sequences import turning_film
@@ -114,7 +114,7 @@ def test_sweeps_lower_the_energy_of_all_and_make_the_fields_alike(film):
     noisy = film[0] + 0.1 * film[0].std() * rng.standard_normal(film[0].shape)
     totals, changes = [], []
     for gamma in (0.0, 1.0, 10.0):
-        solver = Solver(checked(SPHERE, noisy, None, None, None), FAST, gamma)
+        solver = SequenceSolver(checked(SPHERE, noisy, None, None, None), FAST, gamma)
         solver.run(lambda i: None)
         changes.append(np.linalg.norm(np.diff(solver.fields, axis=0)))
         before = solver.total()

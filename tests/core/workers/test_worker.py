@@ -324,7 +324,7 @@ def test_what_a_job_raises_is_told_and_ends_no_thread(error):
 
 @pytest.mark.parametrize("idle", [0.0, 0.01])
 def test_threads_end_without_work_and_every_job_is_done_while_they_come_and_go(idle, monkeypatch):
-    monkeypatch.setattr(threads, "_IDLE", idle)
+    monkeypatch.setattr(threads, "_IDLE_SECONDS", idle)
     pool = DaemonThreads("coming and going")
     for number in range(300):
         assert pool.submit(abs, number).result(30) == number

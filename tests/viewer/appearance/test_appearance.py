@@ -10,10 +10,10 @@ from scipy.interpolate import PchipInterpolator
 
 from abfm.pages import colormaps
 from abfm.pages.colormaps import color_range, loaded_name, on_ground, table
-from abfm_viewer.appearance.theme import DARK, palette
+from abfm_viewer.appearance.theme import DARK_PALETTE, palette
 from abfm_viewer.document.document import THEMES
 from abfm_viewer.scene.opengl import material_pictures
-from abfm_viewer.widgets.toolkit import Kind
+from abfm_viewer.widgets.toolkit import TextTone
 from tests.viewer.contrast import SIGHTS, contrast, difference
 
 NAMES = ["abfm sequential", "abfm diverging"]
@@ -92,7 +92,7 @@ def test_lightness_goes_steadily_away_from_the_grey_that_means_nothing(name, is_
     assert (away * np.diff(light[: middle + 1]) < 0).all()
     if is_dark:
         assert np.ptp(grey) < 0.05
-        assert (light + 0.05).min() > 1.5 * (luminance(np.array(DARK.ground[:3])) + 0.05)
+        assert (light + 0.05).min() > 1.5 * (luminance(np.array(DARK_PALETTE.ground[:3])) + 0.05)
         assert light[middle] < 0.15
     else:
         assert np.ptp(grey) < 0.03
@@ -159,7 +159,7 @@ def colors(request):
     return palette(request.param)
 
 
-@pytest.mark.parametrize(("ink", "ground"), [*product(get_args(Kind), GROUNDS)])
+@pytest.mark.parametrize(("ink", "ground"), [*product(get_args(TextTone), GROUNDS)])
 def test_texts_stand_out_from_every_ground(colors, ink, ground):
     assert contrast(getattr(colors, ink), getattr(colors, ground)) >= READ
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from abfm.batch import Entry, Row, combinations
+from abfm.batch import LedgerEntry, Row, combinations
 from abfm.matching.judging.facts import known_numbers
 from abfm.outcome import Facts, Outcome
 from abfm_viewer.cli.batches.best import best_of
@@ -21,9 +21,9 @@ def swept(*numbers, sigma="0.1", verdicts=None, over=None):
     rows = combinations([*PROBLEM.items(), ("sigma", sigma)], over or {"alpha": alphas})
     verdicts = verdicts or ["matched"] * len(numbers)
     return [
-        SummaryRow(Entry(row, "missing"), Facts(Outcome.MISSING, "missing"))
+        SummaryRow(LedgerEntry(row, "missing"), Facts(Outcome.MISSING, "missing"))
         if each is None
-        else SummaryRow(Entry(row, "done"), facts(verdict, *each))
+        else SummaryRow(LedgerEntry(row, "done"), facts(verdict, *each))
         for row, each, verdict in zip(rows, numbers, verdicts, strict=True)
     ]
 
@@ -87,12 +87,12 @@ def test_of_several_problems_and_of_one_way_none_is_best():
     fixed = [(name, value) for name, value in PROBLEM.items() if name != "target"]
     rows = swept((0.02, 0.1), (0.03, 0.1))
     others = [
-        SummaryRow(Entry(row, "done"), told.facts)
+        SummaryRow(LedgerEntry(row, "done"), told.facts)
         for row, told in zip(combinations(fixed, several), rows, strict=True)
     ]
     assert best_of(others) is None
     film = Row("film", {"mesh": "a.off", "frames": "f.npy"})
-    assert best_of([SummaryRow(Entry(film, "done"), facts("matched", 0.1, 0.1))] * 2) is None
+    assert best_of([SummaryRow(LedgerEntry(film, "done"), facts("matched", 0.1, 0.1))] * 2) is None
 
 
 def test_the_page_tells_it_and_frames_what_none_beats():

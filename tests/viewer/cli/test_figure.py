@@ -15,7 +15,7 @@ from abfm import MeshError, experiments
 from abfm.experiments import Measure
 from abfm.parameters import TABLE_1, TITLES
 from abfm_viewer import pictures
-from abfm_viewer.cli.figure import Entry
+from abfm_viewer.cli.figure import FigureEntry
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.reports.pages import figures_page
 from tests.core.experiments.small import ran
@@ -162,8 +162,8 @@ def test_the_page_has_everything_and_says_what_fails():
     measures = (Measure("mismatch", 0.0123, "small", True, 0.05), Measure("drift", 0.5))
     picture, problem = Image.new("RGB", (4, 3), "red"), "Not on this mesh: no symmetry"
     entries = [
-        Entry(1, "two & more", "f < g", "a <sphere>", measures, picture),
-        Entry(9, "a symmetry", "it works", problem=problem, notes=("beyond <colours>",)),
+        FigureEntry(1, "two & more", "f < g", "a <sphere>", measures, picture),
+        FigureEntry(9, "a symmetry", "it works", problem=problem, notes=("beyond <colours>",)),
     ]
     parsed = Balanced(figures_page(entries))
     shown = ("two & more", "f < g", "a <sphere>", "0.0123", "0.05 yes", "drift")
@@ -174,7 +174,7 @@ def test_the_page_has_everything_and_says_what_fails():
     [picture] = [link for link in parsed.links if link.startswith("data:")]
     assert base64.b64decode(picture.partition(",")[2]).startswith(b"\x89PNG")
     text = figures_page(
-        [Entry(3, "t", "c", measures=(Measure("mismatch", 0.2, "matches", False, 0.05),))]
+        [FigureEntry(3, "t", "c", measures=(Measure("mismatch", 0.2, "matches", False, 0.05),))]
     )
     assert re.search(r"0\.05 <span class=\"bad\">no</span>", text)
     assert text.count('class="bad">no') == 2

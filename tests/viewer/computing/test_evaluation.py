@@ -71,7 +71,7 @@ def test_large_meshes_get_a_process_and_closed_ones_start_none(monkeypatch):
         functions.evaluate("coordinate:x")
         assert (functions._worker is not None and functions._worker.pid is not None) == has_one
         functions.retire()
-    monkeypatch.setattr(evaluation, "_EXACT_FROM", 0)
+    monkeypatch.setattr(evaluation, "_EXACT_VERTICES_MIN", 0)
     monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 1_000)
     functions = Functions(SPARSE)
     for spec, has_one in (("coordinate:x", False), ("geodesic:vertex=3", True)):

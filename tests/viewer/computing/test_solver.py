@@ -20,8 +20,15 @@ from abfm import AbfmError
 from abfm.workers import worker as worker_module
 from abfm_viewer.computing import solver as solver_module
 from abfm_viewer.computing.evaluation import Evaluators, Functions
-from abfm_viewer.computing.match_apart import Look, MatchApart
-from abfm_viewer.computing.solver import FIRST, Course, ProblemSpec, Snapshot, Solver, State
+from abfm_viewer.computing.match_apart import IteratePicture, MatchApart
+from abfm_viewer.computing.solver import (
+    FIRST_KEEP_SECONDS,
+    ProblemSpec,
+    RunHistory,
+    RunState,
+    Snapshot,
+    Solver,
+)
 from abfm_viewer.document.document import Channel
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, tetrahedron
@@ -47,7 +54,7 @@ def running(solver, functions, monkeypatch):
     """One with a run that goes on until it is told otherwise, and has made some steps; no field
     comes over that nobody asked for.
     """
-    monkeypatch.setattr(solver_module, "FIRST", 1e9)
+    monkeypatch.setattr(solver_module, "FIRST_KEEP_SECONDS", 1e9)
     solver.start(problem(ENDLESS), functions)
     until(lambda: rows(solver) > 3)
     return solver
@@ -92,7 +99,7 @@ def same_run(solver, mesh, parameters):
     # text, which finer meshes evaluate anew
     expected = abfm.match(abfm.Problem(mesh, [PAIR.source], [PAIR.target], parameters))
     functions.retire()
-    assert (solver.running, solver.state, run.restarts) == (False, State.ENDED, ())
+    assert (solver.running, solver.state, run.restarts) == (False, RunState.ENDED, ())
     assert result.mesh is mesh
     for name in ("velocity", "advected", "energy_history", "stages"):
         np.testing.assert_array_equal(getattr(result, name), getattr(expected, name))
@@ -344,7 +351,7 @@ def test_a_process_that_is_killed_fails_its_run_and_the_next_run_has_another(run
 @pytest.fixture
 def keeping(solver, functions, monkeypatch):
     """One with a run of which a field came over early though nobody asked."""
-    monkeypatch.setattr(solver_module, "FIRST", 0.2)
+    monkeypatch.setattr(solver_module, "FIRST_KEEP_SECONDS", 0.2)
     solver.start(problem(ENDLESS), functions)
     until(lambda: solver._course.best)
     return solver
@@ -431,7 +438,7 @@ def snapshot(iterate, of=PROBLEM):
 
 
 def begun(vertices, problem=PROBLEM):
-    course = Course(vertices)
+    course = RunHistory(vertices)
     course.begin(problem)
     return course
 
@@ -450,11 +457,11 @@ def test_fetching_takes_a_fiftieth_of_the_time_but_for_one_field(clock, vertices
             spent += seconds
             moments.append(before)
             assert spent <= 0.021 * clock.seconds + (seconds if seconds > 1 else 0)
-    assert moments[0] >= FIRST
+    assert moments[0] >= FIRST_KEEP_SECONDS
     waits = [later - sooner for sooner, later in pairwise(moments)]
     assert all(later > sooner - 0.05 for sooner, later in pairwise(waits))
     if seconds < 0.1:
-        assert moments[0] < FIRST + 0.1
+        assert moments[0] < FIRST_KEEP_SECONDS + 0.1
         assert max(waits) < solver_module._LONGEST_WAIT + 0.1
 
 
@@ -476,7 +483,7 @@ def test_the_best_of_the_present_solve_is_kept(clock):
 
 def test_a_start_is_no_field_and_a_process_that_ended_has_none(clock):
     course, start, later = begun(10), Iterate(clock, 0, 0), Iterate(clock, 5, 0.01)
-    clock.seconds = 3 * FIRST
+    clock.seconds = 3 * FIRST_KEEP_SECONDS
     for newest, shown in (
         (start, start),
         (later, start),  # nothing that moves was shown yet
@@ -498,7 +505,7 @@ def test_a_new_attempt_replaces_no_better_field(solver):
     def post(number, residual, picture="picture", problem=PROBLEM):
         rest = dict.fromkeys(("energy", "regularity", "mismatch_energy", "stage", "reach"), 0.0)
         now = SimpleNamespace(iteration=number, residual=residual, vertices=1, shares={}, **rest)
-        now.look = Look(None, picture)
+        now.look = IteratePicture(None, picture)
         solver._post(problem, now)
         return solver.snapshot.iteration.iteration, solver.snapshot.shown.iteration
 

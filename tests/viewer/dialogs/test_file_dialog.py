@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from abfm_viewer.dialogs import file_dialog
-from abfm_viewer.dialogs.file_dialog import MOST, Entry, FileChoice, read_folder, shown
+from abfm_viewer.dialogs.file_dialog import ENTRIES_MAX, FileChoice, FolderEntry, read_folder, shown
 from tests.messages import check_message
 
 MESHES = (".off", ".obj")
@@ -44,11 +44,11 @@ def test_folders_come_first_and_hidden_and_other_files_are_left_out(folder):
 
 def test_large_folders_are_cut_with_a_note_and_asked_no_more(tmp_path, monkeypatch):
     """A disk far away takes its time for any question but names and which are folders."""
-    names = [f"{number:05}.off" for number in range(MOST + 5)]
+    names = [f"{number:05}.off" for number in range(ENTRIES_MAX + 5)]
     told = [SimpleNamespace(name=name, is_dir=lambda: False) for name in reversed(names)]
     monkeypatch.setattr(os, "scandir", lambda folder: nullcontext(told))
     listing = read_folder(tmp_path, MESHES)
-    assert listing.entries == tuple(Entry(name, False) for name in names[:MOST])
+    assert listing.entries == tuple(FolderEntry(name, False) for name in names[:ENTRIES_MAX])
     check_message(listing.note, "10,000", "10,005")
 
 
@@ -133,7 +133,7 @@ def test_up_marks_the_folder_that_was_left_and_arrows_move_the_mark_inside(folde
 def test_a_file_that_vanished_is_refused_and_the_list_read_anew(folder):
     choice = FileChoice(folder, MESHES)
     assert "b.off" in listed(choice)
-    choice.select(Entry("b.off", False))
+    choice.select(FolderEntry("b.off", False))
     (folder / "b.off").unlink()
     assert choice.confirm() is None
     check_message(choice.error, "b.off")
@@ -160,13 +160,13 @@ def test_a_name_to_save_gets_its_suffix(folder, typed, file):
 def test_saving_needs_a_name_takes_that_of_a_marked_file_and_enters_folders(folder):
     choice = FileChoice(folder, MESHES, saving=True)
     assert not choice.ready
-    choice.select(Entry("b.off", False))
+    choice.select(FolderEntry("b.off", False))
     assert choice.name == "b.off"
     assert choice.go_or_take(str(folder / "Apple" / "new")) is None
     assert (choice.folder, choice.name) == (folder / "Apple", "new")
     choice.name = ""
     choice.go(folder)
-    choice.select(Entry("zebra", True))
+    choice.select(FolderEntry("zebra", True))
     assert choice.confirm() is None
     assert choice.folder == folder / "zebra"
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from abfm_viewer.document.comparison import COMPARED, Comparison
+from abfm_viewer.document.comparison import COMPARED_KINDS, Comparison
 
 VALUES = np.arange(10.0).reshape(2, 5, 1)
 VALUES[0, 3] = np.nan
@@ -29,7 +29,7 @@ def test_long_names_leave_room_for_the_words_after_them():
     assert long.title("source") == "sub-001_ses-baseline_..., carried"
     assert long.title("advected") == "sub-001_ses-baseline_... less the mean"
     assert long.name.endswith("fsaverage")
-    assert {comparison(what=what).title("error") for what in COMPARED} == {"error"}
+    assert {comparison(what=what).title("error") for what in COMPARED_KINDS} == {"error"}
 
 
 def test_what_is_not_known_is_told_of_each_slot():

@@ -122,7 +122,9 @@ def wait_for_no_run_without_a_field(gui, folder, monkeypatch):
 
 
 def resume_after_a_killed_process(gui, monkeypatch):
-    monkeypatch.setattr(solver, "FIRST", 1e9)  # no field comes over that nobody asked for
+    monkeypatch.setattr(
+        solver, "FIRST_KEEP_SECONDS", 1e9
+    )  # no field comes over that nobody asked for
     gui.session.editor.amend(parameters=ENDLESS.with_values(levels=1))
     for label in ("Continue", "Match again"):
         solving(gui.session)

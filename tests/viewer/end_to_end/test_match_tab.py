@@ -8,7 +8,7 @@ import polyscope.imgui as imgui
 import pytest
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST, TABLE_1, TITLES
+from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST_SIGMA, TABLE_1, TITLES
 from abfm_viewer.panels.right_panel import STEPS
 from tests.messages import check_message
 from tests.viewer.sessions import match, restart
@@ -103,8 +103,8 @@ def choose_sigma_or_set_it(gui):
 
     assert shown() == ("on", "auto")
     gui.check("auto sigma", on=False)
-    assert gui.session.parameters.sigma == LAST
-    assert shown() == ("off", f"{LAST:g}")
+    assert gui.session.parameters.sigma == LAST_SIGMA
+    assert shown() == ("off", f"{LAST_SIGMA:g}")
     gui.type("sigma", ".5")
     gui.check("auto sigma")
     assert gui.session.parameters.sigma is None

@@ -13,7 +13,7 @@ from abfm.workers.progress import step
 from abfm_viewer.automation import DriverError
 from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.defaults import default_functions
-from abfm_viewer.computing.solver import State
+from abfm_viewer.computing.solver import RunState
 from abfm_viewer.document.document import Channel
 from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.widgets.containers import is_popup_open
@@ -95,7 +95,7 @@ def escape_a_menu_before_the_run(running):
         assert running.text_of(label, kind=kind) != "open"
         assert not is_popup_open()
         running.frames(3)
-        assert running.session.solver.state is State.RUNNING
+        assert running.session.solver.state is RunState.RUNNING
     running.key("escape")
     running.wait(lambda s: s.solver.finished)
 

@@ -9,7 +9,7 @@ import pytest
 
 from abfm_viewer.files.autosave import recoverable
 from abfm_viewer.files.project import load_origin, load_project
-from abfm_viewer.files.state_folder import VARIABLE, StateFolder
+from abfm_viewer.files.state_folder import STATE_VARIABLE, StateFolder
 from tests.core.reading.hostile import refusal
 from tests.messages import check_message
 
@@ -63,15 +63,15 @@ def test_damaged_files_count_as_empty(folder, content):
 
 
 def test_the_environment_names_the_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    monkeypatch.setenv(STATE_VARIABLE, str(tmp_path))
     assert StateFolder().path == tmp_path
-    monkeypatch.delenv(VARIABLE)
+    monkeypatch.delenv(STATE_VARIABLE)
     assert StateFolder().path.name == "abfm"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="each system has its own place")
 def test_by_default_it_is_where_the_system_keeps_such_things(monkeypatch, tmp_path):
-    for name in (VARIABLE, "XDG_STATE_HOME"):
+    for name in (STATE_VARIABLE, "XDG_STATE_HOME"):
         monkeypatch.delenv(name, raising=False)
     for name, place in (("HOME", ".local/state/abfm"), ("XDG_STATE_HOME", "abfm")):
         monkeypatch.setenv(name, str(tmp_path))

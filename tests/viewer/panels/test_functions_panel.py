@@ -58,8 +58,8 @@ def test_the_wheel_widens_within_limits(session):
     session.editor.select(side="source", bump=1)
     for turns, width in (
         (1, pytest.approx(0.112, abs=5e-4)),
-        (1000, active_gaussian.WIDEST),
-        (-1000, active_gaussian.NARROWEST),
+        (1000, active_gaussian.WIDTH_MAX),
+        (-1000, active_gaussian.WIDTH_MIN),
     ):
         active_gaussian.widen(session, "source", turns, "wheel")
         widths = [gaussian.width for gaussian in gaussians(session.active.source)]

@@ -14,8 +14,8 @@ from abfm_viewer.widgets.widget_record import Range
 
 
 def test_the_panel_has_every_parameter_and_says_what_it_does():
-    assert sorted(panel._ABOUT) == sorted(FIELDS)
-    for name, about in panel._ABOUT.items():
+    assert sorted(panel._PARAMETER_TEXTS) == sorted(FIELDS)
+    for name, about in panel._PARAMETER_TEXTS.items():
         assert all(word in panel._tip(name) for word in ("Default", "paper", "Bad result?"))
         value = panel._AUTO[name].first if name in panel._AUTO else FIELDS[name].default
         assert name in panel._CHOICES or 0 <= about.slider.share_of(value) <= 1

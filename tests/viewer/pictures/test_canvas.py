@@ -77,12 +77,14 @@ def test_long_pictures_have_fewer_samples_than_opengl_can_take(size):
 
 
 def test_a_second_start_in_the_same_size_changes_none(monkeypatch):
-    opengl.start(opengl.OFFSCREEN, 100, 80)
+    opengl.start(opengl.OFFSCREEN_BACKEND, 100, 80)
     sizes = []
     monkeypatch.setattr(opengl.ps, "set_window_size", lambda *size: sizes.append(size))
-    opengl.start(opengl.OFFSCREEN, 100, 80)  # in a window there would be no event to wait for
+    opengl.start(
+        opengl.OFFSCREEN_BACKEND, 100, 80
+    )  # in a window there would be no event to wait for
     assert sizes == []
-    opengl.start(opengl.OFFSCREEN, 120, 80)
+    opengl.start(opengl.OFFSCREEN_BACKEND, 120, 80)
     assert sizes == [(120, 80)]
 
 

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 import abfm
 from abfm import AbfmError, FunctionError, ParameterError
-from abfm_viewer.appearance.theme import LIGHT
+from abfm_viewer.appearance.theme import LIGHT_PALETTE
 from abfm_viewer.document.document import Channel, Look, Surface
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.pictures.canvas import rgb
@@ -67,7 +67,7 @@ def test_a_picture_shows_what_the_window_shows(document):
     drawn(document, degrees=40)  # leaves nothing turned
     session = Session(EGG, "egg")
     session.restore(viewed(document, color_bar=False), {}, None)
-    window = Window(session, opengl.OFFSCREEN, (900, 560))
+    window = Window(session, opengl.OFFSCREEN_BACKEND, (900, 560))
     try:
         while window.shown.busy or not window.scene.paints:
             window.frame()
@@ -138,7 +138,7 @@ def test_names_and_colour_bars_are_written_and_left_out(document):
         drawn(document, options=PictureOptions(color_bar=bar, labels=labels))
         for bar, labels in ((False, False), (False, True), (True, False))
     )
-    source, target = map(rgb, (LIGHT.source, LIGHT.target))
+    source, target = map(rgb, (LIGHT_PALETTE.source, LIGHT_PALETTE.target))
     assert {source, target} <= set(map(tuple, names.reshape(-1, 3).tolist()))
     assert target not in set(map(tuple, bare.reshape(-1, 3).tolist()))
     assert not is_empty(bars[-50:, :200]).all()

@@ -14,7 +14,7 @@ from abfm import StopReason
 from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.outcome import Outcome
 from abfm.pages.colormaps import table
-from abfm_viewer.appearance.theme import LIGHT
+from abfm_viewer.appearance.theme import LIGHT_PALETTE
 from abfm_viewer.pictures import panels, sheets
 from abfm_viewer.pictures.canvas import rgb
 from abfm_viewer.pictures.panels import cameras, captions, color_ranges
@@ -73,10 +73,10 @@ def spread(pixels):
 def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
     layout = sheets.laid_out(rows, bars)
     assert len(layout.bars) == bars
-    assert layout.width <= sheets.WIDEST + 8  # rounding of each cell's width
+    assert layout.width <= sheets.WIDTH_MAX + 8  # rounding of each cell's width
     heights = {place.height for row in layout.rows for place in row}
     assert len(heights) == 1
-    assert heights.pop() <= sheets.TALLEST_PANEL
+    assert heights.pop() <= sheets.PANEL_HEIGHT_MAX
     for row, aspects in zip(layout.rows, rows, strict=True):
         assert row[0].left >= sheets.MARGIN
         assert row[-1].left + row[-1].width <= layout.width - sheets.MARGIN + 1
@@ -96,10 +96,10 @@ def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
 
 
 def test_the_widest_row_fills_the_sheet_unless_panels_would_be_too_tall():
-    assert sheets.laid_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(sheets.WIDEST, abs=6)
+    assert sheets.laid_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(sheets.WIDTH_MAX, abs=6)
     single = sheets.laid_out([[1.0]], 0)
-    assert single.rows[0][0].height == sheets.TALLEST_PANEL
-    assert single.width < sheets.WIDEST / 2
+    assert single.rows[0][0].height == sheets.PANEL_HEIGHT_MAX
+    assert single.width < sheets.WIDTH_MAX / 2
 
 
 def test_a_sphere_is_a_round_patch_in_the_colours_of_the_map():
@@ -177,7 +177,11 @@ def test_panels_have_frames_labels_and_a_colour_bar_beside_them():
 
 @pytest.mark.parametrize(
     ("kind", "tone"),
-    [("matched", LIGHT.good), ("not reached", LIGHT.failure), ("nearly", LIGHT.warning)],
+    [
+        ("matched", LIGHT_PALETTE.good),
+        ("not reached", LIGHT_PALETTE.failure),
+        ("nearly", LIGHT_PALETTE.warning),
+    ],
 )
 def test_the_label_at_tau_says_how_well_it_matches_in_colour(match, kind, tone, monkeypatch):
     """The word "matched" stands on no picture of a match that is none."""
@@ -194,7 +198,7 @@ def test_the_label_at_tau_says_how_well_it_matches_in_colour(match, kind, tone, 
     labels = [panel.label for panel in drawn[0].rows[0]]
     assert labels[2:] == [f"t = 2, {judged.facts.headline}", "target"]
     assert not any("matched" in label for label in labels) or kind == "matched"
-    for color in (LIGHT.good, LIGHT.warning, LIGHT.failure):
+    for color in (LIGHT_PALETTE.good, LIGHT_PALETTE.warning, LIGHT_PALETTE.failure):
         assert (pixels == rgb(color)).all(axis=2).any() == (color == tone)
 
 
@@ -225,7 +229,7 @@ def test_what_colours_hide_is_said_with_its_true_extremes(paint):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_small_overshoots_are_not_worth_a_word(sign):
     extent = 2 * abs(Y).max()
-    for share, lines in ((0.9 * panels.CLAMPED, 0), (1.1 * panels.CLAMPED, 1)):
+    for share, lines in ((0.9 * panels.CLAMP_SHARE, 0), (1.1 * panels.CLAMP_SHARE, 1)):
         over = Y.copy()
         over[np.argmax(sign * Y)] += sign * share * extent
         assert len(captions(of(SOURCE, Panel(SPHERE, Values(over), "over", "result")))) == lines

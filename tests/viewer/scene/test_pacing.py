@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from abfm_viewer.scene import pacing
-from abfm_viewer.scene.pacing import STILL, Pacing, Resting
+from abfm_viewer.scene.pacing import STILL_SECONDS, Pacing, Resting
 
 FAST, SLOW, STUCK = 0.005, 0.1, 1.0
 
@@ -74,21 +74,21 @@ def window(monkeypatch):
 
 
 def test_one_frame_is_drawn_anew_when_nothing_moved_for_a_while_until_something_does(window):
-    assert window.frame(0.9 * STILL) == []
-    assert window.frame(0.2 * STILL) == [3]
+    assert window.frame(0.9 * STILL_SECONDS) == []
+    assert window.frame(0.2 * STILL_SECONDS) == [3]
     for _ in range(5):
-        window.frame(STILL)
+        window.frame(STILL_SECONDS)
     assert window.samples == [3]
     assert window.frame(0, moves=True) == [3, 1]
-    assert window.frame(0.9 * STILL) == [3, 1]
-    assert window.frame(0.2 * STILL) == [3, 1, 3]
+    assert window.frame(0.9 * STILL_SECONDS) == [3, 1]
+    assert window.frame(0.2 * STILL_SECONDS) == [3, 1, 3]
 
 
 @pytest.mark.parametrize("what", ["running", "playing"])
 def test_it_never_happens_during_a_run_nor_while_time_moves(window, what):
     setattr(window.session if what == "running" else window.session.player, what, True)
     for _ in range(5):
-        window.frame(STILL)
+        window.frame(STILL_SECONDS)
     assert window.samples == []
 
 
@@ -105,11 +105,11 @@ def test_fewer_samples_where_drawing_takes_long_and_in_large_windows(
     window, seconds, size, expected
 ):
     window.size = size
-    assert window.frame(2 * STILL, seconds=seconds) == expected
+    assert window.frame(2 * STILL_SECONDS, seconds=seconds) == expected
 
 
 def test_off_the_screen_nothing_rests(window):
     hidden = Resting(window.session, False)
-    window.time = 10 * STILL
+    window.time = 10 * STILL_SECONDS
     hidden.update(False, FAST)
     assert window.samples == []

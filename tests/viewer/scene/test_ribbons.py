@@ -111,7 +111,7 @@ def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge()
 def test_a_line_is_as_wide_as_elsewhere_where_it_turns_sharply():
     corners = np.array([[0, 0], [0.1, 0.01], [0, 0.03], [0, 0.03], [0.12, 0.06], [0.12, 0.2]])
     places = np.column_stack([corners, np.zeros(len(corners))])
-    course = overlays.Course(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
+    course = overlays.SurfacePath(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
     vertices, faces = overlays.line_ribbons([course], HALF)
     a, b, c = np.moveaxis(vertices[faces][..., :2], 1, 0)
 

@@ -297,7 +297,7 @@ SMALLER = 8  # so many times, as drawing takes as long as there are pixels
 @pytest.fixture
 def scene():
     """Plain bodies in slots, without a window."""
-    opengl.start(opengl.OFFSCREEN, 64, 64)
+    opengl.start(opengl.OFFSCREEN_BACKEND, 64, 64)
     session = Session(load_mesh(asset_path("human_A.off")), "body", at_once=True)
     session.editor.amend(surfaces=session.document.facing(FRONT).surfaces)
     shown = Shown(session)

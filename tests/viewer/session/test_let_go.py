@@ -81,7 +81,7 @@ def test_caches_of_other_meshes_are_dropped(session):
 
 def test_meshes_out_of_reach_are_released(session, tmp_path, monkeypatch):
     """With their saved states."""
-    monkeypatch.setattr(editor, "LONGEST", 5)
+    monkeypatch.setattr(editor, "UNDO_STEPS_MAX", 5)
     seen = weakref.WeakSet()
     for number in range(12):
         show(session, f"mesh {number}")
@@ -92,7 +92,7 @@ def test_meshes_out_of_reach_are_released(session, tmp_path, monkeypatch):
 
 
 def test_unsaved_work_stays_though_undo_leads_there_no_more(session, monkeypatch):
-    monkeypatch.setattr(editor, "LONGEST", 2)
+    monkeypatch.setattr(editor, "UNDO_STEPS_MAX", 2)
     found = matched(session).result
     show(session, *(f"mesh {number}" for number in range(5)))
     assert found in [left.result for left in session.saves.unsaved_documents]
@@ -102,7 +102,7 @@ def test_results_of_undo_take_a_bounded_amount_of_memory(session, monkeypatch):
     held = vars(matched(session).result).values()
     size = sum({id(part): part.nbytes for part in held if isinstance(part, np.ndarray)}.values())
     del held
-    monkeypatch.setattr(editor, "LARGEST", 10 * size)
+    monkeypatch.setattr(editor, "UNDO_BYTES_MAX", 10 * size)
     before, seen = threads(), weakref.WeakSet()
     for number in range(30):
         session.editor.set_parameter(alpha=1.0 + number)
@@ -120,7 +120,7 @@ def test_results_of_undo_take_a_bounded_amount_of_memory(session, monkeypatch):
 
 
 def test_one_step_can_be_taken_back_however_large_it_is(session, monkeypatch):
-    monkeypatch.setattr(editor, "LARGEST", 0)
+    monkeypatch.setattr(editor, "UNDO_BYTES_MAX", 0)
     start = session.document
     found = matched(session).result
     session.editor.set_parameter(alpha=3.0)

@@ -11,7 +11,7 @@ from abfm.outcome import Outcome
 from abfm.pages.front import Front
 from abfm_viewer.document.document import Channel, Look, Surface, View
 from abfm_viewer.document.kinds import MatchDocument
-from abfm_viewer.session.editor import LONGEST, Editor
+from abfm_viewer.session.editor import UNDO_STEPS_MAX, Editor
 from abfm_viewer.session.player import SECONDS, Player
 from abfm_viewer.session.session import Session
 from tests.messages import check_message
@@ -221,9 +221,9 @@ def test_undo_goes_back_to_the_very_start_and_redo_to_the_end(editor):
         editor.redo()
     assert editor.document.time == 3
     assert (editor.undo_label, editor.redo_label) == ("move to 3", "")
-    for number in range(LONGEST + 10):  # of which only the latest are kept
+    for number in range(UNDO_STEPS_MAX + 10):  # of which only the latest are kept
         move(editor, number + 1)
-    for _ in range(LONGEST + 10):
+    for _ in range(UNDO_STEPS_MAX + 10):
         editor.undo()
     assert editor.document.time == 10
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
 from abfm import Parameters, ResultError
-from abfm.registration import MEASURED
+from abfm.registration import MEASURED_PARAMETERS
 from abfm_viewer.document.document import Channel, Point, Surface
 from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.files.project import load_project, save_project
@@ -70,13 +70,13 @@ def test_measured_functions_are_matched_in_standard_deviations(pair):
     rough = "sin(40*x)*sin(50*y)*sin(60*z)"
     pair.editor.set_spec("target", f"expression:100+7*{rough}")
     pair.editor.set_spec("source", f"expression:{rough}")
-    until(lambda: not pair.obstacle and pair.prepared.usual == MEASURED, pair)
+    until(lambda: not pair.obstacle and pair.prepared.usual == MEASURED_PARAMETERS, pair)
     until(lambda: pair.compared("target") is not None, pair)
     areas = abfm.calculus.vertex_areas(B)
     apart = pair.compared("target") - np.average(pair.compared("target"), weights=areas)
     assert np.average(apart**2, weights=areas) == pytest.approx(1)
     pair.match()
-    assert pair.parameters == MEASURED
+    assert pair.parameters == MEASURED_PARAMETERS
     check_message(pair.notices.latest.text)  # of the parameters that were set
     pair.solver.cancel()
     until(lambda: not pair.solver.running, pair)

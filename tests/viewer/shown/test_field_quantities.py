@@ -235,7 +235,7 @@ def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monk
         state = FlowState(flow.mesh, factor * flow.velocity, flow.parameters, final)
         with raises(AbfmError):
             quantities_module.commuting(state, 0)
-    monkeypatch.setattr(quantities_module, "_LARGEST", 100)
+    monkeypatch.setattr(quantities_module, "_COMMUTING_VERTICES_MAX", 100)
     for part, why in (("commuting", "up to 100 vertices; this mesh has 642"), ("whole", "")):
         session.editor.set_view("show", part=part)
         shown.quantities.field()

@@ -10,7 +10,7 @@ import pytest
 from abfm_viewer import app
 from abfm_viewer.automation.driver import Driver
 from abfm_viewer.dialogs import file_dialog
-from abfm_viewer.dialogs.file_dialog import Entry, Listing
+from abfm_viewer.dialogs.file_dialog import FolderEntry, Listing
 from abfm_viewer.document.document import View
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
@@ -157,7 +157,7 @@ def list_ten_thousand_files(gui, monkeypatch):
     """Frames have no more to do than with a thousand, of which they draw a part as well."""
     lines = []
     for count in (1_000, 10_000):
-        listing = Listing(tuple(Entry(f"{number:05}.off", False) for number in range(count)))
+        listing = Listing(tuple(FolderEntry(f"{number:05}.off", False) for number in range(count)))
         monkeypatch.setattr(file_dialog, "read_folder", partial(lambda found, *_: found, listing))
         gui.key("ctrl+o")
         gui.wait(lambda s: "00000.off" in gui.labels())

@@ -19,14 +19,14 @@ LOG2_AREA_GOOD = 1.0
 """Largest 95th percentile of ``|log2 J|`` of a map that is reported without a warning: areas that
 are halved or doubled."""
 _SHARE_COMPLETE = 0.995  # a share that reads as 100%
-_UNFINISHED = {
+_UNFINISHED_REASONS = {
     StopReason.CANCELLED: "it was cancelled, and the best field so far was kept",
     StopReason.OUT_OF_MEMORY: "memory ran out, and the best field so far was kept",
     StopReason.GIVEN: (
         "nothing was solved: Play shows its flow, Match looks for a field of its own"
     ),
 }
-_ENDED = {
+_STOP_SENTENCES = {
     StopReason.CONVERGED: "no change of the field lowers the energy further",
     StopReason.GOAL_REACHED: "the residual is below the goal",
     StopReason.NO_PROGRESS: "further iterations no longer improved the match",
@@ -59,7 +59,7 @@ class Report:
             "" if is_given else self._advice(),
             self._numbers(),
             self._warnings(),
-            evidence.stop_reason not in _UNFINISHED,
+            evidence.stop_reason not in _UNFINISHED_REASONS,
         )
 
     @property
@@ -113,9 +113,9 @@ class Report:
 
     def _reason(self) -> str:
         reason, verdict = self.evidence.stop_reason, self.verdict
-        if reason in _UNFINISHED:
-            return _UNFINISHED[reason]
-        ended = _ENDED.get(reason, str(reason))
+        if reason in _UNFINISHED_REASONS:
+            return _UNFINISHED_REASONS[reason]
+        ended = _STOP_SENTENCES.get(reason, str(reason))
         why = verdict.why or ended.format(iterations=self.parameters.solver.iterations)
         if verdict.kind is Outcome.REGISTERED:
             parts = why, f"the initial residual was {share(self.initial_residual)}", self.choice

@@ -7,12 +7,12 @@ from typing import Any
 
 from abfm.matching import solvability
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.parameters import LARGEST_ALPHA, MANY, MOST_REFINED, SMALLEST, Parameters
+from abfm.parameters import COUNT_MAX, LARGEST_ALPHA, REFINE_MAX, VALUE_MIN, Parameters
 
-_USUAL = Parameters()
-_FURTHER = 3.0  # how much larger or smaller a parameter is advised
-_COLDER = 10.0  # the same of sigma where the source did not go to the target at all
-_LONGER = 4  # how many times as many iterations
+_DEFAULTS = Parameters()
+_FACTOR = 3.0  # how much larger or smaller a parameter is advised
+_SIGMA_FACTOR = 10.0  # the same of sigma where the source did not go to the target at all
+_MORE_ITERATIONS = 4  # how many times as many iterations
 # what a search for a far target needs besides a reach, as by default
 _COURSE = (
     "order",
@@ -42,7 +42,7 @@ class Remedy:
         Parameters.of(**self.parameters)
 
 
-GO_ON = Remedy("Continue", "go on from this field", {}, True)
+CONTINUE_REMEDY = Remedy("Continue", "go on from this field", {}, True)
 
 
 class Remedies:
@@ -53,7 +53,7 @@ class Remedies:
         self._refined, self._sigma = refined, parameters.last_sigma
         # larger than by default, so that a match is worth little
         relative = parameters.paper.sigma_unit == "relative"
-        self.is_warm = relative and parameters.last_sigma > _USUAL.last_sigma
+        self.is_warm = relative and parameters.last_sigma > _DEFAULTS.last_sigma
 
     @property
     def too_far(self) -> bool:
@@ -63,24 +63,25 @@ class Remedies:
     @property
     def looks_near(self) -> bool:
         """Whether they reach less far than by default; on the surface it may be farther."""
-        return self.too_far or self._parameters.solver.reach < _USUAL.solver.reach
+        return self.too_far or self._parameters.solver.reach < _DEFAULTS.solver.reach
 
     def more_time(self) -> Remedy:
         """More iterations; those of the defaults at least, as a match ends by itself."""
         count = min(
-            max(_LONGER * self._parameters.solver.iterations, _USUAL.solver.iterations), MANY
+            max(_MORE_ITERATIONS * self._parameters.solver.iterations, _DEFAULTS.solver.iterations),
+            COUNT_MAX,
         )
         return Remedy("More time", f"more iterations, such as {count}", {"iterations": count})
 
     def further(self) -> Remedy:
-        p, usual = self._parameters, _USUAL.to_dict()
-        needed = _rounded(max(solvability.distance(self._functions), _USUAL.solver.reach))
+        p, usual = self._parameters, _DEFAULTS.to_dict()
+        needed = _rounded(max(solvability.distance(self._functions), _DEFAULTS.solver.reach))
         wanted = {name: usual[name] for name in _COURSE} if not p.solver.reach else {}
-        if p.paper.sigma_unit == "relative" and p.last_sigma < _USUAL.last_sigma:
+        if p.paper.sigma_unit == "relative" and p.last_sigma < _DEFAULTS.last_sigma:
             wanted.pop("sigma", None)  # which would undo a closer match
         changed = self._changes(
             wanted
-            | {"reach": needed, "iterations": max(p.solver.iterations, _USUAL.solver.iterations)}
+            | {"reach": needed, "iterations": max(p.solver.iterations, _DEFAULTS.solver.iterations)}
         )
         course = " and the course of the defaults" if len(changed) > 2 else ""
         words = f"a larger reach, such as {needed:g} of sqrt(area){course}"
@@ -91,9 +92,9 @@ class Remedies:
         p = self._parameters
         if self.too_far:
             return self.further()
-        if p.solver.order == 1 or p.alpha < _USUAL.alpha:
-            alpha = max(p.alpha, _USUAL.alpha)
-            changed = self._changes({"order": _USUAL.solver.order, "alpha": alpha})
+        if p.solver.order == 1 or p.alpha < _DEFAULTS.alpha:
+            alpha = max(p.alpha, _DEFAULTS.alpha)
+            changed = self._changes({"order": _DEFAULTS.solver.order, "alpha": alpha})
             values = " and ".join(f"{name} {value:g}" for name, value in changed.items())
             return Remedy("Smoother", f"a smoother field, by {values}", changed)
         return self.colder() if self.is_warm else None
@@ -102,33 +103,33 @@ class Remedies:
         """Return a finer mesh, unless it is as fine as it may be, or the course has none."""
         finer, p = self._refined + 1, self._parameters
         is_fixed = not p.solver.reach or p.paper.stage_iterations
-        if finer > MOST_REFINED or is_fixed or p.paper.method == "linearised":
+        if finer > REFINE_MAX or is_fixed or p.paper.method == "linearised":
             return None
         return Remedy("Refine", "a finer mesh, from this field", {"refine": finer}, True)
 
     def smoother(self) -> Remedy:
         """A larger alpha, from no motion: near the present field there is no smoother one."""
-        alpha = min(_rounded(_FURTHER * self._parameters.alpha or _USUAL.alpha), LARGEST_ALPHA)
+        alpha = min(_rounded(_FACTOR * self._parameters.alpha or _DEFAULTS.alpha), LARGEST_ALPHA)
         return Remedy("Smoother", f"a larger alpha, such as {alpha:g}", {"alpha": alpha})
 
     def closer(self) -> Remedy:
-        sigma = max(_rounded(self._sigma / _FURTHER), SMALLEST)
+        sigma = max(_rounded(self._sigma / _FACTOR), VALUE_MIN)
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
 
     def closer_landmarks(self) -> Remedy | None:
         """Return a smaller landmark_sigma, unless landmarks alone are matched with the usual one,
         below which they come no closer.
         """
-        is_usual = self._parameters.landmark_sigma <= _USUAL.landmark_sigma
+        is_usual = self._parameters.landmark_sigma <= _DEFAULTS.landmark_sigma
         if is_usual and self._functions.is_constant:
             return None
-        sigma = max(_rounded(self._parameters.landmark_sigma / _FURTHER), SMALLEST)
+        sigma = max(_rounded(self._parameters.landmark_sigma / _FACTOR), VALUE_MIN)
         words = f"a smaller landmark_sigma, such as {sigma:g}"
         return Remedy("Landmarks closer", words, {"landmark_sigma": sigma}, True)
 
     def colder(self) -> Remedy:
-        least = _USUAL.last_sigma if self.is_warm else SMALLEST
-        sigma = max(_rounded(self._sigma / _COLDER), least)
+        least = _DEFAULTS.last_sigma if self.is_warm else VALUE_MIN
+        sigma = max(_rounded(self._sigma / _SIGMA_FACTOR), least)
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma})
 
     def _changes(self, wanted: dict[str, Any]) -> dict[str, Any]:

@@ -9,10 +9,10 @@ from abfm.maps.distortion import SHARE, Bound
 from abfm.matching import solvability
 from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
 from abfm.matching.judging.obstacles import Obstacle, differing, missing_values, obstacle
-from abfm.matching.judging.remedies import GO_ON, Remedies, Remedy
+from abfm.matching.judging.remedies import CONTINUE_REMEDY, Remedies, Remedy
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.matching.terms.landmarks import NEAR, residual_of_errors
+from abfm.matching.terms.landmarks import MATCHED_ERROR, residual_of_errors
 from abfm.outcome import RESIDUAL_NEARLY, VERDICTS, Outcome, outcome_of, worse_residual
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -24,7 +24,8 @@ SHARE_REGISTERED = 0.8
 """Largest share of the residual without motion, or of the initial map alone, that is left of
 functions that are registered."""
 _LOG2_AREA_MAX = 100.0  # of a change of areas that is written
-FOLDED = 0.1  # share of the faces beyond which a map is not to be trusted; an exact flow folds none
+# share of the faces beyond which a map is not to be trusted; an exact flow folds none
+FOLDED_SHARE_MAX = 0.1
 # an energy still falls if it has fallen by this share within so many iterations
 _FALL_SHARE = 0.01
 _FALL_ITERATIONS = 10
@@ -169,7 +170,7 @@ class _Case:
 
     @property
     def is_narrow(self) -> bool:
-        return solvability.narrowest(self.functions) < solvability.RESOLVED
+        return solvability.narrowest(self.functions) < solvability.RESOLUTION_MIN
 
     @cached_property
     def squeezed(self) -> bool:
@@ -203,13 +204,13 @@ class _Case:
             *(each for each in helps if each),
             far=far,
             count=len(errors),
-            limit=f"{100 * goal * NEAR / _USUAL_GOAL:.2g}%",
+            limit=f"{100 * goal * MATCHED_ERROR / _USUAL_GOAL:.2g}%",
         )
 
     def registered(self) -> Verdict | None:
         """Measured functions, which match as closely as the data support."""
         evidence = self.evidence
-        is_sound = self.known and self.gained and not evidence.folded > FOLDED
+        is_sound = self.known and self.gained and not evidence.folded > FOLDED_SHARE_MAX
         if self.outcome is Outcome.MATCHED or not is_sound or evidence.stop_reason.is_early:
             return None
         if not self.is_measured or evidence.held_out >= 1:
@@ -227,7 +228,7 @@ class _Case:
                 return self._of_what_stays()
             cause, truer = Cause.CHECKS_DISAGREE, self._truer()
             return self._verdict(Outcome.NOT_REACHED, cause, *truer, verified=verified)
-        if folded > FOLDED and not self.known:
+        if folded > FOLDED_SHARE_MAX and not self.known:
             return self._verdict(
                 Outcome.NOT_REACHED, Cause.FOLDED, *self._truer(), folded=share(folded)
             )
@@ -239,7 +240,7 @@ class _Case:
         if self.outcome is Outcome.MATCHED:
             if self.first > self.parameters.goal and not self.known and self.unmatched:
                 return self._of_what_stays(Outcome.NEARLY)
-            if self.evidence.folded > FOLDED:
+            if self.evidence.folded > FOLDED_SHARE_MAX:
                 folds = f"{share(self.evidence.folded)} of the faces are folded"
                 return self._verdict(
                     Outcome.MATCHED, advice=f"do not trust its point map, where {folds}"
@@ -296,8 +297,8 @@ class _Case:
         advice = advice or ("" if remedies else ADVICE.get(cause, ""))
         words = [remedy.words for remedy in remedies] + [advice] * bool(advice)
         if self.evidence.stop_reason.is_early:
-            remedies = (*remedies, GO_ON)
-            words.append(GO_ON.words)
+            remedies = (*remedies, CONTINUE_REMEDY)
+            words.append(CONTINUE_REMEDY.words)
         reason = f"{change}: {why}" if why else change
         return Verdict(outcome, reason, "; or ".join(words), remedies, cause)
 
@@ -339,7 +340,7 @@ class _Case:
             evidence.residual, self.parameters.goal
         )
         if confirmed and not remedies.too_far:
-            helps.append(GO_ON)
+            helps.append(CONTINUE_REMEDY)
         iterations = self.parameters.solver.iterations
         return self._verdict(outcome, Cause.STILL_FALLING, *helps, iterations=iterations)
 

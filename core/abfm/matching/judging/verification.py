@@ -11,9 +11,9 @@ from abfm.errors import AdvectionError, MeshError
 from abfm.flow.continuous_flow import ContinuousFlow, on_children
 from abfm.flow.flow import Flow
 from abfm.flow.flow_lines import fields_in_a_row
-from abfm.maps.distortion import MOST, folds
+from abfm.maps.distortion import CUT_FACES_MAX, folds
 from abfm.matching.problem import Problem, mask_on_children
-from abfm.matching.solvability import RESOLVED, narrowest
+from abfm.matching.solvability import RESOLUTION_MIN, narrowest
 from abfm.matching.solving.measures import walked_back
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh.subdivision import interpolated
@@ -67,7 +67,7 @@ class Verification:
     @property
     def resolved(self) -> bool:
         """Whether source and target are wide enough for advection on this mesh."""
-        return self.resolution >= RESOLVED
+        return self.resolution >= RESOLUTION_MIN
 
     def report(self) -> str:
         """Return the numbers in a line."""
@@ -109,7 +109,7 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     functions = problem.functions.on(mesh)
     flow, faces = ContinuousFlow(mesh, fields, p.tau), np.arange(len(mesh.faces))
     lines, places = walked_back(functions, flow, faces)
-    folded, overturned = folds(mesh, flow.origins, faces, places, MOST)
+    folded, overturned = folds(mesh, flow.origins, faces, places, CUT_FACES_MAX)
     on_fine = np.nan
     if subdivided and len(mesh.vertices) <= SUBDIVIDED_LIMIT:
         on_fine = _on_subdivided(functions, fields, p)

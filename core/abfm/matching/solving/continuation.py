@@ -23,7 +23,7 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import AbfmError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
-from abfm.matching.solvability import RESOLVED, narrowest, unmatched
+from abfm.matching.solvability import RESOLUTION_MIN, narrowest, unmatched
 from abfm.matching.solving.descent import (
     Progress,
     minimise,
@@ -38,7 +38,7 @@ from abfm.matching.solving.schedule import Schedule, Stage, Variant
 from abfm.matching.solving.settings import SETTINGS
 from abfm.matching.solving.start import given, is_lost, on_coarsest, on_finer
 from abfm.outcome import RESIDUAL_NEARLY
-from abfm.parameters import MOST_REFINED
+from abfm.parameters import REFINE_MAX
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step as progress_step
@@ -467,7 +467,7 @@ def _may_refine(state: State) -> bool:
         return False
     times = sum(isinstance(level.to_finer, Subdivision) for level in state.levels.all)
     result = state.path[_end(state)]
-    if result.worse <= state.goal or times >= (MOST_REFINED if p.refine is None else p.refine):
+    if result.worse <= state.goal or times >= (REFINE_MAX if p.refine is None else p.refine):
         return False
     if p.refine is not None:
         return True
@@ -482,7 +482,7 @@ def _may_refine(state: State) -> bool:
 def _is_resolved(levels: Levels, result: StepResult) -> bool:
     """Return whether a step has a residual that a finer mesh does not lower."""
     functions = levels[result.stage.level].energy.functions
-    if not result.worse > RESIDUAL_NEARLY or narrowest(functions) < RESOLVED:
+    if not result.worse > RESIDUAL_NEARLY or narrowest(functions) < RESOLUTION_MIN:
         return False
     return result.residual > RESIDUAL_NEARLY or unmatched(functions) is not None
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from abfm.matching.solvability import is_measured
 from abfm.matching.solving.settings import SETTINGS
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.parameters import LAST, LONGEST, WARMEST, Parameters
+from abfm.parameters import FIRST_SIGMA_MAX, LAST_SIGMA, REACH_MAX, Parameters
 from abfm.types import FloatArray
 
 _STEP_ROUNDING = 1e-9  # of a number of steps
@@ -127,7 +127,7 @@ class Schedule:
         not find the target.
         """
         lost = self.is_free and not self.is_found(residual) and not self._is_bare
-        return LONGEST if lost else self.first_reach
+        return REACH_MAX if lost else self.first_reach
 
     @property
     def first_reach(self) -> float:
@@ -184,11 +184,11 @@ class Schedule:
         p = self._p
         if p.paper.cooling_stages:
             return p.stage_sigmas()
-        last = self.unit * LAST if p.sigma is None else p.sigma
+        last = self.unit * LAST_SIGMA if p.sigma is None else p.sigma
         if self._is_bare:
             return [last * times for times in SETTINGS.landmark_sigma_factors]
         ratio = math.sqrt(p.paper.cooling_factor) if self.is_measured else p.paper.cooling_factor
-        warmest = self.unit * WARMEST
+        warmest = self.unit * FIRST_SIGMA_MAX
         count = max(0, math.floor(math.log(warmest / last, ratio) + _STEP_ROUNDING))
         if p.sigma is None:
             return [warmest / ratio**step for step in range(count + 1)]

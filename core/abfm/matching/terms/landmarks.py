@@ -21,7 +21,7 @@ from abfm.mesh.subdivision import to_children
 from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IntArray
 
-NEAR = 0.005
+MATCHED_ERROR = 0.005
 """Of sqrt(area): landmarks that are left no farther than this count as matched, with the usual goal
 of a mismatch."""
 _USUAL_GOAL = 0.05
@@ -199,13 +199,15 @@ def landmarks_of(
 
 
 def residual_of_errors(errors: FloatArray) -> float:
-    """Return the largest of errors (L,) in the scale of residuals: `NEAR` as the usual goal."""
-    return float(errors.max()) * (_USUAL_GOAL / NEAR)
+    """Return the largest of errors (L,) in the scale of residuals: `MATCHED_ERROR` as the usual
+    goal.
+    """
+    return float(errors.max()) * (_USUAL_GOAL / MATCHED_ERROR)
 
 
 def error_of(residual: float) -> float:
     """Return the error that has such a residual, of sqrt(area)."""
-    return residual * (NEAR / _USUAL_GOAL)
+    return residual * (MATCHED_ERROR / _USUAL_GOAL)
 
 
 def _on_mesh(mesh: TriangleMesh, points: Any) -> SurfacePoints:

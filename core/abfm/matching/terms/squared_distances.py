@@ -21,7 +21,7 @@ from abfm.types import FloatArray, IndexArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_CLOSER = 1 - 1e-12  # of a distance: a smaller gain is rounding
+_GAIN_ROUNDING = 1 - 1e-12  # of a distance: a smaller gain is rounding
 
 
 class SquaredDistances:
@@ -102,7 +102,7 @@ def spread(
                 if distances[other] < np.inf:
                     found = min(found, distances[other] + far)
                     found = min(found, through(reached, distances[other], near, far, between))
-                if found < distances[third] * _CLOSER:
+                if found < distances[third] * _GAIN_ROUNDING:
                     distances[third] = found
                     heapq.heappush(front, (found, third))
 

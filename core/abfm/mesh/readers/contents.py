@@ -13,8 +13,9 @@ _MOST_CORNERS = 1 << 18  # of one polygon
 # corners of polygons that are looked at together, as many as the processor's caches hold
 _AT_A_TIME = 1 << 15
 # squares of corners of polygons that are clipped, in all: some seconds
-_MOST_WORK, _WORK_OF_A_CORNER = 2e8, 30
-_FLAT = 1e-12  # twice the area over the longest side squared
+_MOST_WORK = 2e8
+_WORK_OF_A_CORNER = 30
+_FLATNESS = 1e-12  # twice the area over the longest side squared
 _SPLIT = "split polygons into triangles in the program that made them"
 
 
@@ -166,8 +167,8 @@ def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArra
     normals = np.add.reduceat(cross, starts)
     lengths = np.linalg.norm(normals, axis=1)
     longest = np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in sides])
-    away = np.einsum("fx,fx->f", cross, normals[owner]) <= _FLAT * longest * lengths[owner]
-    sized = lengths > _FLAT * np.maximum.reduceat(longest, starts)
+    away = np.einsum("fx,fx->f", cross, normals[owner]) <= _FLATNESS * longest * lengths[owner]
+    sized = lengths > _FLATNESS * np.maximum.reduceat(longest, starts)
     return (np.bincount(owner, away, len(sizes)) > 0) & sized & (sizes > 3), normals
 
 

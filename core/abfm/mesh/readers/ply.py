@@ -39,7 +39,7 @@ _NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
 _BITS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
 # of the header's types in Python's struct
 _CODES = dict(zip(_NAMES + _BITS, 2 * "bBhHiIfd", strict=True)) | {"int64": "q", "uint64": "Q"}
-_LARGEST = 2.0**53  # above, doubles do not tell one whole number from the next
+_WHOLE_NUMBER_MAX = 2.0**53  # above, doubles do not tell one whole number from the next
 
 
 class _Property(NamedTuple):
@@ -302,7 +302,7 @@ class _Body:
     def _column(self, p: _Property, content: bytearray, counts: Sequence[int]) -> _Column:
         values = np.frombuffer(content, self._kind(p.code))
         if not self._order and p.code not in "fd":
-            wrong = ~((np.abs(values) <= _LARGEST) & (values == np.floor(values)))
+            wrong = ~((np.abs(values) <= _WHOLE_NUMBER_MAX) & (values == np.floor(values)))
             if wrong.any():
                 raise _not_whole(values[wrong][0])
             values = values.astype(np.int64)

@@ -20,10 +20,10 @@ from abfm.types import BoolArray, IntArray
 
 # shortest over longest side of a face without area, up to which its ends are joined
 _ASPECT_RATIO_MAX = 1e-6
-_FLAT_MAX = 100_000  # faces without area: more stay
+_FLAT_FACES_MAX = 100_000  # faces without area: more stay
 _ROUNDS_MAX = 5
 _SPLITS_EACH = 20  # faces that are split for each face without area, at most
-_NOTHING_LEFT = "no face remains: give a file of a surface"
+_NO_FACE_MESSAGE = "no face remains: give a file of a surface"
 
 
 def clean(draft: Draft) -> None:
@@ -41,7 +41,7 @@ def clean(draft: Draft) -> None:
 
 def _drop(draft: Draft, bad: BoolArray, what: str, example: str = "") -> None:
     if bad.all():
-        raise MeshError(_NOTHING_LEFT)
+        raise MeshError(_NO_FACE_MESSAGE)
     if bad.any():
         example, count = example or str(draft.face_ids[np.argmax(bad)]), len(draft.vertices)
         draft.keep(~bad)
@@ -100,7 +100,7 @@ def _remove_flat(draft: Draft) -> None:
     """
     is_flat = flat_faces(draft.vertices, draft.faces)
     count = int(is_flat.sum())
-    if not 0 < count <= _FLAT_MAX:
+    if not 0 < count <= _FLAT_FACES_MAX:
         return
     is_near = _faces_around(draft.faces, _faces_around(draft.faces, is_flat))
     patch = _Patch(draft, np.flatnonzero(is_near))
@@ -109,7 +109,7 @@ def _remove_flat(draft: Draft) -> None:
     while patch.queue and splits <= _SPLITS_EACH * count:
         splits += patch.remove_flat(*heapq.heappop(patch.queue)[1:])
     if is_near.all() and not patch.faces:
-        raise MeshError(_NOTHING_LEFT)
+        raise MeshError(_NO_FACE_MESSAGE)
     example = draft.face_ids[np.argmax(is_flat)]
     ids = np.concatenate([draft.face_ids[~is_near], [patch.ids[face] for face in patch.faces]])
     order = np.argsort(ids, kind="stable").astype(np.int64)

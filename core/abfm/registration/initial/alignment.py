@@ -33,17 +33,19 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-Kind = Literal["similarity", "rigid", "mirror"]
+MotionKind = Literal["similarity", "rigid", "mirror"]
 Motion: TypeAlias = tuple[FloatArray, float, FloatArray]  # rotation, scale, shift
-KINDS: tuple[Kind, ...] = get_args(Kind)
+KINDS: tuple[MotionKind, ...] = get_args(MotionKind)
 
-_FEW, _MANY = 150, 2100  # points of each surface that starts are compared by, and refined by
+# points of each surface that starts are compared by, and refined by
+_COMPARING_POINTS = 150
+_REFINING_POINTS = 2100
 _MOST_TURNS = 60  # of closest points and best motions
-_SCREENED = (0, 16), (8, 3)  # turns for each start, and how many of the best go on
-_NEAREST = 0.8  # share of the pairs, those closest to each other, that a motion is fitted to
-_SETTLED = 1e-5  # of the RMS distance: turns that gain less end
-_HARDLY = 1.1  # times the least RMS distance
-_SAME = 1e-9  # RMS distance, in sqrt(area), below which nothing better is looked for
+_SCREENING_ROUNDS = (0, 16), (8, 3)  # turns for each start, and how many of the best go on
+_FITTED_SHARE = 0.8  # share of the pairs, those closest to each other, that a motion is fitted to
+_GAIN_SHARE_MIN = 1e-5  # of the RMS distance: turns that gain less end
+_DISTANCE_RATIO_MAX = 1.1  # times the least RMS distance
+_DISTANCE_MIN = 1e-9  # RMS distance, in sqrt(area), below which nothing better is looked for
 _ON_A_LINE = 1e-6  # width of landmarks, in sqrt(area), that leaves a rotation open
 
 
@@ -74,7 +76,10 @@ class _Closest:
 
 
 def closest_after_alignment(
-    a: TriangleMesh, b: TriangleMesh, kind: Kind = "similarity", landmarks: Landmarks | None = None
+    a: TriangleMesh,
+    b: TriangleMesh,
+    kind: MotionKind = "similarity",
+    landmarks: Landmarks | None = None,
 ) -> tuple[PointMap, Alignment]:
     """Align B with A (see `align`); return the map to the closest points then, and the alignment.
 
@@ -89,7 +94,10 @@ def closest_after_alignment(
 
 
 def align(
-    a: TriangleMesh, b: TriangleMesh, kind: Kind = "similarity", landmarks: Landmarks | None = None
+    a: TriangleMesh,
+    b: TriangleMesh,
+    kind: MotionKind = "similarity",
+    landmarks: Landmarks | None = None,
 ) -> Alignment:
     """Find the motion that lays B nearest to A: ``rigid``, a ``similarity``, which may scale, or a
     ``mirror``, a similarity that turns B inside out.
@@ -119,15 +127,15 @@ def align(
             starts = [best_motion(*many.marks, kind)]
         else:
             starts = _starts(a, b, kind, sizes)
-        motions, few = starts, many.thinned(_MANY // _FEW)
-        for turns, kept in _SCREENED:
+        motions, few = starts, many.thinned(_REFINING_POINTS // _COMPARING_POINTS)
+        for turns, kept in _SCREENING_ROUNDS:
             motions = _best(few, motions, turns, kept)
         motion, least = min(
             (_refined(many, start, _MOST_TURNS) for start in motions), key=lambda found: found[1]
         )
         # as the surfaces stand, or landmarks lay them, if nothing is clearly better
         first, score = _refined(many, starts[0], _MOST_TURNS)
-        if kind != "mirror" and score <= _HARDLY * least:
+        if kind != "mirror" and score <= _DISTANCE_RATIO_MAX * least:
             motion = first
         rotation, scale, shift = motion
         rms = many.rms(many.distances(motion))
@@ -140,7 +148,7 @@ Pairs: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 class _Surfaces(NamedTuple):
     """Points of both, spread by area, in units in which they are about as large."""
 
-    kind: Kind
+    kind: MotionKind
     on_a: ClosestPoints
     on_b: ClosestPoints
     a: FloatArray  # (P, 3)
@@ -152,7 +160,7 @@ class _Surfaces(NamedTuple):
         cls,
         a: TriangleMesh,
         b: TriangleMesh,
-        kind: Kind,
+        kind: MotionKind,
         sizes: tuple[float, float],
         landmarks: Landmarks | None,
     ) -> _Surfaces:
@@ -168,8 +176,8 @@ class _Surfaces(NamedTuple):
             kind,
             ClosestPoints(unit_a),
             ClosestPoints(unit_b),
-            points_by_area(unit_a, _MANY).positions,
-            points_by_area(unit_b, _MANY).positions,
+            points_by_area(unit_a, _REFINING_POINTS).positions,
+            points_by_area(unit_b, _REFINING_POINTS).positions,
             marks,
         )
 
@@ -203,7 +211,7 @@ class _Surfaces(NamedTuple):
     def next_motion(self, pairs: Pairs) -> Motion:
         """Return the motion that brings the nearest pairs, and the landmarks, together."""
         b, a, *distances = pairs
-        near = [gaps <= np.quantile(gaps, _NEAREST) for gaps in distances]
+        near = [gaps <= np.quantile(gaps, _FITTED_SHARE) for gaps in distances]
         chosen = np.concatenate(near)
         of_b, of_a, weights = self.marks
         return best_motion(
@@ -220,7 +228,7 @@ def _best(surfaces: _Surfaces, motions: list[Motion], turns: int, kept: int) -> 
     for motion in motions:
         checkpoint()
         found.append(_refined(surfaces, motion, turns))
-        if found[-1][1] < _SAME:
+        if found[-1][1] < _DISTANCE_MIN:
             return [found[-1][0]]
     return [motion for motion, _ in sorted(found, key=lambda each: each[1])[:kept]]
 
@@ -237,12 +245,12 @@ def _refined(surfaces: _Surfaces, motion: Motion, turns: int) -> tuple[Motion, f
         gained = least - score
         if gained > 0:
             found, least = motion, score
-        if gained <= _SETTLED * least:
+        if gained <= _GAIN_SHARE_MIN * least:
             break
     return found, least
 
 
-def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: Kind) -> Motion:
+def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionKind) -> Motion:
     """Return the motion of a kind that takes points b (P, 3) nearest to a (P, 3), in weighted least
     squares [Umeyama 1991].
     """
@@ -261,7 +269,7 @@ def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: Kind) -
 
 
 def _starts(
-    a: TriangleMesh, b: TriangleMesh, kind: Kind, sizes: tuple[float, float]
+    a: TriangleMesh, b: TriangleMesh, kind: MotionKind, sizes: tuple[float, float]
 ) -> list[Motion]:
     """Return motions that lay the centroids on each other: as the surfaces stand, which is first
     where several fit as well, and the principal axes, turned.

@@ -23,8 +23,8 @@ from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
 _ENERGIES = 20  # logarithms of eigenvalues, evenly spaced, that a descriptor is made for
-_SHARPEST = 30.0  # mean curvature, over sqrt(area): more is a crease or noise
-_COMMUTING = 0.1  # weight of the commutator with the Laplacian beside all descriptors
+_CURVATURE_MAX = 30.0  # mean curvature, over sqrt(area): more is a crease or noise
+_COMMUTATOR_WEIGHT = 0.1  # weight of the commutator with the Laplacian beside all descriptors
 
 
 class Hints(NamedTuple):
@@ -55,7 +55,7 @@ def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -
     scale = np.sqrt(counts[used]) / size[used]
     of_a, of_b = of_a[:, used] * scale, of_b[:, used] * scale
     gaps = (values[0] - values[1][:, None]) ** 2 / values[0].max() ** 2
-    weight = _COMMUTING * counts[used].sum()
+    weight = _COMMUTATOR_WEIGHT * counts[used].sum()
     gram = of_a @ of_a.T
     # constants go to constants
     rows = [
@@ -74,7 +74,7 @@ def bending(mesh: TriangleMesh, k: int) -> FloatArray:
     if mesh.is_boundary_vertex.all():
         return np.zeros(k)
     curvature = Curvature(kind="mean").evaluate(mesh.normalized())
-    return spectral_coefficients(mesh, np.clip(curvature, -_SHARPEST, _SHARPEST), k)
+    return spectral_coefficients(mesh, np.clip(curvature, -_CURVATURE_MAX, _CURVATURE_MAX), k)
 
 
 def _signatures(mesh: TriangleMesh, k: int) -> FloatArray:

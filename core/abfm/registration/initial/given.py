@@ -10,7 +10,7 @@ from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.types import FloatArray
 
 
-class Given(NamedTuple):
+class MapInput(NamedTuple):
     """Two surfaces, functions on both, (C, V_A) and (C, V_B), and how much what of them counts."""
 
     a: TriangleMesh

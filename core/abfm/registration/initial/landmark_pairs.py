@@ -25,9 +25,9 @@ from abfm.types import FloatArray
 
 _WORDS = ("name", "weight", "curve")  # columns beside the places, by their names
 _SURFACES = {"a": "a", "source": "a", "b": "b", "target": "b"}  # words in names of columns
-_LARGEST = 1e15  # number of a vertex; larger ones are none and fill lines
-_FAR = 0.1  # of sqrt(area): a place that is farther from its surface is none of its points
-_BETWEEN = 32  # places between two points of a curve that are brought onto the surface
+_VERTEX_NUMBER_MAX = 1e15  # number of a vertex; larger ones are none and fill lines
+_DISTANCE_MAX = 0.1  # of sqrt(area): a place that is farther from its surface is none of its points
+_CURVE_PLACES = 32  # places between two points of a curve that are brought onto the surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class Landmarks:
         write_csv(path, [[*axes, "weight", "name"], *rows])
 
 
-class _Row(NamedTuple):
+class _LandmarkRow(NamedTuple):
     number: int  # counted from 1, among the rows of the file that are not empty
     a: tuple[float, ...]  # none where the cells are empty
     b: tuple[float, ...]
@@ -167,11 +167,12 @@ class _Side(NamedTuple):
         found = np.array([self._place(*row) for row in self.given]).reshape(-1, 3)
         near = project_onto_surface(self.mesh, found)
         gaps = near.distances_from(found) / self.mesh.length_scale
-        if len(gaps) and gaps.max() > _FAR:
+        if len(gaps) and gaps.max() > _DISTANCE_MAX:
             row = self.given[int(gaps.argmax())][0]
             raise AbfmError(
                 f"the point of {self.which} in row {row} is {gaps.max():.3g} sqrt(area) away from "
-                f"the surface; expected at most {_FAR:g}: are coordinates in the mesh's units?"
+                f"the surface; expected at most {_DISTANCE_MAX:g}: are coordinates in the mesh's "
+                "units?"
             )
         return near.positions
 
@@ -183,7 +184,7 @@ class _Side(NamedTuple):
                 f"curve {brief(curve)} has {len(through)} points on {self.which}; expected 2 or "
                 "more"
             )
-        share = np.linspace(0, 1, _BETWEEN, endpoint=False)[:, None]
+        share = np.linspace(0, 1, _CURVE_PLACES, endpoint=False)[:, None]
         straight = through[:-1, None] + share * np.diff(through, axis=0)[:, None]
         line = np.concatenate([straight.reshape(-1, 3), through[-1:]])
         line = project_onto_surface(self.mesh, line).positions
@@ -199,7 +200,7 @@ class _Side(NamedTuple):
         if len(cells) == 3:
             return np.array(cells)
         number = cells[0]
-        if number != int(number) or abs(number) > _LARGEST:
+        if number != int(number) or abs(number) > _VERTEX_NUMBER_MAX:
             raise AbfmError(
                 f"row {row} has {number:g} for the vertex of {self.which}; expected a whole number"
             )
@@ -213,7 +214,7 @@ class _Side(NamedTuple):
         return np.asarray(self.mesh.vertices[vertex])
 
 
-def _rows(path: str) -> list[_Row]:
+def _rows(path: str) -> list[_LandmarkRow]:
     """Read what the lines of the file say."""
     with reported(path, "landmarks"):
         opened = open_file(path)
@@ -239,7 +240,7 @@ class _Columns(NamedTuple):
     width: int  # how many there are
     parse: Callable[[str], float]
 
-    def read(self, number: int, cells: list[str]) -> _Row:
+    def read(self, number: int, cells: list[str]) -> _LandmarkRow:
         if len(cells) != self.width:
             raise AbfmError(f"row {number} has {len(cells)} cells; expected {self.width}")
         texts = {word: cells[k].strip() for word, k in self.others.items()}
@@ -256,7 +257,7 @@ class _Columns(NamedTuple):
         if not any(sides):
             raise AbfmError(f"row {number} has no point; expected one of A, of B, or both")
         weight = texts.get("weight", "")
-        return _Row(
+        return _LandmarkRow(
             number,
             sides[0],
             sides[1],
@@ -314,7 +315,7 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
     return _Columns(named, places, others, count, parse)
 
 
-def _refuse_doubles(rows: list[_Row]) -> None:
+def _refuse_doubles(rows: list[_LandmarkRow]) -> None:
     """Refuse a place that belongs to two."""
     for which, places in (("A", [row.a for row in rows]), ("B", [row.b for row in rows])):
         seen: dict[tuple[float, ...], int] = {}

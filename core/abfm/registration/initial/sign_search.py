@@ -25,8 +25,8 @@ from abfm.workers.control import checkpoint
 
 SIZE = 24  # of the functional maps that are compared
 _SIGNS = (4, 5, 6, 7)  # eigenfunctions, after the constant, whose signs are tried
-_COMBINED = 7  # of the best that are followed by each other
-_ALIKE = 0.4  # distance of functional maps, over sqrt(size), that go to the same places
+_COMBINED_MAPS = 7  # of the best that are followed by each other
+_MAP_DISTANCE_MIN = 0.4  # distance of functional maps, over sqrt(size), that go to the same places
 
 
 def candidates(spectra: Spectra, others: Iterable[FloatArray], most: int) -> list[FloatArray]:
@@ -40,7 +40,9 @@ def candidates(spectra: Spectra, others: Iterable[FloatArray], most: int) -> lis
             found += [np.diag([1.0, *signs]) for signs in product([1.0, -1.0], repeat=count)]
     best = _different(spectra, (_refined(spectra, C, size) for C in found))
     # i and k may be exchanged where symmetries commute
-    triples = [(i, j, k) for i, j, k in permutations(range(min(_COMBINED, len(best))), 3) if i < k]
+    triples = [
+        (i, j, k) for i, j, k in permutations(range(min(_COMBINED_MAPS, len(best))), 3) if i < k
+    ]
     combined = [best[i] @ best[j].T @ best[k] for i, j, k in triples]
     more = (_refined(spectra, C, size) for C in combined)
     return _different(spectra, [*best, *more])[:most]
@@ -58,6 +60,6 @@ def _different(spectra: Spectra, maps: Iterable[FloatArray]) -> list[FloatArray]
     """Return functional maps by ascending defect, without those that are like an earlier one."""
     kept: list[FloatArray] = []
     for C in sorted(maps, key=spectra.defect):
-        if all(np.linalg.norm(C - D) > _ALIKE * np.sqrt(len(C)) for D in kept):
+        if all(np.linalg.norm(C - D) > _MAP_DISTANCE_MIN * np.sqrt(len(C)) for D in kept):
             kept.append(C)
     return kept

@@ -17,7 +17,7 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray
 
 BRACKETS = 10  # eigenfunctions whose brackets tell the side
-_MEASURED = 40  # eigenfunctions that these are measured by
+_MEASURED_EIGENFUNCTIONS = 40  # eigenfunctions that these are measured by
 
 
 class Spectra(NamedTuple):
@@ -79,7 +79,7 @@ class Spectra(NamedTuple):
 def _brackets(mesh: TriangleMesh, k: int) -> FloatArray:
     """Return the coefficients (n, n, m) of the brackets of the first n of k eigenfunctions."""
     unit = mesh.normalized()
-    functions = unit_eigenbasis(mesh, k)[1][:, :_MEASURED]
+    functions = unit_eigenbasis(mesh, k)[1][:, :_MEASURED_EIGENFUNCTIONS]
     count = min(BRACKETS, k)
     slopes = (gradient(unit) @ functions[:, :count]).reshape(-1, 2, count)
     products = np.einsum("fi,fj->fij", slopes[:, 0], slopes[:, 1])

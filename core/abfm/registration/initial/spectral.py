@@ -33,15 +33,22 @@ from abfm.registration.initial.spectra import Spectra
 from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import step
 
-FINEST = 5000  # vertices of the meshes that a map is looked for on: coarser ones of larger meshes
-LEAST = 60  # vertices without which there are too few eigenfunctions
-_K, _K_COMPARED, _K_DESCRIBED = 120, 40, 20  # eigenfunctions: in the end, to choose by, at first
-_SAMPLES, _FEW_SAMPLES = 1200, 300  # points of each surface to refine by, and to search by
-_REFINED = 24  # candidates that are refined and compared
+# vertices of the meshes that a map is looked for on: coarser ones of larger meshes
+VERTICES_MAX = 5000
+VERTICES_MIN = 60  # vertices without which there are too few eigenfunctions
+# eigenfunctions: in the end, to choose by, at first
+_K = 120
+_K_COMPARED = 40
+_K_DESCRIBED = 20
+# points of each surface to refine by, and to search by
+_SAMPLES = 1200
+_FEW_SAMPLES = 300
+_REFINED_CANDIDATES = 24  # candidates that are refined and compared
 _TURNS = 2  # of all vertices in the end
 # Weights beside the defect of a map as an isometry: with these all of 22 pairs of bodies in
 # different poses, 21 of different people, are mapped to the right one of nearly symmetric maps
-_PER_SIDE, _PER_BENDING = 0.2, 0.5
+_PER_SIDE = 0.2
+_PER_BENDING = 0.5
 _PER_LANDMARK = 5.0  # of the defect, for a distance of sqrt(area) between landmarks
 
 
@@ -91,7 +98,7 @@ class SpectralSearch:
             places = points_by_area(coarse_a, _SAMPLES).positions[::2] / a.length_scale
             few = spectra.thinned(_SAMPLES // _FEW_SAMPLES)
             starts = [map_of_descriptors(coarse_a, coarse_b, hints, min(_K_DESCRIBED, k))]
-            found = candidates(few, starts, _REFINED)
+            found = candidates(few, starts, _REFINED_CANDIDATES)
             done(0.7)
             bent = bending(coarse_a, size), bending(coarse_b, size)
             compared = self._compared = _Compared(spectra.thinned(2), hints, places, bent)
@@ -167,14 +174,15 @@ def _missed(C: FloatArray, of_a: FloatArray, of_b: FloatArray) -> float:
 
 def _coarser(mesh: TriangleMesh, which: str) -> TriangleMesh:
     """Return a mesh of the surface that is not too fine, or refuse one that is too coarse."""
-    if len(mesh.vertices) < LEAST:
+    if len(mesh.vertices) < VERTICES_MIN:
         raise AbfmError(
-            f"{which} has {len(mesh.vertices)} vertices; expected at least {LEAST} for a map by "
+            f"{which} has {len(mesh.vertices)} vertices; expected at least {VERTICES_MIN} for a "
+            "map by "
             "eigenfunctions: give a finer mesh, or landmarks"
         )
-    if len(mesh.vertices) <= 1.5 * FINEST:
+    if len(mesh.vertices) <= 1.5 * VERTICES_MAX:
         return mesh
-    return coarsened(mesh, FINEST) or mesh
+    return coarsened(mesh, VERTICES_MAX) or mesh
 
 
 def _hints(

@@ -24,15 +24,15 @@ from abfm.workers.progress import step
 
 _ROTATIONS = 20_000  # about 9 degrees apart
 _CELLS = (400, 1600, 6400)  # of the sphere, 10, 5 and 2.5 degrees wide, or as many as vertices
-_KEPT = 12  # rotations that are refined
-_AT_ONCE = 500  # rotations in memory
-_ALIKE = np.radians(12)  # rotations closer than this lead to one
+_REFINED_ROTATIONS = 12  # rotations that are refined
+_ROTATIONS_AT_ONCE = 500  # rotations in memory
+_ROTATION_ANGLE_MIN = np.radians(12)  # rotations closer than this lead to one
 _START = np.radians((6, 3, 1.5))  # of the simplex, by cells
 _LINES = 180  # of latitude in tables
-_OPPOSITE = 0.9  # what a correlation counts whose sign is the other one
-_AS_GOOD = 0.99  # of the best, from which on a sphere stays as it stands
+_SIGN_WEIGHT = 0.9  # what a correlation counts whose sign is the other one
+_EQUAL_CORRELATION_SHARE = 0.99  # of the best, from which on a sphere stays as it stands
 _CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
-_APART = 1e-6  # of landmarks' directions: less leaves a rotation open
+_SPREAD_MIN = 1e-6  # of landmarks' directions: less leaves a rotation open
 
 
 class Turned(NamedTuple):
@@ -96,9 +96,9 @@ def rotation_by_functions(
         start = _Level(a, b, weights, min(_CELLS[0], vertices))
         rotations = _spread_rotations(_ROTATIONS)
         scores = []
-        for begin in range(0, len(rotations), _AT_ONCE):
+        for begin in range(0, len(rotations), _ROTATIONS_AT_ONCE):
             checkpoint()
-            scores.append(start.correlations(rotations[begin : begin + _AT_ONCE]))
+            scores.append(start.correlations(rotations[begin : begin + _ROTATIONS_AT_ONCE]))
         best = _distinct(rotations, np.concatenate(scores))
         report(1 / (len(_CELLS) + 1))
         level = start
@@ -107,7 +107,7 @@ def rotation_by_functions(
             best = [level.refined(each, _START[number]) for each in best]
             found = np.array([level.correlations(each)[0] for each in best])
             kept = _distinct(Rotation.concatenate(best), found)
-            best = kept[: max(2, _KEPT // 4 ** (number + 1))]
+            best = kept[: max(2, _REFINED_ROTATIONS // 4 ** (number + 1))]
             report((number + 2) / (len(_CELLS) + 1))
         best = _standing_first(level, best)
     last = [float(level.correlations(each)[0]) for each in best]
@@ -118,11 +118,11 @@ def rotation_by_functions(
 def _standing_first(level: _Level, best: list[Rotation]) -> list[Rotation]:
     """Return rotations, the best one first, with none before them if it is another and as good."""
     here = Rotation.identity()
-    if best[0].magnitude() < _ALIKE:
+    if best[0].magnitude() < _ROTATION_ANGLE_MIN:
         return best
-    if level.correlations(here)[0] < _AS_GOOD * level.correlations(best[0])[0]:
+    if level.correlations(here)[0] < _EQUAL_CORRELATION_SHARE * level.correlations(best[0])[0]:
         return best
-    return [here, *(each for each in best if each.magnitude() > _ALIKE)]
+    return [here, *(each for each in best if each.magnitude() > _ROTATION_ANGLE_MIN)]
 
 
 def _scaled(given: OnSphere) -> OnSphere:
@@ -145,7 +145,7 @@ def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Landmarks) ->
     """
     here, there = a.directions_of(pairs.a), b.directions_of(pairs.b)
     for directions in (here, there):
-        if np.linalg.svd(directions, compute_uv=False)[1] < _APART * np.sqrt(len(pairs)):
+        if np.linalg.svd(directions, compute_uv=False)[1] < _SPREAD_MIN * np.sqrt(len(pairs)):
             return None
     rotation, _ = Rotation.align_vectors(there, here, pairs.weights)
     return Turned(rotation, np.nan, 0.0)
@@ -181,7 +181,7 @@ class _Level:
         )
         self._counted = counted
 
-    def correlations(self, rotations: Rotation, opposite: float = _OPPOSITE) -> FloatArray:
+    def correlations(self, rotations: Rotation, opposite: float = _SIGN_WEIGHT) -> FloatArray:
         """Return the mean over channels of correlations, (K,), of rotations (K) of A; negative ones
         count so much less.
         """
@@ -265,10 +265,10 @@ def _spread_rotations(count: int) -> Rotation:
 def _distinct(rotations: Rotation, scores: FloatArray) -> list[Rotation]:
     """Return rotations by descending score, without those that are like a better one."""
     kept: list[Rotation] = []
-    for number in np.argsort(-scores, kind="stable")[: 60 * _KEPT]:
+    for number in np.argsort(-scores, kind="stable")[: 60 * _REFINED_ROTATIONS]:
         one = rotations[int(number)]
-        if all((one * other.inv()).magnitude() > _ALIKE for other in kept):
+        if all((one * other.inv()).magnitude() > _ROTATION_ANGLE_MIN for other in kept):
             kept.append(one)
-        if len(kept) == _KEPT:
+        if len(kept) == _REFINED_ROTATIONS:
             break
     return kept

@@ -7,13 +7,13 @@ from dataclasses import replace
 from abfm.maps.continuous_map import continuous_map
 from abfm.maps.point_maps import PointMap
 from abfm.registration.correspondence import Correspondence
-from abfm.registration.initial.given import Given, Initial
+from abfm.registration.initial.given import Initial, MapInput
 
 _SIDE_MIN = 0.5  # share of the area on one side, less that on the other one
 
 
 def made_continuous(
-    given: Given, points: PointMap, notes: tuple[str, ...] = (), warnings: tuple[str, ...] = ()
+    given: MapInput, points: PointMap, notes: tuple[str, ...] = (), warnings: tuple[str, ...] = ()
 ) -> Initial:
     """Return a map that may be torn, made continuous if neither surface has handles."""
     # between vertices as files keep it

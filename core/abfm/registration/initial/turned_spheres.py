@@ -12,7 +12,7 @@ from abfm.maps.spherical import SphereLayout, sphere_directions
 from abfm.mesh import per_mesh
 from abfm.registration.correspondence import Candidate, Correspondence
 from abfm.registration.initial.descriptors import dissimilarity
-from abfm.registration.initial.given import Given, Initial
+from abfm.registration.initial.given import Initial, MapInput
 from abfm.registration.initial.spheres import (
     OnSphere,
     Turned,
@@ -34,7 +34,7 @@ _CORRELATION_MIN = 0.3  # of functions on spheres that correspond
 sphere_of = per_mesh(sphere_embedding)  # kept, as functions may change
 
 
-def best_of_spheres(given: Given, sides: Sequence[int]) -> Initial:
+def best_of_spheres(given: MapInput, sides: Sequence[int]) -> Initial:
     """Return the best map of two spheres: by vertex numbers if they have the same faces, or by a
     rotation, of either side (1, or -1 for the mirror image). Rotations are not searched if none
     could be better than vertex numbers.
@@ -66,7 +66,7 @@ def best_of_spheres(given: Given, sides: Sequence[int]) -> Initial:
     return best._replace(correspondence=best.correspondence.chosen_of(candidates))
 
 
-def _cost(given: Given, found: Correspondence) -> float:
+def _cost(given: MapInput, found: Correspondence) -> float:
     """Return 1 less the mean correlation of the functions, of any sign, and the mean distance of
     landmarks from their places, in sqrt(area), times a weight.
     """
@@ -88,7 +88,7 @@ def _cost(given: Given, found: Correspondence) -> float:
     return cost + 1 - float(np.average(np.abs(alike), weights=given.weights))
 
 
-def turned(given: Given, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bool) -> Initial:
+def turned(given: MapInput, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bool) -> Initial:
     """Return the map through spheres, A's (V_A, 3), maybe seen in a mirror, turned as it fits."""
     sphere_a = sphere_a * [-1, 1, 1] if mirror else sphere_a
     layouts = SphereLayout(given.a, sphere_a), SphereLayout(given.b, sphere_b)
@@ -111,7 +111,7 @@ def turned(given: Given, sphere_a: FloatArray, sphere_b: FloatArray, mirror: boo
     return Initial(found, tuple(notes), tuple(warnings))
 
 
-def _rotation(given: Given, a: SphereLayout, b: SphereLayout) -> Turned | None:
+def _rotation(given: MapInput, a: SphereLayout, b: SphereLayout) -> Turned | None:
     if given.f is not None and given.g is not None:
         weights = np.ones(len(given.f)) if given.weights is None else given.weights
         on_a, on_b = OnSphere(a, given.f, given.mask_a), OnSphere(b, given.g, given.mask_b)

@@ -11,7 +11,7 @@ from abfm.reading import Format, open_file
 from abfm.registration.initial.landmark_pairs import Landmarks, read_landmarks
 from abfm.types import FloatArray, IntArray
 
-_ROUNDED = 1e-3  # what weights of a file may miss 1 by, or be below 0
+_WEIGHT_ROUNDING = 1e-3  # what weights of a file may miss 1 by, or be below 0
 
 
 def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Landmarks:
@@ -98,7 +98,7 @@ def _faces(a: TriangleMesh, b: TriangleMesh, path: str, numbers: FloatArray) -> 
 
 def _weights(a: TriangleMesh, b: TriangleMesh, given: FloatArray) -> FloatArray:
     off = np.maximum(np.abs(given.sum(axis=1) - 1), -given.min(axis=1))
-    wrong = np.flatnonzero(~(off <= _ROUNDED))
+    wrong = np.flatnonzero(~(off <= _WEIGHT_ROUNDING))
     if len(wrong):
         raise AbfmError(
             f"{len(wrong)} of {len(given)} rows of weights are negative or do not sum to 1 (vertex "

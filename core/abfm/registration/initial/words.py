@@ -18,7 +18,7 @@ from abfm.mesh.files import READERS, read_contents
 from abfm.registration.correspondence import Candidate, Correspondence
 from abfm.registration.initial.alignment import KINDS, closest_after_alignment
 from abfm.registration.initial.connectivity import same_connectivity
-from abfm.registration.initial.given import Given, Initial
+from abfm.registration.initial.given import Initial, MapInput
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.searching.search import searched
 from abfm.registration.initial.torn import made_continuous
@@ -40,14 +40,14 @@ class Word(NamedTuple):
 
     form: str
     about: str
-    find: Callable[[Given, list[str]], Initial]
+    find: Callable[[MapInput, list[str]], Initial]
 
     @property
     def name(self) -> str:
         return self.form.replace("[", ":").partition(":")[0]
 
 
-def initial_map(initial: object, given: Given) -> Initial:
+def initial_map(initial: object, given: MapInput) -> Initial:
     """Return the initial map of a word, see `WORDS`, or the given one; None is "auto",
     the best of all candidates that apply. Torn maps are made continuous if neither surface has
     handles (`abfm.maps.continuous_map`); a given map stays as it is.
@@ -96,7 +96,7 @@ def word_of(initial: str) -> Word:
     )
 
 
-def _best(given: Given, words: list[str]) -> Initial:
+def _best(given: MapInput, words: list[str]) -> Initial:
     mirrored = _is_mirrored("auto", words)
     if is_sphere(given.a) and is_sphere(given.b):
         return best_of_spheres(given, (-1,) if mirrored else (1, -1))
@@ -108,7 +108,7 @@ def _best(given: Given, words: list[str]) -> Initial:
     return searched(given, sides=(-1,) if mirrored else (1, -1))
 
 
-def _by_numbers(given: Given, words: list[str]) -> Initial:
+def _by_numbers(given: MapInput, words: list[str]) -> Initial:
     if words:
         raise AbfmError(f"connectivity:{','.join(words)}: nothing can follow connectivity")
     if np.array_equal(given.a.faces, given.b.faces):
@@ -133,7 +133,7 @@ def _checked(initial: Initial) -> Initial:
     return initial._replace(warnings=(*initial.warnings, warning))
 
 
-def _by_landmarks(given: Given, words: list[str]) -> Initial:
+def _by_landmarks(given: MapInput, words: list[str]) -> Initial:
     mirrored = _is_mirrored("landmarks", words)
     if given.landmarks is None or len(given.landmarks) < LANDMARKS_MIN:
         count = 0 if given.landmarks is None else len(given.landmarks)
@@ -144,7 +144,7 @@ def _by_landmarks(given: Given, words: list[str]) -> Initial:
     return searched(given, ("landmarks", "spectral", "closest"), (-1 if mirrored else 1,))
 
 
-def _closest(given: Given, words: list[str]) -> Initial:
+def _closest(given: MapInput, words: list[str]) -> Initial:
     kind = next((kind for kind in KINDS if words in ([], [kind])), None)
     if kind is None:
         raise ParameterError(
@@ -158,11 +158,11 @@ def _closest(given: Given, words: list[str]) -> Initial:
     return _checked(made_continuous(given, points, (note,)))
 
 
-def _searched_by(name: str) -> Callable[[Given, list[str]], Initial]:
+def _searched_by(name: str) -> Callable[[MapInput, list[str]], Initial]:
     return lambda given, words: searched(given, (name,), (-1 if _is_mirrored(name, words) else 1,))
 
 
-def _of_file(given: Given, words: list[str]) -> Initial:
+def _of_file(given: MapInput, words: list[str]) -> Initial:
     if not words:
         raise ParameterError("file: needs a name, as in file:map.vts")
     path = ",".join(words)
@@ -175,12 +175,12 @@ def _of_file(given: Given, words: list[str]) -> Initial:
     return made_continuous(given, found)
 
 
-def _embedded(given: Given, words: list[str]) -> Initial:
+def _embedded(given: MapInput, words: list[str]) -> Initial:
     mirrored = _is_mirrored("embedding", words)
     return _checked(turned(given, sphere_of(given.a), sphere_of(given.b), mirrored))
 
 
-def _spheres(given: Given, words: list[str]) -> Initial:
+def _spheres(given: MapInput, words: list[str]) -> Initial:
     mirror = bool(words) and words[0] == "mirror"
     files = _two_files(words[mirror:])
     if len(files) not in (0, 2):

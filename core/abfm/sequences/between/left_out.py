@@ -13,7 +13,7 @@ from abfm.errors import AdvectionError
 from abfm.flow.flow import Flow
 from abfm.sequences.between.in_between import in_between
 from abfm.sequences.frames import Frames
-from abfm.sequences.solve import Solver
+from abfm.sequences.solve import SequenceSolver
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -45,7 +45,7 @@ class LeftOut(NamedTuple):
     is_motion: bool = True
 
 
-def left_out(solver: Solver) -> LeftOut:
+def left_out(solver: SequenceSolver) -> LeftOut:
     """Leave out a frame of a few pairs of intervals, and find the motion between its neighbours.
 
     With ``f`` the frame, ``b`` the blend of its neighbours at its time and ``a`` what the motion
@@ -93,7 +93,7 @@ class _Evidence(NamedTuple):
     fields: FloatArray  # (3, 3)
 
 
-def _middles(solver: Solver) -> list[int]:
+def _middles(solver: SequenceSolver) -> list[int]:
     """Return frames to leave out: those whose neighbours differ about as much as the median.
 
     If most intervals are motions, only frames between two of these count.
@@ -120,14 +120,14 @@ def _counts(frames: Frames) -> FloatArray:
     return np.asarray(np.sqrt(areas[:, None] * frames.weights))
 
 
-def _evidence(solver: Solver, middle: int) -> _Evidence:
+def _evidence(solver: SequenceSolver, middle: int) -> _Evidence:
     frames = solver.frames
     ends = [middle - 1, middle + 1]
     pair = replace(frames, values=frames.values[ends], times=frames.times[ends])
     sigma = solver.sigma
     if solver.given.sigma_unit == "relative":
         sigma *= frames.deviation / pair.deviation
-    alone = Solver(pair, replace(solver.given, sigma=sigma), 0.0, solver.levels)
+    alone = SequenceSolver(pair, replace(solver.given, sigma=sigma), 0.0, solver.levels)
     field, mesh = alone.first_found(0).field, frames.mesh
     duration = float(pair.durations[0])
     flow = Flow(mesh, to_ambient(mesh, field) * mesh.length_scale, duration)

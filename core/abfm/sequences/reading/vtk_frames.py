@@ -31,13 +31,13 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_NUMBERED = re.compile(r"(.*?)([0-9]{1,18})(\.vt[kup])", re.IGNORECASE)
+_NUMBERED_NAME = re.compile(r"(.*?)([0-9]{1,18})(\.vt[kup])", re.IGNORECASE)
 _KEYS = ("name", "time")  # of a file in a .series
-_APART = 1e-3  # of the mesh's size: points farther from its vertices are reported
+_DISTANCE_MAX = 1e-3  # of the mesh's size: points farther from its vertices are reported
 
 _FRAMES_OF_A_FILE_MAX = 100  # on average; a list from somebody else may name one file very often
 
-Entry = tuple[float, Path]
+TimedFile = tuple[float, Path]
 
 
 class Grid(NamedTuple):
@@ -71,11 +71,11 @@ def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesF
     return found._replace(notes=(note, *found.notes))
 
 
-def _collection(file: Path) -> list[Entry]:
+def _collection(file: Path) -> list[TimedFile]:
     return [(time, referenced_file(file, name)) for time, name in read_collection(file)]
 
 
-def _series(file: Path) -> list[Entry]:
+def _series(file: Path) -> list[TimedFile]:
     """Read ParaView's list of files in JSON."""
     content = from_json(read_bytes(file))
     files = content.get("files") if isinstance(content, dict) else None
@@ -91,9 +91,9 @@ def _series(file: Path) -> list[Entry]:
     return entries
 
 
-def _numbered(file: Path) -> list[Entry]:
+def _numbered(file: Path) -> list[TimedFile]:
     """Find all files whose names differ from that of one by the number at its end."""
-    with_number = _NUMBERED.fullmatch(file.name)
+    with_number = _NUMBERED_NAME.fullmatch(file.name)
     if with_number is None:
         raise ValueError(
             "it is one frame, without a number at the end of its name, as wave_0001.vtu has; give "
@@ -102,13 +102,13 @@ def _numbered(file: Path) -> list[Entry]:
     read_bytes(file)  # whose error is that of its name
     found: dict[int, Path] = {}
     for other in sorted(file.parent.iterdir()):
-        parts = _NUMBERED.fullmatch(other.name)
+        parts = _NUMBERED_NAME.fullmatch(other.name)
         if parts and (parts[1], parts[3]) == (with_number[1], with_number[3]):
             found.setdefault(int(parts[2]), other)
     return [(math.nan, found[number]) for number in sorted(found)]
 
 
-_LISTS: dict[Format, Callable[[Path], list[Entry]]] = {
+_LISTS: dict[Format, Callable[[Path], list[TimedFile]]] = {
     Format.COLLECTION: _collection,
     Format.SERIES: _series,
 }
@@ -128,7 +128,7 @@ def files_of_frames(path: str) -> list[str]:
     return []
 
 
-def _of_grids(entries: Sequence[Entry], mesh: TriangleMesh, array: str | None) -> FramesFile:
+def _of_grids(entries: Sequence[TimedFile], mesh: TriangleMesh, array: str | None) -> FramesFile:
     times = np.array([time for time, _ in entries])
     known = times[np.isfinite(times)]
     if len(np.unique(known)) < len(known):
@@ -164,7 +164,7 @@ def _of_grids(entries: Sequence[Entry], mesh: TriangleMesh, array: str | None) -
     values = [each.values if each.values.shape[1] > 1 else each.values[:, 0] for each in grids]
     times = np.where(np.isfinite(times), times, [each.time for each in grids])
     notes = [] if array else [f"its frames are the point data {grids[0].name!r}"]
-    if not away <= _APART * mesh.length_scale:
+    if not away <= _DISTANCE_MAX * mesh.length_scale:
         notes.append(f"points are up to {away:.3g} off the mesh, which stays as it is")
     if not np.isfinite(times).all():
         return FramesFile(np.stack(values), None, tuple(notes))

@@ -20,10 +20,10 @@ from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IndexArray, IntArray
 
-Kind = Literal["source", "sink", "spiral", "saddle"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
-_ASIDE = 0.36, 0.48, 0.8  # a direction in space that few surfaces lie across
-_STILL = 1e-9  # of the field's root mean square: slower corners have no direction
+PointKind = Literal["source", "sink", "spiral", "saddle"]
+KINDS: tuple[PointKind, ...] = get_args(PointKind)
+_REFERENCE_DIRECTION = 0.36, 0.48, 0.8  # a direction in space that few surfaces lie across
+_SPEED_SHARE_MIN = 1e-9  # of the field's root mean square: slower corners have no direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class CriticalPoints:
 
     points: SurfacePoints
     index: IntArray
-    kinds: tuple[Kind, ...]
+    kinds: tuple[PointKind, ...]
     divergence: FloatArray
     curl: FloatArray
 
@@ -66,7 +66,7 @@ def critical_points(mesh: TriangleMesh, field: FloatArray) -> CriticalPoints:
     return CriticalPoints(points, index[faces], kinds, divergence, curl)
 
 
-def _kind(index: int, divergence: float, turning: float) -> Kind:
+def _kind(index: int, divergence: float, turning: float) -> PointKind:
     if index < 0:
         return "saddle"
     if turning > divergence**2 / 4:
@@ -97,9 +97,9 @@ def face_indices(
     areas = face_areas(mesh)
     squares = (to_frame(mesh, field) ** 2).sum(axis=1)
     usual = float(np.sqrt(areas @ squares / areas.sum()))
-    still = np.abs(vectors) <= _STILL * usual
+    still = np.abs(vectors) <= _SPEED_SHARE_MIN * usual
     # a vertex has one vector for all its faces: any direction gives a zero there to one of them
-    aside = corner_vectors(mesh, np.tile(_ASIDE, (len(mesh.faces), 1)))
+    aside = corner_vectors(mesh, np.tile(_REFERENCE_DIRECTION, (len(mesh.faces), 1)))
     turned = np.angle(np.where(still, aside, vectors) / around.middles)
     from_first, from_last = turned + half, turned - half
     changes = np.roll(from_last, -1, axis=1) - np.pi - from_first

@@ -12,7 +12,8 @@ import numpy as np
 from abfm.types import FloatArray, IntArray
 
 # what an extremum stands out by: of the range of the energy, and of its mean
-_PROMINENT, _NOTICED = 0.1, 0.1
+_OF_RANGE_MIN = 0.1
+_OF_MEAN_MIN = 0.1
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
     each interval (T - 1,), in the order of time; none where the energy hardly changes.
     """
     energy = speed**2
-    least = max(_PROMINENT * float(np.ptp(energy)), _NOTICED * float(energy.mean()))
+    least = max(_OF_RANGE_MIN * float(np.ptp(energy)), _OF_MEAN_MIN * float(energy.mean()))
     if not float(np.ptp(energy)) > least:
         return []
     highs, lows = (_peaks(sign * energy, least) for sign in (1, -1))

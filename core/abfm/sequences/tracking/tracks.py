@@ -14,12 +14,12 @@ from abfm.errors import ParameterError, brief
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import is_whole_number
-from abfm.sequences.tracking.critical_points import CriticalPoints, Kind
+from abfm.sequences.tracking.critical_points import CriticalPoints, PointKind
 from abfm.types import FloatArray, IntArray
 
-_FAR = 6.0  # edges, along edges, that a point may go from one field to the next
-_AT_ONCE = 64  # points whose distances to all vertices are kept
-_MISSED = 1  # fields in a row in which it may be missing
+_DISTANCE_MAX = 6.0  # edges, along edges, that a point may go from one field to the next
+_POINTS_AT_ONCE = 64  # points whose distances to all vertices are kept
+_MISSED_FIELDS_MAX = 1  # fields in a row in which it may be missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +40,14 @@ class Track:
 
     times: FloatArray
     points: SurfacePoints
-    kinds: tuple[Kind, ...]
+    kinds: tuple[PointKind, ...]
     index: int
 
     def __len__(self) -> int:
         return len(self.kinds)
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> PointKind:
         """What it was for most of its time."""
         return Counter(self.kinds).most_common(1)[0][0]
 
@@ -76,8 +76,8 @@ def tracks(
             for row, column in _linked(mesh, last, points, new):
                 old[row].append((step, column))
                 taken.add(column)
-        ended += [t for t in going if step - t[-1][0] > _MISSED]
-        going = [t for t in going if step - t[-1][0] <= _MISSED]
+        ended += [t for t in going if step - t[-1][0] > _MISSED_FIELDS_MAX]
+        going = [t for t in going if step - t[-1][0] <= _MISSED_FIELDS_MAX]
         going += [[(step, i)] for i in range(len(points)) if i not in taken]
     chosen = [t for t in ended + going if len(t) >= least]
     chosen.sort(key=lambda t: (-len(t), t[0]))
@@ -114,8 +114,8 @@ def _linked(
     graph = edge_graph(mesh)
     begins = np.array([each.points.nearest_vertices()[i] for each, i in old])
     ends = points.points.nearest_vertices()[new]
-    limit = _FAR * float(edge_lengths(mesh).mean())
-    parts = np.array_split(begins, -(-len(begins) // _AT_ONCE))
+    limit = _DISTANCE_MAX * float(edge_lengths(mesh).mean())
+    parts = np.array_split(begins, -(-len(begins) // _POINTS_AT_ONCE))
     apart = np.concatenate(
         [dijkstra(graph, directed=False, indices=p, limit=limit)[:, ends] for p in parts]
     )

@@ -21,7 +21,7 @@ from abfm.matching.solvability import distance, range_bound, stood_still, vanish
 from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Outcome, worse_residual
-from abfm.parameters import LARGEST_ALPHA, MANY, PAPER, SMALLEST, Parameters
+from abfm.parameters import COUNT_MAX, LARGEST_ALPHA, PAPER, VALUE_MIN, Parameters
 from abfm.wording import share
 from tests.core.fields import bump
 from tests.messages import check_message, raises
@@ -406,7 +406,7 @@ def test_a_remedy_with_wrong_parameters_is_refused(wrong):
 
 
 @pytest.mark.parametrize(
-    "extreme", [{"alpha": LARGEST_ALPHA}, {"sigma": SMALLEST}, {"iterations": MANY}]
+    "extreme", [{"alpha": LARGEST_ALPHA}, {"sigma": VALUE_MIN}, {"iterations": COUNT_MAX}]
 )
 @pytest.mark.parametrize("size", [1.0, 1e-29])
 def test_parameters_at_their_ends_cost_no_result(extreme, size):

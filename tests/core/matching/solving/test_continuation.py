@@ -18,7 +18,7 @@ from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import StepResult
 from abfm.matching.solving.schedule import Schedule, Variant
 from abfm.mesh.subdivision import mean_of_children, refined
-from abfm.parameters import LAST, WARMEST
+from abfm.parameters import FIRST_SIGMA_MAX, LAST_SIGMA
 from tests.core.fields import bump, wavy_field
 from tests.shapes import icosphere
 
@@ -153,7 +153,7 @@ def test_without_a_given_sigma_it_ends_where_both_witnesses_leave_the_goal(goal)
     assert all(worse(step) > goal for step in before)
     assert match.verdict.kind == "matched"
     sigmas = [step.sigma for step in match.path]
-    assert sigmas[0] == WARMEST
+    assert sigmas[0] == FIRST_SIGMA_MAX
     *falls, last = np.divide(sigmas[:-1], sigmas[1:])
     assert_allclose(falls, 3.0)
     assert_allclose(np.log(last) / np.log(3), max(1, round(np.log(last) / np.log(3))))  # confirmed
@@ -209,7 +209,7 @@ def test_of_measured_functions_the_step_is_chosen_whose_map_is_about_the_truest(
     # the truest one is neither the first nor the last
     assert max(errors[0], errors[-1]) > 1.2 * min(errors)
     assert 0.3 * error(match, 0 * match.velocity, origins) > errors[match.step]
-    assert LAST < match.path[match.step].sigma < WARMEST
+    assert LAST_SIGMA < match.path[match.step].sigma < FIRST_SIGMA_MAX
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from abfm.matching.solving.schedule import Schedule, Stage, Variant
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.parameters import LAST, LONGEST, PAPER, WARMEST, Parameters
+from abfm.parameters import FIRST_SIGMA_MAX, LAST_SIGMA, PAPER, REACH_MAX, Parameters
 from tests.core.fields import bump
 from tests.shapes import icosphere
 
@@ -27,8 +27,8 @@ def test_a_given_sigma_is_the_last_and_multiples_of_it_lead_there(sigma, factor,
     sigmas = Schedule(given, functions, 1).sigmas
     assert sigmas[-1] == sigma
     assert_allclose(np.divide(sigmas[:-1], sigmas[1:]), factor)
-    assert sigmas[0] <= max(sigma, WARMEST) * (1 + 1e-6)
-    assert sigmas[0] * factor > WARMEST
+    assert sigmas[0] <= max(sigma, FIRST_SIGMA_MAX) * (1 + 1e-6)
+    assert sigmas[0] * factor > FIRST_SIGMA_MAX
     size = functions.function_size
     absolute = given.with_values(sigma=sigma * size, sigma_unit="absolute")
     assert_allclose(Schedule(absolute, functions, 1).sigmas, np.multiply(sigmas, size))
@@ -41,9 +41,9 @@ def test_without_one_they_fall_from_the_warmest_more_slowly_for_measured_functio
 ):
     schedule = Schedule(Parameters.of(sigma_unit=unit), functions, 1)
     sigmas = np.divide(schedule.sigmas, 1 if unit == "relative" else functions.function_size)
-    assert (sigmas[0], schedule.is_measured) == (WARMEST, functions is MEASURED)
+    assert (sigmas[0], schedule.is_measured) == (FIRST_SIGMA_MAX, functions is MEASURED)
     assert_allclose(sigmas[:-1] / sigmas[1:], 3.0**power)
-    assert LAST <= sigmas[-1] < LAST * 3.0**power
+    assert LAST_SIGMA <= sigmas[-1] < LAST_SIGMA * 3.0**power
 
 
 @given(SIGMA, FACTOR, st.integers(1, 8), st.integers(0, 2000))
@@ -100,7 +100,7 @@ def test_there_is_a_second_way_with_two_fields_or_for_measured_functions_a_third
 
 def test_after_a_way_that_did_not_find_the_target_the_next_one_looks_as_far_as_there_is():
     schedule = Schedule(Parameters.of(reach=0.5), EXACT, 1)
-    assert [schedule.reach(left) for left in (0.6, 0.9, np.inf)] == [0.5, LONGEST, LONGEST]
+    assert [schedule.reach(left) for left in (0.6, 0.9, np.inf)] == [0.5, REACH_MAX, REACH_MAX]
     for schedule in (
         Schedule(Parameters(), MEASURED, 1),
         Schedule(Parameters(sigma=1.0), EXACT, 1),

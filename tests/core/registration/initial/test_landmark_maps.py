@@ -11,7 +11,7 @@ from abfm.maps import PointMap, map_accuracy
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
 from abfm.registration.initial import Landmarks, initial_map
-from abfm.registration.initial.given import Given
+from abfm.registration.initial.given import MapInput
 from tests.messages import raises
 from tests.shapes import icosphere
 
@@ -32,7 +32,7 @@ def test_what_only_stands_elsewhere_is_found_by_closest_points():
     b = coarsened(BODY, 250)
     near = PointMap.project(BODY, b, BODY.vertices).nearest_vertices()[TIPS[:4]]
     marks = Landmarks.of_vertices(a, b, TIPS[:4], near)
-    points = initial_map("landmarks", Given(a, b, landmarks=marks)).correspondence.points
+    points = initial_map("landmarks", MapInput(a, b, landmarks=marks)).correspondence.points
     truth = PointMap.project(b, BODY, b.vertices)
     gaps = np.linalg.norm(points.positions - turned_places(truth.positions), axis=1)
     assert gaps.mean() < 0.02 * a.length_scale
@@ -47,7 +47,7 @@ def test_another_pose_is_found_by_eigenfunctions():
     a, b = bundled("human_A.off"), bundled("human_B.off")
     ends = [int(np.argmax(a.vertices @ d)) for d in ([0, 0, 1], [0, 1, 0], [1, 0, 0], [-1, 0, 0])]
     marks = Landmarks.of_vertices(a, b, ends, ends)
-    points = initial_map("landmarks", Given(a, b, landmarks=marks)).correspondence.points
+    points = initial_map("landmarks", MapInput(a, b, landmarks=marks)).correspondence.points
     assert map_accuracy(points, most=150).mean < 0.007
 
 
@@ -55,7 +55,7 @@ def test_another_pose_is_found_by_eigenfunctions():
 def test_mirror_images(mesh):
     """Also where there are too few vertices for eigenfunctions."""
     b, marks = turned(mesh, -1), [0, 5, 17, 30]
-    given = Given(mesh, b, landmarks=Landmarks.of_vertices(mesh, b, marks, marks))
+    given = MapInput(mesh, b, landmarks=Landmarks.of_vertices(mesh, b, marks, marks))
     points = initial_map("landmarks:mirror", given).correspondence.points
     assert_allclose(points.positions, mesh.vertices, atol=1e-6)
 
@@ -66,7 +66,7 @@ def test_map_contains_landmarks():
     rng = np.random.default_rng(0)
     places = rng.choice(len(b.vertices), 5, replace=False)
     marks = Landmarks.of_vertices(a, b, places, places)
-    found = initial_map("landmarks", Given(a, b, landmarks=marks)).correspondence
+    found = initial_map("landmarks", MapInput(a, b, landmarks=marks)).correspondence
     gaps = found.points.at(marks.b).distances_from(marks.a.positions) / a.length_scale
     assert gaps.max() < 0.05
 
@@ -74,4 +74,4 @@ def test_map_contains_landmarks():
 def test_two_landmarks_are_too_few():
     marks = Landmarks.of_vertices(BODY, BODY, [1, 2], [1, 2])
     with raises(AbfmError, 2, 3):
-        initial_map("landmarks", Given(BODY, BODY, landmarks=marks))
+        initial_map("landmarks", MapInput(BODY, BODY, landmarks=marks))

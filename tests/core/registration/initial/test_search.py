@@ -15,7 +15,7 @@ from abfm.maps.functional_maps import nearest
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
 from abfm.registration.initial import Landmarks, initial_map, turned_spheres
-from abfm.registration.initial.given import Given
+from abfm.registration.initial.given import MapInput
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import coarse_shape, ranks
 from abfm.registration.initial.searching.map_cost import map_cost
@@ -132,7 +132,7 @@ def test_brackets_tell_a_body_from_its_mirror_image():
 @pytest.mark.parametrize("word", [None, "spectral", "extremities"])
 def test_body_of_other_proportions(word):
     b, truth = other_body((1, 1.2, 1))
-    found = initial_map(word, Given(BODY, b)).correspondence
+    found = initial_map(word, MapInput(BODY, b)).correspondence
     assert map_accuracy(found.points, truth, 150).mean < 0.08
     distortion = found.distortion()
     assert distortion.folded == distortion.collapsed == 0
@@ -147,13 +147,13 @@ def test_functions_that_differ_change_little():
     rng = np.random.default_rng(1)
     f = rng.normal(size=(6, len(BODY.vertices))) ** 3
     g = rng.uniform(size=(6, len(b.vertices)))
-    found = initial_map("spectral", Given(BODY, b, f, g)).correspondence
+    found = initial_map("spectral", MapInput(BODY, b, f, g)).correspondence
     assert map_accuracy(found.points, truth, 150).mean < 0.08
 
 
 def test_mirror_image_is_found_by_its_word():
     b, truth = other_body((1, 1, 1))
-    found = initial_map("auto:mirror", Given(mirrored(BODY), b)).correspondence
+    found = initial_map("auto:mirror", MapInput(mirrored(BODY), b)).correspondence
     assert found.is_mirrored
     assert map_accuracy(found.points, truth, 150).mean < 0.08
     assert found.distortion().folded == found.distortion().collapsed == 0
@@ -166,7 +166,7 @@ def test_equal_faces_of_spheres_are_no_correspondence():
     f = np.cos(ball.vertices @ weights * 2).sum(axis=1)
     turn = Rotation.from_rotvec([0.3, 0.7, -0.4])
     g = np.cos(turn.inv().apply(ball.vertices.copy()) @ weights * 2).sum(axis=1)
-    found = initial_map(None, Given(ball, ball, f[None], g[None])).correspondence
+    found = initial_map(None, MapInput(ball, ball, f[None], g[None])).correspondence
     assert found.candidates[0].name == "sphere"
     places = turn.inv().apply(ball.vertices.copy())
     assert np.linalg.norm(found.points.positions - places, axis=1).mean() < 0.03
@@ -176,7 +176,7 @@ def test_rotations_that_cannot_be_better_are_not_searched(monkeypatch):
     """Vertex numbers by which functions correlate well are the map, as rotations cost more."""
     ball = icosphere(3)
     f, g = ball.vertices[None, :, 2], (ball.vertices @ [0.3, 0.2, 0.9])[None]
-    given, directions = Given(ball, ball, f, g), (ball.vertices, ball.vertices)
+    given, directions = MapInput(ball, ball, f, g), (ball.vertices, ball.vertices)
     for mirror in (False, True):
         other = turned_spheres.turned(given, *directions, mirror).correspondence
         assert turned_spheres._cost(given, other) >= 0
@@ -192,7 +192,7 @@ def test_spheres_of_both_hemispheres():
     weights, phases = 3 * rng.normal(size=(3, 8)), rng.uniform(0, 6, 8)
     f = np.cos(ball.vertices @ weights + phases).sum(axis=1)
     g = np.cos(ball.vertices * [-1, 1, 1] @ weights + phases).sum(axis=1)
-    found = initial_map(None, Given(ball, ball, f[None], g[None])).correspondence
+    found = initial_map(None, MapInput(ball, ball, f[None], g[None])).correspondence
     assert found.candidates[0].name == "sphere:mirror"
 
 
@@ -201,7 +201,7 @@ def test_handles_and_boundaries():
     ring = torus(16, 10)
     other = torus(18, 9)
     moved = TriangleMesh(2 * TURN.apply(other.vertices.copy()), other.faces)
-    found = initial_map(None, Given(ring, moved))
+    found = initial_map(None, MapInput(ring, moved))
     assert "embedding" not in [each.name for each in found.correspondence.candidates]
     half = TriangleMesh(
         BODY.vertices,
@@ -209,14 +209,14 @@ def test_handles_and_boundaries():
         largest_component=True,
     )
     other = TriangleMesh(TURN.apply(half.vertices.copy()), half.faces[::-1])
-    found = initial_map(None, Given(half, other)).correspondence
+    found = initial_map(None, MapInput(half, other)).correspondence
     gaps = np.linalg.norm(found.points.positions - half.vertices, axis=1)
     assert np.median(gaps) < 0.1 * half.length_scale
 
 
 def test_candidates_are_kept_in_files(tmp_path):
     b, _ = other_body((1, 1.2, 1))
-    found = initial_map("extremities", Given(BODY, b)).correspondence
+    found = initial_map("extremities", MapInput(BODY, b)).correspondence
     found.save(tmp_path / "map.npz")
     assert abfm.load_correspondence(tmp_path / "map.npz").candidates == found.candidates
     elsewhere = TriangleMesh(b.vertices + 1, b.faces)
@@ -227,17 +227,17 @@ def test_words_that_do_not_apply_are_refused():
     ball = icosphere(2)
     longer = TriangleMesh(ball.vertices * [1, 1, 3], ball.faces)
     with raises(abfm.AbfmError, 2):
-        initial_map("extremities", Given(BODY, longer))
+        initial_map("extremities", MapInput(BODY, longer))
     marks = Landmarks.of_vertices(ball, ball, [0, 1], [0, 1])
     with raises(abfm.AbfmError, 2, 3):
-        initial_map("landmarks", Given(ball, ball, landmarks=marks))
+        initial_map("landmarks", MapInput(ball, ball, landmarks=marks))
 
 
 def test_fine_meshes_need_no_matrix_of_all_distances():
     ball = icosphere(5)
     a = TriangleMesh(ball.vertices * [1, 1.3, 1.7], ball.faces)
     b = TriangleMesh(ball.vertices * [1, 1.4, 1.7], ball.faces)
-    found = _Search(Given(a, b))
+    found = _Search(MapInput(a, b))
     pair = found.pair(1000)
     same = both_ways(pair.a, pair.b, nearest(pair.b.mesh.vertices, pair.a.mesh.vertices))
     best = Relaxed(Start("closest", 1, lambda _: same.there), same, 2.0, pair.cost(same), 0.0)

@@ -104,7 +104,7 @@ def test_other_triangles_change_little():
 
 
 def test_larger_meshes_go_by_coarser_ones(monkeypatch):
-    monkeypatch.setattr(spectral, "FINEST", 250)
+    monkeypatch.setattr(spectral, "VERTICES_MAX", 250)
     b = bent(BODY)
     points, _ = start(BODY, b)
     assert_allclose(mean_error(points, None), 0, atol=0.04)

@@ -23,8 +23,8 @@ from abfm.maps.spherical import SphereLayout
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.registration.correspondence import Candidate
-from abfm.registration.initial.alignment import Kind, align, closest_after_alignment
-from abfm.registration.initial.given import Given, Initial
+from abfm.registration.initial.alignment import MotionKind, align, closest_after_alignment
+from abfm.registration.initial.given import Initial, MapInput
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import CoarseShape, coarse_shape, ranks
@@ -142,7 +142,9 @@ class Relaxed(NamedTuple):
     moved: float  # mean distance from where it was before, in sqrt(area)
 
 
-def searched(given: Given, kinds: Sequence[str] = KINDS, sides: Sequence[int] = (1, -1)) -> Initial:
+def searched(
+    given: MapInput, kinds: Sequence[str] = KINDS, sides: Sequence[int] = (1, -1)
+) -> Initial:
     """Return the best map of candidates of some kinds and sides (1, or -1 for the mirror image).
 
     Raises
@@ -179,7 +181,7 @@ def searched(given: Given, kinds: Sequence[str] = KINDS, sides: Sequence[int] = 
 class _Search:
     """What candidates are made of, each computed when first needed."""
 
-    def __init__(self, given: Given) -> None:
+    def __init__(self, given: MapInput) -> None:
         self.given = given
 
     def pair(self, count: int) -> Pair:
@@ -226,7 +228,7 @@ def shape_values(shape: CoarseShape, mesh: TriangleMesh, values: FloatArray) -> 
 
 
 def _functions(
-    given: Given, a: CoarseShape, b: CoarseShape
+    given: MapInput, a: CoarseShape, b: CoarseShape
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the given functions on coarse surfaces, (V_A, C) and (V_B, C), by rank, and their
     weights (C,): less the more their distributions differ, and in all not too much.
@@ -260,7 +262,7 @@ def _likeness(
 
 
 def _places(
-    given: Given, a: CoarseShape, b: CoarseShape
+    given: MapInput, a: CoarseShape, b: CoarseShape
 ) -> tuple[tuple[IntArray, IntArray], FloatArray]:
     """Return the coarse vertices nearest to landmarks, and what each counts."""
     marks = given.landmarks
@@ -358,7 +360,7 @@ def _by_places(places: tuple[FloatArray, FloatArray], side: int) -> Callable[[Pa
 
 def _closest_starts(search: _Search, side: int) -> Iterator[Start]:
     given = search.given
-    kind: Kind = "similarity" if side > 0 else "mirror"
+    kind: MotionKind = "similarity" if side > 0 else "mirror"
     pair = search.pair(_VERTICES)
     marks = None if given.landmarks is None else _moved(given.landmarks, pair)
     alignment = align(pair.a.mesh, pair.b.mesh, kind, marks)
