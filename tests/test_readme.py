@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abfm import load_match, load_mesh, load_registration
+from abfm import load, load_mesh
 from abfm.assets import asset_path
 from abfm.functions import Circular, families, function, parse
 from abfm.parameters import FIELDS, FIGURES, PAPER
@@ -36,12 +36,10 @@ def test_the_python_examples_run(tmp_path, monkeypatch, capsys):
     assert re.match(r"matched .*residual 0\.0\d+, 0\.0", capsys.readouterr().out)
     assert names["halfway"].shape == (6475,)
     assert names["match"].verdict.kind == "matched"
-    assert load_match("match.npz").residual == names["match"].residual
+    assert load("match.npz").residual == names["match"].residual
     exec(pair, names)
     assert re.match(r"(registered|matched|nearly) .*log2 J", capsys.readouterr().out)
-    np.testing.assert_array_equal(
-        load_registration("reg.npz").to_vertices(), names["found"].to_vertices()
-    )
+    np.testing.assert_array_equal(load("reg.npz").to_vertices(), names["found"].to_vertices())
 
 
 def test_every_parameter_is_in_the_table_with_its_symbol_and_default():

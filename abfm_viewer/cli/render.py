@@ -143,7 +143,7 @@ def _draw_sequence(arguments: argparse.Namespace) -> None:
     """Draw a sheet of a sequence."""
     out, channel = arguments.out, arguments.channel or 0
     _refuse_others(arguments, _OF_FILMS, "pictures of matches", "one of a sequence")
-    film = abfm.load_sequence(arguments.input)
+    film = abfm.load(arguments.input, abfm.Sequence)
     _check_channel(channel, film.frames.shape[2])
     picture = pictures.sequence_picture(film, arguments.time, arguments.size, channel, arguments.up)
     outputs.write_picture(out, picture)

@@ -106,9 +106,9 @@ def _texts(entry: abfm.batch.LedgerEntry) -> tuple[tuple[str, str], ...]:
 
 
 def _of_population(place: Path, path: Path) -> ResultTable:
-    from abfm import load_population
+    from abfm import load
 
-    found: abfm.Population = load_population(path)
+    found: abfm.Population = load(path)
     rows, matched = [], [channel for channel in found.channels if not channel.is_held_out]
     for number, name in enumerate(found.names):
         result = path.parent / f"{found.digests[number]}.npz"

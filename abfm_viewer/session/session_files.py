@@ -176,11 +176,12 @@ def _origin(path: Path) -> Origin | None:
 def read_document(path: Path) -> Opened:
     if path.name.lower().endswith(PROJECT):
         return load_project(path)
-    if abfm.sequences.is_sequence(path):
-        return document_of_sequence(abfm.load_sequence(path), path), {}
-    if abfm.registration.is_correspondence(path):
-        return document_of_registration(abfm.load_registration(path), path)
-    return document_of_result(abfm.load_match(path), path)
+    found = abfm.load(path, abfm.Match, abfm.Registration, abfm.Sequence)
+    if isinstance(found, abfm.Sequence):
+        return document_of_sequence(found, path), {}
+    if isinstance(found, abfm.Registration):
+        return document_of_registration(found, path)
+    return document_of_result(found, path)
 
 
 def document_of_result(

@@ -17,13 +17,15 @@ from abfm.tasks.task import Task
 _TASKS: tuple[type[Task], ...] = (PopulationTask, *KINDS.values())
 
 
-def load(path: str | os.PathLike[str]) -> Any:
+def load(path: str | os.PathLike[str], *expected: type) -> Any:
     """Read a result or a problem from its file.
 
     Parameters
     ----------
     path : path
         A file that `save` wrote, or the folder of a population.
+    *expected : type
+        Types that are accepted; by default all.
 
     Returns
     -------
@@ -36,6 +38,14 @@ def load(path: str | os.PathLike[str]) -> Any:
     ResultError
         If the file is missing or damaged, or holds none of these.
     """
+    found = _loaded(path)
+    if expected and not isinstance(found, expected):
+        names = " or ".join(each.__name__ for each in expected)
+        raise ResultError(f"{one_line(path)} holds a {type(found).__name__}; expected a {names}")
+    return found
+
+
+def _loaded(path: str | os.PathLike[str]) -> Any:
     if Path(path).is_dir():
         return PopulationTask.load(path)
     with results.open_archive(Path(path), results.RESULT.name, results.MEND) as archive:

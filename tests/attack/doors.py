@@ -88,10 +88,10 @@ def _map(path):
 
 
 def _result(path):
-    match, again = abfm.load_match(path), path.with_name("again.npz")
+    match, again = abfm.load(path), path.with_name("again.npz")
     _check_match(match)
     match.save(again)
-    assert abfm.load_match(again).residual == match.residual
+    assert abfm.load(again).residual == match.residual
     assert np.isfinite(match.advect(match.parameters.tau / 2)).all()
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import psutil
 
 import abfm
-from abfm import AbfmError, Parameters, load_match
+from abfm import AbfmError, Parameters, load
 from abfm.assets import asset_path
 from abfm_viewer.files import outputs
 from abfm_viewer.files.project import load_project, save_project
@@ -131,7 +131,7 @@ def _left(folder, files, needs_result):
     for name in sorted(left & files):
         try:
             if name.endswith(".npz"):
-                load_match(folder / name)
+                load(folder / name)
         except AbfmError as error:
             yield f"{name} does not load: {error}"
         if (folder / name).stat().st_size == 0:
@@ -162,7 +162,7 @@ class Kills:
         self._documents = [document_of_result(each, folder / "m.npz")[0] for each in self._matches]
         self._folder = folder
         self.savings = {  # name of the file: saves a version, reads which one a file is
-            "m.npz": (lambda p, v: self._matches[v].save(p), lambda p: len(load_match(p).stages)),
+            "m.npz": (lambda p, v: self._matches[v].save(p), lambda p: len(load(p).stages)),
             "m.abfm": (
                 lambda p, v: save_project(p, self._documents[v], {}),
                 lambda p: len(load_project(p)[0].result.stages),
@@ -225,7 +225,7 @@ def lack_memory(chance):
         if child.returncode == 2 and not lines:
             faults.append("no reason")
         if child.returncode in (0, 3):
-            load_match(out)
+            load(out)
     return _trial(f"{mesh.name} with {megabytes} MB", faults, child.returncode == 2)
 
 

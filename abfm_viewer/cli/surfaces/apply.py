@@ -10,14 +10,7 @@ from typing import Literal
 import numpy as np
 
 import abfm
-from abfm import (
-    Correspondence,
-    FunctionError,
-    Registration,
-    ResultError,
-    TriangleMesh,
-    load_correspondence,
-)
+from abfm import Correspondence, FunctionError, Registration, ResultError, TriangleMesh, load
 from abfm.errors import printable
 from abfm.functions import read_values
 from abfm.functions.labels import read_label_columns
@@ -100,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--column is of --labels; of --data all columns are carried")
     by: Literal["area", "point"] = arguments.by or "area"
     side = arguments.hemisphere or ""
-    found = load_correspondence(arguments.registration)
+    found = load(arguments.registration, Correspondence)
     if isinstance(found, Registration):
         warn_of_doubt(arguments.registration, found.match)
     way = found.inverse() if arguments.inverse else found

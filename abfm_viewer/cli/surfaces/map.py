@@ -11,21 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm import (
-    Correspondence,
-    FunctionError,
-    Match,
-    ParameterError,
-    Registration,
-    load_correspondence,
-    load_match,
-)
+from abfm import Correspondence, FunctionError, Match, ParameterError, Registration, load
 from abfm.errors import printable
 from abfm.functions import read_values, vertex_map
 from abfm.io import write_values
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import BOUNDS, MapAccuracy, map_accuracy
-from abfm.registration import is_correspondence, report
+from abfm.registration import report
 from abfm.registration.initial import Landmarks, map_from_file
 from abfm.registration.task import vertex_numbers
 from abfm.types import IntArray
@@ -84,9 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_not_read(out, (arguments.carry, truth))
     elif arguments.carry or arguments.functional_map is not None:
         raise UsageError("--carry and --functional-map need --out, where the table goes")
-    if is_correspondence(arguments.input):
-        return _of_two_surfaces(arguments)
-    match = load_match(arguments.input)
+    match = load(arguments.input, Match, Correspondence)
+    if isinstance(match, Correspondence):
+        return _of_two_surfaces(arguments, match)
     warn_of_doubt(arguments.input, match)
     time = match.parameters.tau if arguments.time is None else arguments.time
     points, quality = match.point_map(time, arguments.inverse), match.flow.map_quality(time)
@@ -126,14 +118,14 @@ def _report(
     return 0
 
 
-def _of_two_surfaces(arguments: argparse.Namespace) -> int:
+def _of_two_surfaces(arguments: argparse.Namespace, found: Correspondence) -> int:
     asked = arguments.time, arguments.carry, arguments.functional_map
     if any(each is not None for each in asked):
         raise UsageError(
             "--time, --carry and --functional-map are for results on one surface; "
             "for a registration see abfm apply"
         )
-    found, accuracy = load_correspondence(arguments.input), None
+    accuracy = None
     if isinstance(found, Registration):
         warn_of_doubt(arguments.input, found.match)
     way = found.inverse() if arguments.inverse else found

@@ -27,7 +27,7 @@ def load_correspondence(path: str | os.PathLike[str]) -> Correspondence:
 def load_registration(path: str | os.PathLike[str]) -> Registration:
     """Read a file of `Registration.save`; ResultError if it is missing, damaged, or none.
 
-    As by `abfm.load_match`, what the field does not bear out is recomputed, and told in
+    As by `abfm.load`, what the field does not bear out is recomputed, and told in
     ``match.doubt``.
     """
     found = results.loaded(path, results.REGISTRATION, _registration_of)

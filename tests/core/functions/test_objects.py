@@ -299,7 +299,7 @@ def test_time_step_replaces_times(tmp_path):
     [note] = found.notes
     assert str(COUNT) in note
     found.save(tmp_path / "s.npz")
-    assert abfm.load_sequence(tmp_path / "s.npz").notes == (note,)
+    assert abfm.load(tmp_path / "s.npz").notes == (note,)
 
 
 def test_masked_frames_of_a_list_have_no_value():

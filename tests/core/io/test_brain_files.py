@@ -224,7 +224,7 @@ def test_meshes_know_their_structure(tmp_path, name, structure):
     f, g = mesh.vertices.T[:2]
     problem = abfm.Problem(mesh, f, g)
     problem.save(tmp_path / "p.npz")
-    assert abfm.load_problem(tmp_path / "p.npz").mesh.structure == structure
+    assert abfm.load(tmp_path / "p.npz").mesh.structure == structure
     plain = abfm.TriangleMesh(mesh.vertices, mesh.faces)
     assert abfm.Problem(plain, f, g).digest == problem.digest
 

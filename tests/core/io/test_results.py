@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal, assert_equal
 
-from abfm import Control, Parameters, ResultError, load_match, match
+from abfm import Control, Parameters, ResultError, load, match
 from abfm.io import FORMAT_VERSION, load_arrays, save_arrays
 from abfm.io.results import open_archive
 from abfm.matching import Remedy, prepare
@@ -184,7 +184,7 @@ SPHERE = with_loose_vertex(icosphere(0))
 X, Y, Z = SPHERE.vertices.T
 V, F = len(SPHERE.vertices), len(SPHERE.faces)
 ONES, FIELD = np.ones((V, 1)), np.ones((1, F, 3))
-match_error = partial(refusal, load_match)
+match_error = partial(refusal, load)
 
 
 @pytest.fixture(scope="module")
@@ -211,7 +211,7 @@ def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved):
     for name in ("velocity.npy", "stop_reason.npy"):
         for changed in hostile.one_byte_changed(content[name], 128):
             saved.write_bytes(zipped(content | {name: changed}))
-            hostile.load_or_refuse(saved, load_match, same_shape)
+            hostile.load_or_refuse(saved, load, same_shape)
 
 
 UNKNOWN = '[{"label": "", "words": "", "parameters": {"sigmma": 1}}]'
@@ -288,14 +288,14 @@ def test_a_vertex_that_no_face_uses_is_refused(saved):
 
 
 def test_vertices_that_the_mesh_file_had_besides_need_no_room(saved):
-    assert load_match(saved).mesh.messages == SPHERE.messages
+    assert load(saved).mesh.messages == SPHERE.messages
     sparse = saved.with_name("sparse.npz")
     shutil.copy(saved, sparse)
     put(sparse, file_vertex_count=np.array(V + 9_999_999))
     code = (
         "import sys, abfm; from tests import peak_memory\n"
-        "abfm.load_match(sys.argv[1]); before = peak_memory.megabytes()\n"
-        "mesh = abfm.load_match(sys.argv[2]).mesh; print(mesh.file_vertex_count, *mesh.messages)\n"
+        "abfm.load(sys.argv[1]); before = peak_memory.megabytes()\n"
+        "mesh = abfm.load(sys.argv[2]).mesh; print(mesh.file_vertex_count, *mesh.messages)\n"
         "print(peak_memory.megabytes() - before < 8)  # not a byte for each"
     )
     done = python(code, saved, sparse, check=True, cwd=ROOT)
@@ -307,12 +307,12 @@ def test_vertices_that_the_mesh_file_had_besides_need_no_room(saved):
 
 def test_extreme_values_load_and_members_that_are_not_listed_are_not_read(saved):
     put(saved, source=1e-160 * ONES, target=1e150 * ONES, velocity=1e140 * FIELD)
-    assert load_match(saved).source.max() == 1e-160
+    assert load(saved).source.max() == 1e-160
     content = members(saved)
     zeros = npy_of("(100000000,)", "|u1", bytes(100_000_000))
     for unknown, method in ((b"no array", zipfile.ZIP_STORED), (zeros, zipfile.ZIP_DEFLATED)):
         saved.write_bytes(zipped(content | {"unknown.npy": unknown}, method))
-        assert load_match(saved).residual >= 0
+        assert load(saved).residual >= 0
 
 
 def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):
@@ -371,7 +371,7 @@ def test_devices_and_pipes_are_refused(tmp_path):
 def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path, name):
     (tmp_path / name).write_bytes(b"no zip")
     with raises(ResultError) as caught:
-        load_match(tmp_path / name)
+        load(tmp_path / name)
     assert str(caught.value).isprintable()
 
 
@@ -391,7 +391,7 @@ def file(whole, path):
 
 
 def test_everything_comes_back(whole, file):
-    loaded = load_match(file)
+    loaded = load(file)
     assert np.isfinite([whole.verified_residual, whole.folded]).all()
     values = "mismatch verified_residual folded stop_reason verdict parameters channels_given"
     for name in values.split():
@@ -419,7 +419,7 @@ def test_what_is_not_known_stays_unknown(path):
     control.cancel(briefly=True)
     whole = match(MESH, f, f[::-1].copy(), control=control)
     whole.save(path)
-    for one in (whole, load_match(path)):
+    for one in (whole, load(path)):
         assert np.isnan([one.verified_residual, one.folded]).all()
         assert one.stop_reason == "cancelled"
 
@@ -429,6 +429,6 @@ def test_remedies_come_back_and_files_without_them_have_none(whole, file):
     remedies = Remedy("Continue", "go on", {}, True), closer
     judged = replace(whole, verdict=replace(whole.verdict, remedies=remedies))
     judged.save(file)
-    assert load_match(file).verdict == judged.verdict
+    assert load(file).verdict == judged.verdict
     put(file, remedies=None)
-    assert load_match(file).verdict == replace(whole.verdict, remedies=())
+    assert load(file).verdict == replace(whole.verdict, remedies=())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from abfm import Parameters, Problem, StopReason, load_match, match
+from abfm import Parameters, Problem, StopReason, load, match
 from abfm.matching import Verdict
 from abfm.outcome import Outcome
 from tests.core.fields import bump
@@ -35,7 +35,7 @@ def reloaded(found, path, **changes):
     with np.load(path) as file:
         arrays = dict(file)
     np.savez(path, **arrays | {name: change(arrays[name]) for name, change in changes.items()})
-    return load_match(path)
+    return load(path)
 
 
 def test_what_was_saved_is_believed_as_it_is(found, tmp_path):
@@ -64,7 +64,7 @@ def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
     assert loaded.verdict.kind == "not reached"
     assert_allclose(loaded.advected, loaded.source, atol=1e-9)
     loaded.save(again := tmp_path / "again.npz")
-    assert load_match(again).doubt == ""
+    assert load(again).doubt == ""
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from abfm import Control, Parameters, Problem, load_match, match
+from abfm import Control, Parameters, Problem, load, match
 from abfm.errors import ParameterError
 from abfm.matching import SHARE, bounded
 from tests.messages import raises
@@ -150,7 +150,7 @@ def test_facts_and_files_name_the_bound(found, tmp_path):
     assert "0.4" in facts.reason
     assert "max_distortion" not in found.facts.numbers
     within.save(tmp_path / "m.npz")
-    loaded = load_match(tmp_path / "m.npz")
+    loaded = load(tmp_path / "m.npz")
     assert loaded.bound == within.bound
     assert loaded.facts.headline == facts.headline
     assert loaded.at_step(0).bound is None

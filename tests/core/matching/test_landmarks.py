@@ -109,7 +109,7 @@ def test_landmark_errors_have_one_computation(tmp_path):
     assert found.residual == pytest.approx(worst, rel=1e-6)
     assert found.verified_residual == pytest.approx(worst, rel=1e-6)
     found.save(tmp_path / "m.npz")
-    loaded = abfm.load_match(tmp_path / "m.npz")
+    loaded = abfm.load(tmp_path / "m.npz")
     assert not loaded.doubt
     assert loaded.residual == found.residual
     for step in range(len(found.path)):
@@ -152,7 +152,7 @@ def test_smaller_landmark_sigmas_leave_less():
 
 def test_it_comes_back_from_files_and_from_other_processes(matched, tmp_path):
     matched.save(tmp_path / "m.npz")
-    loaded = abfm.load_match(tmp_path / "m.npz")
+    loaded = abfm.load(tmp_path / "m.npz")
     assert not loaded.doubt
     assert loaded.verdict == matched.verdict
     assert np.array_equal(loaded.landmark_errors, matched.landmark_errors)
@@ -161,7 +161,7 @@ def test_it_comes_back_from_files_and_from_other_processes(matched, tmp_path):
     assert np.array_equal(arrays["landmark_errors"], matched.landmark_errors)
     matched.problem.save(tmp_path / "p.npz")
     for other in (
-        abfm.load_problem(tmp_path / "p.npz"),
+        abfm.load(tmp_path / "p.npz"),
         pickle.loads(pickle.dumps(matched.problem)),
     ):
         assert other.digest == matched.problem.digest
@@ -174,12 +174,12 @@ def test_a_file_with_half_of_them_is_refused(matched, tmp_path):
     del arrays["landmark_faces"]
     results.save_arrays(tmp_path / "p.npz", arrays, results.PROBLEM)
     with raises(ResultError, "landmark_faces"):
-        abfm.load_problem(tmp_path / "p.npz")
+        abfm.load(tmp_path / "p.npz")
     arrays = matched.problem.arrays()
     arrays["landmark_faces"] = arrays["landmark_faces"] + len(SPHERE.faces)
     results.save_arrays(tmp_path / "q.npz", arrays, results.PROBLEM)
     with raises(ResultError):
-        abfm.load_problem(tmp_path / "q.npz")
+        abfm.load(tmp_path / "q.npz")
 
 
 def test_digests_depend_on_landmarks_and_their_weights():

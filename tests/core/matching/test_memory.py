@@ -47,7 +47,7 @@ def test_the_best_field_so_far_is_kept(monkeypatch, tmp_path):
     assert match.residual < match.initial_residual
     assert np.isfinite(match.verified_residual)
     match.save(tmp_path / "m.npz")
-    assert abfm.load_match(tmp_path / "m.npz").stop_reason == "out of memory"
+    assert abfm.load(tmp_path / "m.npz").stop_reason == "out of memory"
 
 
 def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):

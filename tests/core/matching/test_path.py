@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from abfm import MatchingEnergy, Parameters, PathStep, ResultError, load_match, match
+from abfm import MatchingEnergy, Parameters, PathStep, ResultError, load, match
 from abfm.io import load_arrays, save_arrays
 from abfm.matching import path_table
 from abfm.matching.files import loaded_match
@@ -87,7 +87,7 @@ def test_its_table_is_csv(longer):
 def test_files_keep_it_and_files_from_before_load_with_the_step_that_they_hold(longer, tmp_path):
     path = tmp_path / "m.npz"
     longer.save(path)
-    loaded = load_match(path)
+    loaded = load(path)
     assert loaded.step == 2
     for given, read in zip(longer.path, loaded.path, strict=True):
         assert_allclose(read.velocity, given.velocity, rtol=1e-6, atol=1e-12)
@@ -97,7 +97,7 @@ def test_files_keep_it_and_files_from_before_load_with_the_step_that_they_hold(l
     assert again.read_bytes() == path.read_bytes()
     arrays = load_arrays(path)
     save_arrays(path, {name: array for name, array in arrays.items() if "path" not in name})
-    [step] = load_match(path).path
+    [step] = load(path).path
     assert (step.residual, step.velocity.shape) == (longer.residual, longer.velocity.shape)
 
 
@@ -143,7 +143,7 @@ def test_damage_to_numbers_of_fields_is_refused(damage, told, found, tmp_path):
     arrays["path_fields"] = damage(arrays["path_fields"])
     np.savez(tmp_path / "m.npz", **arrays)
     with pytest.raises(ResultError) as error:
-        load_match(tmp_path / "m.npz")
+        load(tmp_path / "m.npz")
     assert told in str(error.value)
 
 
@@ -170,7 +170,7 @@ def test_damage_to_it_is_refused_in_one_line(longer, tmp_path, name, damage, nam
     given = arrays.pop(name)
     np.savez(path, **arrays, **({name: damage(given)} if damage else {}))
     with pytest.raises(ResultError) as error:
-        load_match(path)
+        load(path)
     check_message(str(error.value), *named)
     assert "\n" not in str(error.value)
 
@@ -178,7 +178,7 @@ def test_damage_to_it_is_refused_in_one_line(longer, tmp_path, name, damage, nam
 def test_a_step_that_went_astray_does_not_keep_a_match_from_its_file(found, tmp_path):
     wild = PathStep(1.0, 0.1, 0.3, 2 * found.velocity, math.inf, math.inf, 0.5, math.inf, 0.2)
     replace(found, path=(wild, found.path[found.step]), step=1).save(tmp_path / "m.npz")
-    again = load_match(tmp_path / "m.npz")
+    again = load(tmp_path / "m.npz")
     assert math.isnan(again.path[0].residual)
     assert again.residual == found.residual
     assert again.doubt == ""

@@ -53,7 +53,7 @@ def test_match_takes_a_problem_or_what_makes_one_which_is_the_same():
 
 def test_it_comes_back_from_a_file_and_from_another_process(made, tmp_path):
     made.save(tmp_path / "p.npz")
-    loaded = abfm.load_problem(tmp_path / "p.npz")
+    loaded = abfm.load(tmp_path / "p.npz")
     assert loaded.digest == made.digest
     assert loaded.channels_given == made.channels_given
     assert loaded.parameters == made.parameters
@@ -68,7 +68,7 @@ def test_it_comes_back_from_a_file_and_from_another_process(made, tmp_path):
 
 def test_its_digest_is_the_same_in_every_process(tmp_path):
     problem().save(tmp_path / "p.npz")
-    code = "import abfm, sys; print(abfm.load_problem(sys.argv[1]).digest)"
+    code = "import abfm, sys; print(abfm.load(sys.argv[1]).digest)"
     found = subprocess.check_output([sys.executable, "-c", code, tmp_path / "p.npz"], text=True)
     assert found.strip() == problem().digest
     assert len(problem().digest) == 64
@@ -151,10 +151,10 @@ def test_what_does_not_fit_is_refused_at_once(changes, named):
 
 def test_a_file_that_is_no_problem_is_refused(tmp_path):
     abfm.match(SPHERE, F, G, P).save(tmp_path / "m.npz")
-    assert abfm.load_problem(tmp_path / "m.npz").channels_given is False  # a result holds one
+    assert abfm.load(tmp_path / "m.npz").channels_given is False  # a result holds one
     np.savez(tmp_path / "other.npz", source=F)
     with raises(ResultError):
-        abfm.load_problem(tmp_path / "other.npz")
+        abfm.load(tmp_path / "other.npz")
 
 
 def test_missing_values_are_masked_with_a_warning():

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
-from abfm import AbfmError, Flow, Parameters, Problem, function, load_match, load_problem, match
+from abfm import AbfmError, Flow, Parameters, Problem, function, load, match
 from abfm.calculus import face_areas
 from abfm.flow import ContinuousFlow, flow_lines
 from abfm.maps import SurfacePoints
@@ -182,7 +182,7 @@ def test_texts_are_part_of_the_digest_where_given_and_of_files_and_copies(tmp_pa
     assert named.digest != plain.digest == plain.with_specs([""], [""]).digest
     assert named.digest == plain.with_specs([SPECS[0]], [SPECS[1]]).digest
     named.save(tmp_path / "p.npz")
-    copies = load_problem(tmp_path / "p.npz"), pickle.loads(pickle.dumps(named))
+    copies = load(tmp_path / "p.npz"), pickle.loads(pickle.dumps(named))
     for copy in copies:
         assert (copy.digest, copy.specs) == (named.digest, named.specs)
         assert copy.subdivided().digest == named.subdivided().digest
@@ -220,7 +220,7 @@ def test_files_keep_the_finer_field_beside_its_mean(fine_match, tmp_path):
     with np.load(path) as file:
         assert file["velocity"].shape == (1, len(BALL.faces), 3)
         assert file["fine_velocity"].shape == (1, 4 * len(BALL.faces), 3)
-    loaded = load_match(path)
+    loaded = load(path)
     assert_array_equal(loaded.fine_velocity, fine_match.fine_velocity)
     assert loaded.problem.digest == fine_match.problem.digest
     assert loaded.path[0].velocity is loaded.fine_velocity
@@ -228,7 +228,7 @@ def test_files_keep_the_finer_field_beside_its_mean(fine_match, tmp_path):
     plain.save(path)
     with np.load(path) as file:
         assert "fine_velocity" not in file
-    assert abfm.load_match(path).fine is not None
+    assert abfm.load(path).fine is not None
 
 
 def test_a_step_of_another_level_is_a_match_of_that_level(fine_match):

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import abfm
-from abfm import AbfmError, Flow, ParameterError, TriangleMesh, load_population
+from abfm import AbfmError, Flow, ParameterError, TriangleMesh, load
 from abfm.batch import Ledger, LedgerEntry, Workers
 from abfm.batch.attempt import Task, attempt
 from abfm.batch.run import seen_here
@@ -281,7 +281,7 @@ def test_fields_are_those_that_made_the_subjects(usual, kept):
     """Up to the direction in which the function does not change, by how far points are off."""
     for i, name in enumerate(usual.names[:4]):
         drift = Flow(MESH, -usual.drift).point_map()
-        found = abfm.load_registration(kept.folder / "out" / f"{usual.digests[i]}.npz")
+        found = abfm.load(kept.folder / "out" / f"{usual.digests[i]}.npz")
         places = drift.followed_by(found.points).positions
         truth = Flow(MESH, FIELDS[name]).point_map(inverse=True).positions
         off, moved = (
@@ -355,7 +355,7 @@ def test_the_order_of_subjects_says_nothing(kept, usual, solved):
 def test_files_keep_it(usual, tmp_path):
     path = tmp_path / "p.npz"
     usual.save(path)
-    found = load_population(path)
+    found = load(path)
     for name, value in vars(usual).items():
         if isinstance(value, np.ndarray):
             assert np.array_equal(getattr(found, name), value, equal_nan=value.dtype.kind == "f")
@@ -378,13 +378,13 @@ def test_damaged_files_are_told(usual, tmp_path, cut):
     usual.save(path)
     path.write_bytes(path.read_bytes()[:cut])
     with raises(AbfmError):
-        load_population(path)
+        load(path)
 
 
 def test_files_of_another_kind_are_told(usual, kept):
     path = kept.folder / "out" / f"{usual.digests[0]}.npz"
     with raises(AbfmError):
-        load_population(path)
+        load(path)
 
 
 def test_unknown_names_are_told(usual):

@@ -219,7 +219,7 @@ def test_rows_of_files_count_as_the_file_does():
 )
 def test_files_keep_all(found, tmp_path):
     found.save(tmp_path / "c.npz")
-    again = abfm.load_correspondence(tmp_path / "c.npz")
+    again = abfm.load(tmp_path / "c.npz")
     assert_array_equal(again.points.positions, found.points.positions)
     assert_array_equal(again.back.positions, found.back.positions)
     assert again.there_and_back() == found.there_and_back()
@@ -244,7 +244,7 @@ def test_damaged_files_are_refused(name, value, named, tmp_path):
     arrays = spheres(FINE, COARSE).arrays() | {name: value, "format_version": FORMAT_VERSION}
     np.savez(tmp_path / "bad.npz", **arrays)
     with raises(ResultError, named):
-        abfm.load_correspondence(tmp_path / "bad.npz")
+        abfm.load(tmp_path / "bad.npz")
 
 
 def test_ways_between_other_surfaces_are_refused():

@@ -7,15 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 import abfm
-from abfm import (
-    Correspondence,
-    Parameters,
-    PointMap,
-    Registration,
-    TriangleMesh,
-    load_registration,
-    register,
-)
+from abfm import Correspondence, Parameters, PointMap, Registration, TriangleMesh, load, register
 from abfm.errors import AbfmError, FunctionError, MeshError, ParameterError, ResultError
 from abfm.io.exports import export_ply
 from abfm.maps.spherical import SphereLayout
@@ -145,12 +137,12 @@ def test_its_functions_go_as_the_match_says(found):
 
 def test_it_is_the_same_after_it_was_saved(found, tmp_path):
     found.save(tmp_path / "r.npz")
-    again = abfm.load_registration(tmp_path / "r.npz")
+    again = abfm.load(tmp_path / "r.npz")
     assert_array_equal(again.points.positions, found.points.positions)
     assert_array_equal(again.back.positions, found.back.positions)
     assert again.verdict == found.verdict
     assert again.notes == found.notes != ()
-    assert_allclose(abfm.load_match(tmp_path / "r.npz").residual, found.match.residual)
+    assert_allclose(abfm.load(tmp_path / "r.npz").residual, found.match.residual)
     assert_array_equal(again.functions, found.functions)
     step = again.at_step(0)
     assert step.distortion().log2_area.mean < found.distortion().log2_area.mean
@@ -158,9 +150,9 @@ def test_it_is_the_same_after_it_was_saved(found, tmp_path):
     with np.load(tmp_path / "r.npz") as arrays:
         before = {name: arrays[name] for name in arrays if name != "a_functions"}
     np.savez(tmp_path / "before.npz", **before)  # as files were, which did not have them
-    assert abfm.load_registration(tmp_path / "before.npz").functions is None
+    assert abfm.load(tmp_path / "before.npz").functions is None
     with raises(ResultError):
-        abfm.load_registration(saved(found.match, tmp_path / "m.npz"))
+        abfm.load(saved(found.match, tmp_path / "m.npz"))
 
 
 def test_a_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
@@ -168,7 +160,7 @@ def test_a_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
     assert found.facts.outcome.is_good
     warned = Registration(found.initial, found.match, (), found.functions, ("it may be wrong",))
     warned.save(tmp_path / "r.npz")
-    for each in (warned, warned.at_step(warned.match.step), load_registration(tmp_path / "r.npz")):
+    for each in (warned, warned.at_step(warned.match.step), load(tmp_path / "r.npz")):
         assert (each.verdict.kind, each.verdict.cause) == ("not reached", Cause.INITIAL_MAP)
         assert each.verdict.why == "it may be wrong"
         assert "it may be wrong" in each.facts.warnings

@@ -46,7 +46,7 @@ def test_landmarks_alone_come_to_where_they_belong_and_files_keep_it(tmp_path):
     off = found.carry_points(on_a).distances_from(on_b.positions) / BALL.length_scale
     assert_allclose(off, found.landmark_errors, atol=2e-3)
     found.save(tmp_path / "r.npz")
-    again = abfm.load_registration(tmp_path / "r.npz")
+    again = abfm.load(tmp_path / "r.npz")
     assert_allclose(again.landmark_errors, found.landmark_errors, atol=1e-9)
 
 

@@ -9,7 +9,7 @@ import pytest
 from nibabel.freesurfer import MGHImage
 from numpy.testing import assert_allclose, assert_array_equal
 
-from abfm import load_sequence
+from abfm import load
 from abfm.calculus.channels import extend
 from abfm.errors import AbfmError, FunctionError, ResultError, SeveralArraysError
 from abfm.functions import sources as source_frames
@@ -99,7 +99,7 @@ def test_zips_of_arrays_may_say_times(tmp_path):
 def test_the_file_of_a_sequence_is_one_of_frames(tmp_path):
     solved().save(tmp_path / "s.npz")
     found = read_frames(tmp_path / "s.npz", MESH)
-    assert_array_equal(found.values, load_sequence(tmp_path / "s.npz").frames)
+    assert_array_equal(found.values, load(tmp_path / "s.npz").frames)
     assert_array_equal(found.times, TIMES)
 
 
@@ -227,7 +227,7 @@ def test_frames_and_fields_of_others_are_no_sequence(tmp_path):
     assert_array_equal(read_frames(tmp_path / "a.npz", MESH).values, FILM)
     assert not is_sequence(tmp_path / "a.npz")
     with raises(ResultError):
-        load_sequence(tmp_path / "a.npz")
+        load(tmp_path / "a.npz")
 
 
 def test_arrays_that_may_be_frames_are_named_where_none_is_chosen(tmp_path):

@@ -99,7 +99,7 @@ def test_a_table_is_solved_and_failed_rows_have_their_status_and_reason(solved):
     check_message(lost["reason"], "nowhere.off")
     assert (lost["digest"], lost["residual"]) == ("", "")
     for row in (far, same):
-        match = library.load_match(folder / "out" / f"{row['digest']}.npz")
+        match = library.load(folder / "out" / f"{row['digest']}.npz")
         assert match.problem.digest == row["digest"]
         assert float(row["residual"]) == match.residual
         assert float(row["verified_residual"]) == match.verified_residual
@@ -189,7 +189,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     assert {row["channel"] for row in rows} == {"coordinate:x coordinate:x 0.5"}
     assert rows[1]["name"] == "alpha 0.1, target gaussian:vertex=6,width=0.4, iterations 1"
     assert len(results(tmp_path / "out")) == 4
-    match = library.load_match(tmp_path / "out" / f"{rows[1]['digest']}.npz")
+    match = library.load(tmp_path / "out" / f"{rows[1]['digest']}.npz")
     assert match.parameters == library.Parameters.of(
         alpha=0.1, refine=0, levels=1, cooling_stages=2, iterations=1
     )
@@ -203,7 +203,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     left = max(float(rows[0][name]) for name in ("residual", "verified_residual"))
     assert f"{100 * left:.2g}%" in grid
     for row in rows:
-        match = library.load_match(tmp_path / "out" / f"{row['digest']}.npz")
+        match = library.load(tmp_path / "out" / f"{row['digest']}.npz")
         assert float(row["log2_area"]) == match.path[match.step].log2_area
     assert "Best" not in text  # targets are no ways to solve one problem
     again = abfm(

@@ -15,7 +15,7 @@ import trimesh
 from PIL import Image, ImageSequence
 from scipy.spatial.transform import Rotation
 
-from abfm import Parameters, load_match
+from abfm import Parameters, load
 from abfm.assets import asset_path
 from abfm.io import write_values
 from abfm.matching.judging.cause import Cause
@@ -57,7 +57,7 @@ def result(tmp_path_factory):
 def project(result, tmp_path_factory):
     """The result as a project."""
     path = tmp_path_factory.mktemp("project") / "m.abfm"
-    save_project(path, *document_of_result(load_match(result), result))
+    save_project(path, *document_of_result(load(result), result))
     return path
 
 
@@ -220,7 +220,7 @@ def test_meshes_are_merged_and_cleaned_in_every_command(tmp_path, abfm):
     assert "L or R" in abfm("info", path, "--hemisphere", "left", status=2).err
     given = [f"--source=file:{values}", f"--target=file:{values}", "--merge", "--clean", *SHORT]
     assert "warning: 1 of 201 merged" in abfm("match", path, *given, "--out", out).err
-    mesh = load_match(out).mesh
+    mesh = load(out).mesh
     assert mesh.on_file(mesh.vertices[:, 0]) == pytest.approx(sphere.vertices[corners, 0])
     abfm("map", out, "--out", tmp_path / "map.txt")
     assert (mesh.local_vertices(np.loadtxt(tmp_path / "map.txt")) == mesh.numbered[1]).all()
@@ -243,7 +243,7 @@ def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
         f"--out={out}",
     ]
     told = abfm(*words, status=UNREACHED)
-    report, match = json.loads(told.out), load_match(out)
+    report, match = json.loads(told.out), load(out)
     assert report["mesh"] == EIGHT
     assert report["outputs"] == [str(out)]
     assert report["iterations"] == len(match.energy_history) - 1 <= 20
@@ -264,7 +264,7 @@ def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
 def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     out = tmp_path / "m.npz"
     told = abfm(*MATCH, out, status=UNREACHED)
-    match = load_match(out)
+    match = load(out)
     assert told.err == ""
     said, why, numbers, *table, wrote, advice = told.out.splitlines()
     assert said == match.facts.headline
@@ -292,8 +292,8 @@ def test_measured_functions_that_are_registered_are_a_success(tmp_path, abfm):
     given = [f"--{side}=file:{tmp_path}/{f}.npy" for side, f in (("source", "f"), ("target", "g"))]
     said, why, *_ = abfm("match", mesh, "--quiet", "--out", out, *given).out.splitlines()
     check_message(said, "registered")
-    assert load_match(out).verdict.cause is Cause.LIMIT_OF_DATA
-    first = load_match(out).initial_residual
+    assert load(out).verdict.cause is Cause.LIMIT_OF_DATA
+    first = load(out).initial_residual
     assert float(re.findall(r"([\d.]+)%", why)[-1]) == pytest.approx(100 * first, abs=1)
     assert said in abfm("info", out).out
 
@@ -321,9 +321,9 @@ def test_what_is_advised_on_the_command_line_can_be_typed_there_and_helps(tmp_pa
     warning = r"warning: iteration \d+: the source is being squeezed to nothing .*\n"
     assert re.fullmatch(warning, told.err)
     options = shlex.split(re.search(r"^to try: reach further \((.*?)\)$", told.out, re.M)[1])
-    before = load_match(out).residual
+    before = load(out).residual
     abfm(*words, *options)
-    assert load_match(out).residual < 0.2 * before
+    assert load(out).residual < 0.2 * before
 
 
 def test_progress_tells_meshes_stages_and_reach(tmp_path, abfm):
@@ -368,7 +368,7 @@ def test_what_takes_seconds_is_said_with_an_estimate(extra, is_told, tmp_path, m
 
 
 def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(result):
-    match = load_match(result)
+    match = load(result)
     assert match.source.shape == (315, 2)
     assert match.weights == pytest.approx([1, 0.01])
     assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
@@ -383,7 +383,7 @@ def test_a_mask_is_a_function_or_its_file(as_file, tmp_path, abfm):
     out, values = tmp_path / "m.npz", tmp_path / "a mask, 1.npy"
     np.save(values, np.linspace(0, 1, 315))
     abfm(*MATCH, out, "--mask", values if as_file else "expression:1+x*x", status=UNREACHED)
-    match = load_match(out)
+    match = load(out)
     expected = np.linspace(0, 1, 315) if as_file else 1 + match.mesh.vertices[:, 0] ** 2
     assert match.mask == pytest.approx(expected)
 
@@ -393,7 +393,7 @@ def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path, abfm, resu
     one_stage = ["--set=cooling_stages=1", "--set=reach=0", "--set=levels=1"]
     abfm(*MATCH, first, *one_stage, "--set=iterations=8", status=UNREACHED)
     abfm(*MATCH, second, *one_stage, "--set=iterations=1", "--start", first, status=UNREACHED)
-    energies = [load_match(path).energy_history for path in (first, second)]
+    energies = [load(path).energy_history for path in (first, second)]
     assert energies[1][0] == pytest.approx(energies[0][-1])
     words = ["match", HUMAN, *PAIR, "--start", result, "--out", tmp_path / "m.npz"]
     check_message(abfm(*words, status=2).err)
@@ -403,7 +403,7 @@ def test_exports_hold_the_functions_and_the_field(tmp_path, abfm):
     npz, ply, vtu, csv = paths = [tmp_path / f"m.{end}" for end in ("npz", "ply", "vtu", "csv")]
     words = ["match", EIGHT, *PAIR, *SHORT, "--set=method=linearised", "--set=segments=2"]
     abfm(*words, *(f"--out={path}" for path in paths), status=UNREACHED)
-    match = load_match(npz)
+    match = load(npz)
     attributes = trimesh.load(ply, process=False).metadata["_ply_raw"]
     assert attributes["vertex"]["data"]["advected"].ravel() == pytest.approx(match.advected[:, 0])
     field = attributes["face"]["data"]["velocity_segment_1_2"]

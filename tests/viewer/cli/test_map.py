@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from abfm import Parameters, Problem, TriangleMesh, function, load_match
+from abfm import Parameters, Problem, TriangleMesh, function, load
 from abfm.calculus.eigenbasis import eigenbasis
 from abfm.experiments import Example, as_match
 from abfm.experiments.fields import tangent
@@ -39,7 +39,7 @@ def test_the_map_is_half_a_turn_works_in_functions_and_its_errors_are_told(turne
         assert said.out.endswith(f"\nwrote {tmp_path / name}\n")
         assert said.err == ""
     assert folded in abfm("map", turned).out  # which needs no file
-    mesh, found = load_match(turned).mesh, np.load(tmp_path / "map.npy")
+    mesh, found = load(turned).mesh, np.load(tmp_path / "map.npy")
     places = mesh.vertices * [-1, -1, 1]
     assert np.abs(mesh.vertices[found] - places).max() < 0.1
     values = function(mesh, f"permuted:{tmp_path / 'map.txt'}(coordinate:x)")
@@ -65,7 +65,7 @@ def wild(tmp_path_factory):
 
 @pytest.mark.parametrize("what", [[], ["--inverse"], ["--functional-map=5"], ["--carry={}/uv.npy"]])
 def test_what_is_no_map_is_told_and_warned_of_in_one_line(wild, what, tmp_path, abfm):
-    match = load_match(wild)
+    match = load(wild)
     np.save(tmp_path / "uv.npy", match.mesh.vertices)
     words = [word.format(tmp_path) for word in what]
     said = abfm("map", wild, "--out", tmp_path / "out.npy", *words)
@@ -79,7 +79,7 @@ def test_json_has_the_numbers_of_the_map_that_is_asked_for(wild, turned, tmp_pat
     for path, time in ((wild, 0.5), (wild, -0.5), (wild, 0.0), (turned, 1.0)):
         said = abfm("map", path, "--time", time, "--out", tmp_path / "map.txt", "--json")
         told = json.loads(said.out)["quality"]
-        found = load_match(path).flow.map_quality(time)
+        found = load(path).flow.map_quality(time)
         for name in ("log2_area", "log2_shape"):
             assert told[name] == getattr(found.distortion, name)._asdict()
         assert told["there_and_back"] == found.there_and_back._asdict()
@@ -95,7 +95,7 @@ def test_the_inverse_is_the_map_of_the_time_below_zero(turned, tmp_path, abfm):
 
 
 def test_transferred_values_come_back_without_unused_vertices(turned, tmp_path, abfm):
-    mesh = load_match(turned).mesh
+    mesh = load(turned).mesh
     np.save(tmp_path / "uv.npy", mesh.vertices[:, :2])
     there, back = tmp_path / "there.npy", tmp_path / "back.csv"
     abfm("map", turned, "--carry", tmp_path / "uv.npy", "--out", there)
@@ -119,7 +119,7 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
     C = np.load(tmp_path / "C.npy")
     np.testing.assert_allclose(C[:, 0], np.eye(12)[0], atol=1e-6)
     np.testing.assert_allclose(C.T @ C, np.eye(12), atol=0.05)
-    match = load_match(turned)
+    match = load(turned)
     assert eigenbasis(match.mesh.normalized(), 12)[1].shape == (len(match.mesh.vertices), 12)
 
 
@@ -146,7 +146,7 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
 def test_bad_words_are_refused_in_one_line(turned, words, named, abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.save("short.npy", np.zeros(3))
-    np.save("inf.npy", np.full(len(load_match(turned).mesh.vertices), np.inf))
+    np.save("inf.npy", np.full(len(load(turned).mesh.vertices), np.inf))
     check_message(abfm("map", turned, *words, status=2).err, *named)
 
 

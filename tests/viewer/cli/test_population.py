@@ -66,7 +66,7 @@ def told(folder):
 
 @pytest.fixture(scope="module")
 def found(folder, told):
-    return library.load_population(folder / "out" / "population.npz")
+    return library.load(folder / "out" / "population.npz")
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +179,7 @@ def test_weights_and_landmarks_are_told(abfm, folder, monkeypatch):
     left = {each["name"]: each["landmarks"] for each in facts["subjects"]}
     assert left["s2"] is None
     assert left["s1"] < 0.02
-    found = library.load_population(folder / "two" / "population.npz")
+    found = library.load(folder / "two" / "population.npz")
     assert found.landmarks[0] == left["s1"]
     page = Page((folder / "two" / "population.html").read_text(encoding="utf-8"))
     assert "edge, weight 0.25" in page.text
@@ -230,7 +230,7 @@ def test_info_says_what_the_run_said(abfm, folder, told, found):
     count = int(found.fits.sum())
     check_message(lines[0], path, count, 6)
     check_message(lines[-1], NAME)
-    assert library.load_population(folder / "out").names == found.names
+    assert library.load(folder / "out").names == found.names
     assert abfm("info", folder / "out").out.splitlines()[1:] == lines[1:]
     refused = abfm("render", path, "--out", folder / "p.png", status=2).err
     check_message(refused)

@@ -73,7 +73,7 @@ def test_a_registration_is_told_and_written_in_several_forms(files, abfm, tmp_pa
     check_message(line_with(told.err, "note: initial map"), "sphere")
     check_message(line_with(told.out, "covered"), "100.0%")
     assert "within distortion 2" in told.out
-    found = library.load_registration(outs[0])
+    found = library.load(outs[0])
     numbers = np.loadtxt(outs[1], delimiter=",", skiprows=0)
     np.testing.assert_array_equal(numbers, found.to_vertices())
     for path in outs[2:]:
@@ -102,7 +102,7 @@ def test_an_ambiguous_initial_map_is_not_registered(files, abfm, tmp_path):
     assert facts["worse_residual"] < 0.15
     assert len(facts["warnings"]) >= 1
     assert "warning: " in told.err
-    found = library.load_registration(tmp_path / "r.npz")
+    found = library.load(tmp_path / "r.npz")
     assert len(found.warnings) == 1
     assert found.facts.outcome == "not reached"
 
@@ -133,7 +133,7 @@ def test_what_machines_are_told_is_whole(files, abfm, tmp_path):
 
 
 def test_data_labels_and_points_go_there_and_back(registration, files, abfm, tmp_path):
-    found = library.load_registration(registration)
+    found = library.load(registration)
     for by in ("area", "point"):
         abfm(
             "apply", registration, f"--data={files}/a.npy", f"--by={by}", f"--out={tmp_path}/d.csv"
@@ -201,7 +201,7 @@ def write_two_columns(folder):
 def test_one_of_several_columns_of_labels_is_chosen(registration, tmp_path, abfm):
     write_two_columns(tmp_path)
     left = (A.vertices[:, 0] > 0).astype(int)
-    wanted = library.load_registration(registration).carry_labels(left, "area")
+    wanted = library.load(registration).carry_labels(left, "area")
     for name, column in (("two.csv", "left"), ("two.csv", "1"), ("two.label.gii", "left")):
         labels = ["--labels", f"{tmp_path}/{name}", "--column", column]
         abfm("apply", registration, *labels, "--out", tmp_path / "x.csv")

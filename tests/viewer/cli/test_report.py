@@ -102,7 +102,7 @@ def written(registered, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(written):
-    return library.load_registration(written / "r.npz")
+    return library.load(written / "r.npz")
 
 
 @pytest.fixture(scope="module")

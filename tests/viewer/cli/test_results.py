@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from abfm import Parameters, PathStep, load_match, match
+from abfm import Parameters, PathStep, load, match
 from abfm.assets import asset_path
 from abfm.functions import function
 from abfm.matching.path import COLUMNS
@@ -60,7 +60,7 @@ def test_match_writes_its_path_and_takes_the_step_that_is_asked_for(tmp_path, ab
     out, table = tmp_path / "m.npz", tmp_path / "p.csv"
     told = abfm(*WORDS, out, "--path", table, "--max-distortion", "1000", status=SHORT)
     header, *rows = csv.reader(table.read_text().splitlines())
-    written = load_match(out)
+    written = load(out)
     assert tuple(header) == COLUMNS
     assert len(rows) == len(written.path)
     assert 0 <= written.step < len(rows)

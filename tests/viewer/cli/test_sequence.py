@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 import abfm as library
-from abfm import load_sequence
+from abfm import load
 from abfm.io import export_ply
 from abfm.reading import read_collection, read_stc
 from abfm.sequences import defaults, vertex_speed
@@ -43,7 +43,7 @@ def test_a_film_is_solved_told_and_written_in_several_forms(files, tmp_path, abf
     words = [f"--out={out}" for out in outs]
     tables = ["--tracks", tmp_path / "t.csv", "--intervals", tmp_path / "i.csv"]
     told = abfm("sequence", files / "m.ply", files / "f.npz", "--sigma=0.1", *words, *tables)
-    found, wanted = load_sequence(outs[0]), library.sequence(MESH, film(), TIMES, given(sigma=0.1))
+    found, wanted = load(outs[0]), library.sequence(MESH, film(), TIMES, given(sigma=0.1))
     np.testing.assert_array_equal(found.velocity, wanted.velocity)
     lines = told.out.splitlines()
     check_message(lines[0], 4, "matched")
@@ -85,11 +85,11 @@ def test_seconds_between_frames_may_be_said(files, tmp_path, abfm):
         f"--out={tmp_path}/a.npz",
     )
     assert told.err == ""
-    np.testing.assert_allclose(load_sequence(tmp_path / "a.npz").times, TIMES - TIMES[0])
+    np.testing.assert_allclose(load(tmp_path / "a.npz").times, TIMES - TIMES[0])
     told = abfm(
         "sequence", files / "m.ply", files / "f.npz", "--dt=2", *SOLVED, f"--out={tmp_path}/a.npz"
     )
-    np.testing.assert_array_equal(load_sequence(tmp_path / "a.npz").times, 2 * np.arange(5))
+    np.testing.assert_array_equal(load(tmp_path / "a.npz").times, 2 * np.arange(5))
     told = abfm("sequence", files / "m.ply", files / "f.npy", *SOLVED, f"--out={tmp_path}/a.npz")
     check_message(line_with(told.err, "note: "), 1, "--dt")
     assert "per frame" in told.out
@@ -111,7 +111,7 @@ def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
         f"--out={tmp_path}/a.npz",
     ).out
     facts = json.loads(told)
-    found = load_sequence(tmp_path / "a.npz")
+    found = load(tmp_path / "a.npz")
     assert (facts["intervals"], facts["confirmed"]) == (4, found.confirmed)
     assert (facts["gamma"], facts["sigma"], facts["parameters"]["alpha"]) == (0, 0.2, 0.5)
     assert facts["parameters"]["order"] == 2
@@ -144,9 +144,9 @@ def test_channels_are_weighed(files, tmp_path, abfm):
         f"--out={tmp_path}/a.npz",
     ]
     abfm(*words, "--weights", "0,1")
-    backward = load_sequence(tmp_path / "a.npz")
+    backward = load(tmp_path / "a.npz")
     abfm(*words, "--weights", "1,0")
-    forward = load_sequence(tmp_path / "a.npz")
+    forward = load(tmp_path / "a.npz")
     np.testing.assert_array_equal(forward[0].weights, [1, 0])
     assert (forward.velocity * backward.velocity).sum() < 0
 
@@ -164,7 +164,7 @@ def test_fewer_than_half_confirmed_is_an_exit_status_of_its_own(files, tmp_path,
         f"--out={tmp_path}/a.npz",
     ]
     told = abfm(*words, status=3).out
-    found = load_sequence(tmp_path / "a.npz")
+    found = load(tmp_path / "a.npz")
     assert 2 * found.confirmed < len(found)
     check_names(told.splitlines()[0], found.confirmed, 4)
 
@@ -173,7 +173,7 @@ def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
     abfm("sequence", files / "m.ply", files / "f.npz", *SOLVED, f"--out={tmp_path}/a.npz")
     draw = ["render", tmp_path / "a.npz", "--out"]
     assert abfm(*draw, tmp_path / "a.html").out == f"wrote {tmp_path}/a.html\n"
-    headline = load_sequence(tmp_path / "a.npz").facts.headline
+    headline = load(tmp_path / "a.npz").facts.headline
     assert headline[1:] in (tmp_path / "a.html").read_text(encoding="utf-8")
     for name, times in (("one", ["--time=0"]), ("other", ["--time=0.1"]), ("both", [])):
         abfm(*draw, f"{tmp_path}/{name}.png", "--size", "900x500", *times)
@@ -289,7 +289,7 @@ def test_a_signal_keeps_what_was_found(number, files, tmp_path):
     assert "stopping" in errors
     assert "Traceback" not in errors
     assert told.startswith("cancelled: ")
-    found = load_sequence(tmp_path / "a.npz")
+    found = load(tmp_path / "a.npz")
     solved = np.abs(found.velocity).max(axis=(1, 2)) > 0
     assert 40 <= np.count_nonzero(solved) < 399
     kinds = np.array([verdict.kind for verdict in found.verdicts])

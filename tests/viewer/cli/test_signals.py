@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from abfm import load_match
+from abfm import load
 from abfm.assets import asset_path
 from abfm_viewer.cli import main
 from tests.messages import check_message
@@ -81,7 +81,7 @@ def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path):
     assert "stopping" in errors
     assert "Traceback" not in errors
     assert "cancelled: " in told
-    match = load_match(tmp_path / "m.npz")
+    match = load(tmp_path / "m.npz")
     assert match.stop_reason == "cancelled"
     assert len(match.energy_history) > 10
     assert match.residual < match.initial_residual

@@ -53,7 +53,7 @@ def set_sizes_and_save_results(matched, tmp_path):
     assert (movie.start, movie.end, movie.turntable) == (0.25, 2, -180)
     for suffix in (".npz", ".ply", ".vtu", ".csv"):
         exported(matched, "Save result...", tmp_path / f"match{suffix}")
-    again = abfm.load_match(tmp_path / "match.npz")
+    again = abfm.load(tmp_path / "match.npz")
     np.testing.assert_array_equal(again.velocity, matched.session.result.velocity)
     with (tmp_path / "match.csv").open() as table:
         assert len(list(csv.reader(table))) == 1 + len(again.energy_history)

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from abfm import load_population
+from abfm import load
 from abfm.batch import Ledger, Row
 from abfm.batch.attempt import Task, attempt
 from abfm.io import write_surface
@@ -230,7 +230,7 @@ def show_the_outlier(opened, monkeypatch):
     settle(opened)
     assert rows_of(opened)[0] == population_sample.ODD_NAME
     assert [row.verdict == "does not fit" for row in tables.rows] == [True] + [False] * 8
-    found = load_population(tables.table.place / population_sample.NAME)
+    found = load(tables.table.place / population_sample.NAME)
     odd = found.subject(population_sample.ODD_NAME)
     opened.wait(lambda s: s.values("target") is not None)
     np.testing.assert_array_equal(session.values("source"), found.values[odd, :, 0])

@@ -403,9 +403,7 @@ def write_all_files(solved, tmp_path):
     session.undo()
     assert not session.saves.unsaved
     exported(solved, "Save sequence...", tmp_path / "film.npz")
-    np.testing.assert_array_equal(
-        abfm.load_sequence(tmp_path / "film.npz").velocity, found.velocity
-    )
+    np.testing.assert_array_equal(abfm.load(tmp_path / "film.npz").velocity, found.velocity)
     exported(solved, "Save tracks...", tmp_path / "tracks.csv")
     assert (tmp_path / "tracks.csv").read_text().count("spiral") > COUNT
     exported(solved, "Save intervals...", tmp_path / "intervals.csv")

@@ -127,7 +127,7 @@ def report_save_and_export(walked, tmp_path, monkeypatch):
         walked.wait(lambda _, path=tmp_path / name: path.exists())
     header, *rows = csv.reader((tmp_path / "path.csv").read_text().splitlines())
     assert (tuple(header), len(rows)) == (COLUMNS, 3)
-    assert abfm.load_match(tmp_path / "match.npz").step == 0
+    assert abfm.load(tmp_path / "match.npz").step == 0
     walked.key("ctrl+s")
     walked.type("file name", "chosen")
     walked.wait(lambda s: not s.saves.unsaved)

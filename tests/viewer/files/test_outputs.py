@@ -10,14 +10,7 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm import (
-    Correspondence,
-    PointMap,
-    Registration,
-    ResultError,
-    load_match,
-    load_registration,
-)
+from abfm import Correspondence, PointMap, Registration, ResultError, load
 from abfm.matching.task import MatchTask
 from abfm.tasks import Export
 from abfm_viewer.files import outputs
@@ -65,7 +58,7 @@ def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_pa
     (kept,) = (path for path in tmp_path.iterdir() if path.name not in written)
     assert {path.name for path in tmp_path.iterdir()} == written | {kept.name}
     assert str(told.value).endswith(kept.name)
-    assert load_match(kept).residual == match.residual
+    assert load(kept).residual == match.residual
 
 
 def refuse(*_):
@@ -82,7 +75,7 @@ def test_a_result_is_saved_without_a_part_that_fails(part, match, tmp_path, monk
     assert "a part cannot be made" in note
     assert "m.npz" in note
     assert "\n" not in note
-    loaded = load_match(tmp_path / "m.npz")
+    loaded = load(tmp_path / "m.npz")
     np.testing.assert_array_equal(loaded.fine_velocity, match.fine_velocity)
     assert (loaded.residual, loaded.verdict.kind) == (match.residual, match.verdict.kind)
     assert loaded.parameters == match.parameters
@@ -106,7 +99,7 @@ def test_wrong_numbers_do_not_lose_a_result(name, match, tmp_path):
     wrong = dataclasses.replace(match, **{name: WRONG[name](match)})
     [note] = outputs.write_all([tmp_path / "m.npz"], wrong)
     assert "m.npz" in note
-    loaded = load_match(tmp_path / "m.npz")
+    loaded = load(tmp_path / "m.npz")
     np.testing.assert_array_equal(loaded.fine_velocity, match.fine_velocity)
     np.testing.assert_allclose(loaded.advected, match.advected, atol=1e-9)
     assert loaded.residual == pytest.approx(match.residual, rel=1e-6)
@@ -118,7 +111,7 @@ def test_a_registration_is_saved_without_its_path(match, tmp_path, monkeypatch):
     found = Registration(Correspondence(same, same), match)
     [note] = outputs.write_all([tmp_path / "r.npz"], found)
     assert "a part cannot be made" in note
-    loaded = load_registration(tmp_path / "r.npz")
+    loaded = load(tmp_path / "r.npz")
     np.testing.assert_array_equal(loaded.match.velocity, match.velocity)
 
 
@@ -128,7 +121,7 @@ def test_a_sequence_is_saved_without_its_numbers(match, tmp_path):
     [note] = outputs.write_all([tmp_path / "s.npz"], wrong)
     assert "residual" in note
     assert "verdicts" in note
-    loaded = abfm.load_sequence(tmp_path / "s.npz")
+    loaded = abfm.load(tmp_path / "s.npz")
     np.testing.assert_array_equal(loaded.velocity, found.velocity)
     assert np.isnan(loaded.residual).all()
     assert not loaded.verdicts[0].kind.is_good
@@ -140,7 +133,7 @@ def test_a_writer_that_fails_in_any_way_loses_no_result(match, tmp_path, monkeyp
     with pytest.raises(ResultError, match="a part cannot be made") as told:
         outputs.write_all([tmp_path / "m.ply"], match)
     kept = Path(str(told.value).rpartition("the result is in ")[2])
-    assert load_match(kept).residual == match.residual
+    assert load(kept).residual == match.residual
 
 
 def test_a_registration_with_collapsed_faces_is_kept(match, tmp_path, monkeypatch):
@@ -150,7 +143,7 @@ def test_a_registration_with_collapsed_faces_is_kept(match, tmp_path, monkeypatc
     found = Registration(Correspondence(*maps), match)
     with raises(ResultError, "x.ply", recorded=False):  # cut by the length of the path
         outputs.write_all([tmp_path / "x.ply", tmp_path / "r.npz"], found)
-    kept = load_registration(tmp_path / "r.npz")
+    kept = load(tmp_path / "r.npz")
     np.testing.assert_array_equal(kept.back.faces, found.back.faces)
 
 

@@ -10,7 +10,7 @@ import nibabel
 import numpy as np
 import pytest
 
-from abfm import AbfmError, MeshError, Parameters, Problem, load_match, match
+from abfm import AbfmError, MeshError, Parameters, Problem, load, match
 from abfm.io import export_vtu
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.kinds import FilmDocument
@@ -235,7 +235,7 @@ def test_a_session_opens_any_file_without_history(desk, tmp_path):
     save(desk, tmp_path / "p.abfm")
     for name in ("m.npz", "p.abfm"):
         session = open_session(tmp_path / name)
-        assert np.array_equal(session.result.velocity, load_match(tmp_path / "m.npz").velocity)
+        assert np.array_equal(session.result.velocity, load(tmp_path / "m.npz").velocity)
         assert (session.editor.undo_label, session.saves.unsaved) == ("", False)
         assert (session.saves.path is None) == (name == "m.npz")
         session.close()

@@ -224,7 +224,7 @@ def test_files_hold_functions_without_weight(tmp_path):
     f = bump(SPHERE, SPHERE.vertices[0], 0.2)
     problem = abfm.Problem(SPHERE, f, f, weights=[0.0], landmarks=PAIRS)
     problem.save(tmp_path / "p.npz")
-    again = abfm.load_problem(tmp_path / "p.npz")
+    again = abfm.load(tmp_path / "p.npz")
     assert (again.digest, again.is_of_landmarks) == (problem.digest, True)
 
 

@@ -218,7 +218,7 @@ def test_candidates_are_kept_in_files(tmp_path):
     b, _ = other_body((1, 1.2, 1))
     found = initial_map("extremities", MapInput(BODY, b)).correspondence
     found.save(tmp_path / "map.npz")
-    assert abfm.load_correspondence(tmp_path / "map.npz").candidates == found.candidates
+    assert abfm.load(tmp_path / "map.npz").candidates == found.candidates
     elsewhere = TriangleMesh(b.vertices + 1, b.faces)
     assert found.between(BODY, elsewhere).candidates == found.candidates
 
