@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import ParameterError
+from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.judging.verdict import Verdict
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.path import PathStep
@@ -19,6 +20,7 @@ from abfm.matching.result import Match
 from abfm.matching.solving.continuation import solve
 from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import Iteration, Record, StopReason
+from abfm.matching.terms.data_term import DataTerm
 from abfm.mesh import MeshLike
 from abfm.outcome import Outcome
 from abfm.parameters import Parameters
@@ -32,9 +34,16 @@ def match(
     g: ArrayLike | Sequence[str] | None = None,
     parameters: Parameters | None = None,
     *,
+    mask: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
+    start: ArrayLike | None = None,
+    terms: Sequence[DataTerm] = (),
+    landmarks: ArrayLike | tuple[SurfacePoints, SurfacePoints] | None = None,
+    landmark_weights: ArrayLike | None = None,
+    approximate: bool = False,
+    circular: bool | float | None = False,
     on_iteration: Callable[[Iteration], object] | None = None,
     control: Control | None = None,
-    **others: Any,
 ) -> Match:
     """Find the tangent field whose flow carries the source of a problem to its target.
 
@@ -45,8 +54,10 @@ def match(
     Parameters
     ----------
     problem : Problem, or whatever `abfm.load_mesh` takes
-        A mesh needs the other arguments of `Problem`: ``match(mesh, f, g, parameters, ...)``, such
-        as ``mask`` or ``landmarks``.
+        A mesh needs functions or landmarks, see `Problem`.
+    f, g, parameters, mask, weights, start, terms, landmarks, landmark_weights
+    approximate, circular
+        As of `Problem`, if the first argument is a mesh.
     on_iteration : callable, optional
         Called with an `Iteration` after every iteration, in this thread.
     control : Control, optional
@@ -69,11 +80,25 @@ def match(
     >>> str(found.facts.outcome), found.advect(1.0).shape == f.shape
     ('matched', True)
     """
+    given = (f, g, parameters, mask, weights, start, landmarks, landmark_weights)
     if not isinstance(problem, Problem):
-        if f is None and g is None and "landmarks" not in others:
+        if f is None and g is None and landmarks is None:
             raise ParameterError("match takes a Problem, or a mesh, a source and a target")
-        problem = Problem(problem, f, g, parameters, **others)
-    elif others or not (f is None and g is None and parameters is None):
+        problem = Problem(
+            problem,
+            f,
+            g,
+            parameters,
+            mask=mask,
+            weights=weights,
+            start=start,
+            terms=terms,
+            landmarks=landmarks,
+            landmark_weights=landmark_weights,
+            approximate=approximate,
+            circular=circular,
+        )
+    elif any(each is not None for each in given) or terms or approximate or circular:
         raise ParameterError(
             "match takes a Problem alone: parameters, mask, weights and start are its own; give "
             "them to abfm.Problem(...)"
