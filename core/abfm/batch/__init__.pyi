@@ -1,7 +1,7 @@
 from .cluster import Cluster as Cluster
 from .cost import Cost as Cost
 from .kinds import KINDS as KINDS
-from .kinds import kind_of_columns as kind_of_columns
+from .kinds import kind_of as kind_of
 from .ledger import Ledger as Ledger
 from .ledger import LedgerEntry as LedgerEntry
 from .rows import Row as Row

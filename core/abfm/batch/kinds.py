@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
-from abfm.errors import ParameterError
+from abfm.errors import ParameterError, brief
 from abfm.matching.task import MatchTask, ProblemTask
 from abfm.registration.symmetric import SymmetricTask
 from abfm.registration.task import RegistrationTask
@@ -24,10 +24,14 @@ column it fills.
 TASK = Input(name="task", help="the kind of task, if the other columns do not tell")
 
 
-def kind_of_columns(given: Collection[str], kinds: Mapping[str, type[Task]] = KINDS) -> type[Task]:
-    """Return the kind of task whose columns are given, or raise a ParameterError."""
-    for task in kinds.values():
+def kind_of(given: Mapping[str, str]) -> type[Task]:
+    """Return the kind of task of a row by its texts by column, or raise a ParameterError."""
+    if (name := given.get(TASK.name)) is not None:
+        if name not in KINDS:
+            raise ParameterError(f"column task: {brief(name)} is not one of {', '.join(KINDS)}")
+        return KINDS[name]
+    for task in KINDS.values():
         if task.needs[0] in given:
             return task
-    choices = ", or ".join(f"{' and '.join(task.needs)} ({task.kind})" for task in kinds.values())
+    choices = ", or ".join(f"{' and '.join(task.needs)} ({task.kind})" for task in KINDS.values())
     raise ParameterError(f"it is of no kind: fill {choices}")

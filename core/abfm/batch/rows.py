@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 from urllib.parse import unquote
 
-from abfm.batch.kinds import KINDS, TASK, kind_of_columns
+from abfm.batch.kinds import KINDS, TASK, kind_of
 from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm.matching.problem import Problem
 from abfm.reading import open_plain, referenced_file
@@ -33,8 +33,6 @@ _LARGEST_JSON = 64 << 20  # bytes of a glTF file that may name others
 class Row:
     """A problem as a row of a table has it. Nothing is read before it is asked for.
 
-    A subclass with ``kinds`` of its own is a row that no table has.
-
     Parameters
     ----------
     name : str
@@ -48,7 +46,8 @@ class Row:
         Where relative paths begin; by default the current folder. If it is empty, paths stay as
         they are.
     task : type, optional
-        The kind of task; by default that of `kinds` whose columns are given.
+        The kind of task; by default that which the column ``task`` names, or whose
+        columns are given.
 
     Raises
     ------
@@ -60,7 +59,6 @@ class Row:
     options: tuple[tuple[str, str], ...]
     folder: str
     declared: type[Task]
-    kinds: ClassVar[Mapping[str, type[Task]]] = KINDS
 
     def __init__(
         self,
@@ -72,16 +70,7 @@ class Row:
         pairs = options.items() if isinstance(options, Mapping) else options
         given = tuple((column, _text(value)) for column, value in pairs)
         given = tuple((column, text) for column, text in given if text)
-        named = dict(given).get(TASK.name)
-        if named is not None and named not in self.kinds:
-            raise ParameterError(
-                f"column task: {brief(named)} is not one of {', '.join(self.kinds)}"
-            )
-        task = task or (
-            self.kinds[named]
-            if named is not None
-            else kind_of_columns([column for column, _ in given], self.kinds)
-        )
+        task = task or kind_of(dict(given))
         kind, known = task.kind, _columns(task)
         seen = set[str]()
         for column, text in given:
@@ -150,7 +139,7 @@ class Row:
     def unreadable(cls, name: str) -> Row:
         """Return a row in place of one that cannot be read, to report it among the others."""
         row = object.__new__(cls)
-        task = next(iter(cls.kinds.values()))
+        task = next(iter(KINDS.values()))
         row.__dict__.update(name=name, options=(), folder=".", declared=task)
         return row
 

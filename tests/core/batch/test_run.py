@@ -11,7 +11,7 @@ import pytest
 
 import abfm
 from abfm.assets import asset_path
-from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, run
+from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of, run
 from abfm.batch.attempt import IMPOSSIBLE_STEP, Task, attempt
 from abfm.batch.run import ENDED_MESSAGE, seen_here
 from abfm.errors import AbfmWarning, ParameterError, ResultError
@@ -453,9 +453,9 @@ def test_a_cluster_is_one_thing():
 
 
 def test_a_row_is_of_the_kind_whose_columns_it_fills():
-    assert kind_of_columns(["mesh", "a"]).kind == "match"
-    assert kind_of_columns(["a"]).kind == "registration"
-    assert kind_of_columns(["problem"]).kind == "problem"
+    assert kind_of({"mesh": "m.off", "a": "a.off"}).kind == "match"
+    assert kind_of({"a": "a.off"}).kind == "registration"
+    assert kind_of({"problem": "p.npz"}).kind == "problem"
 
 
 def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
