@@ -176,12 +176,13 @@ def _origin(path: Path) -> Origin | None:
 def read_document(path: Path) -> Opened:
     if path.name.lower().endswith(PROJECT):
         return load_project(path)
-    found = abfm.load(path, abfm.Match, abfm.Registration, abfm.Sequence)
-    if isinstance(found, abfm.Sequence):
-        return document_of_sequence(found, path), {}
-    if isinstance(found, abfm.Registration):
-        return document_of_registration(found, path)
-    return document_of_result(found, path)
+    documents: dict[type, Callable[[Any, Path], Opened]] = {
+        abfm.Match: document_of_result,
+        abfm.Registration: document_of_registration,
+        abfm.Sequence: lambda found, path: (document_of_sequence(found, path), {}),
+    }
+    found = abfm.load(path, *documents)
+    return documents[type(found)](found, path)
 
 
 def document_of_result(
