@@ -44,7 +44,7 @@ def wheel(tmp_path_factory):
 def test_the_wheel_holds_both_packages_and_every_asset(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {f"abfm/assets/{asset.name}" for asset in (ROOT / "assets").iterdir()} <= names
-    assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/match.py"} <= names
+    assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/solve.py"} <= names
     assert "abfm/pages/colormaps.csv" in names
     for folder in ("core/abfm/pages/template", "abfm_viewer/reports/templates"):
         place = folder.removeprefix("core/")

@@ -6,8 +6,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import platformdirs
-
 from abfm import AbfmError
 from abfm.io import write_atomically
 from abfm.reading import read_bytes
@@ -23,9 +21,13 @@ class StateFolder:
     """
 
     def __init__(self, path: Path | None = None) -> None:
-        self.path = path or Path(
-            os.environ.get(STATE_VARIABLE) or platformdirs.user_state_dir("abfm", appauthor=False)
-        )
+        if path is None and (named := os.environ.get(STATE_VARIABLE)):
+            path = Path(named)
+        elif path is None:
+            import platformdirs  # of the app, which the library does without
+
+            path = Path(platformdirs.user_state_dir("abfm", appauthor=False))
+        self.path = path
 
     def recent(self) -> list[Path]:
         """Files and folders of results that were opened or saved and still exist, latest first."""

@@ -7,7 +7,7 @@ from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session.exporter import Exporter
+from abfm_viewer.session.saving.exporter import Exporter
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import (
     MESHES,

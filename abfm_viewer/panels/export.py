@@ -15,7 +15,8 @@ from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.files import outputs
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_step
-from abfm_viewer.session.exporter import (
+from abfm_viewer.session.functions import known_values
+from abfm_viewer.session.saving.exporter import (
     LABELS,
     MOVIES,
     PICTURES,
@@ -23,7 +24,6 @@ from abfm_viewer.session.exporter import (
     Exporter,
     Known,
 )
-from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Range

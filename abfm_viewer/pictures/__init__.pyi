@@ -4,6 +4,7 @@ from .movies import write_movie as write_movie
 from .panels import captions as captions
 from .plots import plot_font as plot_font
 from .plots import plot_picture as plot_picture
+from .population_pictures import PopulationPictures as PopulationPictures
 from .population_pictures import population_pictures as population_pictures
 from .registration_pictures import registration_pictures as registration_pictures
 from .report_plots import histogram_picture as histogram_picture

@@ -17,7 +17,7 @@ from abfm_viewer.session.loading import Loading
 from abfm_viewer.session.notices import Notices
 from abfm_viewer.session.path_steps import PathSteps
 from abfm_viewer.session.player import Player
-from abfm_viewer.session.saves import Saves
+from abfm_viewer.session.saving.saves import Saves
 
 _ENDED_MESSAGE = "the process that computes has ended; try again"
 

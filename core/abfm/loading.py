@@ -41,7 +41,10 @@ def load(path: str | os.PathLike[str], *expected: type) -> Any:
     found = _loaded(path)
     if expected and not isinstance(found, expected):
         names = " or ".join(each.__name__ for each in expected)
-        raise ResultError(f"{one_line(path)} holds a {type(found).__name__}; expected a {names}")
+        kind = type(found).__name__
+        raise ResultError(
+            f"{one_line(path)} holds a {kind}; expected a {names} (`abfm info` describes it)"
+        )
     return found
 
 

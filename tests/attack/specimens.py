@@ -17,6 +17,7 @@ from abfm.batch import Ledger, Row
 from abfm.batch.ledger import Record
 from abfm.io import write_labels, write_stc, write_values
 from abfm.reading import Labels
+from abfm.tasks import Monitor
 from abfm_viewer.document.document import Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files.project import Origin, save_project
@@ -153,7 +154,7 @@ def _batch():
         ledger = Ledger(folder / "out")
         ledger.make()
         ledger.write_rows(rows, "a table")
-        rows[0].solve().save(ledger.result(rows[0].digest))
+        rows[0].task().solve(Monitor()).save(ledger.result(rows[0].digest))
         ledger.record(rows[0], Record(rows[0].digest, seconds=1.5))
         ledger.record(rows[1], Record(reason="no reason"))
         files = {

@@ -16,7 +16,6 @@ from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.progress import print_note, share_progress
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
-from abfm_viewer.pictures.population_pictures import PopulationPictures
 from abfm_viewer.reports.pages import population_page
 
 SUMMARY = "iteratively register subjects to a template; report the mean and the outliers"
@@ -97,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     return solved.status
 
 
-def _drawn(found: Population, arguments: argparse.Namespace) -> PopulationPictures | None:
+def _drawn(found: Population, arguments: argparse.Namespace) -> pictures.PopulationPictures | None:
     if arguments.no_pictures:
         return None
     try:

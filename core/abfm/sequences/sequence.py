@@ -33,13 +33,13 @@ from abfm.outcome import Facts
 from abfm.parameters import Parameters
 from abfm.sequences.between.in_between import in_between
 from abfm.sequences.between.left_out import LeftOut, left_out
-from abfm.sequences.choosing import SIGMA_MAX, SIGMA_MIN
 from abfm.sequences.frames import Frames, checked, interval_parameters
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
 from abfm.sequences.reading.frame_objects import frames_of
 from abfm.sequences.solution import Solution
-from abfm.sequences.solve import Said, SequenceSolver
+from abfm.sequences.solving.choosing import SIGMA_MAX, SIGMA_MIN
+from abfm.sequences.solving.solve import Said, SequenceSolver
 from abfm.sequences.tracking.critical_points import CriticalPoints, critical_points
 from abfm.sequences.tracking.episodes import Episode, episodes
 from abfm.sequences.tracking.tracks import Track, tracks

@@ -19,8 +19,8 @@ import numpy as np
 from abfm.errors import ResultError
 from abfm.io import results
 from abfm.io.results import Entry
-from abfm.sequences.choosing import Norm
-from abfm.sequences.solve import SequenceSolver
+from abfm.sequences.solving.choosing import Norm
+from abfm.sequences.solving.solve import SequenceSolver
 
 _WRITE_SECONDS_MIN = 5.0  # seconds, at least, from one writing to the next
 _WRITE_TIME_RATIO = 20.0  # times as long as a writing takes, too, so that it costs 5% at most

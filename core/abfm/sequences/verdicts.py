@@ -15,7 +15,7 @@ from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Facts, Outcome, worse_residual
 from abfm.sequences.noise import NOISE_FACTOR, explains_little, noise_floor
-from abfm.sequences.solve import Said
+from abfm.sequences.solving.solve import Said
 from abfm.types import FloatArray
 from abfm.wording import counted
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import abfm
-from abfm import AbfmError, Flow, ParameterError, TriangleMesh, load
+from abfm import AbfmError, Flow, ParameterError, Population, TriangleMesh, load
 from abfm.batch import Ledger, LedgerEntry, Workers
 from abfm.batch.attempt import Task, attempt
 from abfm.batch.run import seen_here
@@ -378,7 +378,7 @@ def test_damaged_files_are_told(usual, tmp_path, cut):
     usual.save(path)
     path.write_bytes(path.read_bytes()[:cut])
     with raises(AbfmError):
-        load(path)
+        load(path, Population)
 
 
 def test_files_of_another_kind_are_told(usual, kept):

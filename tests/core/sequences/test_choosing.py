@@ -6,7 +6,7 @@ import pytest
 import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.sequences import SequenceParameters, Unfinished, defaults, load_sequence
-from abfm.sequences.choosing import NORMS, Norm, norms
+from abfm.sequences.solving.choosing import NORMS, Norm, norms
 from tests.core.sequences.films import turning
 from tests.messages import raises
 from tests.shapes import icosphere

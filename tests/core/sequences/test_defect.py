@@ -9,8 +9,8 @@ from abfm.calculus.operators import face_areas, gradient
 from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.sequences import defaults, solve
-from abfm.sequences.defect import bent, defect
 from abfm.sequences.frames import checked, interval_parameters
+from abfm.sequences.solving.defect import bent, defect
 from tests.core.sequences.films import SPHERE, turning
 from tests.shapes import icosphere
 

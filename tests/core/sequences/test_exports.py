@@ -275,7 +275,7 @@ def test_a_file_is_known_as_a_sequence_and_no_match(tmp_path):
     assert is_sequence(tmp_path / "s.npz")
     assert not is_sequence(tmp_path / "a.npz")
     with raises(ResultError):
-        abfm.load(tmp_path / "s.npz")
+        abfm.load(tmp_path / "s.npz", abfm.Match)
 
 
 def test_what_cannot_be_written_is_refused(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from abfm.calculus.vector_fields import to_frame
 from abfm.sequences import defaults, solve
 from abfm.sequences.frames import checked
-from abfm.sequences.interval import Interval
+from abfm.sequences.solving.interval import Interval
 from tests.shapes import icosphere
 
 SPHERE = icosphere(4)

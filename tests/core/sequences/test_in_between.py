@@ -13,7 +13,7 @@ from abfm.matching.judging.cause import Cause
 from abfm.sequences import defaults, load_sequence
 from abfm.sequences.between.in_between import in_between
 from abfm.sequences.between.left_out import left_out
-from abfm.sequences.solve import SequenceSolver
+from abfm.sequences.solving.solve import SequenceSolver
 from tests.core.sequences.films import SPHERE, bumps, turning
 from tests.messages import check_message
 from tests.shapes import icosphere

@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.sequences import defaults
 from abfm.sequences.frames import checked, interval_parameters
-from abfm.sequences.interval import Interval, Neighbour, cooling
 from abfm.sequences.noise import noise
+from abfm.sequences.solving.interval import Interval, Neighbour, cooling
 from tests.core.sequences.films import SPHERE, turning
 
 RNG = np.random.default_rng(0)

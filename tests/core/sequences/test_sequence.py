@@ -15,10 +15,10 @@ from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
 from abfm.sequences import defaults, load_sequence
-from abfm.sequences.choosing import changes
 from abfm.sequences.frames import checked
 from abfm.sequences.noise import noise_levels
-from abfm.sequences.solve import Said, SequenceSolver
+from abfm.sequences.solving.choosing import changes
+from abfm.sequences.solving.solve import Said, SequenceSolver
 from abfm.sequences.verdicts import facts_of_intervals, verdict_of
 from abfm.workers.progress import telling
 from tests.core.sequences import turning_film

@@ -270,7 +270,7 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
     assert json.loads(abfm("info", tmp_path / "c.npz", "--json").out)["map"]["coverage"] == 1
     for style in ([], ["--style", "sheet"]):
         told = abfm("render", tmp_path / "c.npz", "--out", tmp_path / "x.png", *style, status=2).err
-        check_message(told, "abfm map")
+        check_message(told, "Correspondence", "abfm info")
     facts = json.loads(
         abfm("map", tmp_path / "c.npz", "--truth", "identity", "--inverse", "--json").out
     )

@@ -179,7 +179,7 @@ def test_the_same_file_gives_the_same_bytes_and_machines_the_same_numbers(
 def test_notes_and_doubts_of_a_registration_are_on_its_page(found, written, abfm, monkeypatch):
     doubtful = replace(found.match, doubt="0.1 is said to be left")
     other = library.Registration(found.initial, doubtful, ("A & B began <near> each other",))
-    monkeypatch.setattr("abfm.load", lambda path: other)
+    monkeypatch.setattr("abfm.load", lambda *_: other)
     abfm("report", written / "r.npz", "--out", written / "n.html", *SMALL)
     page = Page((written / "n.html").read_text(encoding="utf-8"))
     assert "A & B began <near> each other." in page.text

@@ -44,6 +44,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from abfm_viewer.automation import Driver
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.window.wave import turning_wave
 mesh, state = map(Path, sys.argv[1:])
 with Driver(mesh, size=(640, 480), state=state) as gui:

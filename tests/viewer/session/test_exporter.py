@@ -15,7 +15,7 @@ from abfm.workers.progress import step
 from abfm_viewer.document.document import SIDES, Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files import outputs
-from abfm_viewer.session.exporter import Exporter, MovieSettings, PictureSettings
+from abfm_viewer.session.saving.exporter import Exporter, MovieSettings, PictureSettings
 from tests.messages import check_message
 from tests.shapes import icosphere
 from tests.viewer.sessions import until

@@ -104,7 +104,7 @@ def test_a_run_follows_a_dragged_gaussian_at_once(endless):
 
     until(lambda: drag() or len(endless.solver.run.restarts) > 1, endless)
     endless.dragging = False
-    until(lambda: endless.solver.snapshot.problem == endless.problem, endless)
+    until(lambda: endless.solver.snapshot.problem == endless.work.problem, endless)
     endless.editor.seal()
     endless.undo()
     assert endless.active == PAIR  # one step

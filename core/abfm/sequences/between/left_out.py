@@ -13,7 +13,7 @@ from abfm.errors import AdvectionError
 from abfm.flow.flow import Flow
 from abfm.sequences.between.in_between import in_between
 from abfm.sequences.frames import Frames
-from abfm.sequences.solve import SequenceSolver
+from abfm.sequences.solving.solve import SequenceSolver
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step

@@ -20,9 +20,9 @@ from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.held_out import without
 from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames, interval_parameters, sigma_of
-from abfm.sequences.interval import COOLING_FACTOR, Interval, cooling
 from abfm.sequences.noise import NOISE_FACTOR, noise_floor
 from abfm.sequences.parameters import SequenceParameters
+from abfm.sequences.solving.interval import COOLING_FACTOR, Interval, cooling
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step

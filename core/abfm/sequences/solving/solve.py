@@ -14,12 +14,12 @@ from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solvability import is_measured
 from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
-from abfm.sequences.choosing import SIGMA_MAX, Norm, chosen, searched
-from abfm.sequences.defect import defect
 from abfm.sequences.frames import Frames, interval_parameters, sigma_of
-from abfm.sequences.interval import FieldPoint, Interval, Neighbour
 from abfm.sequences.noise import NOISE_FACTOR, explains_little, noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters
+from abfm.sequences.solving.choosing import SIGMA_MAX, Norm, chosen, searched
+from abfm.sequences.solving.defect import defect
+from abfm.sequences.solving.interval import FieldPoint, Interval, Neighbour
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
