@@ -1,5 +1,7 @@
 """`abfm population`: subjects on a template."""
 
+from __future__ import annotations
+
 import argparse
 import json
 from dataclasses import replace

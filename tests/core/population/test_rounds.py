@@ -384,7 +384,7 @@ def test_damaged_files_are_told(usual, tmp_path, cut):
 def test_files_of_another_kind_are_told(usual, kept):
     path = kept.folder / "out" / f"{usual.digests[0]}.npz"
     with raises(AbfmError):
-        load(path)
+        load(path, Population)
 
 
 def test_unknown_names_are_told(usual):

@@ -152,7 +152,7 @@ def test_it_is_the_same_after_it_was_saved(found, tmp_path):
     np.savez(tmp_path / "before.npz", **before)  # as files were, which did not have them
     assert abfm.load(tmp_path / "before.npz").functions is None
     with raises(ResultError):
-        abfm.load(saved(found.match, tmp_path / "m.npz"))
+        abfm.load(saved(found.match, tmp_path / "m.npz"), Registration)
 
 
 def test_a_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
