@@ -92,7 +92,7 @@ def test_rows_of_tables_have_results_exports_and_pictures(inputs, tmp_path):
 
 @pytest.mark.parametrize("initial", ["file:map.txt", "sphere:a.ply,b.ply"])
 def test_initial_maps_of_one_direction_are_refused(inputs, initial):
-    with raises(ParameterError, "initial"):
+    with raises(ParameterError, "initial", recorded=False):  # its path may be cut
         Row("s", {"task": "symmetric", **inputs, "initial": initial})
 
 

@@ -8,8 +8,9 @@ import abfm
 from abfm.calculus.operators import face_areas, gradient
 from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.sequences import defaults, solve
+from abfm.sequences import defaults
 from abfm.sequences.frames import checked, interval_parameters
+from abfm.sequences.solving import solve
 from abfm.sequences.solving.defect import bent, defect
 from tests.core.sequences.films import SPHERE, turning
 from tests.shapes import icosphere

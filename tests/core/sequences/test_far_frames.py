@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from abfm.calculus.vector_fields import to_frame
-from abfm.sequences import defaults, solve
+from abfm.sequences import defaults
 from abfm.sequences.frames import checked
+from abfm.sequences.solving import solve
 from abfm.sequences.solving.interval import Interval
 from tests.shapes import icosphere
 

@@ -387,7 +387,7 @@ def write_all_files(solved, tmp_path):
     found = session.document.result
     solved.type("time", "1.25")
     solved.window.files.save(tmp_path / "film.abfm")
-    solved.wait(lambda s: not s.saves.unsaved)
+    solved.wait(lambda s: not s.saves.unsaved and (tmp_path / "film.abfm").is_file())
     other = open_session(tmp_path / "film.abfm")
     document = other.document
     other.close()
