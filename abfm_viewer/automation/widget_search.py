@@ -12,8 +12,8 @@ from abfm_viewer.errors import DriverError
 from abfm_viewer.widgets.widget_record import Widget, WidgetKind
 from abfm_viewer.window.window import Window
 
-_MOST_TURNS = 40
-_MOST_CHASES = 5
+_TURNS_MAX = 40
+_CHASES_MAX = 5
 _PIXELS_PER_TURN = 100.0
 _SECONDS_TO_READ_A_FOLDER = 1.0
 
@@ -46,7 +46,7 @@ class WidgetSearch:
         """Move the mouse to a place of a widget, which may move, also out of view, as things above
         it change.
         """
-        for _ in range(_MOST_CHASES):
+        for _ in range(_CHASES_MAX):
             self._input.move(*place(widget))
             before, widget = widget, self._again(widget) or widget
             if widget.rect == before.rect:
@@ -159,7 +159,7 @@ class WidgetSearch:
 
     def _scrolled_to(self, widget: Widget) -> Widget:
         """Return the widget after the part of the window that it is in was scrolled to show it."""
-        for turn in range(_MOST_TURNS):
+        for turn in range(_TURNS_MAX):
             left, top, right, bottom = widget.area
             _, upper, _, lower = widget.rect
             beyond = max(top - upper, 0.0) or min(bottom - lower, 0.0)

@@ -25,8 +25,8 @@ from abfm_viewer.computing.freed_memory import give_back
 _ENDED_MESSAGE = "the process that matches has ended; match again"
 _ITERATES_KEPT = 4  # of the newest iterates whose fields may be requested, besides the best one
 _TIMES_A_PICTURE = 9
-_SHORTEST_WAIT = 0.05
-_LONGEST_WAIT = 0.2
+_WAIT_SECONDS_MIN = 0.05
+_WAIT_SECONDS_MAX = 0.2
 """How long no picture is made after one, so that pictures take a tenth of the time: times what it
 took, and at least and at most, in seconds."""
 
@@ -92,8 +92,8 @@ class Matching:
             if (began := clock.perf_counter()) >= next_picture:
                 look.picture = iteration.advected
                 done = clock.perf_counter()
-                wait = max(_TIMES_A_PICTURE * (done - began), _SHORTEST_WAIT)
-                next_picture = done + min(wait, _LONGEST_WAIT)
+                wait = max(_TIMES_A_PICTURE * (done - began), _WAIT_SECONDS_MIN)
+                next_picture = done + min(wait, _WAIT_SECONDS_MAX)
                 self._recent[run] = _worth_keeping((*self._recent[run], iteration))
             report(replace(iteration, look=look))
 

@@ -33,7 +33,7 @@ FIRST_KEEP_SECONDS = 2.0
 lose no time."""
 _TIMES_A_FIELD = 49
 _GROWTH = 1.5
-_LONGEST_WAIT = 20.0
+_WAIT_SECONDS_MAX = 20.0
 """How long none is fetched after one, at least: times what it took, so that fetching takes 2% of
 the time, and times the wait before; and at most."""
 _SECONDS_PER_VERTEX = 1e-6  # of fetching one: 33 ms at 40,962 vertices
@@ -183,7 +183,9 @@ class RunHistory:
             _ = snapshot.shown.velocity
             self.keep(snapshot)
         now = clock.perf_counter()
-        self._wait = max(min(_GROWTH * self._wait, _LONGEST_WAIT), _TIMES_A_FIELD * (now - began))
+        self._wait = max(
+            min(_GROWTH * self._wait, _WAIT_SECONDS_MAX), _TIMES_A_FIELD * (now - began)
+        )
         self._next = now + self._wait
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -110,7 +111,7 @@ class MatchRun:
         return replace(view, streaks=streaks, arrows=not streaks)
 
 
-class Work:
+class Work(ABC):
     """Answers about the document that is shown; here those that need no functions by specs."""
 
     def __init__(self, parts: Parts, runner: Solver | FilmMatch) -> None:
@@ -161,11 +162,11 @@ class Work:
     def outdated(self) -> bool:
         return self.parts.document.is_outdated
 
+    @abstractmethod
     def values(self, side: Side) -> FloatArray | None:
         """The active channel's function of a side on its surface, (V,), if it is known; of a film
         the frame before or after the shown time.
         """
-        raise NotImplementedError
 
     def compared(self, side: Side) -> FloatArray | None:
         """The same as a flow carries or meets it, (V,), on B where there are two surfaces."""
@@ -185,19 +186,19 @@ class Work:
         """
         return None, ""
 
+    @abstractmethod
     def start(self, goes_on: bool | None) -> None:
         """Start a run; unless it is given, the solver is set to whether it `goes_on` from the
         present field.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def follow(self) -> None:
         """Compute what the document asks for: call once per frame."""
-        raise NotImplementedError
 
+    @abstractmethod
     def played(self, elapsed: float) -> float:
         """Return the time that is shown after so many seconds."""
-        raise NotImplementedError
 
 
 class MatchWork(Work):

@@ -115,7 +115,7 @@ class Iterate:
 
 def test_the_best_field_is_known_during_a_later_attempt_and_after_the_run(reports, monkeypatch):
     """Though only a few of the newest are."""
-    monkeypatch.setattr(match_apart, "_SHORTEST_WAIT", 0.0)
+    monkeypatch.setattr(match_apart, "_WAIT_SECONDS_MIN", 0.0)
     monkeypatch.setattr(match_apart, "_TIMES_A_PICTURE", 0.0)
     residuals, known = (1.4, 0.5, 0.04, 1.3, 1.2, 1.1, 1.0, 0.9, 0.8), []
     state = Matching()

@@ -462,7 +462,7 @@ def test_fetching_takes_a_fiftieth_of_the_time_but_for_one_field(clock, vertices
     assert all(later > sooner - 0.05 for sooner, later in pairwise(waits))
     if seconds < 0.1:
         assert moments[0] < FIRST_KEEP_SECONDS + 0.1
-        assert max(waits) < solver_module._LONGEST_WAIT + 0.1
+        assert max(waits) < solver_module._WAIT_SECONDS_MAX + 0.1
 
 
 def test_the_best_of_the_present_solve_is_kept(clock):

@@ -40,7 +40,7 @@ KINDS: tuple[MotionKind, ...] = get_args(MotionKind)
 # points of each surface that starts are compared by, and refined by
 _COMPARING_POINTS = 150
 _REFINING_POINTS = 2100
-_MOST_TURNS = 60  # of closest points and best motions
+_TURNS_MAX = 60  # of closest points and best motions
 _SCREENING_ROUNDS = (0, 16), (8, 3)  # turns for each start, and how many of the best go on
 _FITTED_SHARE = 0.8  # share of the pairs, those closest to each other, that a motion is fitted to
 _GAIN_SHARE_MIN = 1e-5  # of the RMS distance: turns that gain less end
@@ -131,10 +131,10 @@ def align(
         for turns, kept in _SCREENING_ROUNDS:
             motions = _best(few, motions, turns, kept)
         motion, least = min(
-            (_refined(many, start, _MOST_TURNS) for start in motions), key=lambda found: found[1]
+            (_refined(many, start, _TURNS_MAX) for start in motions), key=lambda found: found[1]
         )
         # as the surfaces stand, or landmarks lay them, if nothing is clearly better
-        first, score = _refined(many, starts[0], _MOST_TURNS)
+        first, score = _refined(many, starts[0], _TURNS_MAX)
         if kind != "mirror" and score <= _DISTANCE_RATIO_MAX * least:
             motion = first
         rotation, scale, shift = motion
