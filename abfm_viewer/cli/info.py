@@ -76,8 +76,8 @@ def _of_result(name: str) -> tuple[dict[str, Any], list[str]]:
         sizes = [f"{len(mesh.faces):,}" for mesh in (found.a, found.b)]
         first = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
         return {"map": map_details(found)}, [first, *map_lines(found)]
-    task = task_of(found)
-    return task.details(found), task.lines(found)
+    report = task_of(found).report
+    return report.details(found), report.lines(found)
 
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:

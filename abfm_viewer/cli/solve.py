@@ -115,16 +115,19 @@ class Solved:
     def summary(self) -> str:
         """Return the report for people, with what to try next."""
         names = list(map(printable, self.outputs))
-        lines = [*self.task.lines(self.found), f"in {self.seconds:.1f} s; wrote {', '.join(names)}"]
+        lines = [
+            *self.task.report.lines(self.found),
+            f"in {self.seconds:.1f} s; wrote {', '.join(names)}",
+        ]
         if self.checkpoints:
             lines.append(f"the same command resumes from {printable(self.checkpoints[0])}")
         result = next((name for name in names if name.endswith(".npz")), "RESULT.npz")
-        if advice := self.task.advice(self.found, result):
+        if advice := self.task.report.advice(self.found, result):
             lines.append(f"to try: {advice}")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        details = self.task.details(self.found)
+        details = self.task.report.details(self.found)
         return {**details, "seconds": self.seconds, "outputs": list(map(str, self.outputs))}
 
 

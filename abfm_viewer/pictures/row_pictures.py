@@ -37,7 +37,7 @@ def row_pictures(
         read: list[tuple[Path, Preview]] = []
         for path, kind in results[start : start + _RESULTS_PER_CANVAS]:
             try:
-                mesh, functions = kind.preview(path)
+                mesh, functions = kind.file.preview(path)
             except ResultError as error:
                 yield path, error
             else:

@@ -50,12 +50,12 @@ def load(path: str | os.PathLike[str], *expected: type) -> Any:
 
 def _loaded(path: str | os.PathLike[str]) -> Any:
     if Path(path).is_dir():
-        return PopulationTask.load(path)
+        return PopulationTask.file.load(path)
     with results.open_archive(Path(path), results.RESULT.name, results.MEND) as archive:
         names = set(archive)
-    fitting = [task for task in _TASKS if task.marks <= names]
+    fitting = [task for task in _TASKS if task.file.marks <= names]
     if fitting:
-        return max(fitting, key=lambda task: len(task.marks)).load(path)
+        return max(fitting, key=lambda task: len(task.file.marks)).file.load(path)
     if "a_vertices" in names:
         return load_correspondence(path)
     if {"source", "target"} <= names:

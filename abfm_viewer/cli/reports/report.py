@@ -101,7 +101,7 @@ def _facts(
     }
     reported: Facts | None = getattr(found, "facts", None)
     if reported is not None:
-        facts |= abfm.loading.task_of(found).details(found)
+        facts |= abfm.loading.task_of(found).report.details(found)
         facts |= {"why": reported.reason, "advice": reported.advice, "tone": reported.tone}
     if "map" not in facts:
         facts["map"] = report.map_details(found, distortion)

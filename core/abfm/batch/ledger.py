@@ -85,7 +85,7 @@ class LedgerEntry:
             outcome = Outcome.FAILED if self.state == "failed" else Outcome.MISSING
             return Facts(outcome, str(outcome), self.reason or self.record.expected)
         try:
-            return self.row.declared.facts_of_file(self.path)
+            return self.row.declared.file.facts(self.path)
         except ResultError as error:
             return Facts(Outcome.FAILED, str(Outcome.FAILED), str(error))
 
@@ -96,7 +96,7 @@ class LedgerEntry:
         if self.path is None:
             reason = self.reason or "it has not been solved"
             raise ResultError(f"there is no result of {one_line(self.row.name)}: {reason}")
-        return self.row.declared.load(self.path)
+        return self.row.declared.file.load(self.path)
 
 
 class Ledger:

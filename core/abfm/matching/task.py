@@ -42,7 +42,7 @@ from abfm.tasks.inputs import (
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.preview import Preview, preview_of
-from abfm.tasks.task import Export, Given, Table, Task
+from abfm.tasks.task import Export, Given, Report, ResultFile, Table, Task
 from abfm.types import FloatArray, IntArray
 
 _RESIDUALS = {"residual", "verified_residual", "folded"}
@@ -126,6 +126,10 @@ def _export_path(path: Path, found: Match) -> None:
     write_csv(path, [line.split(",") for line in path_table(found.path, found.mesh)])
 
 
+def _advice(found: Match, result: str) -> str:
+    return report.advice_in_options(found.verdict, found.facts, result)
+
+
 _DESCRIPTION = f"""\
 Find the vector field whose flow carries a source function to a target function, and write the
 result.
@@ -183,7 +187,8 @@ class MatchTask(Task):
         *MESH_INPUTS,
     )
     result: ClassVar = Match
-    marks: ClassVar = frozenset({"velocity"})
+    file: ClassVar = ResultFile(frozenset({"velocity"}), load_match, facts_of_file, preview)
+    report: ClassVar = Report(report.details, report.lines, _advice)
     exports: ClassVar = {
         ".ply": Export(partial(_export_arrays, export_ply)),
         ".vtu": Export(partial(_export_arrays, export_vtu)),
@@ -241,17 +246,6 @@ class MatchTask(Task):
 
     def notes(self) -> list[str]:
         return mesh_notes(self.problem.mesh)
-
-    load = staticmethod(load_match)
-
-    facts_of_file = staticmethod(facts_of_file)
-    preview = staticmethod(preview)
-    details = staticmethod(report.details)
-    lines = staticmethod(report.lines)
-
-    @staticmethod
-    def advice(found: Match, result: str) -> str:
-        return report.advice_in_options(found.verdict, found.facts, result)
 
 
 class ProblemTask(MatchTask):

@@ -34,7 +34,7 @@ from abfm.tasks.inputs import (
 )
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.preview import Preview
-from abfm.tasks.task import Export, Given, Table, Task
+from abfm.tasks.task import Export, Given, Report, ResultFile, Table, Task
 
 ROUNDS_MAX = 1000
 _MEAN = "template and mean"
@@ -69,6 +69,16 @@ def _rounds(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= ROUNDS_MAX:
         raise ParameterError(f"{brief(text)} is not a whole number from 1 to {ROUNDS_MAX}")
     return int(text)
+
+
+def _facts_of_file(path: Path) -> Facts:
+    return load_population(path).facts
+
+
+def _preview(path: Path) -> Preview:
+    """Return the mean and the deviation of the first channel on the template."""
+    found = load_population(path)
+    return Preview(found.template, [found.mean(), found.deviation()])
 
 
 @dataclass(frozen=True)
@@ -143,13 +153,16 @@ class PopulationTask(Task):
         *parameter_inputs(),
     )
     result: ClassVar = Population
-    marks: ClassVar = frozenset({"subject_weights", "template_mask"})
+    file: ClassVar = ResultFile(
+        frozenset({"subject_weights", "template_mask"}), load_population, _facts_of_file, _preview
+    )
     preview_labels: ClassVar = ("mean", "deviation")
     exports: ClassVar = {
         ".vtu": Export(report.export_mean_vtu),
         ".gii": Export(report.export_mean_values, check_values_name),
     }
     tables: ClassVar = {"subjects": Table("table of the subjects", report.export_subjects)}
+    report: ClassVar = Report(report.details, report.lines)
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
@@ -203,18 +216,3 @@ class PopulationTask(Task):
             on_change=report_failure,
             control=monitor.control,
         )
-
-    load = staticmethod(load_population)
-
-    @staticmethod
-    def facts_of_file(path: Path) -> Facts:
-        return load_population(path).facts
-
-    @staticmethod
-    def preview(path: Path) -> Preview:
-        """Return the mean and the deviation of the first channel on the template."""
-        found = load_population(path)
-        return Preview(found.template, [found.mean(), found.deviation()])
-
-    details = staticmethod(report.details)
-    lines = staticmethod(report.lines)

@@ -22,7 +22,7 @@ from abfm.registration.registration import Registration
 from abfm.registration.task import RegistrationTask
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.preview import Preview
-from abfm.tasks.task import Given, Task
+from abfm.tasks.task import Given, Report, ResultFile, Task
 from abfm.types import FloatArray
 from abfm.wording import share
 from abfm.workers.progress import step
@@ -127,6 +127,32 @@ def _facts(text: str) -> Facts:
     return Facts(**values)
 
 
+def _facts_of_file(path: Path) -> Facts:
+    with results.open_archive(path, SYMMETRIC_KIND.name, results.MEND) as archive:
+        text = SYMMETRIC_KIND.entries["facts"].check("facts", archive["facts"], {})
+    return _facts(str(text))
+
+
+def _preview(path: Path) -> Preview:
+    """Return the asymmetry, on B."""
+    found = load_symmetric(path)
+    return Preview(found.b, [found.asymmetry])
+
+
+def _details(found: SymmetricRegistration) -> dict[str, Any]:
+    facts = found.facts
+    verdict = {"kind": facts.outcome, "reason": facts.reason, "advice": facts.advice}
+    warnings = list(facts.warnings)
+    head = {**facts.numbers, "headline": facts.headline, "warnings": warnings}
+    return {**head, "verdict": verdict, "map": report.map_details(found)}
+
+
+def _lines(found: SymmetricRegistration) -> list[str]:
+    facts = found.facts
+    warnings = (f"warning: {warning}" for warning in facts.warnings)
+    return [facts.headline, facts.reason, *warnings, *report.map_lines(found)]
+
+
 @dataclass(frozen=True)
 class SymmetricTask(Task):
     """Register A to B and B to A, and average both maps.
@@ -151,7 +177,10 @@ class SymmetricTask(Task):
     inputs: ClassVar = RegistrationTask.inputs
     exports: ClassVar = RegistrationTask.exports
     result: ClassVar = SymmetricRegistration
-    marks: ClassVar = frozenset({"a_vertices", "asymmetry"})
+    file: ClassVar = ResultFile(
+        frozenset({"a_vertices", "asymmetry"}), load_symmetric, _facts_of_file, _preview
+    )
+    report: ClassVar = Report(_details, _lines)
     preview_labels: ClassVar = ("asymmetry",)
 
     @classmethod
@@ -185,35 +214,3 @@ class SymmetricTask(Task):
 
     def notes(self) -> list[str]:
         return self.forward.notes()
-
-    load = staticmethod(load_symmetric)
-
-    @staticmethod
-    def facts_of_file(path: Path) -> Facts:
-        with results.open_archive(path, SYMMETRIC_KIND.name, results.MEND) as archive:
-            text = SYMMETRIC_KIND.entries["facts"].check("facts", archive["facts"], {})
-        return _facts(str(text))
-
-    @staticmethod
-    def preview(path: Path) -> Preview:
-        """Return the asymmetry, on B."""
-        found = load_symmetric(path)
-        return Preview(found.b, [found.asymmetry])
-
-    @staticmethod
-    def details(found: SymmetricRegistration) -> dict[str, Any]:
-        facts = found.facts
-        verdict = {"kind": facts.outcome, "reason": facts.reason, "advice": facts.advice}
-        warnings = list(facts.warnings)
-        head = {**facts.numbers, "headline": facts.headline, "warnings": warnings}
-        return {**head, "verdict": verdict, "map": report.map_details(found)}
-
-    @staticmethod
-    def lines(found: SymmetricRegistration) -> list[str]:
-        facts = found.facts
-        warnings = (f"warning: {warning}" for warning in facts.warnings)
-        return [facts.headline, facts.reason, *warnings, *report.map_lines(found)]
-
-    @staticmethod
-    def advice(found: SymmetricRegistration, result: str) -> str:
-        return found.facts.advice

@@ -36,7 +36,7 @@ from abfm.tasks.inputs import (
 )
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.task import Export, Given, Task
+from abfm.tasks.task import Export, Given, Report, ResultFile, Task
 from abfm.types import IntArray
 
 _START = "weights and start"
@@ -107,6 +107,11 @@ def vertex_numbers(points: PointMap) -> IntArray:
     -1 for vertices that no face uses.
     """
     return points.domain.on_file(points.codomain.vertex_ids[points.nearest_vertices()], -1)
+
+
+def _advice(found: Registration, result: str) -> str:
+    # no registration starts from an earlier one
+    return match_report.advice_in_options(found.verdict, found.facts)
 
 
 _WORDS = "\n".join(f"  {word.form}\n      {word.about}" for word in WORDS)
@@ -189,7 +194,10 @@ class RegistrationTask(Task):
         *MESH_INPUTS,
     )
     result: ClassVar = Registration
-    marks: ClassVar = frozenset({"a_vertices", "velocity"})
+    file: ClassVar = ResultFile(
+        frozenset({"a_vertices", "velocity"}), load_registration, facts_of_file, preview
+    )
+    report: ClassVar = Report(report.details, report.lines, _advice)
     exports: ClassVar = {
         **dict.fromkeys((".gii", ".ply", ".reg"), Export(_export_surface, check_surface_name)),
         **dict.fromkeys((".txt", ".csv", ".npy"), Export(_export_numbers)),
@@ -249,14 +257,3 @@ class RegistrationTask(Task):
 
     def notes(self) -> list[str]:
         return mesh_notes(self.a, self.b)
-
-    load = staticmethod(load_registration)
-    facts_of_file = staticmethod(facts_of_file)
-    preview = staticmethod(preview)
-    details = staticmethod(report.details)
-    lines = staticmethod(report.lines)
-
-    @staticmethod
-    def advice(found: Registration, result: str) -> str:
-        # no registration starts from an earlier one
-        return match_report.advice_in_options(found.verdict, found.facts)

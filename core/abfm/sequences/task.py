@@ -44,7 +44,7 @@ from abfm.tasks.inputs import (
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.preview import Preview, preview_of
-from abfm.tasks.task import Export, Given, Table, Task
+from abfm.tasks.task import Export, Given, Report, ResultFile, Table, Task
 from abfm.types import FloatArray
 
 SECONDS_MAX = 86400.0
@@ -66,6 +66,26 @@ def _weights(text: str) -> list[float]:
     parts = text.replace(",", " ").split()
     expected = "of at least 0, in weights such as 1,0.5"
     return [read_number(each, expected, lambda number: number >= 0) for each in parts]
+
+
+def _facts_of_file(path: Path) -> Facts:
+    """Return the facts that the file of a sequence holds, as `abfm.Sequence.facts`."""
+    entries = results.SEQUENCE.entries
+    with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
+        sizes = dict[str, int]()
+        texts, *numbers = (
+            entries[name].check(name, archive[name], sizes) for name in ("verdicts", *NUMBERS)
+        )
+        return facts_of_intervals(list(map(Verdict.of_texts, texts.tolist())), *numbers)
+
+
+def _preview(path: Path) -> Preview:
+    """Return the first, the middle and the last frame of a sequence."""
+    return preview_of(
+        path,
+        results.SEQUENCE,
+        lambda arrays: [arrays["frames"][i, :, 0] for i in (0, len(arrays["frames"]) // 2, -1)],
+    )
 
 
 _DESCRIPTION = """\
@@ -163,7 +183,10 @@ class SequenceTask(Task):
         *MESH_INPUTS,
     )
     result: ClassVar = Sequence
-    marks: ClassVar = frozenset({"frames", "velocity"})
+    file: ClassVar = ResultFile(
+        frozenset({"frames", "velocity"}), load_sequence, _facts_of_file, _preview
+    )
+    report: ClassVar = Report(report.details, report.lines)
     preview_labels: ClassVar = ("first frame", "middle frame", "last frame")
     exports: ClassVar = {
         ".pvd": Export(export_pvd, check_pvd),
@@ -238,34 +261,3 @@ class SequenceTask(Task):
     def check_export(self, path: Path) -> None:
         if path.suffix == ".stc" and self.times is not None:
             even_step(path, (self.times[1:] + self.times[:-1]) / 2)
-
-    load = staticmethod(load_sequence)
-
-    @staticmethod
-    def facts_of_file(path: Path) -> Facts:
-        """Return the facts that the file of a sequence holds, as `abfm.Sequence.facts`.
-
-        Raises
-        ------
-        ResultError
-            If the file is missing or damaged, or holds values that no sequence has.
-        """
-        entries = results.SEQUENCE.entries
-        with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
-            sizes = dict[str, int]()
-            texts, *numbers = (
-                entries[name].check(name, archive[name], sizes) for name in ("verdicts", *NUMBERS)
-            )
-            return facts_of_intervals(list(map(Verdict.of_texts, texts.tolist())), *numbers)
-
-    @staticmethod
-    def preview(path: Path) -> Preview:
-        """Return the first, the middle and the last frame of a sequence."""
-        return preview_of(
-            path,
-            results.SEQUENCE,
-            lambda arrays: [arrays["frames"][i, :, 0] for i in (0, len(arrays["frames"]) // 2, -1)],
-        )
-
-    details = staticmethod(report.details)
-    lines = staticmethod(report.lines)

@@ -44,6 +44,34 @@ class Table(NamedTuple):
     write: Callable[[Path, Any], object]
 
 
+class ResultFile(NamedTuple):
+    """How the files of a kind of results are recognized and read."""
+
+    marks: frozenset[str]
+    """Arrays that a file of this kind has, and files of other kinds do not have all of."""
+    load: Callable[..., Any]
+    """Read a result; ResultError if it is missing, damaged or of another kind."""
+    facts: Callable[[Path], Facts]
+    """Return the facts that a file holds, without reading all of it; ResultError as of load."""
+    preview: Callable[[Path], Preview]
+    """Read the functions of a small picture, named by `Task.preview_labels`."""
+
+
+def _advice(found: Any, result: str) -> str:
+    return str(found.facts.advice)
+
+
+class Report(NamedTuple):
+    """What is reported of a kind of results."""
+
+    details: Callable[[Any], dict[str, Any]]
+    """Return all that is reported as plain numbers and texts; None for unknown."""
+    lines: Callable[[Any], list[str]]
+    """Return the report for people, a line each."""
+    advice: Callable[[Any, str], str] = _advice
+    """Return what to try next; the text is the file of the result, empty without one."""
+
+
 class Given(Protocol):
     """The inputs of a task, as read from a row of a table or from a command line."""
 
@@ -79,8 +107,8 @@ class Task(ABC):
         Names of the inputs that must be given; the first tells which kind a row is of.
     result : type
         Of its results.
-    marks : frozenset of str
-        Arrays by which the file of a result is told from those of other kinds.
+    file : ResultFile
+    report : Report
     exports : mapping of str to Export
         Formats of data files by their suffix, besides ``.npz``.
     tables : mapping of str to Table
@@ -96,7 +124,8 @@ class Task(ABC):
     inputs: ClassVar[tuple[Input, ...]]
     needs: ClassVar[tuple[str, ...]]
     result: ClassVar[type[Any]]
-    marks: ClassVar[frozenset[str]]
+    file: ClassVar[ResultFile]
+    report: ClassVar[Report]
     exports: ClassVar[Mapping[str, Export]] = {}
     tables: ClassVar[Mapping[str, Table]] = {}
     preview_labels: ClassVar[tuple[str, ...]] = ("source", "carried", "target")
@@ -136,33 +165,3 @@ class Task(ABC):
     def check_export(self, path: Path) -> None:
         """Refuse a file of the result that the task rules out, by an AbfmError."""
         return
-
-    @staticmethod
-    @abstractmethod
-    def load(path: str | os.PathLike[str], /) -> Any:
-        """Read a result; ResultError if it is missing, damaged or of another kind."""
-
-    @staticmethod
-    @abstractmethod
-    def facts_of_file(path: Path, /) -> Facts:
-        """Return the facts that the file of a result holds, without reading all of it."""
-
-    @staticmethod
-    @abstractmethod
-    def preview(path: Path, /) -> Preview:
-        """Read the functions of a small picture of a result, named by `preview_labels`."""
-
-    @staticmethod
-    @abstractmethod
-    def details(found: Any, /) -> dict[str, Any]:
-        """Return all that is reported of a result as plain numbers and texts; None for unknown."""
-
-    @staticmethod
-    @abstractmethod
-    def lines(found: Any, /) -> list[str]:
-        """Return the report of a result for people, a line each."""
-
-    @staticmethod
-    def advice(found: Any, result: str) -> str:
-        """Return what to try next; ``result`` is the file of the result, empty without one."""
-        return str(found.facts.advice)

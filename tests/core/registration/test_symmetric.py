@@ -69,11 +69,11 @@ def test_saved_and_loaded_it_is_the_same(found, tmp_path):
     found.save(tmp_path / "s.npz")
     again = abfm.load(tmp_path / "s.npz")
     assert isinstance(again, SymmetricRegistration)
-    assert again.facts == found.facts == SymmetricTask.facts_of_file(tmp_path / "s.npz")
+    assert again.facts == found.facts == SymmetricTask.file.facts(tmp_path / "s.npz")
     assert_array_equal(again.asymmetry, found.asymmetry)
     assert_allclose(again.points.positions, found.points.positions)
-    json.dumps(SymmetricTask.details(again))
-    assert found.facts.headline in SymmetricTask.lines(again)
+    json.dumps(SymmetricTask.report.details(again))
+    assert found.facts.headline in SymmetricTask.report.lines(again)
 
 
 def test_rows_of_tables_have_results_exports_and_pictures(inputs, tmp_path):
@@ -87,7 +87,7 @@ def test_rows_of_tables_have_results_exports_and_pictures(inputs, tmp_path):
         export.check(path)
         export.write(path, loaded)
         assert path.is_file()
-    assert SymmetricTask.preview(entry.path).mesh.digest == MESH.digest
+    assert SymmetricTask.file.preview(entry.path).mesh.digest == MESH.digest
 
 
 @pytest.mark.parametrize("initial", ["file:map.txt", "sphere:a.ply,b.ply"])

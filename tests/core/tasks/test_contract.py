@@ -124,25 +124,25 @@ def test_saved_and_loaded_it_is_the_same(case, saved, tmp_path):
 
 
 def test_facts_of_the_file_are_those_of_the_result(case, saved):
-    facts = case.kind.facts_of_file(saved)
+    facts = case.kind.file.facts(saved)
     assert facts.outcome is case.found.facts.outcome
     assert facts.warnings == case.found.facts.warnings or not facts.warnings
 
 
 def test_damaged_files_are_refused(case, saved):
     saved.write_bytes(saved.read_bytes()[:-100])
-    for read in (abfm.load, case.kind.facts_of_file, case.kind.preview):
+    for read in (abfm.load, case.kind.file.facts, case.kind.file.preview):
         with raises(AbfmError, "result.npz"):
             read(saved)
 
 
 def test_report_is_plain_json_and_lines(case):
-    details = json.loads(json.dumps(case.kind.details(case.found), allow_nan=False))
+    details = json.loads(json.dumps(case.kind.report.details(case.found), allow_nan=False))
     assert details
-    lines = case.kind.lines(case.found)
+    lines = case.kind.report.lines(case.found)
     assert lines
     assert all(line.isprintable() for line in lines)
-    assert isinstance(case.kind.advice(case.found, "result.npz"), str)
+    assert isinstance(case.kind.report.advice(case.found, "result.npz"), str)
 
 
 def test_exports_and_tables_are_written(case, tmp_path):
@@ -158,7 +158,7 @@ def test_exports_and_tables_are_written(case, tmp_path):
 
 
 def test_preview_shows_functions_on_a_surface(case, saved):
-    mesh, functions = case.kind.preview(saved)
+    mesh, functions = case.kind.file.preview(saved)
     assert len(functions) == len(case.kind.preview_labels)
     assert all(values.shape == (len(mesh.vertices),) for values in functions)
 

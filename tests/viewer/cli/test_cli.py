@@ -273,7 +273,7 @@ def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     assert numbers.startswith(known)
     assert wrote.endswith(f" s; wrote {out}")
     assert table == (path_lines(match) if len(match.path) > 1 else [])
-    assert MatchTask.advice(match, str(out)) in advice
+    assert MatchTask.report.advice(match, str(out)) in advice
     said = abfm(*MATCH, tmp_path / "m.npz", "--source", "expression:1", status=UNREACHED).out
     said, why, *_, advice = said.splitlines()
     assert said.startswith("impossible")
@@ -373,9 +373,9 @@ def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(res
     assert match.weights == pytest.approx([1, 0.01])
     assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
     match = replace(match, verified_residual=float("nan"), folded=float("nan"))
-    details = MatchTask.details(match)
+    details = MatchTask.report.details(match)
     assert details["verified_residual"] is details["folded"] is None
-    assert "flow lines" not in MatchTask.lines(match)[0]
+    assert "flow lines" not in MatchTask.report.lines(match)[0]
 
 
 @pytest.mark.parametrize("as_file", [False, True])
