@@ -58,6 +58,7 @@ class Entry(NamedTuple):
     low: float = -math.inf
     high: float = math.inf
     may_be_unknown: bool = False  # NaN
+    is_mapped: bool = False  # it may be larger than the memory, and stays in the file
 
     def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
         """Return an array in its own type; ``sizes`` holds what was fixed before, and learns."""
@@ -279,11 +280,15 @@ def check_arrays(
     ]
     if missing:
         raise ValueError(f"it lacks {', '.join(missing)}")
-    return {
-        name: entries[name].check(place, np.asarray(arrays[place]), sizes)
-        for name, place in places.items()
-        if place in arrays
-    }
+    found = dict[str, NDArray[Any]]()
+    for name, place in places.items():
+        if place in arrays:
+            if isinstance(arrays, Archive) and entries[name].is_mapped:
+                array = arrays.mapped(place)
+            else:
+                array = np.asarray(arrays[place])
+            found[name] = entries[name].check(place, array, sizes)
+    return found
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Any], kind: FileKind = RESULT) -> None:

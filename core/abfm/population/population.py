@@ -28,8 +28,11 @@ _NUMBERS = ("correlation", "distance", "log2_area", *MapFacts._fields)
 _VALUE_MAX = results.SIZE_MAX
 _TEXT_ENTRY = Entry("text", ("N",))
 _NAN_ALLOWED = {"may_be_unknown": True}
-_VALUES = Entry("real", ("N", "V", "C"), low=-_VALUE_MAX, high=_VALUE_MAX, **_NAN_ALLOWED)
-_MASKS = Entry("real", ("N", "V"), low=0)
+_MAPPED = {"is_mapped": True}
+_VALUES = Entry(
+    "real", ("N", "V", "C"), low=-_VALUE_MAX, high=_VALUE_MAX, **_NAN_ALLOWED, **_MAPPED
+)
+_MASKS = Entry("real", ("N", "V"), low=0, **_MAPPED)
 POPULATION = FileKind(
     "population file",
     results.MESH_ENTRIES
@@ -324,7 +327,7 @@ def is_population(path: str | os.PathLike[str]) -> bool:
 
 def load_population(path: str | os.PathLike[str]) -> Population:
     """Read a file of `Population.save`, or that in a folder of results; ResultError if it is
-    missing, damaged, or none.
+    missing, damaged, or none. The subjects' values and masks stay in the file.
     """
     path = Path(path) / "population.npz" if Path(path).is_dir() else path
     return results.loaded(path, POPULATION, _population_of)

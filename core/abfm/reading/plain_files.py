@@ -11,6 +11,7 @@ import json
 import math
 import os
 import stat
+import struct
 import sys
 import warnings
 import zipfile
@@ -19,7 +20,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.lib import format as npy
@@ -38,6 +39,8 @@ _NPY_HEADERS = {
     (3, 0): npy.read_array_header_2_0,  # whose letters beyond ASCII are in names of fields
 }
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+_BLOCK_BYTES = 1 << 20
+_LOCAL_HEADER_BYTES = 30  # of a zip's member, without its name and extra field
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
 # what is no plain file and no folder, by its mode's format
 SPECIAL_FILES = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
@@ -152,6 +155,21 @@ def array_from(data: bytes) -> NDArray[Any]:
 
     A ValueError reports that they hold anything else, or are more or fewer than the array.
     """
+    start, shape, is_fortran, dtype = _header(data, len(data))
+    array = np.frombuffer(data, dtype, math.prod(shape), start)
+    if dtype.kind == "b" and (array.view(np.uint8) > 1).any():
+        raise ValueError("a boolean is neither 0 nor 1")
+    if dtype.kind == "U":
+        letters = array.view(np.dtype("u4").newbyteorder(dtype.byteorder))
+        if (letters > sys.maxunicode).any():
+            raise ValueError("a letter is none of Unicode's")
+    return array.reshape(shape, order="F" if is_fortran else "C").copy(order="K")
+
+
+def _header(data: bytes, total: int) -> tuple[int, tuple[int, ...], bool, np.dtype[Any]]:
+    """Return where the array of a .npy file of so many bytes begins, its shape, whether it is in
+    Fortran's order, and its type; ValueError as of `array_from`.
+    """
     file = BytesIO(data)
     try:
         with warnings.catch_warnings():
@@ -165,26 +183,19 @@ def array_from(data: bytes) -> NDArray[Any]:
     if dtype.kind not in "biufcSU" or dtype.itemsize == 0:
         raise ValueError(f"its type is {one_line(dtype, 40)}; expected numbers, such as '<f8'")
     start, size = file.tell(), math.prod(shape) * dtype.itemsize
-    if min(shape, default=0) < 0 or start + size != len(data):
+    if min(shape, default=0) < 0 or start + size != total:
         raise ValueError(
-            f"its size is not what its header says: {len(data) - start} bytes follow, and {dtype} "
+            f"its size is not what its header says: {total - start} bytes follow, and {dtype} "
             f"of shape {one_line(shape, 60)} have {size}"
         )
-    array = np.frombuffer(data, dtype, math.prod(shape), start)
-    if dtype.kind == "b" and (array.view(np.uint8) > 1).any():
-        raise ValueError("a boolean is neither 0 nor 1")
-    if dtype.kind == "U":
-        letters = array.view(np.dtype("u4").newbyteorder(dtype.byteorder))
-        if (letters > sys.maxunicode).any():
-            raise ValueError("a letter is none of Unicode's")
-    return array.reshape(shape, order="F" if is_fortran else "C").copy(order="K")
+    return start, shape, is_fortran, dtype
 
 
 class Archive(Mapping[str, NDArray[Any]]):
     """A zip open for reading: its arrays by name, in all no more bytes than it can hold."""
 
     def __init__(self, file: BinaryIO) -> None:
-        self._zip = zipfile.ZipFile(file)
+        self._file, self._zip = file, zipfile.ZipFile(file)
         size = file.seek(0, os.SEEK_END)
         self._left, self._most = most_inflated(size), max(FILE_BYTES_MAX, size)
         names = self._zip.namelist()
@@ -201,14 +212,43 @@ class Archive(Mapping[str, NDArray[Any]]):
         return name in self._names
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        if name not in self._names:
-            raise KeyError(f"it lacks {name}")
-        if (count := self._zip.namelist().count(f"{name}.npy")) > 1:
-            raise ValueError(f"{count} of its arrays are called {brief(name)}: rename all but one")
+        self._check_name(name)
         try:
             return array_from(self.read(f"{name}.npy"))
         except ValueError as error:
             raise ValueError(f"{name}: {one_line(error)}") from error
+
+    def mapped(self, name: str) -> NDArray[Any]:
+        """Return an array of numbers that stays in the file, which must not be changed meanwhile.
+
+        It is read into memory if it is compressed, and on Windows, where no other file could
+        take the place of one that is mapped.
+        """
+        self._check_name(name)
+        member = self._zip.getinfo(f"{name}.npy")
+        if os.name == "nt" or member.compress_type != zipfile.ZIP_STORED:
+            return self[name]
+        with self._zip.open(member) as content:
+            begin = content.read(_BLOCK_BYTES)
+            while content.read(_BLOCK_BYTES):  # to its end, where its checksum is compared
+                pass
+        try:
+            start, shape, is_fortran, dtype = _header(begin, member.file_size)
+        except ValueError as error:
+            raise ValueError(f"{name}: {one_line(error)}") from error
+        if dtype.kind not in "iuf" or not math.prod(shape):
+            return self[name]
+        self._file.seek(member.header_offset + _LOCAL_HEADER_BYTES - 4)
+        start += _LOCAL_HEADER_BYTES + sum(struct.unpack("<HH", self._file.read(4)))
+        order: Literal["F", "C"] = "F" if is_fortran else "C"
+        offset = member.header_offset + start
+        return np.memmap(self._file, dtype, "r", offset, shape, order).view(np.ndarray)
+
+    def _check_name(self, name: str) -> None:
+        if name not in self._names:
+            raise KeyError(f"it lacks {name}")
+        if (count := self._zip.namelist().count(f"{name}.npy")) > 1:
+            raise ValueError(f"{count} of its arrays are called {brief(name)}: rename all but one")
 
     def read(self, name: str, most: int | None = None) -> bytes:
         """Return the bytes of a member; damage makes any error of the zip's reader."""
