@@ -47,27 +47,24 @@ def settings_of(sequence: abfm.Sequence) -> FilmSettings:
     return FilmSettings(alpha, given.sigma, sequence.gamma, order)
 
 
-def unit_of(times: FloatArray) -> str:
-    """Return the unit that times of frames are taken to have: seconds, ``s``, and none where they
-    are numbers of frames.
-    """
-    return "" if np.array_equal(times, np.arange(len(times))) else "s"
-
-
 @dataclass(frozen=True, eq=False)
 class Film:
-    """Frames, numbered from 0, the name of their file, and the unit of their times; that is empty
-    where it is not known. Of frames that are cosine and sine of ``phases`` also these.
+    """Frames, numbered from 0, and the name of their file. Of frames that are cosine and sine of
+    ``phases`` also these.
     """
 
     name: str
     frames: abfm.sequences.Frames
-    unit: str = ""
     phases: abfm.sequences.Frames | None = None
 
     def __len__(self) -> int:
         """Return how many frames there are."""
         return len(self.frames.values)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the times; empty if they are numbers of frames."""
+        return self.frames.unit_of_time
 
     @property
     def unit_of_speed(self) -> str:

@@ -268,7 +268,7 @@ def _film(
     _require(fits, f"a film has {count} times that do not fit its {len(known['frames'])} frames")
     weights, is_given = known["weights"], bool(known["channels_given"])
     parts = known["frames"], known["times"], known.get("mask"), weights, is_given
-    film = Film(header.name, Frames(mesh, *parts), header.unit)
+    film = Film(header.name, Frames(mesh, *parts, unit_of_time=header.unit))
     if not header.has_fields:
         return film, None
     sizes = {"F": len(mesh.faces), "I": count - 1}

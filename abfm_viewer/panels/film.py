@@ -78,7 +78,7 @@ def _draw_step(ui: Ui, context: Context, film: Film) -> None:
             if (step := finite(typed)) is None or not step > 0:
                 raise ParameterError(f"{typed} is no time; expected seconds above 0, such as 0.04")
             times = step * np.arange(float(len(film)))
-            changed = replace(film, frames=replace(film.frames, times=times), unit="s")
+            changed = replace(film, frames=replace(film.frames, times=times, unit_of_time="s"))
             time = float(np.interp(context.session.document.time, film.times, times))
             change = context.session.editor.change
             change("change the frame step", film=changed, result=None, time=time)

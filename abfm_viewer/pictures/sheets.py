@@ -14,7 +14,6 @@ from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.theme import LIGHT_PALETTE
-from abfm_viewer.document.film import unit_of
 from abfm_viewer.pictures.canvas import Font, letter, rgb
 from abfm_viewer.pictures.panels import cameras, color_ranges, panel_pictures
 from abfm_viewer.scene.annotations import Pen, bar_parts
@@ -188,7 +187,7 @@ def sequence_picture(
         function = film.at(time).reshape(len(film.mesh.vertices), -1)[:, channel]
         i = film.interval(time)
         field, share = film.velocity[i], film.determined[i]
-        label = f"t = {time:.4g} {unit_of(film.times)}".rstrip()
+        label = f"t = {time:.4g} {film.unit_of_time}".rstrip()
         panels.append(Panel(film.mesh, Values(function), label, arrows=field, determined=share))
     changing = film.frames[:, :, channel].std(axis=0)
     sheet = Sheet((tuple(panels),), up, seen=(changing,))

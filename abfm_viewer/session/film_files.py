@@ -14,7 +14,7 @@ from abfm import ResultError, TriangleMesh
 from abfm.reading import read_gifti
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Surface, View
-from abfm_viewer.document.film import Film, settings_of, unit_of
+from abfm_viewer.document.film import Film, settings_of
 from abfm_viewer.document.kinds import MEASURED_COLUMN, FilmDocument, MatchDocument
 
 FRAME_ENDINGS = (
@@ -67,7 +67,7 @@ def read_film(
 
 
 def film_of(name: str, frames: abfm.sequences.Frames) -> Film:
-    return Film(name, frames, unit_of(frames.times))
+    return Film(name, frames)
 
 
 def circular_film(film: Film, period: float | None) -> Film:
@@ -75,7 +75,7 @@ def circular_film(film: Film, period: float | None) -> Film:
     from abfm.sequences.frames import checked  # with all that it loads
 
     if film.phases is not None:
-        phases = replace(film.phases, times=film.times)
+        phases = replace(film.phases, times=film.times, unit_of_time=film.unit)
         film = replace(film, frames=phases, phases=None)
     if period is None:
         return film
@@ -85,6 +85,7 @@ def circular_film(film: Film, period: float | None) -> Film:
         values[:, frames.unknown] = np.nan
     circle, weights = abfm.functions.as_circle(values, period), np.repeat(frames.weights, 2)
     made = checked(frames.mesh, circle, frames.times, frames.mask, weights)
+    made = replace(made, unit_of_time=film.unit)
     return replace(film, frames=made, phases=frames)
 
 

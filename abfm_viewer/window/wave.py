@@ -79,7 +79,7 @@ def wave_document(view: View) -> FilmDocument:
         frames = drifting_wave(surface.mesh, times)[0]
     from abfm.sequences.frames import checked  # with all that it loads
 
-    film = Film("wave", checked(surface.mesh, frames, times, None, None), "s")
+    film = Film("wave", checked(surface.mesh, frames, times, None, None))
     # met at once: a choice by held-out data takes some ten seconds
     settings = FilmSettings(alpha=1.0, sigma=_SIGMA, order=1)
     return FilmDocument((surface,), film, settings=settings, time=float(times[0]), view=view)

@@ -26,7 +26,6 @@ from abfm.pages.page import Page
 from abfm.population import Population
 from abfm.registration import Correspondence, Registration
 from abfm.sequences import Sequence
-from abfm.sequences.report import unit_of_time
 
 VERTICES_MAX = 10_000
 """Vertices of a surface in a notebook; finer ones are coarsened."""
@@ -62,9 +61,8 @@ def page_of(what: Any, title: str = "", up: str | None = None, share: float = 1.
     if isinstance(what, Population):
         return population_page(what, title, up)
     if isinstance(what, Sequence):
-        return sequence_page(
-            what, title, Labels(unit_of_time=unit_of_time(what.times), up=up, share=share)
-        )
+        labels = Labels(unit_of_time=what.unit_of_time, up=up, share=share)
+        return sequence_page(what, title, labels)
     if isinstance(what, TriangleMesh):
         return mesh_page(what, title, up)
     raise ParameterError(f"there is no page of {brief(what)}; expected a mesh or a result")

@@ -41,6 +41,7 @@ class Frames:
     weights: FloatArray  # (C,)
     channels_given: bool  # they came as (T, V, C); else as (T, V)
     notes: tuple[str, ...] = ()  # what a user should know of them
+    unit_of_time: str = ""  # "s" if times are known; empty if they are numbers of frames
 
     @property
     def durations(self) -> FloatArray:
@@ -129,6 +130,7 @@ def checked(
         of_vertices,
         of_channels,
         given.ndim == 3,
+        unit_of_time="" if times is None else "s",
     )
 
 

@@ -32,6 +32,7 @@ def details(sequence: Sequence) -> dict[str, Any]:
         "frames": len(sequence.frames),
         "channels": sequence.frames.shape[2],
         "times": sequence.times.tolist(),
+        "unit_of_time": sequence.unit_of_time or None,
         "order": sequence.parameters.order,
         "alpha": sequence.parameters.alpha,
         "sigma": finite(sequence.sigma),
@@ -60,14 +61,9 @@ def details(sequence: Sequence) -> dict[str, Any]:
     }
 
 
-def unit_of_time(times: FloatArray) -> str:
-    """Return the unit of times of frames, (T,): ``s``; empty if they are numbers of frames."""
-    return "" if np.array_equal(times, np.arange(len(times))) else "s"
-
-
 def lines(sequence: Sequence) -> list[str]:
     """Return the report of a sequence for people."""
-    unit = "second" if unit_of_time(sequence.times) else "frame"
+    unit = "second" if sequence.unit_of_time else "frame"
     times, speed, steep = sequence.times, _speeds(sequence), _steep(sequence)
     seen = f"{np.median(speed[steep]):.3g} where frames are steep, " if steep.any() else ""
     others = Counter(

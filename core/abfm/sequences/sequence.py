@@ -326,7 +326,8 @@ def sequence(
         is. Images of nibabel and nilearn, pandas objects and MNE's source estimates, see
         `abfm.functions.as_values`, have a column for each frame.
     times : (T,) array, optional
-        Ascending; those of a source estimate or an image, or 0, 1, 2, ... by default.
+        In seconds, ascending; those of a source estimate or an image, or 0, 1, 2, ..., the numbers
+        of the frames, by default.
     parameters : SequenceParameters, optional
         Made by `abfm.sequences.defaults`. Where it does not give them, the ``alpha`` and ``order``
         of the norm are those that predict held-out patches of a few intervals best, and sigma is
@@ -334,7 +335,7 @@ def sequence(
     gamma : float
         How much neighbouring fields are held together; 0 is frame by frame.
     dt : float, optional
-        Time from each frame to the next, in place of times.
+        Seconds from each frame to the next, in place of times.
     mask : (V,) array, optional
         Weight of the mismatch at each vertex, not negative; where it is 0, values are not known.
     weights : (C,) array, optional

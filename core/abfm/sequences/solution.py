@@ -102,6 +102,11 @@ class Solution:
     def times(self) -> FloatArray:
         return self._frames.times
 
+    @property
+    def unit_of_time(self) -> str:
+        """Unit of the times: ``s``, or empty if they are numbers of frames."""
+        return self._frames.unit_of_time
+
     def __len__(self) -> int:
         """Return how many intervals there are."""
         return len(self.velocity)
@@ -127,7 +132,10 @@ class Solution:
             "mask": lambda: {} if film.mask is None else {"mask": film.mask},
             "notes": lambda: {"notes": np.array(film.notes)} if film.notes else {},
         }
-        of_frames, own = ("times", "weights", "channels_given"), ("velocity", *_NUMBERS)
+        of_frames, own = (
+            ("times", "unit_of_time", "weights", "channels_given"),
+            ("velocity", *_NUMBERS),
+        )
         for each, names in ((film, of_frames), (self, own)):
             parts |= {name: partial(_array, each, name) for name in names}
         return parts
@@ -151,6 +159,7 @@ class Solution:
             arrays["weights"],
             bool(arrays["channels_given"]),
             tuple(arrays["notes"].tolist()) if "notes" in arrays else (),
+            str(arrays["unit_of_time"]),
         )
         verdicts = map(Verdict.of_texts, arrays["verdicts"].tolist())
         names = ("velocity", "energies", "residual", "verified_residual", "folded")

@@ -87,9 +87,10 @@ def test_seconds_between_frames_may_be_said(files, tmp_path, abfm):
     assert told.err == ""
     np.testing.assert_allclose(load(tmp_path / "a.npz").times, TIMES - TIMES[0])
     told = abfm(
-        "sequence", files / "m.ply", files / "f.npz", "--dt=2", *SOLVED, f"--out={tmp_path}/a.npz"
+        "sequence", files / "m.ply", files / "f.npz", "--dt=1", *SOLVED, f"--out={tmp_path}/a.npz"
     )
-    np.testing.assert_array_equal(load(tmp_path / "a.npz").times, 2 * np.arange(5))
+    np.testing.assert_array_equal(load(tmp_path / "a.npz").times, np.arange(5))
+    assert "per second" in told.out
     told = abfm("sequence", files / "m.ply", files / "f.npy", *SOLVED, f"--out={tmp_path}/a.npz")
     check_message(line_with(told.err, "note: "), 1, "--dt")
     assert "per frame" in told.out
@@ -304,10 +305,10 @@ def test_a_film_of_which_nothing_was_solved_has_no_speed(files):
     found = library.sequence(MESH, film(), TIMES, given(sigma=0.1))
     unsolved = verdict_of(found[0].problem, None, None, False)
     found = replace(found, velocity=0 * found.velocity, verdicts=4 * (unsolved,))
-    _, first, *others = SequenceTask.lines(found)
+    _, first, *others = SequenceTask.report.lines(found)
     check_message(first, 0, 4)
     check_message(next(line for line in others if "speed" in line))
-    told = json.loads(json.dumps(SequenceTask.details(found)))
+    told = json.loads(json.dumps(SequenceTask.report.details(found)))
     assert told["solved"] == 0
     assert set(told["speed"].values()) == {None}
     assert told["episodes"] == []
