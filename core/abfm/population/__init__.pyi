@@ -4,7 +4,6 @@ from .misfits import Judged as Judged
 from .misfits import Likeness as Likeness
 from .misfits import judge as judge
 from .population import Population as Population
-from .population import is_population as is_population
 from .population import load_population as load_population
 from .rounds import register_population as register_population
 from .settings import Settings as Settings

@@ -9,11 +9,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import face_areas
-from abfm.errors import FunctionError
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.functions import function
+from abfm.functions.known import filled, known_functions
 from abfm.io import results
 from abfm.maps.distortion import Map
 from abfm.maps.point_maps import PointMap
@@ -23,7 +21,7 @@ from abfm.mesh import TriangleMesh
 from abfm.reading import from_json
 from abfm.registration import Registration
 from abfm.registration.correspondence import Correspondence
-from abfm.types import BoolArray, FloatArray
+from abfm.types import FloatArray
 
 Shift: TypeAlias = Callable[[SurfacePoints], SurfacePoints]
 """Where on the template its points come from, before a mean field was taken off."""
@@ -53,24 +51,11 @@ class Own(NamedTuple):
         """
         given = [text for text in texts if text]
         weight = checked_mask(mesh, mask, "it")
-        known, functions = known_functions(mesh, given, weight)
-        filled = dict(zip(given, functions, strict=True))
+        functions, known = known_functions(mesh, given, "it", weight)
+        own = dict(zip(given, filled(mesh, functions, known), strict=True))
         unknown = np.full(len(mesh.vertices), np.nan)
-        values = np.stack([filled[text] if text else unknown for text in texts], axis=1)
+        values = np.stack([own[text] if text else unknown for text in texts], axis=1)
         return cls(mesh, values, np.where(known, weight, 0))
-
-
-def known_functions(
-    mesh: TriangleMesh, texts: Sequence[str], mask: FloatArray
-) -> tuple[BoolArray, FloatArray]:
-    """Return where all functions are known and the mask (V,) is above 0, (V,), and their values,
-    (C, V), filled in from around elsewhere.
-    """
-    values = np.stack([function(mesh, text, may_be_unknown=True) for text in texts])
-    known: BoolArray = np.asarray(np.isfinite(values).all(axis=0)) & (mask > 0)
-    if not known.any():
-        raise FunctionError("its functions are finite together nowhere; give them or their masks")
-    return known, extend_all(mesh, values, known)
 
 
 class MapFacts(NamedTuple):

@@ -319,12 +319,6 @@ class Population(Display):
         )
 
 
-def is_population(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a file holds a population; ResultError if it cannot be read."""
-    with results.open_archive(path, POPULATION.name, results.MEND) as archive:
-        return "subject_weights" in archive and "template_mask" in archive
-
-
 def load_population(path: str | os.PathLike[str]) -> Population:
     """Read a file of `Population.save`, or that in a folder of results; ResultError if it is
     missing, damaged, or none. The subjects' values and masks stay in the file.

@@ -20,6 +20,7 @@ from abfm.batch.attempt import Answer
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.functions import quoted
+from abfm.functions.known import filled, known_functions
 from abfm.io.atomic import write_atomically
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh, load_mesh
 from abfm.mesh.options import read_flag
@@ -32,7 +33,6 @@ from abfm.population.on_template import (
     OnTemplate,
     checked_mask,
     displacement_in,
-    known_functions,
 )
 from abfm.population.population import Population
 from abfm.population.round import Round, Stack
@@ -124,7 +124,8 @@ class Work:
             with suppress(AbfmError):  # which its registration tells
                 mesh = self._mesh(subject.surface or self.path)
                 texts = [subject.functions[c] for c in self.cohort.registered_by]
-                f = known_functions(mesh, texts, checked_mask(mesh, subject.mask, subject.name))[1]
+                mask = checked_mask(mesh, subject.mask, subject.name)
+                f = filled(mesh, *known_functions(mesh, texts, subject.name, mask))
                 sizes = f.std(axis=1)
                 if sizes.all():  # of constants registrations tell
                     levels.append(float(np.sqrt(np.mean((noise(mesh, f) / sizes) ** 2))))
@@ -139,7 +140,8 @@ class Work:
         channels = self.cohort.registered_by
         if given:
             texts = [given[self.cohort.channels[c].name] for c in channels]
-            known, functions = known_functions(self.template, texts, self.mask)
+            functions, known = known_functions(self.template, texts, "the template", self.mask)
+            functions = filled(self.template, functions, known)
             return Target(functions, np.where(known, self.mask, 0))
         self._refuse_maps_by_functions()
         if np.count_nonzero(self.weights) < 2:

@@ -12,15 +12,12 @@ from abfm.registration.registration import Registration
 
 def is_correspondence(path: str | os.PathLike[str]) -> bool:
     """Tell whether a file holds two surfaces; ResultError if it cannot be read."""
-    return "a_vertices" in _names(path)
+    with results.open_archive(path, results.CORRESPONDENCE.name, results.MEND) as archive:
+        return "a_vertices" in archive
 
 
 def load_correspondence(path: str | os.PathLike[str]) -> Correspondence:
-    """Read a file of `Correspondence.save`, or of `Registration.save`, which gives a Registration;
-    ResultError if it is missing, damaged, or neither.
-    """
-    if "velocity" in _names(path):
-        return load_registration(path)
+    """Read a file of `Correspondence.save`; ResultError if it is missing, damaged, or none."""
     return results.loaded(path, results.CORRESPONDENCE, correspondence_of)
 
 
@@ -32,11 +29,6 @@ def load_registration(path: str | os.PathLike[str]) -> Registration:
     """
     found = results.loaded(path, results.REGISTRATION, _registration_of)
     return found.matched_by(found.match.borne_out())
-
-
-def _names(path: str | os.PathLike[str]) -> set[str]:
-    with results.open_archive(path, results.CORRESPONDENCE.name, results.MEND) as archive:
-        return set(archive)
 
 
 def _registration_of(arrays: results.Arrays) -> Registration:

@@ -9,15 +9,14 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmWarning, FunctionError, ParameterError
 from abfm.functions.circular import phase_warning
 from abfm.functions.circular_channels import circular_channels
-from abfm.functions.family import texts_of
-from abfm.functions.objects import as_values, texts_or_values
+from abfm.functions.known import filled, known_functions
+from abfm.functions.objects import texts_or_values
 from abfm.functions.sides import warn_of_mixed_sides
-from abfm.functions.spec import files_in, function
+from abfm.functions.spec import files_in
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
@@ -72,6 +71,16 @@ class Prepared(NamedTuple):
     def matched_by(self, match: Match) -> Registration:
         """Return the registration that a match of the problem makes."""
         return Registration(self.initial, match, self.notes, self.functions, self.warnings)
+
+    def solved(
+        self,
+        max_distortion: float | None = None,
+        on_iteration: Callable[[Iteration], object] | None = None,
+        control: Control | None = None,
+    ) -> Registration:
+        """Return the registration that solving the problem makes, see `register`."""
+        found = self.matched_by(match(self.problem, on_iteration=on_iteration, control=control))
+        return found if max_distortion is None else within(found, max_distortion, control)
 
 
 def register(
@@ -148,11 +157,7 @@ def register(
         weights=weights,
         circular=circular,
     )
-    found = match(prepared.problem, on_iteration=on_iteration, control=control)
-    registration = prepared.matched_by(found)
-    if max_distortion is None:
-        return registration
-    return within(registration, max_distortion, control)
+    return prepared.solved(max_distortion, on_iteration, control)
 
 
 def within(
@@ -220,13 +225,14 @@ def prepare(
     f, g, weights = circular_channels(f, g, weights, circular)
     for mesh, functions in ((a, f), (b, g)):
         warn_of_mixed_sides(mesh, files_in(functions))
-    (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
+    source, known_a = known_functions(a, f, "f")
+    target, known_b = known_functions(b, g, "g")
     phases = phase_warning(a, np.where(known_a, source, np.nan))
     mask_a, mask_b = given_mask(a, mask_a, "mask_a"), given_mask(b, mask_b, "mask_b")
     on_a, on_b = mask_of_known(mask_a, known_a), mask_of_known(mask_b, known_b)
     # hidden values must neither move along the flow nor count as detail
-    source = _filled(a, source, known_a if on_a is None else on_a > 0)
-    target = _filled(b, target, known_b if on_b is None else on_b > 0)
+    source = filled(a, source, known_a if on_a is None else on_a > 0)
+    target = filled(b, target, known_b if on_b is None else on_b > 0)
     if len(source) != len(target):
         raise FunctionError(
             f"f has {len(source)} and g {len(target)} channels; give as many of each"
@@ -300,21 +306,6 @@ def _on_b(initial: Correspondence, marks: Landmarks) -> dict[str, Any]:
     return {"landmarks": pair, "landmark_weights": marks.weights}
 
 
-def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray, BoolArray]:
-    """Return functions (C, V), and where all of them are known, (V,); 0 elsewhere."""
-    if texts := texts_of(given):
-        values = np.stack([function(mesh, text, may_be_unknown=True) for text in texts], axis=1)
-    else:
-        values = as_values(mesh, given, name)
-        if values.ndim not in (1, 2) or values.size == 0:
-            raise FunctionError(f"{name} has shape {values.shape}; expected (V,) or (V, C)")
-        values = mesh.restrict(values.reshape(len(values), -1))
-    known: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
-    if not known.any():
-        raise FunctionError(f"{name} is finite nowhere")
-    return np.where(known[:, None], values, 0).T, known
-
-
 def _unknown(side: str, known: BoolArray, mask: FloatArray | None) -> list[str]:
     """Return a note of how many values that a mask (V,) does not hide are not finite, if any."""
     if mask is not None:
@@ -322,13 +313,6 @@ def _unknown(side: str, known: BoolArray, mask: FloatArray | None) -> list[str]:
     count = int(np.count_nonzero(~known))
     what = f"functions of {side} are not finite at {count} of {len(known)} vertices"
     return [f"{what}, where nothing is compared"] if count else []
-
-
-def _filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:
-    """Return functions (C, V) that are filled in from around where they are not known."""
-    if not known.any():  # the mask hides all, which is told where masks are put together
-        return functions
-    return extend_all(mesh, functions, known)
 
 
 def _comparable(

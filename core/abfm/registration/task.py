@@ -12,7 +12,6 @@ from abfm.io import check_surface_name, write_surface, write_values
 from abfm.maps.point_maps import PointMap
 from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
 from abfm.matching import report as match_report
-from abfm.matching.match import match
 from abfm.matching.task import MAX_DISTORTION, facts_of_file, preview
 from abfm.mesh import TriangleMesh
 from abfm.mesh.options import read_flag
@@ -20,7 +19,7 @@ from abfm.parameters import Parameters, as_option
 from abfm.registration import report
 from abfm.registration.files import load_registration
 from abfm.registration.initial import WORDS, read_landmarks, word_of
-from abfm.registration.register import MEASURED_PARAMETERS, prepare, within
+from abfm.registration.register import MEASURED_PARAMETERS, prepare
 from abfm.registration.registration import Registration
 from abfm.tasks.inputs import (
     MESH_FORMATS,
@@ -239,17 +238,11 @@ class RegistrationTask(Task):
         for note in (*prepared.notes, *(f"warning: {text}" for text in prepared.warnings)):
             monitor.on_note(note)
         parameters = prepared.problem.parameters.with_values(**self.parameters)
-        problem = prepared.problem.with_parameters(parameters)
-        control = monitor.control
-        found = prepared.matched_by(
-            match(problem, on_iteration=monitor.on_partial, control=control)
-        )
-        if self.max_distortion is None:
-            return found
-        bounded = within(found, self.max_distortion, control)
-        for note in bounded.notes[len(found.notes) :]:
+        prepared = prepared._replace(problem=prepared.problem.with_parameters(parameters))
+        found = prepared.solved(self.max_distortion, monitor.on_partial, monitor.control)
+        for note in found.notes[len(prepared.notes) :]:
             monitor.on_note(note)
-        return bounded
+        return found
 
     @property
     def goal(self) -> float:
