@@ -9,7 +9,7 @@ import pytest
 
 import abfm
 from abfm.assets import asset_path
-from abfm.batch import Row, problem_row
+from abfm.batch import Row, kind_of, problem_row
 from abfm.errors import ParameterError
 from tests.core.batch.rows import BRIEF, pair
 from tests.messages import raises
@@ -115,6 +115,12 @@ def test_files_beside_a_file_belong_to_it(tmp_path):
     assert Row("r", row.options, tmp_path).key != before
 
 
+def test_row_is_of_the_kind_whose_columns_it_fills():
+    assert kind_of({"mesh": "m.off", "a": "a.off"}).kind == "match"
+    assert kind_of({"a": "a.off"}).kind == "registration"
+    assert kind_of({"problem": "p.npz"}).kind == "problem"
+
+
 def test_words_of_initial_maps_keep_their_files(tmp_path):
     words = {
         "sphere:mirror,l.gii,r.gii": ["l.gii", "r.gii"],
@@ -189,6 +195,11 @@ def test_a_problem_made_in_python_is_found_in_a_relative_folder(tmp_path, monkey
         ({"a": "a.off", "b": "b.off", "initial": "closset"}, ("initial",)),
         ([("mesh", "m.off"), ("mesh", "n.off")], ("mesh",)),
         (PLAIN | {"stage-iterations": 50, "cooling-stages": 9, "iterations": 100}, (50,)),
+        ({"frames": "f.npy", "mesh": "m.off", "dt": 0}, ("dt", 0)),
+        ({"frames": "f.npy", "mesh": "m.off", "gamma": -1}, ("gamma", 0)),
+        ({"frames": "f.npy", "mesh": "m.off", "weights": "1 -1"}, ("weights", 0)),
+        ({"frames": "f.npy", "mesh": "m.off", "segments": 2}, ("segments",)),
+        ({"frames": "f.npy"}, ("mesh",)),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_column(options, named):

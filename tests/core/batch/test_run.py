@@ -1,7 +1,6 @@
 """Rows are solved once, fail alone, and go on where they were ended."""
 
 import json
-import math
 import sys
 from concurrent.futures import Future
 from dataclasses import asdict, replace
@@ -10,8 +9,7 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm.assets import asset_path
-from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of, run
+from abfm.batch import Cluster, Cost, Ledger, Row, Workers, run
 from abfm.batch.attempt import IMPOSSIBLE_STEP, Task, attempt
 from abfm.batch.run import ENDED_MESSAGE, seen_here
 from abfm.errors import AbfmWarning, ParameterError, ResultError
@@ -208,6 +206,10 @@ def test_what_it_cost_is_known_beside_the_result(done):
     assert cost.evaluations > len(match.energy_history) - 1
     assert cost.row_products > cost.evaluations * len(match.mesh.vertices)
     assert cost.row_products % len(match.mesh.vertices) == 0
+    written = json.loads((done[1] / "ledger" / f"{by_name['first'].row.key}.json").read_text())
+    assert written == asdict(cost)
+    assert (cost.digest, cost.reason, cost.tries) == (match.problem.digest, "", 1)
+    assert 0 < cost.seconds < 1e9
     assert by_name["both"].record.evaluations > 0
     assert by_name["far"].record.evaluations is None
     assert match.residual > match.parameters.goal
@@ -435,14 +437,6 @@ def test_a_bug_in_a_row_is_its_own(monkeypatch, tmp_path):
     assert record.reason == "KeyError: 'two\\nlines'"
 
 
-def test_seconds_are_told_and_are_in_no_result(done):
-    entry = next(entry for entry in done[2] if entry.row.name == "own")
-    assert 0 < entry.record.seconds < math.inf
-    told = json.loads((done[1] / "ledger" / f"{entry.row.key}.json").read_text())
-    assert told == asdict(entry.record)
-    assert (told["digest"], told["reason"], told["tries"]) == (entry.digest, "", 1)
-
-
 def test_a_cluster_is_one_thing():
     with raises(ParameterError):
         Cluster(jobs=2, scheduler="tcp://1.2.3.4:5")
@@ -452,17 +446,7 @@ def test_a_cluster_is_one_thing():
     assert Cluster().processes >= 1
 
 
-def test_a_row_is_of_the_kind_whose_columns_it_fills():
-    assert kind_of({"mesh": "m.off", "a": "a.off"}).kind == "match"
-    assert kind_of({"a": "a.off"}).kind == "registration"
-    assert kind_of({"problem": "p.npz"}).kind == "problem"
-
-
 def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with raises(ResultError):
         run([pair()], tmp_path / "file" / "out")
-
-
-def test_meshes_of_the_assets_are_where_rows_say():
-    assert pair().files() == [str(asset_path("eight.off"))]

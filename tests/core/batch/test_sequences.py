@@ -10,12 +10,11 @@ from abfm.assets import asset_path
 from abfm.batch import Ledger, Row, run
 from abfm.batch.attempt import Task, attempt
 from abfm.batch.run import seen_here
-from abfm.errors import ParameterError
 from abfm.sequences import defaults, export_pvd
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import telling
 from tests.core.batch.rows import ONE
-from tests.messages import check_message, raises
+from tests.messages import check_message
 from tests.spare_processes import spared
 
 EIGHT = abfm.load_mesh(asset_path("eight.off"))
@@ -38,23 +37,6 @@ def folder(tmp_path):
 def film(folder, **more):
     given = {"mesh": asset_path("eight.off"), "frames": "f.npy", "dt": 0.5, "sigma": 0.5}
     return Row("film", given | more, folder)
-
-
-def test_a_film_is_solved_as_by_hand_and_told_by_its_intervals(folder):
-    [entry] = run([film(folder, gamma=2)], folder / "out", ONE)
-    found = entry.load()
-    by_hand = abfm.sequence(EIGHT, FRAMES, [0, 0.5, 1], defaults(sigma=0.5), 2.0)
-    np.testing.assert_array_equal(found.velocity, by_hand.velocity)
-    assert entry.facts == by_hand.facts == found.facts
-    assert entry.facts.outcome == by_hand.verdicts[0].kind
-    assert entry.facts.numbers["residual"] == pytest.approx(np.median(by_hand.residual))
-    check_message(entry.facts.reason, 2)
-    before = entry.path.read_bytes()
-    entry.path.unlink()
-    [again] = run([film(folder, gamma=2)], folder / "out", ONE)
-    assert again.path.read_bytes() == before
-    [told] = Ledger(folder / "out").entries([film(folder, gamma=2)])
-    assert told.path == again.path
 
 
 def test_a_run_that_is_killed_goes_on_and_finds_the_same(folder):
@@ -103,40 +85,29 @@ def test_channels_have_weights(folder):
     found = entry.load()
     np.testing.assert_array_equal(found[0].weights, [1, 0])
     assert found.confirmed == 2
+    by_hand = abfm.sequence(
+        EIGHT, np.load(folder / "f.npy"), dt=0.5, parameters=defaults(sigma=0.5), weights=[1, 0]
+    )
+    np.testing.assert_array_equal(found.velocity, by_hand.velocity)
+    assert entry.facts == by_hand.facts
 
 
-def test_its_name_goes_by_what_the_files_hold(folder):
-    one = film(folder).key
-    assert film(folder, gamma=3).key != one
-    assert film(folder, dt=0.25).key != one
-    np.save(folder / "f.npy", FRAMES + 1)
-    assert film(folder).key != one
-
-
-def test_files_of_a_series_belong_to_it(folder):
-    found = abfm.sequence(EIGHT, FRAMES, parameters=defaults(sigma=0.5))
-    export_pvd(folder / "s.pvd", found)
-    options = {"mesh": asset_path("eight.off"), "frames": "s.pvd", "array": "frame"}
-    row = Row("film", options, folder)
-    parts = [Path(name) for name in row.files() if name.endswith(".vtu")]
-    assert len(parts) == 3
-    one = row.key
-    content = bytearray(parts[0].read_bytes())
-    content[-30] ^= 1
-    parts[0].write_bytes(content)
-    assert Row("film", options, folder).key != one
-
-
-def test_a_series_goes_to_who_does_not_see_its_files(folder):
+def test_files_of_a_series_belong_to_it_and_are_sent(folder):
     found = abfm.sequence(EIGHT, FRAMES, parameters=defaults(sigma=0.5))
     export_pvd(folder / "s.pvd", found)
     options = {"mesh": asset_path("eight.off"), "frames": "s.pvd", "array": "frame", "sigma": 0.5}
     row = Row("film", options, folder)
+    parts = [Path(name) for name in row.files() if name.endswith(".vtu")]
+    assert len(parts) == 3
     task = Task(row, str(folder / "nowhere"), "somewhere else")
     answer = attempt(seen_here(task))
     assert answer.record.reason == ""
     assert answer.record.digest == row.key
     assert answer.result
+    content = bytearray(parts[0].read_bytes())
+    content[-30] ^= 1
+    parts[0].write_bytes(content)
+    assert Row("film", options, folder).key != row.key
 
 
 def test_files_that_change_meanwhile_are_told(folder):
@@ -145,18 +116,3 @@ def test_files_that_change_meanwhile_are_told(folder):
     np.save(folder / "f.npy", FRAMES[:1].repeat(3, axis=0))
     [entry] = run([row], folder / "out", ONE)
     check_message(entry.reason)
-
-
-@pytest.mark.parametrize(
-    ("given", "named"),
-    [
-        ({"dt": 0}, ("dt", 0)),
-        ({"gamma": -1}, ("gamma", 0)),
-        ({"weights": "1 -1"}, ("weights", 0)),
-        ({"segments": 2}, ("segments",)),
-        ({"mesh": None}, ("mesh",)),
-    ],
-)
-def test_what_does_not_fit_is_refused(folder, given, named):
-    with raises(ParameterError, *named):
-        film(folder, **given)

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from abfm.batch import KINDS, combinations, read_table
-from abfm.batch.table import known_columns, rows_of_text
+from abfm.batch import combinations, read_table
+from abfm.batch.table import rows_of_text
 from abfm.errors import AbfmError, ParameterError
 from tests.messages import check_message, raises
 
@@ -142,15 +142,6 @@ def test_what_is_no_text_is_refused(content, tmp_path):
         path.write_bytes(content)
     with raises(ParameterError, "table.csv"):
         read_table(path)
-
-
-def test_every_kind_has_help_of_its_inputs():
-    for task in KINDS.values():
-        names = [each.name for each in task.inputs]
-        assert all(each.help for each in task.inputs)
-        assert len(set(names)) == len(names)
-        assert set(task.needs) <= set(names)
-        assert set(names) <= known_columns().keys()
 
 
 def test_combinations_are_all_there_are_once_the_last_option_first():

@@ -387,12 +387,6 @@ def test_damaged_files_are_told(usual, tmp_path):
             load(path, Population)
 
 
-def test_files_of_another_kind_are_told(usual, kept):
-    path = kept.folder / "out" / f"{usual.digests[0]}.npz"
-    with raises(AbfmError, recorded=False):
-        load(path, Population)
-
-
 def test_unknown_names_are_told(usual):
     with raises(ParameterError, "pluss", "plus"):
         usual.subject("pluss")
@@ -431,21 +425,6 @@ def test_weights_are_how_much_subjects_count(tmp_path):
     assert np.mean((found.mean() - middle) ** 2) < np.mean(
         (found.mean() - height(MESH.vertices)) ** 2
     )
-
-
-def test_what_a_mask_hides_counts_nothing(tmp_path):
-    place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
-    mask = place.file("mask", np.where(hidden, 0.0, 1.0))
-    for name in ("a", "b", "c"):
-        values = height(MESH.vertices)
-        if name == "c":
-            values = np.where(hidden, 100.0, values)
-        place.add(name, values, mask=mask if name == "c" else "")
-    found = place.registered(Settings(options=BRIEF, rounds=1))
-    assert found.fits.all()
-    inside = MESH.vertices[:, 0] > 0.8
-    assert (found.masks[2] == 0)[inside].all()
-    assert found.mean()[inside] == pytest.approx(height(MESH.vertices)[inside], abs=0.02)
 
 
 def test_where_a_subject_is_unknown_it_counts_nothing(tmp_path):
@@ -625,25 +604,20 @@ def test_who_cannot_be_carried_is_told_and_stops_nobody(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("functions", "named"),
+    ("settings", "named"),
     [
-        ({"depth": "coordinate:x"}, "depth"),
-        ({"height": ""}, "height"),
+        ({"functions": {"depth": "coordinate:x"}}, "depth"),
+        ({"functions": {"height": ""}}, "height"),
+        ({"weights": {"label": 2.0}}, "label"),
+        ({"weights": {"heigth": 2.0}}, "height"),
     ],
 )
-def test_functions_of_the_template_are_those_of_channels(tmp_path, functions, named):
-    place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
-    with raises(ParameterError, named):
-        place.registered(Settings(functions))
-
-
-def test_weights_are_those_of_channels_to_register_by(tmp_path):
+def test_functions_and_weights_are_those_of_channels(tmp_path, settings, named):
     place = Place(tmp_path)
     for name in "ab":
         place.add(name, height(MESH.vertices), label(MESH.vertices))
-    for name in ("label", "heigth"):
-        with raises(ParameterError, name):
-            place.registered(Settings(weights={name: 2.0}), held_out=["label"])
+    with raises(ParameterError, named):
+        place.registered(Settings(**settings), held_out=["label"])
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,14 @@
 """Symmetric registration: the mean of the maps both ways."""
 
-import json
-
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
-import abfm
-from abfm import Facts, Outcome
-from abfm.batch import Cluster, Row, run
+from abfm.batch import Row
 from abfm.errors import ParameterError
 from abfm.io import write_surface
 from abfm.mesh.shapes import sphere
-from abfm.registration.symmetric import SymmetricRegistration, SymmetricTask
+from abfm.registration.symmetric import SymmetricRegistration
 from abfm.tasks import Monitor
 from tests.messages import raises
 
@@ -63,31 +59,6 @@ def test_mean_lies_between_both_maps(inputs):
         assert (np.linalg.norm(mean.points.positions - end, axis=1) <= apart + 1e-12).all()
     assert_allclose(mean.asymmetry * MESH.length_scale, apart)
     assert mean.facts.outcome.rank == max(each.facts.outcome.rank for each in (forward, backward))
-
-
-def test_saved_and_loaded_it_is_the_same(found, tmp_path):
-    found.save(tmp_path / "s.npz")
-    again = abfm.load(tmp_path / "s.npz")
-    assert isinstance(again, SymmetricRegistration)
-    assert again.facts == found.facts == SymmetricTask.file.facts(tmp_path / "s.npz")
-    assert_array_equal(again.asymmetry, found.asymmetry)
-    assert_allclose(again.points.positions, found.points.positions)
-    json.dumps(SymmetricTask.report.details(again))
-    assert found.facts.headline in SymmetricTask.report.lines(again)
-
-
-def test_rows_of_tables_have_results_exports_and_pictures(inputs, tmp_path):
-    row = Row("s", {"task": "symmetric", **inputs})
-    [entry] = run([row], tmp_path / "out", Cluster(jobs=1))
-    assert entry.facts.outcome is not Outcome.FAILED
-    assert isinstance(entry.facts, Facts)
-    loaded = entry.load()
-    for suffix, export in SymmetricTask.exports.items():
-        path = tmp_path / f"lh.sphere{suffix}"
-        export.check(path)
-        export.write(path, loaded)
-        assert path.is_file()
-    assert SymmetricTask.file.preview(entry.path).mesh.digest == MESH.digest
 
 
 @pytest.mark.parametrize("initial", ["file:map.txt", "sphere:a.ply,b.ply"])

@@ -10,6 +10,7 @@ import pytest
 import abfm
 from abfm import Outcome
 from abfm.batch import KINDS, Cluster, run
+from abfm.batch.table import known_columns
 from abfm.errors import AbfmError, ParameterError
 from abfm.loading import task_of
 from abfm.population.task import PopulationTask
@@ -49,6 +50,7 @@ def test_inputs_have_help_and_names_of_their_own(case):
     assert len(set(names)) == len(names)
     assert set(case.kind.needs) <= set(names)
     assert {each.name for each in inputs if each.is_argument} <= {*case.kind.needs, "mesh"}
+    assert case.kind.kind not in KINDS or set(names) <= known_columns().keys()
 
 
 def test_missing_inputs_are_refused(case):
@@ -119,8 +121,7 @@ def test_saved_and_loaded_it_is_the_same(case, saved, tmp_path):
     assert type(loaded) is type(case.found)
     assert loaded.facts == case.found.facts
     loaded.save(tmp_path / "again.npz")
-    again, before = arrays_of(tmp_path / "again.npz"), arrays_of(saved)
-    assert again.keys() == before.keys()
+    assert_same_arrays(arrays_of(saved), arrays_of(tmp_path / "again.npz"))
 
 
 def test_facts_of_the_file_are_those_of_the_result(case, saved):
