@@ -128,11 +128,15 @@ class Facts:
         return self.outcome.tone
 
     @property
+    def lines(self) -> list[str]:
+        """The headline, the reason and the warnings, one line each."""
+        return [self.headline, self.reason, *(f"warning: {each}" for each in self.warnings)]
+
+    @property
     def notes(self) -> list[str]:
         """The reason, the warnings and the advice, one line each."""
-        warnings = (f"warning: {warning}" for warning in self.warnings)
         advice = f"advice: {self.advice}" if self.advice else ""
-        return [line for line in (self.reason, *warnings, advice) if line]
+        return [line for line in (*self.lines[1:], advice) if line]
 
     def number(self, name: str) -> float:
         """Return a measurement; NaN if it is unknown."""

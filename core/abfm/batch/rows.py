@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
@@ -19,7 +19,7 @@ from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm.matching.problem import Problem
 from abfm.reading import open_plain, referenced_file
 from abfm.sequences.reading.vtk_frames import files_of_frames
-from abfm.tasks.inputs import Input, absolute, by_name
+from abfm.tasks.inputs import Input, Rename, absolute, by_name
 from abfm.tasks.task import Task
 
 PROBLEMS = "problems"
@@ -145,24 +145,11 @@ class Row:
 
     def files(self) -> list[str]:
         """Return the absolute names of the files that it is made of, whether they exist or not."""
-        found: dict[str, None] = {}
-
-        def note(path: str) -> str:
-            found.update(dict.fromkeys(with_companions(path)))
-            return path
-
-        columns = _columns(self.declared)
-        for column, text in self._resolved():
-            columns[column].renamed(text, note)
-        return list(found)
+        return files_renamed(lambda rename: self._renamed(self._resolved(), rename))
 
     def moved(self, places: Mapping[str, str]) -> Row:
         """Return the same row with files, by their absolute names, elsewhere."""
-        columns = _columns(self.declared)
-        options = [
-            (column, columns[column].renamed(text, lambda path: places.get(path, path)))
-            for column, text in self._resolved()
-        ]
+        options = self._renamed(self._resolved(), lambda path: places.get(path, path))
         other = type(self)(self.name, options, self.folder, self.declared)
         other.__dict__.update(written=self.written, key=self.key)
         return other
@@ -173,8 +160,11 @@ class Row:
         return self._values(self.options)
 
     def _resolved(self) -> list[tuple[str, str]]:
-        columns, rename = _columns(self.declared), absolute(self.folder)
-        return [(column, columns[column].renamed(text, rename)) for column, text in self.options]
+        return self._renamed(self.options, absolute(self.folder))
+
+    def _renamed(self, options: Iterable[tuple[str, str]], rename: Rename) -> list[tuple[str, str]]:
+        columns = _columns(self.declared)
+        return [(column, columns[column].renamed(text, rename)) for column, text in options]
 
     def _values(self, options: Iterable[tuple[str, str]]) -> dict[str, Any]:
         columns, found = _columns(self.declared), dict[str, Any]()
@@ -255,6 +245,20 @@ def _sum(path: str, size: int, changed: int) -> str:
         while block := file.read(_BLOCK):
             found.update(block)
     return found.hexdigest()
+
+
+def files_renamed(apply: Callable[[Rename], object]) -> list[str]:
+    """Return the names that a function gives to the function that renames files, and those of files
+    that their readers take besides.
+    """
+    found = dict[str, None]()
+
+    def note(path: str) -> str:
+        found.update(dict.fromkeys(with_companions(path)))
+        return path
+
+    apply(note)
+    return list(found)
 
 
 def with_companions(path: str) -> list[str]:

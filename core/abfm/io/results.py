@@ -392,19 +392,9 @@ def load_arrays(path: Path, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
         version = archive.get("format_version")
         check_version(version.item() if version is not None and version.ndim == 0 else version)
         needs_match = "velocity" in kind.entries
-        if needs_match and "a_vertices" in archive and "velocity" not in archive:
-            raise ResultError(
-                "it holds a map between two surfaces, and no match; `abfm map` tells what it does"
-            )
-        if "frames" in archive and kind is not SEQUENCE:
-            raise ResultError(
-                "it holds a sequence, and no single match; `abfm info` tells what it came to"
-            )
-        if "subject_weights" in archive and "subject_weights" not in kind.entries:
-            raise ResultError(
-                "it holds a population, and no single match; `abfm info` tells what it came to, "
-                "and subjects.csv beside it which file is each subject's own"
-            )
+        others = {"frames", "subject_weights"} - kind.entries.keys()
+        if others & archive.keys() or (needs_match and "velocity" not in archive):
+            raise ResultError("it holds another kind of result, which `abfm info` describes")
         return _checked(archive, kind)
 
 

@@ -52,9 +52,7 @@ def lines(match: Match, facts: Facts | None = None) -> list[str]:
     """
     facts, iterations = facts or match.facts, len(match.energy_history) - 1
     return [
-        facts.headline,
-        facts.reason,
-        *(f"warning: {warning}" for warning in facts.warnings),
+        *facts.lines,
         f"residual {numbers(match)}, after {iterations} iterations",
         *(path_lines(match) if len(match.path) > 1 else []),
     ]

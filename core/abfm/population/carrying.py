@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from abfm.batch.rows import with_companions
+from abfm.batch.rows import files_renamed
 from abfm.errors import ParameterError, ResultError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.maps.point_maps import PointMap
@@ -90,14 +90,7 @@ class Carrying:
 
     def files(self) -> list[str]:
         """Return the absolute names of the files that it reads."""
-        found = list[str]()
-
-        def note(path: str) -> str:
-            found.extend(with_companions(path))
-            return path
-
-        self.renamed(note)
-        return list(dict.fromkeys(found))
+        return files_renamed(self.renamed)
 
     def moved(self, places: Mapping[str, str]) -> Carrying:
         """Return the same with files elsewhere."""

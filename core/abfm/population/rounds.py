@@ -10,23 +10,19 @@ with displacements; first order, as the mean of fields is not the field of a mea
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from abfm.batch import Cluster, Ledger, LedgerEntry, Row, Workers
-from abfm.batch.attempt import Answer
+from abfm.batch import Cluster, LedgerEntry, Workers
 from abfm.mesh import MeshLike
-from abfm.population.carrying import Carrying
 from abfm.population.population import Population
 from abfm.population.settings import Settings
 from abfm.population.subjects import Cohort
 from abfm.population.work import Work
 from abfm.types import BoolArray
-from abfm.workers.control import Control, checkpoint, controlled
-from abfm.workers.progress import step
+from abfm.workers.control import Control, controlled
 
 
 def register_population(
@@ -72,13 +68,12 @@ def register_population(
     by_name = Cohort(cohort.channels, tuple(cohort.subjects[i] for i in order))
     control = control or Control()
     with Workers(cluster) as workers, controlled(control):
-        solver = _RoundSolver(Path(folder), workers, on_change, control)
-        work = Work(by_name, template, Path(folder), settings or Settings(), solver.carried)
+        work = Work(by_name, template, Path(folder), settings or Settings(), workers)
         target, changes = work.first_target(), list[float]()
         fits = list[BoolArray]()
         while True:
             number = len(changes) + 1
-            entries = solver.registered(work.rows(target, number), number)
+            entries = work.registered(target, number, on_change)
             found = work.round(entries, fits, number)
             fits.append(found.judged.fits)
             mean = work.target(found)
@@ -87,37 +82,3 @@ def register_population(
             if changes[-1] <= work.settings.bound or number == work.settings.rounds:
                 phases = work.phases(entries, found)
                 return work.population(found, changes, phases, np.argsort(order))
-
-
-@dataclass(frozen=True)
-class _RoundSolver:
-    """Who solves the rows of a round, and who is told of it."""
-
-    folder: Path
-    workers: Workers
-    on_change: Callable[[LedgerEntry], object]
-    control: Control
-
-    def registered(self, rows: Sequence[Row], number: int) -> list[LedgerEntry]:
-        ledger = Ledger(self.folder)
-        ledger.make()
-        ledger.write_rows(rows, f"round {number} of a population")  # for abfm batch --status
-        with step(f"round {number}: registering", len(rows), f" {len(rows)} subjects") as done:
-            count = len(rows) - len({r.key for r in rows if ledger.entry(r).state != "done"})
-
-            def report(entry: LedgerEntry) -> None:
-                nonlocal count
-                count += 1
-                done(count / len(rows))
-                self.on_change(entry)
-
-            entries = self.workers.run(rows, self.folder, on_change=report, control=self.control)
-        checkpoint()
-        return entries
-
-    def carried(self, tasks: Sequence[Carrying], what: str) -> Generator[Answer, None, None]:
-        with step(what, len(tasks), f" {len(tasks)} subjects") as done:
-            for count, answer in enumerate(self.workers.compute(tasks, self.control), 1):
-                yield answer
-                done(count / len(tasks))
-        checkpoint()

@@ -194,10 +194,6 @@ class PopulationTask(Task):
         )
         return cls(read_subjects(values["table"]), values["template"], settings, given.key)
 
-    @property
-    def digest(self) -> str:
-        return self.key
-
     def solve(self, monitor: Monitor) -> Population:
         """Return the population; a `CancelledError` ends it early, and finished rows are kept."""
         if monitor.checkpoint is None:

@@ -11,11 +11,10 @@ from contextlib import closing, suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
-from abfm.batch import LedgerEntry, Row
+from abfm.batch import Ledger, LedgerEntry, Row, Workers
 from abfm.batch.attempt import Answer
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
@@ -44,11 +43,9 @@ from abfm.reading import side_of
 from abfm.sequences.noise import noise
 from abfm.tasks.inputs import MESH_INPUTS, absolute, mesh_options
 from abfm.types import BoolArray, FloatArray, IntArray
-from abfm.workers.control import checkpoint
+from abfm.workers.control import checkpoint, present_control
 from abfm.workers.progress import step
 
-Carry: TypeAlias = Callable[[Sequence[Carrying], str], Generator[Answer, None, None]]
-"""Yields what comes of computations, in their order; the text says what is done, for progress."""
 _TARGETS = "targets"  # folder of templates, functions that subjects are registered to, mean fields
 _LOOKS = 3  # at who fits, in a round, each with the mean field of those who did before
 _NOISE_SUBJECTS = 3  # subjects, for noise
@@ -58,13 +55,13 @@ _BY_FUNCTIONS = "embedding", "landmarks"  # initial maps of which none is found 
 class Work:
     """All that stays the same from round to round.
 
-    ``carry`` carries subjects.
+    Workers register and carry subjects, under the control of this thread.
     """
 
     def __init__(
-        self, cohort: Cohort, template: MeshLike, folder: Path, settings: Settings, carry: Carry
+        self, cohort: Cohort, template: MeshLike, folder: Path, settings: Settings, workers: Workers
     ) -> None:
-        self.cohort, self.settings, self._carry = cohort, settings, carry
+        self.cohort, self.settings, self._workers = cohort, settings, workers
         self.folder = Path(os.path.abspath(os.path.expanduser(folder)))
         options = {name: str(value) for name, value in settings.options.items()}
         self.of_meshes = {
@@ -202,6 +199,37 @@ class Work:
         if (target.mask != 1).any():
             mask = self._function_written(f"round-{number}-mask", target.mask)
         return [self._row(subject, targets, mask) for subject in self.cohort.subjects]
+
+    def registered(
+        self, target: Target, number: int, on_change: Callable[[LedgerEntry], object]
+    ) -> list[LedgerEntry]:
+        """Register all subjects to a target, and return the entries of the ledger, which
+        ``on_change`` gets as they come.
+        """
+        rows, ledger = self.rows(target, number), Ledger(self.folder)
+        ledger.make()
+        ledger.write_rows(rows, f"round {number} of a population")  # for abfm batch --status
+        with step(f"round {number}: registering", len(rows), f" {len(rows)} subjects") as done:
+            count = len(rows) - len({r.key for r in rows if ledger.entry(r).state != "done"})
+
+            def report(entry: LedgerEntry) -> None:
+                nonlocal count
+                count += 1
+                done(count / len(rows))
+                on_change(entry)
+
+            control = present_control()
+            entries = self._workers.run(rows, self.folder, on_change=report, control=control)
+        checkpoint()
+        return entries
+
+    def _carry(self, tasks: Sequence[Carrying], what: str) -> Generator[Answer, None, None]:
+        """Yield what comes of computations, in their order."""
+        with step(what, len(tasks), f" {len(tasks)} subjects") as done:
+            for count, answer in enumerate(self._workers.compute(tasks, present_control()), 1):
+                yield answer
+                done(count / len(tasks))
+        checkpoint()
 
     def _row(self, subject: Subject, targets: Sequence[str], mask: str | None) -> Row:
         sources = [subject.functions[c] for c in self.cohort.registered_by]

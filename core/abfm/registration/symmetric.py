@@ -148,9 +148,7 @@ def _details(found: SymmetricRegistration) -> dict[str, Any]:
 
 
 def _lines(found: SymmetricRegistration) -> list[str]:
-    facts = found.facts
-    warnings = (f"warning: {warning}" for warning in facts.warnings)
-    return [facts.headline, facts.reason, *warnings, *report.map_lines(found)]
+    return [*found.facts.lines, *report.map_lines(found)]
 
 
 @dataclass(frozen=True)
@@ -161,10 +159,13 @@ class SymmetricTask(Task):
     ----------
     forward, backward : RegistrationTask
         Of A to B, and of B to A.
+    key : str
+        Name of the result.
     """
 
     forward: RegistrationTask
     backward: RegistrationTask
+    key: str
 
     kind: ClassVar = "symmetric"
     summary: ClassVar = "register two surfaces both ways, and average the maps"
@@ -199,11 +200,8 @@ class SymmetricTask(Task):
         options["mask_a"], options["mask_b"] = options["mask_b"], options["mask_a"]
         if (marks := options["landmarks"]) is not None:
             options["landmarks"] = replace(marks, a=marks.b, b=marks.a)
-        return cls(forward, replace(forward, a=forward.b, b=forward.a, options=options))
-
-    @property
-    def digest(self) -> str:
-        return self.forward.digest
+        backward = replace(forward, a=forward.b, b=forward.a, options=options)
+        return cls(forward, backward, forward.key)
 
     def solve(self, monitor: Monitor) -> SymmetricRegistration:
         with step("registering A to B"):

@@ -229,10 +229,6 @@ class RegistrationTask(Task):
         }
         return cls(a, b, given.key, options, parameters_in(values), values.get("max-distortion"))
 
-    @property
-    def digest(self) -> str:
-        return self.key
-
     def solve(self, monitor: Monitor) -> Registration:
         prepared = prepare(self.a, self.b, **self.options)
         for note in (*prepared.notes, *(f"warning: {text}" for text in prepared.warnings)):

@@ -221,10 +221,6 @@ class SequenceTask(Task):
         return cls(mesh, frames, given.key, values.get("dt"), options)
 
     @property
-    def digest(self) -> str:
-        return self.key
-
-    @property
     def times(self) -> FloatArray | None:
         """Times of the frames, (T,); None if they are unknown."""
         if self.dt is None:

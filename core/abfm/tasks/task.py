@@ -111,6 +111,8 @@ class Task(ABC):
     report : Report
     exports : mapping of str to Export
         Formats of data files by their suffix, besides ``.npz``.
+    key : str
+        Of a task, unless its digest is that of a problem: the name of its row.
     tables : mapping of str to Table
         Tables of a result by the option that names their file.
     preview_labels : tuple of str
@@ -129,6 +131,7 @@ class Task(ABC):
     exports: ClassVar[Mapping[str, Export]] = {}
     tables: ClassVar[Mapping[str, Table]] = {}
     preview_labels: ClassVar[tuple[str, ...]] = ("source", "carried", "target")
+    key: str
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
@@ -141,9 +144,9 @@ class Task(ABC):
         """Return the task of given inputs; an AbfmError reports what does not fit."""
 
     @property
-    @abstractmethod
     def digest(self) -> str:
         """Name of the result by the content of the task, in hexadecimal digits."""
+        return self.key
 
     @abstractmethod
     def solve(self, monitor: Monitor) -> Any:

@@ -703,7 +703,7 @@ def test_registrations_come_no_closer_than_noise(tmp_path):
     def options(level, settings):
         subjects = tuple(Subject(str(n), (text,)) for n, text in enumerate(texts[level]))
         cohort = Cohort((Channel("height"),), subjects)
-        work = Work(cohort, path, tmp_path / "out", settings, lambda rows, told: [])
+        work = Work(cohort, path, tmp_path / "out", settings, Workers())
         target = Target(smooth[None], np.ones(len(smooth)))
         return dict(work.rows(target, 1)[0].options)
 
@@ -727,7 +727,7 @@ def test_the_goal_is_one_though_functions_are_nothing_but_noise_or_constant(tmp_
     def goal(*texts):
         subjects = tuple(Subject(str(n), (text,)) for n, text in enumerate(texts))
         cohort = Cohort((Channel("height"),), subjects)
-        return Work(cohort, path, tmp_path / "out", SHORT, lambda rows, told: []).goal
+        return Work(cohort, path, tmp_path / "out", SHORT, Workers()).goal
 
     assert 0.9 < goal(*texts) <= 1
     assert goal(texts[2], texts[2]) == abfm.Parameters.goal
