@@ -391,9 +391,9 @@ def load_arrays(path: Path, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
     with open_archive(path, kind.name, MEND) as archive:
         version = archive.get("format_version")
         check_version(version.item() if version is not None and version.ndim == 0 else version)
-        needs_match = "velocity" in kind.entries
         others = {"frames", "subject_weights"} - kind.entries.keys()
-        if others & archive.keys() or (needs_match and "velocity" not in archive):
+        is_map = "a_vertices" in archive and "velocity" not in archive
+        if others & archive.keys() or (is_map and "velocity" in kind.entries):
             raise ResultError("it holds another kind of result, which `abfm info` describes")
         return _checked(archive, kind)
 
