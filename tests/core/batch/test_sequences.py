@@ -79,15 +79,14 @@ def test_one_that_is_cancelled_before_it_begins_has_not_failed(folder):
     assert ledger.entry(row).state == "missing"
 
 
-def test_channels_have_weights(folder):
+def test_a_film_is_solved_as_by_hand(folder):
     np.save(folder / "f.npy", np.stack([FRAMES, FRAMES[::-1]], axis=2))
-    [entry] = run([film(folder, weights="1, 0")], folder / "out", ONE)
+    [entry] = run([film(folder, weights="1, 0", gamma=2)], folder / "out", ONE)
     found = entry.load()
     np.testing.assert_array_equal(found[0].weights, [1, 0])
     assert found.confirmed == 2
-    by_hand = abfm.sequence(
-        EIGHT, np.load(folder / "f.npy"), dt=0.5, parameters=defaults(sigma=0.5), weights=[1, 0]
-    )
+    frames, given = np.load(folder / "f.npy"), defaults(sigma=0.5)
+    by_hand = abfm.sequence(EIGHT, frames, [0, 0.5, 1], given, 2.0, weights=[1, 0])
     np.testing.assert_array_equal(found.velocity, by_hand.velocity)
     assert entry.facts == by_hand.facts
 

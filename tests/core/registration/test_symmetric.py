@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm import load
 from abfm.batch import Row
 from abfm.errors import ParameterError
 from abfm.io import write_surface
@@ -48,7 +49,7 @@ def test_exchanged_surfaces_give_the_inverse_map(inputs, found):
     assert exchanged.facts.outcome is found.facts.outcome
 
 
-def test_mean_lies_between_both_maps(inputs):
+def test_mean_lies_between_both_maps(inputs, tmp_path):
     task = Row("s", {"task": "symmetric", **inputs}).task()
     forward, backward = task.forward.solve(Monitor()), task.backward.solve(Monitor())
     mean = SymmetricRegistration.of_both(forward, backward)
@@ -58,6 +59,8 @@ def test_mean_lies_between_both_maps(inputs):
         # the midpoint of a chord is closer to the sphere than its ends are to each other
         assert (np.linalg.norm(mean.points.positions - end, axis=1) <= apart + 1e-12).all()
     assert_allclose(mean.asymmetry * MESH.length_scale, apart)
+    mean.save(tmp_path / "s.npz")
+    assert_array_equal(load(tmp_path / "s.npz").asymmetry, mean.asymmetry)
     assert mean.facts.outcome.rank == max(each.facts.outcome.rank for each in (forward, backward))
 
 
