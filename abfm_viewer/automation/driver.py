@@ -120,7 +120,7 @@ class Driver:
             if time.monotonic() > end:
                 session, busy = self.session, self.window.shown.busy
                 raise DriverError(
-                    f"waited {seconds:g} s in vain; solver: {session.solver.reason or 'running'}, "
+                    f"waited {seconds:g} s in vain; solver: {session.solver.state.name.lower()}, "
                     f"busy: {busy or 'no'}, status line: {session.notices.latest.text or 'empty'}, "
                     f"errors: {self.errors}"
                 )

@@ -254,9 +254,9 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
-    """The energy of one run; vertices of each row's mesh, reaches, and residuals (n,) are empty if
-    unknown.
+class RunRecord:
+    """The energy of one run; vertices of each row's mesh, reaches, residuals and sigmas (n,) are
+    empty if unknown.
     """
 
     energies: FloatArray  # (n, 3): total, regularity and mismatch
@@ -270,6 +270,7 @@ class Run:
     words: tuple[str, ...] = ()  # of the data terms, where there are T > 1
     shares: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (n, T), of the mismatch
     residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
+    sigmas: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def has_course(self) -> bool:
@@ -394,7 +395,7 @@ class Document:
         return Asked("", self.channels, self.mask, self.pairs, False)
 
     @property
-    def runs(self) -> tuple[Run, ...]:
+    def runs(self) -> tuple[RunRecord, ...]:
         """Those that ended, the latest last."""
         return ()
 

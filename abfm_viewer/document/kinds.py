@@ -28,7 +28,7 @@ from abfm_viewer.document.document import (
     Landmark,
     Missing,
     Ranged,
-    Run,
+    RunRecord,
     Side,
     Surface,
     Values,
@@ -67,7 +67,7 @@ class MatchDocument(Document):
     result: Match | None = field(default=None, kw_only=True)
     # the step at which the result's match ended, where another one of its path is shown
     chosen: int | None = field(default=None, kw_only=True)
-    runs: tuple[Run, ...] = field(default=(), kw_only=True)  # those that ended, the latest last
+    runs: tuple[RunRecord, ...] = field(default=(), kw_only=True)  # ended ones, the latest last
     # functions of results, by their specs
     called: dict[str, str] = field(default_factory=dict, kw_only=True)
 
@@ -133,7 +133,7 @@ class MatchDocument(Document):
         return (mask, *given), find
 
     def outcome(
-        self, match: Match | None, run: Run | None, initial: InitialMap | None
+        self, match: Match | None, run: RunRecord | None, initial: InitialMap | None
     ) -> dict[str, Any]:
         """Return the fields that a run changes, and the map that it began with."""
         runs = self.runs if run is None else (*self.runs, run)
@@ -237,7 +237,7 @@ class PairDocument(MatchDocument):
         return Document.missing(self, slot, values)
 
     def outcome(
-        self, match: Match | None, run: Run | None, initial: InitialMap | None
+        self, match: Match | None, run: RunRecord | None, initial: InitialMap | None
     ) -> dict[str, Any]:
         return super().outcome(match, run, initial) | {"initial_map": initial}
 

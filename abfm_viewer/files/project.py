@@ -46,7 +46,7 @@ from abfm_viewer.document.document import (
     Identity,
     InitialMap,
     Point,
-    Run,
+    RunRecord,
     Side,
     Surface,
     View,
@@ -68,7 +68,9 @@ _COURSE = _RUN | {
     "vertices": Entry("integer", ("n",), low=0),
     "reaches": Entry("real", ("n",), low=0),
 }
-_RESIDUALS = {"residuals": Entry("real", ("n",), required=False, low=0)}
+_RESIDUALS = {
+    name: Entry("real", ("n",), required=False, low=0) for name in ("residuals", "sigmas")
+}
 _SHARES = {"shares": Entry("real", ("n", "T"), low=0)}
 _INITIAL_ENTRIES = {  # without the meshes
     name: entry
@@ -168,7 +170,7 @@ def save_project(
     runs = []
     for number, run in enumerate(document.runs):
         names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
-        names |= _RESIDUALS if len(run.residuals) else {}
+        names |= {name: _RESIDUALS[name] for name in _RESIDUALS if len(getattr(run, name))}
         arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
         runs.append(
             to_plain(run, without=_COURSE | _SHARES | _RESIDUALS) | {"has_course": run.has_course}
@@ -417,11 +419,11 @@ def _mesh_parts(arrays: Mapping[str, Any], prefix: str, count: int) -> dict[str,
     return {**check_arrays(arrays, _MESH, prefix), "file_vertex_count": np.array(count)}
 
 
-def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
+def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> RunRecord:
     entries = _COURSE if state.pop("has_course", False) else _RUN
     entries = entries | _RESIDUALS | (_SHARES if state.get("words") else {})
     parts = check_arrays(arrays, entries, f"runs/{number}/")
-    return cast(Run, from_plain(Run, state, f"project.runs[{number}]", **parts))
+    return cast(RunRecord, from_plain(RunRecord, state, f"project.runs[{number}]", **parts))
 
 
 def _result(

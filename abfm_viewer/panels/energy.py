@@ -12,7 +12,7 @@ import polyscope.implot as implot
 
 import abfm
 from abfm.wording import share
-from abfm_viewer.document.document import Run
+from abfm_viewer.document.document import RunRecord
 from abfm_viewer.panels import trade_off
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
@@ -33,7 +33,7 @@ _MARKS = "Lines: where a stage began (grey), a finer mesh (wide), or a changed p
 
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
-    runs, live = session.editor.draft.runs, session.solver.run
+    runs, live = session.editor.draft.runs, session.matching.record
     run, path = live or (runs[-1] if runs else None), trade_off.path_of(session)
     name = "trade_off_live" if session.solver.running else "trade_off"
     has_path = sum(map(math.isfinite, (step.log2_area for step in path))) > 1
@@ -66,7 +66,7 @@ def _export(session: Session, write: Callable[[Path], None], path: Path) -> None
         session.notices.say(f"wrote {path}")
 
 
-def _write_energies(run: Run | None, file: Path) -> None:
+def _write_energies(run: RunRecord | None, file: Path) -> None:
     if run is not None:
         abfm.io.export_energy_csv(file, run.energies, run.stages)
 
@@ -76,7 +76,9 @@ def _write_path(result: abfm.Match | None, file: Path) -> None:
         abfm.loading.task_of(result).tables["path"].write(file, result)
 
 
-def _iterations(ui: Ui, session: Session, run: Run | None, previous: Sequence[Run]) -> None:
+def _iterations(
+    ui: Ui, session: Session, run: RunRecord | None, previous: Sequence[RunRecord]
+) -> None:
     tip = "Draw what earlier runs left as faint curves."
     shown = ui.checkbox("previous runs", session.view.previous_runs, tip)
     step = f"{'show' if shown else 'hide'} previous runs"
@@ -84,7 +86,7 @@ def _iterations(ui: Ui, session: Session, run: Run | None, previous: Sequence[Ru
     ui.beside_if_fits("Clear")
     tip = "Forget the runs before this one."
     if ui.button("Clear##Clear previous", tip, enabled=bool(previous)):
-        latest = () if session.solver.run else session.editor.draft.runs[-1:]
+        latest = () if session.matching.record else session.editor.draft.runs[-1:]
         session.editor.change("clear previous runs", runs=latest)
     if run is None:
         ui.note(_NO_RUN)
@@ -97,7 +99,7 @@ def _iterations(ui: Ui, session: Session, run: Run | None, previous: Sequence[Ru
     _plot(ui, run, previous if session.view.previous_runs else ())
 
 
-def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
+def _plot(ui: Ui, run: RunRecord, previous: Sequence[RunRecord]) -> None:
     (stages, meshes), left, least = starts(run), run.left, run.least_left
     # of a result's file it is a guess, whose scale is not to be compared
     before = [earlier.least_left for earlier in previous if len(earlier.residuals)]
@@ -118,7 +120,7 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
             _point_at(ui, run)
 
 
-def _point_at(ui: Ui, run: Run) -> None:
+def _point_at(ui: Ui, run: RunRecord) -> None:
     at = int(np.clip(round(implot.GetPlotMousePos()[0]), 0, len(run.stages) - 1))
     plots.uprights("##here", [at], ui.colors.ink, ui.px(1))
     least, left = run.least_left[at], run.left[at]
@@ -127,10 +129,11 @@ def _point_at(ui: Ui, run: Run) -> None:
     if share(least) != share(left):
         lines[-1] += f", the least so far {share(least)}"
     lines += [f"{name} {values[at]:.4g}" for name, values in run.curves.items()]
+    lines += [f"σ {sigma:.3g}" for sigma in run.sigmas[at : at + 1]]
     plots.tell(ui, "\n".join(lines))
 
 
-def course(run: Run, at: int) -> str:
+def course(run: RunRecord, at: int) -> str:
     """Return an iteration's ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
     parts = [f"stage {run.stages[at] + 1}"]
     if run.has_course:
@@ -139,7 +142,7 @@ def course(run: Run, at: int) -> str:
     return ", ".join(parts)
 
 
-def starts(run: Run) -> tuple[list[int], list[int]]:
+def starts(run: RunRecord) -> tuple[list[int], list[int]]:
     """Return where another stage began on the same mesh, and where a finer mesh; not restarts."""
     finer, other = np.diff(run.vertices) > 0, np.diff(run.stages) != 0
     places: list[list[int]] = [(np.flatnonzero(new) + 1).tolist() for new in (other, finer)]

@@ -76,11 +76,11 @@ def draw_match(ui: Ui, session: Session) -> None:
 def _draw_buttons(ui: Ui, session: Session) -> None:
     """Draw them where they always are: a click when the run has just ended hits no other."""
     document, replacing = session.document, session.loading.replacing
-    runner = session.work.runner
+    solver = session.solver
     side = min(ui.px(_SIDE_BUTTON), _SIDE_SHARE * imgui.GetContentRegionAvail()[0])
     others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
     tip = document.match_tip
-    if session.result is not None and not session.solver.warm:
+    if session.result is not None and not session.matching.warm:
         tip += " It begins anew, from no motion."
     if replacing:
         tip = f"{replacing}: that takes the place of {document.name}. Wait, or cancel it."
@@ -89,22 +89,22 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
         session.match()
     ui.beside()
     label, tip = "Pause", "Hold the solver; the window stays as it is (P)."
-    if runner.paused:
+    if solver.paused:
         label, tip = "Resume", "Let the solver go on (P)."
-    if ui.button(label, tip, enabled=runner.running, width=side):
-        runner.resume() if runner.paused else runner.pause()
+    if ui.button(label, tip, enabled=solver.running, width=side):
+        solver.resume() if solver.paused else solver.pause()
     ui.beside()
-    if ui.button("Cancel", document.cancel_tip, enabled=runner.running, width=-1):
-        runner.cancel()
+    if ui.button("Cancel", document.cancel_tip, enabled=solver.running, width=-1):
+        solver.cancel()
 
 
 def draw_switches(ui: Ui, session: Session) -> None:
     """Draw how runs begin: what the parameters do not say."""
-    solver, label = session.solver, "restart on changes##Restart on changes"
-    solver.follow = ui.checkbox(label, solver.follow, _FOLLOW_TIP)
+    matching, label = session.matching, "restart on changes##Restart on changes"
+    matching.follow = ui.checkbox(label, matching.follow, _FOLLOW_TIP)
     ui.beside_if_fits(_WARM_START_LABEL)
     label = f"{_WARM_START_LABEL}##Start from the current field"
-    solver.warm = ui.checkbox(label, solver.warm, _WARM_TIP)
+    matching.warm = ui.checkbox(label, matching.warm, _WARM_TIP)
 
 
 # While it runs
@@ -112,7 +112,7 @@ def draw_switches(ui: Ui, session: Session) -> None:
 
 def _draw_progress(ui: Ui, session: Session) -> None:
     solver = session.solver
-    snapshot, step = solver.snapshot, solver.step
+    snapshot, step = session.matching.snapshot, solver.step
     if snapshot is None:
         draw_step(ui, step or Step("starting the solver"))
         return
@@ -144,8 +144,8 @@ def draw_film(ui: Ui, session: Session) -> None:
     document, run = session.document, session.film_match
     assert isinstance(document, FilmDocument)
     film, sequence = document.film, document.result
-    if run.running:
-        draw_step(ui, run.step or Step("starting the solver"))
+    if session.running:
+        draw_step(ui, run.step)
         found = run.found(document)
         ui.note(f"Intervals found: {found} of {film.intervals}", "ink")
         return

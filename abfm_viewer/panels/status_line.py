@@ -6,7 +6,6 @@ from itertools import product
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.document.verdict_words import left_now, place
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import window
@@ -53,29 +52,18 @@ def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) 
 
 def _state(context: Context) -> tuple[str, ...]:
     """Return what goes on or what the result is, and a shorter form if there is one."""
-    session, solver = context.session, context.session.solver
+    session = context.session
     if session.running:
-        return (_progress(context),)
+        return (session.work.progress,)
     # a film, with fields of its own in each interval, is played without what is still to come
     is_playing = session.player.playing and not session.document.has_one_field
     if context.shown.busy and not is_playing:  # else it would flicker
         return (context.shown.busy,)
     if is_playing and context.shown.quantities.convolving:
         return ("computing streaks; each interval has them when it is played again",)
-    if session.work.runner.failed:
-        return f"the solver stopped: {solver.reason}", "the solver stopped"
+    if session.solver.failed:
+        return f"the solver stopped: {session.solver.reason}", "the solver stopped"
     if (reported := session.facts) is None:
         return ("ready",)
     outdated = ", outdated" if session.outdated else ""
     return f"{reported.headline}{outdated}", f"{reported.outcome}{outdated}"
-
-
-def _progress(context: Context) -> str:
-    session, solver = context.session, context.session.solver
-    if session.film_match.running:
-        return session.film_match.words()
-    if (snapshot := solver.snapshot) is None:
-        return solver.step.words() if solver.step else "starting the solver"
-    state = "paused" if solver.paused else "solving"
-    left = left_now(snapshot.iteration, snapshot.problem.is_of_landmarks)
-    return f"{state}, {place(snapshot.iteration)}, {left}"

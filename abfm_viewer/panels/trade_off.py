@@ -47,7 +47,7 @@ those of the step that is shown are; and how near a click is meant for one."""
 def path_of(session: Session) -> Steps:
     """Return the path of the run that goes on, as far as it came, else that of the result."""
     if session.solver.running:
-        snapshot = session.solver.snapshot
+        snapshot = session.matching.snapshot
         return snapshot.iteration.path if snapshot else ()
     return session.result.path if session.result else ()
 
@@ -116,7 +116,7 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
     areas = np.array([step.log2_area for step in path])
     by_flow = plots.positive(np.array([step.residual for step in path]))
     by_lines = plots.positive(np.array([step.verified_residual for step in path]))
-    snapshot = session.solver.snapshot if session.solver.running else None
+    snapshot = session.matching.snapshot if session.solver.running else None
     now = np.array([snapshot.iteration.residual] if snapshot else [])
     widest = max(_LEAST_WIDTH, *areas[np.isfinite(areas)])
     with plots.plot(ui, "trade-off plot") as is_drawn:

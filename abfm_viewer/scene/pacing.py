@@ -38,9 +38,9 @@ class Pacing:
     @property
     def begins(self) -> bool:
         """Return whether a run shows its first pictures, slowly: what shows its flow waits."""
-        solver = self._session.solver
-        is_early = solver.started != self._run or self._pictures_of_run <= _FIRST_COUNT
-        return solver.running and is_early and not self.draws_quickly
+        session = self._session
+        is_early = session.solver.started != self._run or self._pictures_of_run <= _FIRST_COUNT
+        return session.matching.running and is_early and not self.draws_quickly
 
     def waits(self, name: str, is_first: bool) -> bool:
         """Return whether a surface keeps its colours for this frame; ask once a frame, in order."""
@@ -50,7 +50,7 @@ class Pacing:
         if session.view.animate and name == "advected":
             return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * seconds
         if (
-            not solver.running
+            not session.matching.running
             or solver.started != self._run
             or self._pictures_of_run < _FIRST_COUNT
         ):

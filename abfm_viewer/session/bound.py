@@ -9,24 +9,10 @@ import numpy as np
 
 import abfm
 from abfm.types import FloatArray
-from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step
-from abfm.workers.worker import Worker, stateless
-from abfm_viewer.computing.background import Jobs, Latest, same
-from abfm_viewer.document.document import InitialMap
+from abfm_viewer.computing.run import Process, Run
 from abfm_viewer.session.editor import Editor
 from abfm_viewer.session.notices import Notices
-
-_ENDED_MESSAGE = "the process that looks for it has ended; try again"
-
-
-class _Wanted(NamedTuple):
-    """A search; its control makes it another one than the same search later."""
-
-    result: abfm.Match
-    initial: InitialMap | None
-    most: float
-    control: Control
 
 
 class _Found(NamedTuple):
@@ -44,81 +30,62 @@ class Bound:
     ``most``, as |log2 J| and |log2 R|, in a process, one at a time.
     """
 
-    def __init__(self, editor: Editor, jobs: Jobs, notices: Notices, at_once: bool = False) -> None:
-        self._editor, self._notices = editor, notices
-        self._apart = None if at_once else Worker(stateless, _ENDED_MESSAGE)
-        self._found: Latest[_Found] = jobs.latest()
-        self._wanted: _Wanted | None = None
+    def __init__(self, editor: Editor, notices: Notices, process: Process) -> None:
+        self._editor, self._notices, self._process = editor, notices, process
+        self._run: Run[_Found] | None = None
+        self._result: abfm.Match | None = None  # of which the field is wanted
         self.most = 1.0
 
     @property
     def busy(self) -> str:
-        return "limiting the distortion" if self._wanted else ""
+        return "limiting the distortion" if self._run else ""
 
     @property
     def step(self) -> Step | None:
-        return self._found.step if self._wanted else None
+        return self._run.step if self._run else None
 
     def look(self) -> None:
         """Look for such a field on the way of the result."""
         document = self._editor.document
-        if document.match is not None:
+        if (result := document.match) is not None:
             self.stop()
-            initial = document.initial_map
-            self._wanted = _Wanted(document.match, initial, self.most, Control())
-            self.update()
+            initial = document.initial_map and document.initial_map.correspondence
+            self._run, self._result = Run(self._process), result
+            work = partial(self._run.call, _within, result, initial, self.most)
+            self._run.start(work, partial(self._show, result, self.most))
 
     def stop(self) -> None:
-        if self._wanted is not None:
-            self._wanted.control.cancel(briefly=True)
-        self._wanted = None
-
-    def close(self) -> None:
-        """End the process; who waits for its answer is told."""
-        if self._apart is not None:
-            self._apart.close()
+        if self._run is not None:
+            self._run.cancel(briefly=True)
+        self._run = self._result = None
 
     def update(self) -> None:
         """Take in what was found: call once per frame."""
-        if (wanted := self._wanted) is None:
-            return
-        if self._editor.document.match is not wanted.result:
+        if self._run is not None and self._editor.document.match is not self._result:
             self.stop()
-            return
-        found = self._found.ask(wanted, partial(self._search, wanted))
-        if found is not None:
-            self._wanted = None
-            self._show(wanted, found)
-        elif same(self._found.key, wanted):
-            self._wanted = None
-            self._notices.say(f"the distortion stays: {self._found.error}", is_error=True)
+        elif self._run is not None:
+            self._run.collect()
 
-    def _search(self, wanted: _Wanted) -> _Found:
-        with controlled(wanted.control):
-            result, most = wanted.result, wanted.most
-            initial = None if wanted.initial is None else wanted.initial.correspondence
-            if self._apart is None:
-                return _within(None, result, initial, most)
-            return self._apart.call(_within, result, initial, most).result()
-
-    def _show(self, wanted: _Wanted, found: _Found) -> None:
-        bound = found.match.bound
-        if bound is None or not bound.is_kept:
-            self._notices.say(f"the distortion stays: {found.why}", is_error=True)
-        elif np.array_equal(found.match.fine_velocity, wanted.result.fine_velocity):
+    def _show(self, result: abfm.Match, most: float, found: _Found | None) -> None:
+        why = self._run.reason if self._run else ""
+        self._run = self._result = None
+        bound = found.match.bound if found else None
+        if found is None or bound is None or not bound.is_kept:
+            self._notices.say(f"the distortion stays: {found.why if found else why}", is_error=True)
+        elif np.array_equal(found.match.fine_velocity, result.fine_velocity):
             faces = f"{100 * abfm.matching.SHARE:g}% of the faces"
-            self._notices.say(f"{faces} keep {wanted.most:g} already")
+            self._notices.say(f"{faces} keep {most:g} already")
         else:
             if found.errors is not None:
                 vars(found.match)["landmark_errors"] = found.errors
-            label = f"limit the distortion to {wanted.most:g}"
+            label = f"limit the distortion to {most:g}"
             self._editor.change(label, result=found.match, chosen=None)
             headline = found.match.facts.headline
             self._notices.say(f"{headline}; undo returns to the match before")
 
 
 def _within(
-    _: None, result: abfm.Match, initial: abfm.Correspondence | None, most: float
+    _: object, result: abfm.Match, initial: abfm.Correspondence | None, most: float
 ) -> _Found:
     """Find the closest match that keeps the bound, initial map and flow together."""
     if initial is None:

@@ -1,24 +1,23 @@
-"""A film's match: all its intervals, in a process, and the fields that are known by now."""
+"""The fields of a film: those of a run, as they are found, or those of its result."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, wait
-from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 import abfm
-from abfm.numerics.factoring_apart import factoring_apart
+from abfm.tasks.monitor import Monitor
 from abfm.types import FloatArray
-from abfm.workers.control import Control, controlled
-from abfm.workers.progress import Step, telling
-from abfm.workers.worker import Worker, WorkerEndedError, report, stateless
-from abfm_viewer.computing.background import THREADS, Memo, error_line
-from abfm_viewer.document.film import FilmSettings
+from abfm.workers.control import Control, present_control
+from abfm.workers.progress import Step
+from abfm.workers.worker import WorkerEndedError, report
+from abfm_viewer.computing.background import Memo
+from abfm_viewer.computing.run import Run
 from abfm_viewer.document.kinds import FilmDocument
 
 _TRIES = 3  # of a process that ends, such as for want of memory, each from where the last one was
@@ -27,76 +26,50 @@ _ENDED_MESSAGE = (
     "from what it found"
 )
 
-
-class Ended(NamedTuple):
-    """What a run was of and has come to, or in a line why it failed."""
-
-    began: FilmDocument
-    found: abfm.Sequence | str
-    was_recovered: bool  # it only told what an earlier one had found
+Then = Callable[[FilmDocument, abfm.Sequence | None], object]
+"""Takes what a run was of, and its result; None if it failed."""
 
 
 class FilmMatch:
-    """At most one run; its fields are there as soon as they are found, its result at its end. What
-    it found is kept in a file meanwhile: the next run of the same goes on from it.
+    """Matches all frames of a film in a run. What is found is kept in a file meanwhile: the next
+    run of the same resumes from it.
 
     Attributes
     ----------
     beside : callable
-        Returns the file beside which that is, for a document; by default there is none.
+        Returns the file next to which that is, for a document; by default there is none.
+    pair : (int, int) or None
+        Frames to match by themselves, if chosen.
+    began : FilmDocument or None
+        What the run is of that is under way, the same object all the time.
     """
 
-    failed = False  # errors of a run are notices
-
-    def __init__(self) -> None:
+    def __init__(self, run: Run[Any]) -> None:
         self.beside: Callable[[FilmDocument], Path | None] = lambda document: None
-        self.step: Step | None = None  # what it does, read at any time
-        self.pair: tuple[int, int] | None = None  # frames to match by themselves, if chosen
-        self._began: FilmDocument | None = None  # what the run is of
-        self._goes_on = True
+        self.pair: tuple[int, int] | None = None
+        self.began: FilmDocument | None = None
+        self._run = run
+        self._step = Step("starting the solver")
         self._fields: dict[int, FloatArray] = {}  # of the run, by interval
         self._fast = 0.0  # the largest of what counted as fast in the run's fields
-        self._control = Control()
-        self._work: Future[abfm.Sequence] | None = None
-        self._worker = Worker(stateless, _ENDED_MESSAGE)
         self._speeds = Memo[FloatArray]()
         self._of_result = Memo[tuple[FloatArray | None, ...]]()
 
     @property
-    def running(self) -> bool:
-        return self._work is not None
+    def step(self) -> Step:
+        """What the run does, or did last."""
+        self._step = self._run.step or self._step
+        return self._step
 
-    @property
-    def began(self) -> FilmDocument | None:
-        """What the run is of that is under way, the same object all the time."""
-        return self._began
-
-    @property
-    def paused(self) -> bool:
-        return self.running and self._control.paused
-
-    def start(self, document: FilmDocument, goes_on: bool = True) -> None:
-        """Match all frames of a document's film, unless a run is under way, after what one of the
-        same had found that did not come to its end; or, unless it `goes_on`, tell only that.
+    def start(self, document: FilmDocument, then: Then, resumes_only: bool = False) -> None:
+        """Match all frames of a document's film, from what an earlier run of the same has found
+        that was not completed, or only return that; ``then`` is called when the run is collected.
         """
-        if self.running:
-            return
-        self._began, self._control, self._fields = document, Control(), {}
-        self._fast, self._goes_on = 0.0, goes_on
-        self.step = Step("starting the solver" if goes_on else "reading what was found")
-        film = document.film.frames, document.settings, self.beside(document), goes_on
-        self._work = THREADS.submit(self._solve, film, self._fields, self._control)
-
-    def pause(self) -> None:
-        self._control.pause()
-
-    def resume(self) -> None:
-        self._control.resume()
-
-    def cancel(self) -> None:
-        """Ask for what was found so far; returns at once."""
-        if self.running:
-            self._control.cancel()
+        self.began, self._fields, self._fast = document, {}, 0.0
+        self._step = Step("reading what was found" if resumes_only else "starting the solver")
+        given = _task(document), self.beside(document), resumes_only
+        work, end = partial(self._solve, *given), partial(self._end, document, then)
+        self._run.start(work, end, resumes=True)
 
     def found(self, document: FilmDocument) -> int:
         """Return how many fields a run of the document has found."""
@@ -108,18 +81,18 @@ class FilmMatch:
         """
         return self._fast if self.found(document) else 0.0
 
+    @property
     def words(self) -> str:
-        """Return in a line what a run does."""
-        doing = "paused" if self.paused else self.step.words() if self.step else "matching"
-        if self._began is None:
-            return doing
-        return f"{doing}, {len(self._fields)} of {self._began.film.intervals} intervals found"
+        """What a run does, in a line."""
+        doing = "paused" if self._run.paused else self.step.words()
+        count = self.began.film.intervals if self.began else 0
+        return f"{doing}, {len(self._fields)} of {count} intervals found"
 
     def field(self, document: FilmDocument, interval: int) -> FloatArray | None:
         """Return the field (F, 3) of an interval, always the same array; None where none is known.
         A run's own fields are shown as soon as there is one.
         """
-        if self._is_of(document) and self._fields:
+        if self.found(document):
             return self._fields.get(interval)
         sequence = document.result
         if sequence is None or interval >= len(sequence):
@@ -136,7 +109,7 @@ class FilmMatch:
         during a run.
         """
         sequence = document.result
-        if sequence is None or (self._is_of(document) and self._fields):
+        if sequence is None or self.found(document):
             return 1.0
         return float(sequence.motion_shares[interval])
 
@@ -156,75 +129,46 @@ class FilmMatch:
 
         return self._speeds.get((film, *fields), measure)
 
-    def collect(self) -> Ended | None:
-        """Return, once, what a run has come to."""
-        if self._work is None or self._began is None or not self._work.done():
-            return None
-        work, began = self._work, self._began
-        self._fields, self._work, self._began, self.step = {}, None, None, None
-        try:
-            found = work.result()
-        except Exception as error:
-            return Ended(began, error_line(error), not self._goes_on)
-        # the frames that it was sent are the document's
-        own = replace(found, _frames=began.film.frames)
-        return Ended(began, own, not self._goes_on)
-
-    def close(self) -> None:
-        self.cancel()
-        self._worker.close()
-        if self._work is not None:
-            wait([self._work], 1.0)
-
     def _is_of(self, document: FilmDocument) -> bool:
-        return self._began is not None and self._began.film is document.film
+        return self.began is not None and self.began.film is document.film
 
-    @factoring_apart()
-    def _solve(
-        self,
-        film: tuple[abfm.sequences.Frames, FilmSettings, Path | None, bool],
-        fields: dict[int, FloatArray],
-        control: Control,
-    ) -> abfm.Sequence:
-        mesh = film[0].mesh
+    def _end(self, document: FilmDocument, then: Then, found: abfm.Sequence | None) -> None:
+        self.began, self._fields = None, {}
+        if found is not None:  # the frames that it was sent are the document's
+            found = replace(found, _frames=document.film.frames)
+        then(document, found)
 
-        def take(found: tuple[int, FloatArray]) -> None:
-            interval, field = found
-            speed = np.linalg.norm(field, axis=1)
-            fast = abfm.calculus.fast_speed(mesh, speed)
-            if fields is self._fields:  # else another run has begun
-                self._fast = max(self._fast, fast)
-            fields[interval] = field
+    # In the run's thread
 
-        def tell(step: Step | None) -> None:
-            self.step = step or self.step
+    def _solve(self, task: abfm.sequences.SequenceTask, *given: object) -> abfm.Sequence:
+        take = partial(self._take, task.mesh)
+        try:
+            return self._run.call(_solve, task, *given, on_partial=take, tries=_TRIES)
+        except WorkerEndedError:
+            raise WorkerEndedError(_ENDED_MESSAGE) from None
 
-        def run() -> abfm.Sequence:
-            return self._worker.call(_matched, *film).result(take)
-
-        with telling(tell), controlled(control):
-            for _ in range(1, _TRIES):
-                with suppress(WorkerEndedError):
-                    return run()
-            return run()
+    def _take(self, mesh: abfm.TriangleMesh, found: tuple[int, FloatArray]) -> None:
+        interval, field = found
+        speed = np.linalg.norm(field, axis=1)
+        self._fast = max(self._fast, abfm.calculus.fast_speed(mesh, speed))
+        self._fields[interval] = field
 
 
-def _matched(
-    _: None,
-    frames: abfm.sequences.Frames,
-    settings: FilmSettings,
-    beside: Path | None,
-    goes_on: bool,
-) -> abfm.Sequence:
+def _task(document: FilmDocument) -> abfm.sequences.SequenceTask:
+    frames, settings = document.film.frames, document.settings
     values = frames.values if frames.channels_given else frames.values[:, :, 0]
-    return abfm.sequence(
-        frames.mesh,
-        values,
-        frames.times,
-        settings.parameters,
-        settings.gamma,
-        mask=frames.mask,
-        weights=frames.weights,
-        unfinished=abfm.sequences.Unfinished(beside, goes_on=goes_on),
-        on_field=lambda interval, field: report((interval, field)),
-    )
+    options = {
+        "parameters": settings.parameters,
+        "gamma": settings.gamma,
+        "mask": frames.mask,
+        "weights": frames.weights,
+    }
+    file = abfm.sequences.FramesFile(values, frames.times)
+    return abfm.sequences.SequenceTask(frames.mesh, file, key="", options=options)
+
+
+def _solve(
+    _: object, task: abfm.sequences.SequenceTask, beside: Path | None, resumes_only: bool
+) -> abfm.Sequence:
+    control = present_control() or Control()
+    return task.solve(Monitor(control, report, checkpoint=beside, resumes_only=resumes_only))

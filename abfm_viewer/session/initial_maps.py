@@ -15,8 +15,8 @@ from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import Step
-from abfm.workers.worker import Worker, WorkerEndedError
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
+from abfm_viewer.computing.run import Process
 from abfm_viewer.document.document import SIDES, Asked, InitialMap, Landmark, Side
 from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.document.surface_points import paired
@@ -70,14 +70,12 @@ class InitialMaps:
     that is no longer wanted is ended.
     """
 
-    def __init__(
-        self, jobs: Jobs, functions: DocumentFunctions, apart: Worker[None] | None
-    ) -> None:
+    def __init__(self, jobs: Jobs, functions: DocumentFunctions, process: Process | None) -> None:
         self._functions = functions
         self._prepared: Latest[PreparedMap] = jobs.latest()
         self._first: Latest[PreparedMap] = jobs.latest()  # shown while candidates are compared
         self._control, self._wanted = Control(), object()
-        self._apart = apart
+        self._process = process
         self._maps: Memo[Initial] = Memo()
         self._first_maps: Memo[Initial] = Memo()
         self._of_result = Memo[PreparedMap]()
@@ -218,12 +216,9 @@ class InitialMaps:
         asked = functions if by_functions else (), given.landmarks if by_landmarks else ()
 
         def find() -> Initial:
-            if self._apart is None:
+            if self._process is None:
                 return _found(None, word, about)
-            try:
-                return self._apart.call(_found, word, about).result()
-            except WorkerEndedError:  # was killed: another one may do it
-                return self._apart.call(_found, word, about).result()
+            return self._process.solve(_found, word, about, tries=2)
 
         return maps.get((way.a, way.b, word, *asked), find)
 
@@ -236,7 +231,7 @@ def _told() -> Iterator[None]:
         raise AbfmError("another initial map is wanted now") from None
 
 
-def _found(_: None, word: str | None, given: MapInput) -> Initial:
+def _found(_: object, word: str | None, given: MapInput) -> Initial:
     """Find a map, which takes seconds, in which libraries hold the interpreter."""
     from abfm.registration.initial.words import initial_map
 

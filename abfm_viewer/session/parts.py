@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from abfm import TriangleMesh
-from abfm.workers.worker import Worker, stateless
 from abfm_viewer.computing.background import Jobs
-from abfm_viewer.computing.solver import Solver
+from abfm_viewer.computing.matching import Matching
+from abfm_viewer.computing.run import Process, Run
 from abfm_viewer.document.document import Document, Surface, View
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.session.bound import Bound
@@ -19,8 +21,6 @@ from abfm_viewer.session.path_steps import PathSteps
 from abfm_viewer.session.player import Player
 from abfm_viewer.session.saving.saves import Saves
 
-_ENDED_MESSAGE = "the process that computes has ended; try again"
-
 
 class Parts:
     """Parts of a session with a mesh; see `Session`."""
@@ -30,16 +30,17 @@ class Parts:
         self.at_once = at_once
         self.editor = Editor(MatchDocument((Surface(mesh, name),)))
         self.functions = DocumentFunctions(self.jobs)
-        # for calls that hold the interpreter for long
-        self._process = None if at_once else Worker(stateless, _ENDED_MESSAGE)
-        self.initial_maps = InitialMaps(self.jobs, self.functions, self._process)
+        self._process = Process()  # of initial maps
+        of_maps = None if at_once else self._process
+        self.initial_maps = InitialMaps(self.jobs, self.functions, of_maps)
         self.notices = Notices(lambda: self.editor.moves)
         self.loading = Loading(self.jobs, self.notices)
         self.saves = Saves(self.editor)
         self.steps = PathSteps(self.editor, self.jobs, self.notices)
-        self.bound = Bound(self.editor, self.jobs, self.notices, at_once)
-        self.solver = Solver()
-        self.film_match = FilmMatch()
+        self.solver: Run[Any] = Run(Process())
+        self.matching = Matching(self.solver)
+        self.film_match = FilmMatch(self.solver)
+        self.bound = Bound(self.editor, self.notices, self.solver.process)
         self.player = Player()
         self.dragging = self.draws_quickly = False
 
@@ -52,8 +53,5 @@ class Parts:
         return self.document.view
 
     def close(self) -> None:
-        for part in (self.solver, self.film_match, self.functions, self.bound):
+        for part in (self.solver, self.functions, self._process, self.jobs):
             part.close()
-        if self._process is not None:
-            self._process.close()
-        self.jobs.close()

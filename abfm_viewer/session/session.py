@@ -14,7 +14,7 @@ from abfm.types import FloatArray
 from abfm.workers import progress
 from abfm.workers.progress import said
 from abfm_viewer.computing.evaluation import Evaluators
-from abfm_viewer.computing.solver import Snapshot
+from abfm_viewer.computing.matching import Snapshot
 from abfm_viewer.document.document import (
     SIDES,
     Channel,
@@ -100,11 +100,10 @@ class Session(Parts):
 
     @property
     def running(self) -> bool:
-        return self.solver.running or self.film_match.running
+        return self.solver.running
 
     def cancel(self) -> None:
         """End the run with what it has found."""
-        self.film_match.cancel()
         self.solver.cancel()
 
     def set_time(self, time: float) -> None:
@@ -287,6 +286,10 @@ class Session(Parts):
         self._stop_changes()
         self.work.start(goes_on)
 
+    def recover_film(self) -> None:
+        """Show what an earlier run of the film has found."""
+        self._film.recover()
+
     def remedy(self, remedy: abfm.matching.Remedy) -> None:
         """Do what a verdict proposes: change the parameters, and start a run.
 
@@ -324,8 +327,7 @@ class Session(Parts):
             self.player.move_streaks(elapsed)
         if self.player.playing:
             self.editor.amend(time=self.work.played(elapsed))
-        self._run.collect()
-        self._film.collect()
+        self.solver.collect()
         self._keep_what_is_needed()
 
     def _keep_what_is_needed(self) -> None:

@@ -33,7 +33,7 @@ from abfm_viewer.document.document import (
     Identity,
     InitialMap,
     Landmark,
-    Run,
+    RunRecord,
     Surface,
     View,
 )
@@ -212,7 +212,7 @@ def document_of_result(
         parameters=match.parameters,
         mask="" if match.mask is None else spec("mask", match.mask),
         result=match,
-        runs=(Run(match.energy_history, match.stages, (), match.residual, path.name),),
+        runs=(RunRecord(match.energy_history, match.stages, (), match.residual, path.name),),
         time=match.parameters.tau,
     )
     return document, known

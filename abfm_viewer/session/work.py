@@ -15,12 +15,12 @@ from abfm.wording import counted
 from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Latest, Memo
 from abfm_viewer.computing.evaluation import Evaluators
-from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
-from abfm_viewer.document.document import Document, Identity, Point, Side, View
+from abfm_viewer.computing.matching import ProblemSpec, Snapshot
+from abfm_viewer.document.document import Document, Identity, Point, RunRecord, Side, View
 from abfm_viewer.document.film import FRAMES_A_SECOND
 from abfm_viewer.document.kinds import FilmDocument, MatchDocument, PairDocument
 from abfm_viewer.document.surface_points import points_of, surface_points
-from abfm_viewer.session.film_match import FilmMatch
+from abfm_viewer.document.verdict_words import left_now, place
 from abfm_viewer.session.initial_maps import PreparedMap
 from abfm_viewer.session.notices import RUN, WaysOut
 from abfm_viewer.session.parts import Parts
@@ -31,7 +31,7 @@ _STREAK_FACES_MAX = 50_000  # of a mesh that gets streaks after a match: within 
 
 
 class MatchRun:
-    """The solver's run, and what its result changes in the document, which may be another by then.
+    """What the result of a match changes in the document, which may be another by then.
 
     `remedied` is the number of moves of the history when a remedy began the run: its result belongs
     to that step.
@@ -46,25 +46,22 @@ class MatchRun:
     @property
     def snapshot(self) -> Snapshot | None:
         is_of_run = self.began.identity is self._parts.document.identity
-        return self._parts.solver.snapshot if is_of_run else None
+        return self._parts.matching.snapshot if is_of_run else None
 
     def start(self, problem: ProblemSpec, functions: Evaluators, field: FloatArray | None) -> None:
         self.began, self.remedied = self._parts.document, -1
-        self._parts.solver.start(problem, functions, field)
+        self._parts.matching.start(problem, functions, self._take, field)
 
-    def collect(self) -> None:
-        """Take in the result of a run that has ended."""
+    def _take(
+        self, match: abfm.Match | None, record: RunRecord | None, solved: ProblemSpec
+    ) -> None:
         parts, solver = self._parts, self._parts.solver
-        if (ended := solver.collect()) is None:
-            return
-        match, run, solved = ended
         parts.notices.mend(RUN)
-        failed = solver.failed
         replaced = self.began.identity is not parts.document.identity
         document = self.began if replaced else parts.document
         self.began = parts.document
         assert isinstance(document, MatchDocument)
-        outcome = document.outcome(match, run, solved.initial)
+        outcome = document.outcome(match, record, solved.initial)
         if match is not None:
             parts.saves.found(replace(document, **outcome))
         if replaced:
@@ -77,7 +74,7 @@ class MatchRun:
                 "Match again": partial(self._start, False),
             }
             self._show(match, outcome)
-        if failed:
+        if solver.failed:
             parts.notices.say(f"the solver stopped: {solver.reason}", True, RUN, again)
 
     def _show(self, match: abfm.Match, outcome: dict[str, Any]) -> None:
@@ -114,8 +111,8 @@ class MatchRun:
 class Work(ABC):
     """Answers about the document that is shown; here those that need no functions by specs."""
 
-    def __init__(self, parts: Parts, runner: Solver | FilmMatch) -> None:
-        self.parts, self.runner = parts, runner
+    def __init__(self, parts: Parts) -> None:
+        self.parts = parts
 
     @property
     def busy(self) -> str:
@@ -126,6 +123,11 @@ class Work(ABC):
     def step(self) -> Step | None:
         """How far that is."""
         return None
+
+    @property
+    @abstractmethod
+    def progress(self) -> str:
+        """What a run does, in a line."""
 
     @property
     def obstacle(self) -> str:
@@ -205,7 +207,7 @@ class MatchWork(Work):
     """Functions on one surface: their values, and the match of them."""
 
     def __init__(self, parts: Parts, run: MatchRun) -> None:
-        super().__init__(parts, parts.solver)
+        super().__init__(parts)
         self._run = run
         self._coarse_meshes: Latest[None] = parts.jobs.latest()
         self._foreseen: Latest[abfm.Facts | None] = parts.jobs.latest()
@@ -238,6 +240,15 @@ class MatchWork(Work):
     @property
     def step(self) -> Step | None:
         return self.parts.functions.step(self.document)
+
+    @property
+    def progress(self) -> str:
+        solver, snapshot = self.parts.solver, self.parts.matching.snapshot
+        if snapshot is None:
+            return solver.step.words() if solver.step else "starting the solver"
+        left = left_now(snapshot.iteration, snapshot.problem.is_of_landmarks)
+        state = "paused" if solver.paused else "solving"
+        return f"{state}, {place(snapshot.iteration)}, {left}"
 
     @property
     def obstacle(self) -> str:
@@ -276,7 +287,7 @@ class MatchWork(Work):
         parts = self.parts
         self.take_usual_parameters()
         field, document = None, self.document
-        warm = parts.solver.warm if goes_on is None else goes_on
+        warm = parts.matching.warm if goes_on is None else goes_on
         result, mesh = document.result, document.surface().mesh
         if warm and result is not None and result.mesh.digest == mesh.digest:
             field = result.start_for(document.parameters)
@@ -295,10 +306,10 @@ class MatchWork(Work):
         if not (obstacle or parts.at_once):
             # a match that begins earlier waits for its coarse meshes
             mesh, parameters = self.document.surface().mesh, self.document.parameters
-            prepare = partial(parts.solver.prepare, mesh, parameters)
+            prepare = partial(parts.matching.prepare, mesh, parameters)
             self._coarse_meshes.ask((mesh, parameters.solver.levels), prepare)
         if parts.dragging or not obstacle:  # what cannot be evaluated must not end a run
-            parts.solver.follow_problem(self.problem, parts.dragging)
+            parts.matching.follow_problem(self.problem, parts.dragging)
 
     def played(self, elapsed: float) -> float:
         document = self.document
@@ -393,7 +404,7 @@ class FilmWork(Work):
     """A film: its frames are there, and all its intervals are matched in one run."""
 
     def __init__(self, parts: Parts, start: Start) -> None:
-        super().__init__(parts, parts.film_match)
+        super().__init__(parts)
         self._start = start
 
     @property
@@ -407,8 +418,17 @@ class FilmWork(Work):
         frame = document.interval + (side == "target")
         return document.film.columns[frame][document.channel]
 
+    @property
+    def progress(self) -> str:
+        return self.parts.film_match.words
+
     def start(self, goes_on: bool | None) -> None:
-        self.parts.film_match.start(self.document)
+        self.parts.film_match.start(self.document, partial(self._take, False))
+
+    def recover(self) -> None:
+        """Show what an earlier run has found, and solve nothing."""
+        then = partial(self._take, True)
+        self.parts.film_match.start(self.document, then, resumes_only=True)
 
     def follow(self) -> None:
         self.parts.functions.bare_since = None
@@ -420,22 +440,19 @@ class FilmWork(Work):
         time = self.parts.player.advance(document.time - start, elapsed, whole, whole, seconds)
         return min(start + time, document.end)
 
-    def collect(self) -> None:
-        """Take in the fields of a run that has ended."""
-        parts = self.parts
-        if (ended := parts.film_match.collect()) is None:
-            return
-        began, found, was_recovered = ended
-        if isinstance(found, str):
+    def _take(self, is_recovery: bool, began: FilmDocument, found: abfm.Sequence | None) -> None:
+        parts, solver = self.parts, self.parts.solver
+        if found is None:
             again = {"Try again": partial(self._start, None)}
-            parts.notices.say(f"the solver stopped: {found}", True, RUN, again)
+            parts.notices.say(f"the solver stopped: {solver.reason}", True, RUN, again)
+            solver.forget()
             return
         count = int(found.solved.sum())
         if parts.document.identity is not began.identity:
             if count:
                 parts.saves.found(replace(began, result=found))
             return
-        if was_recovered:
+        if is_recovery:
             if count:
                 parts.editor.amend(result=found)
             return

@@ -189,7 +189,7 @@ class ShownFlow(Jobs):
             return source
         time, tau, channel = self.time, flow.parameters.tau, session.document.channel
         if abs(time - tau) <= 1e-9 * tau:
-            snapshot = session.solver.snapshot
+            snapshot = session.matching.snapshot
             found: abfm.Match | abfm.Iteration | None = None
             if flow.final:
                 found = None if session.outdated else session.result

@@ -234,8 +234,7 @@ class Actions:
             self._dialogs.ask(_QUIT, text, answers)
 
     def _save_and_close(self) -> None:
-        is_at_work = self._session.solver.running and self._session.solver.snapshot is not None
-        if is_at_work or self._session.film_match.running:
+        if self._session.solver.running and self._session.solver.has_found:
             self._files.end_run("saving and closing", self._save_and_close)
         else:  # a run without a field so far has nothing to save
             self._session.solver.cancel()
@@ -288,8 +287,7 @@ class Actions:
     # Solver, time and view
 
     def _pause(self) -> None:
-        session = self._session
-        solver = session.film_match if session.film_match.running else session.solver
+        solver = self._session.solver
         solver.resume() if solver.paused else solver.pause()
 
     def _escape(self) -> None:

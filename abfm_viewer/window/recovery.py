@@ -12,7 +12,7 @@ from typing import Any
 from abfm import AbfmError
 from abfm.types import FloatArray
 from abfm_viewer.computing.evaluation import Evaluators
-from abfm_viewer.computing.solver import Snapshot
+from abfm_viewer.computing.matching import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import THEMES, Document, Identity
 from abfm_viewer.document.kinds import FilmDocument, MatchDocument
@@ -44,7 +44,7 @@ class Preferences:
         if isinstance(flow, bool):
             kept["flow_after_match"] = flow
         if isinstance(follow, bool):
-            session.solver.follow = follow
+            session.matching.follow = follow
         if (view := replace(session.view, **kept)) != session.view:
             session.editor.amend(view=view)
         self._latest, self._document = self._present(), session.document.identity
@@ -60,7 +60,7 @@ class Preferences:
     def _present(self) -> dict[str, object]:
         view = self._session.view
         look = {name: getattr(view, name) for name in ("theme", "ui_scale", "flow_after_match")}
-        return look | {"follow": self._session.solver.follow}
+        return look | {"follow": self._session.matching.follow}
 
 
 class Recoveries:
@@ -138,7 +138,7 @@ class Recoveries:
     ) -> Content:
         """Return the document with the best field so far as its result."""
         try:
-            found, run = self._session.solver.unfinished(snapshot, functions)
+            found, run = self._session.matching.unfinished(snapshot, functions)
         except AbfmError:  # the run has just ended: what it leaves comes next
             return _content(document, functions)
         assert isinstance(document, MatchDocument)
@@ -187,7 +187,7 @@ class Recoveries:
             copy = self._autosave(session.document.identity)
             copy.take_over(recovery)
             if isinstance(document, FilmDocument) and copy.has_unfinished_film:
-                session.film_match.start(document, goes_on=False)
+                session.recover_film()
             session.notices.say(f"recovered {document.name}: save it to keep it")
 
         def discard() -> None:

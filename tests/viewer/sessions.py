@@ -6,7 +6,7 @@ from dataclasses import replace
 from abfm import Flow, Parameters
 from abfm.matching import PathStep
 from abfm.parameters import PAPER
-from abfm_viewer.computing.solver import ProblemSpec
+from abfm_viewer.computing.matching import ProblemSpec
 from abfm_viewer.document.document import Channel, Identity
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
@@ -96,7 +96,7 @@ def heard(gui, monkeypatch, how):
 def solving(session, rows=5):
     """The session during a run that has made more than some steps."""
     session.match()
-    until(lambda: session.solver.run and len(session.solver.run.stages) > rows, session)
+    until(lambda: session.matching.record and len(session.matching.record.stages) > rows, session)
     return session
 
 
@@ -105,9 +105,9 @@ def hold(session):
     session.solver.pause()
 
     def stands_still():
-        held = session.solver.snapshot
+        held = session.matching.snapshot
         time.sleep(0.2)
-        return session.solver.snapshot is held
+        return session.matching.snapshot is held
 
     until(stands_still)
 
@@ -129,7 +129,7 @@ def match(gui):
 def begin(gui, iterations=-1):
     """Start a run, and wait until it has made more than so many iterations."""
     gui.click("Match")
-    gui.wait(lambda s: s.solver.snapshot and s.solver.snapshot.iteration.iteration > iterations)
+    gui.wait(lambda s: s.matching.snapshot and s.matching.snapshot.iteration.iteration > iterations)
 
 
 def cancel(gui):

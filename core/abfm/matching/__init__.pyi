@@ -26,3 +26,4 @@ from .solvability import resolution as resolution
 from .solve_many import solve_many as solve_many
 from .solving.levels import prepare as prepare
 from .solving.record import StopReason as StopReason
+from .task import MatchTask as MatchTask

@@ -19,6 +19,7 @@ from .sequence import Sequence as Sequence
 from .sequence import load_sequence as load_sequence
 from .sequence import sequence as sequence
 from .solution import is_sequence as is_sequence
+from .task import SequenceTask as SequenceTask
 from .tracking.critical_points import KINDS as KINDS
 from .tracking.critical_points import CriticalPoints as CriticalPoints
 from .tracking.critical_points import critical_points as critical_points

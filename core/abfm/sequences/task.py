@@ -234,6 +234,7 @@ class SequenceTask(Task):
             lambda found: monitor.on_note(
                 f"resuming after {found} of {count} intervals, which an earlier run solved"
             ),
+            not monitor.resumes_only,
         )
         found = sequence(
             self.mesh,

@@ -32,6 +32,8 @@ class Monitor:
     checkpoint : Path, optional
         Where the result will be: a long task keeps what it has found in a file next to it, and
         resumes from there.
+    resumes_only : bool
+        Whether the task returns what its checkpoint holds, and solves nothing.
     checkpoints : list of Path
         The checkpoint files of the task, which the caller removes once the result is saved.
     """
@@ -40,4 +42,5 @@ class Monitor:
     on_partial: Callable[[Any], object] = ignore
     on_note: Callable[[str], object] = ignore
     checkpoint: Path | None = None
+    resumes_only: bool = False
     checkpoints: list[Path] = field(default_factory=list)

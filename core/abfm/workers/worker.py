@@ -28,7 +28,6 @@ from abfm.workers.progress import tell, telling
 
 State = TypeVar("State")
 Result = TypeVar("Result")
-Other = TypeVar("Other")
 Arguments = ParamSpec("Arguments")
 
 MODULE = "abfm.workers"
@@ -87,15 +86,6 @@ class Call(Generic[Result]):
             if not is_over:
                 self._connection.send_soon(Order(self.number, False, True, True))
 
-    def beside(
-        self,
-        function: Callable[Concatenate[Any, Arguments], Other],
-        *given: Arguments.args,
-        **_: Arguments.kwargs,
-    ) -> Call[Other]:
-        """Call another, short function in the same process at once, whatever it computes."""
-        return self._connection.call(function, given, True)
-
 
 def stateless() -> None:
     """Make the state of a worker whose functions need none."""
@@ -144,6 +134,20 @@ class Worker(Generic[State]):
                     raise WorkerEndedError(self._ended) from error
             connection = self._connection
         return connection.call(function, given, False)
+
+    def beside(
+        self,
+        function: Callable[Concatenate[State, Arguments], Result],
+        /,
+        *given: Arguments.args,
+        **_: Arguments.kwargs,
+    ) -> Call[Result]:
+        """Call another, short function at once in the process that there is, whatever it computes;
+        WorkerEndedError if there was none.
+        """
+        if self._connection is None:
+            raise WorkerEndedError(self._ended)
+        return self._connection.call(function, given, True)
 
     @property
     def pid(self) -> int | None:

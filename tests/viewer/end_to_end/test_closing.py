@@ -8,8 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from abfm_viewer.automation import Driver
-from abfm_viewer.computing import solver
-from abfm_viewer.computing.match_apart import MatchApart
+from abfm_viewer.computing.run import Process
 from abfm_viewer.files.project import Origin, load_project, save_project
 from tests.messages import check_message
 from tests.shapes import icosphere
@@ -20,15 +19,15 @@ from tests.viewer.sessions import ENDLESS, SIZE, opened, restart, solving, until
 def running(gui, path):
     """Start a run of a project that ends when the event is set, after it was cancelled."""
     may_end = threading.Event()
-    match = MatchApart.match
+    solve = Process.solve
 
-    def slow(*given):
-        found = match(*given)
+    def slow(*given, **named):
+        found = solve(*given, **named)
         assert may_end.wait(60)
         return found
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(MatchApart, "match", slow)
+        patched.setattr(Process, "solve", slow)
         gui.window.files.save(path)
         gui.wait(lambda s: s.saves.path == path and not s.saves.unsaved)
         gui.session.editor.set_parameter(**ENDLESS.to_dict())
@@ -106,7 +105,7 @@ def try_again(gui, may_end, path):
 
 def wait_for_no_run_without_a_field(gui, folder, monkeypatch):
     may_begin = threading.Event()
-    monkeypatch.setattr(MatchApart, "match", lambda *_: may_begin.wait(60) and 1 / 0)
+    monkeypatch.setattr(Process, "solve", lambda *_, **__: may_begin.wait(60) and 1 / 0)
     gui.window.files.save(folder / "no field.abfm")
     gui.wait(lambda s: s.saves.path and not s.saves.unsaved)
     gui.session.editor.set_parameter(sigma=0.25)
@@ -128,16 +127,16 @@ def resume_after_a_killed_process(gui, monkeypatch):
     gui.session.editor.amend(parameters=ENDLESS.with_values(levels=1))
     for label in ("Continue", "Match again"):
         solving(gui.session)
-        gui.session.solver.unfinished(
-            gui.session.solver.snapshot, gui.session.functions_of(gui.session.document)
+        gui.session.matching.unfinished(
+            gui.session.matching.snapshot, gui.session.functions_of(gui.session.document)
         )
-        kept = gui.session.solver._course.best.shown.velocity
-        os.kill(gui.session.solver._apart._worker.pid, signal.SIGKILL)
+        kept = gui.session.matching._best.shown.velocity
+        os.kill(gui.session.solver.process.pid, signal.SIGKILL)
         gui.wait(lambda s: s.solver.failed)
         assert (gui.session.result.velocity == kept).all()
         check_message(gui.session.notices.cards[0].text)
         gui.click(label, within="message 1")
-        gui.wait(lambda s: s.solver.snapshot is not None)
+        gui.wait(lambda s: s.matching.snapshot is not None)
         assert gui.session.notices.cards == ()
         gui.session.solver.cancel()
         gui.wait(lambda s: not s.solver.running)

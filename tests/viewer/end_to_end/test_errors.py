@@ -43,7 +43,7 @@ def fail_in_every_part(gui, monkeypatch, capsys):
         assert gui.errors == {}
         assert capsys.readouterr().err.count("Traceback") == 1
     with monkeypatch.context() as patch:
-        patch.setattr("abfm_viewer.computing.match_apart.MatchApart.match", fail)
+        patch.setattr("abfm_viewer.computing.run.Process.solve", fail)
         match(gui)
     assert gui.session.solver.failed
     check_message(gui.session.notices.latest.text, "RuntimeError: the roof leaks")

@@ -33,8 +33,8 @@ with Driver(mesh, size=(640, 480), state=state) as gui:
     gui.click("Save")
     gui.wait(lambda session: session.saves.path and not session.saves.unsaved)
     gui.click("Match")
-    gui.wait(lambda session: session.solver.snapshot is not None)
-    gui.wait(lambda session: session.solver.snapshot.iteration.iteration > 3)
+    gui.wait(lambda session: session.matching.snapshot is not None)
+    gui.wait(lambda session: session.matching.snapshot.iteration.iteration > 3)
     (state / "matching").touch()  # copies from now on hold a field that moves something
     while True:
         gui.window.frame()
@@ -136,8 +136,8 @@ def test_save_kill_and_recover(tmp_path):
         assert result.stop_reason == "cancelled"
         gui.wait(ready)  # until then it is grey
         gui.click("Continue", within="verdict")
-        gui.wait(lambda s: s.solver.snapshot is not None)
-        assert gui.session.solver.snapshot.iteration.residual <= 1.01 * result.residual
+        gui.wait(lambda s: s.matching.snapshot is not None)
+        assert gui.session.matching.snapshot.iteration.residual <= 1.01 * result.residual
         assert not gui.errors
 
 

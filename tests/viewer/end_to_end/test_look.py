@@ -162,8 +162,8 @@ def follow_a_run_with_arrows(gui, monkeypatch):
     monkeypatch.setattr(gui.window.scene.pacing, "waits", lambda name, is_first: True)
     for _ in range(2):  # those that were under way are drawn the first time
         drawn.clear()
-        before = gui.session.solver.snapshot.shown.iteration
-        gui.wait(lambda s, before=before: s.solver.snapshot.shown.iteration > before + 5)
+        before = gui.session.matching.snapshot.shown.iteration
+        gui.wait(lambda s, before=before: s.matching.snapshot.shown.iteration > before + 5)
     assert drawn == []
     gui.type("length", "0.01")
     gui.wait(lambda _: drawn)

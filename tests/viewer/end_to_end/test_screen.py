@@ -60,7 +60,7 @@ def test_widgets_behind_a_dialog_look_disabled(large, tmp_path, theme):
     large.session.editor.set_view("theme", theme=theme)
     large.session.editor.amend(parameters=ENDLESS)
     large.click("Match")
-    large.wait(lambda s: s.solver.snapshot is not None)
+    large.wait(lambda s: s.matching.snapshot is not None)
     large.click("Export")
     before = contrasts(large, tmp_path / "free.png")
     large.window.dialogs.show("A title", ["A line."])

@@ -93,9 +93,9 @@ def hold_and_cancel_the_run(film, tmp_path):
     film.wait(lambda s: s.document.film.name == "long.npy")
     film.click("Match all frames")
     film.click("Pause")
-    assert film.session.film_match.paused
+    assert film.session.solver.paused
     film.click("Resume")
-    assert not film.session.film_match.paused
+    assert not film.session.solver.paused
     film.click("Cancel")
     film.wait(lambda s: not s.running)
     restart(film, document)

@@ -7,7 +7,8 @@ import pytest
 import abfm
 from abfm.matching import Remedy
 from abfm.workers.control import present_control
-from abfm_viewer.computing.match_apart import MatchApart
+from abfm_viewer.computing.iterates import IteratePicture
+from abfm_viewer.computing.run import Process
 from tests.messages import check_message
 from tests.viewer.sessions import ENDLESS, SHORT, begin, cancel, match, restart
 
@@ -58,15 +59,15 @@ def pause_and_resume(gui):
     assert solver.paused
     gui.click("Resume")
     assert not solver.paused
-    gui.wait(lambda s: s.solver.snapshot.iteration.iteration > 5)
+    gui.wait(lambda s: s.matching.snapshot.iteration.iteration > 5)
     cancel(gui)
     result = gui.session.result
-    assert solver.reason == result.stop_reason == "cancelled"
+    assert result.stop_reason == "cancelled"
     assert len(result.energy_history) > 5
     assert gui.is_enabled("Match")
     gui.click("Continue", within="verdict")
-    gui.wait(lambda s: s.solver.snapshot is not None)
-    assert solver.snapshot.iteration.residual <= 1.01 * result.residual
+    gui.wait(lambda s: s.matching.snapshot is not None)
+    assert gui.session.matching.snapshot.iteration.residual <= 1.01 * result.residual
     cancel(gui)
     gui.key("ctrl+enter")
     assert solver.running
@@ -76,7 +77,7 @@ def pause_and_resume(gui):
     assert not solver.paused
     gui.key("esc")
     gui.wait(lambda s: s.solver.finished)
-    assert solver.reason == "cancelled"
+    assert gui.session.result.stop_reason == "cancelled"
 
 
 def restart_on_changes(gui):
@@ -84,11 +85,11 @@ def restart_on_changes(gui):
     gui.click("Pause")
     gui.type("sigma", "0.015")
     gui.click("Resume")
-    gui.wait(lambda s: s.solver.snapshot.problem.parameters.sigma == 0.015)
-    assert gui.session.solver.run.restarts
+    gui.wait(lambda s: s.matching.snapshot.problem.parameters.sigma == 0.015)
+    assert gui.session.matching.record.restarts
     gui.drag("sigma", 0.1)
     gui.drag("alpha", 1.0)
-    gui.wait(lambda s: s.solver.snapshot.problem.parameters.alpha == s.parameters.alpha > 0.5)
+    gui.wait(lambda s: s.matching.snapshot.problem.parameters.alpha == s.parameters.alpha > 0.5)
     assert gui.session.solver.running
     cancel(gui)
     assert gui.session.result.parameters == gui.session.parameters
@@ -100,7 +101,7 @@ def wait_without_restarts(gui):
     gui.check("Restart on changes", False)
     gui.type("sigma", "0.015")
     gui.frames(10)
-    assert gui.session.solver.problem.parameters.sigma != 0.015
+    assert gui.session.matching.problem.parameters.sigma != 0.015
     cancel(gui)
     assert gui.session.outdated
     gui.check("Restart on changes")
@@ -185,15 +186,15 @@ def change_parameters_by_remedies(gui):
 def report_a_squeezed_source(gui, notes, monkeypatch):
     """In a run that pauses at its report; 150 iterations later it finds the target."""
 
-    def held(apart, problem, on_iteration):
+    def held(process, function, number, task, on_partial, tries):
         def post(now):
-            on_iteration(now)
+            on_partial(replace(now, look=IteratePicture(now.warning, now.advected)))
             if now.iteration == 20:
                 present_control().pause()
 
-        return abfm.match(problem, on_iteration=post)
+        return abfm.match(task.problem, on_iteration=post)
 
-    monkeypatch.setattr(MatchApart, "match", held)
+    monkeypatch.setattr(Process, "solve", held)
     far_pair(gui, 0.1, **(ENDLESS.to_dict() | {"max_displacement": 0.1}))
     begin(gui, 19)
     check_message(next(text for text, kind in notes() if kind == "failure"))
@@ -226,18 +227,18 @@ def continue_near_the_end(gui, notes, is_changed):
     session = gui.session
     match(gui)
     session.editor.amend(parameters=replace(ENDLESS, goal=0.1))  # also after a few iterations
-    session.solver.warm = True
+    session.matching.warm = True
     gui.click("Match")
     gui.key("p")  # else it might end by itself
-    gui.wait(lambda s: s.solver.snapshot is not None)
+    gui.wait(lambda s: s.matching.snapshot is not None)
     gui.key("escape")
     gui.wait(lambda s: s.solver.finished)
     assert session.result.verdict.kind == "matched"
-    session.solver.warm = False
+    session.matching.warm = False
     if is_changed:
         session.editor.set_parameter(alpha=1.1 * session.parameters.alpha)
     else:
         check_message(next(text for text in dict(notes()) if "Continue" in text))
     gui.click("Continue", within="verdict")
-    gui.wait(lambda s: s.solver.snapshot is not None)
-    assert session.solver.snapshot.iteration.residual < 0.5
+    gui.wait(lambda s: s.matching.snapshot is not None)
+    assert session.matching.snapshot.iteration.residual < 0.5

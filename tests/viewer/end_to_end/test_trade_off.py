@@ -10,7 +10,7 @@ import abfm
 from abfm import Match, Parameters
 from abfm.matching.path import COLUMNS
 from abfm.wording import share
-from abfm_viewer.computing.solver import Solver
+from abfm_viewer.computing.matching import Matching
 from abfm_viewer.files.project import load_project
 from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.scene.annotations import _titles
@@ -141,16 +141,16 @@ def plot_iterations_or_steps_of_a_run(walked, monkeypatch):
     walked.click("iterations")
     assert {"energy plot", "trade-off plot"} & {*walked.labels()} == {"energy plot"}
     walked.click("trade-off")
-    goes_on, post = threading.Event(), Solver._post
+    goes_on, post = threading.Event(), Matching._post
 
-    def held(solver, problem, now):
-        post(solver, problem, now)
+    def held(matching, problem, now):
+        post(matching, problem, now)
         assert len(now.path) < 2 or goes_on.wait(30)
 
-    monkeypatch.setattr(Solver, "_post", held)
+    monkeypatch.setattr(Matching, "_post", held)
     session.editor.amend(parameters=Parameters())
     walked.click("Match")
-    walked.wait(lambda s: s.solver.snapshot and len(s.solver.snapshot.iteration.path) > 1)
+    walked.wait(lambda s: s.matching.snapshot and len(s.matching.snapshot.iteration.path) > 1)
     assert "energy plot" in walked.labels()
     walked.click("trade-off")
     assert "trade-off plot" in walked.labels()

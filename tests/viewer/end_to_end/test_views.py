@@ -13,7 +13,7 @@ from abfm.workers.progress import step
 from abfm_viewer.automation import DriverError
 from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.defaults import default_functions
-from abfm_viewer.computing.solver import RunState
+from abfm_viewer.computing.run import RunState
 from abfm_viewer.document.document import Channel
 from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.widgets.containers import is_popup_open

@@ -34,7 +34,7 @@ from abfm_viewer.document.document import (
     Landmark,
     Look,
     Point,
-    Run,
+    RunRecord,
     Surface,
     View,
 )
@@ -78,11 +78,13 @@ DOCUMENT = MatchDocument(
     mask="indicator:axis=x,above=0.0",
     result=RESULT,
     runs=(
-        Run(RESULT.energy_history, RESULT.stages, (2, len(RESULT.stages)), 0.25, "alpha 1"),
-        Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "on two meshes", *COURSE),
-        Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "of two terms", *COURSE, *TERMS),
-        Run(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), (), 1.0, "cancelled at once"),
-        Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "left", residuals=np.array([0.7, 0.5])),
+        RunRecord(RESULT.energy_history, RESULT.stages, (2, len(RESULT.stages)), 0.25, "alpha 1"),
+        RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "on two meshes", *COURSE),
+        RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "of two terms", *COURSE, *TERMS),
+        RunRecord(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), (), 1.0, "cancelled at once"),
+        RunRecord(
+            np.ones((2, 3)), np.array([0, 1]), (), 0.5, "left", residuals=np.array([0.7, 0.5])
+        ),
     ),
     time=1 / 3,
     lines=(Point(3, (0.25, 0.25, 0.5)), Point(79, (1.0, 0.0, 0.0))),
@@ -125,7 +127,7 @@ def assert_same(value, expected, where="document"):
     elif isinstance(expected, TriangleMesh):
         for name in ("vertices", "faces", "vertex_ids", "copies", "file_vertex_count", "edges"):
             assert_same(getattr(value, name), getattr(expected, name), f"{where}.{name}")
-    elif isinstance(expected, Document | Match | PathStep | Run | Surface):
+    elif isinstance(expected, Document | Match | PathStep | RunRecord | Surface):
         for name in (one.name for one in fields(expected) if one.name != "identity"):
             assert_same(getattr(value, name), getattr(expected, name), f"{where}.{name}")
     elif isinstance(expected, Problem):

@@ -61,7 +61,7 @@ def _states(gui):
     yield "start"
     session.editor.amend(parameters=ENDLESS)
     session.match()
-    gui.wait(lambda s: s.solver.snapshot is not None)
+    gui.wait(lambda s: s.matching.snapshot is not None)
     player.playing = False
     yield "running"
     session.solver.cancel()

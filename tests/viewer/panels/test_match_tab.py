@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abfm.parameters import FIELDS
-from abfm_viewer.document.document import Run
+from abfm_viewer.document.document import RunRecord
 from abfm_viewer.panels import energy, trade_off
 from abfm_viewer.panels import parameters as panel
 from abfm_viewer.widgets import plots
@@ -23,7 +23,7 @@ def test_the_panel_has_every_parameter_and_says_what_it_does():
 
 def run(stages, vertices=(), reaches=(), restarts=()):
     energies, course = np.ones((len(stages), 3)), (np.array(vertices, int), np.array(reaches))
-    return Run(energies, np.array(stages), restarts, 0.1, "", *course)
+    return RunRecord(energies, np.array(stages), restarts, 0.1, "", *course)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from abfm.workers import progress
 from abfm.workers.progress import step
 from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.background import Latest
-from abfm_viewer.computing.solver import Solver
+from abfm_viewer.computing.run import Run
 from abfm_viewer.session.loading import Load
 from tests.viewer.sessions import ENDLESS, SPHERE, opened, solving, until
 
@@ -47,13 +47,13 @@ def test_functions_tell_what_takes_long_also_from_their_process(own_process, mon
 
 def test_a_run_tells_its_steps_though_it_runs_elsewhere(monkeypatch):
     told = []
-    tell = Solver._at
+    tell = Run._tell
 
     def listen(self, step):
         told.extend([step.task] if step else [])
         tell(self, step)
 
-    monkeypatch.setattr(Solver, "_at", listen)
+    monkeypatch.setattr(Run, "_tell", listen)
     session = opened()
     session.match()
     until(lambda: session.solver.finished, session)

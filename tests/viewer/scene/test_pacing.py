@@ -12,8 +12,12 @@ FAST, SLOW, STUCK = 0.005, 0.1, 1.0
 
 @pytest.fixture
 def paced():
-    solver = SimpleNamespace(running=True, started=1)
-    session = SimpleNamespace(solver=solver, dragging=False, view=SimpleNamespace(animate=False))
+    session = SimpleNamespace(
+        solver=SimpleNamespace(started=1),
+        matching=SimpleNamespace(running=True),
+        dragging=False,
+        view=SimpleNamespace(animate=False),
+    )
     paced = Pacing(session)
     paced.redraw_seconds = 0.1
     return paced
@@ -36,15 +40,15 @@ def test_a_machine_that_draws_slowly_shows_the_start_at_once_and_then_a_picture_
 
 
 def test_the_field_of_a_run_waits_until_its_first_pictures_are_drawn(paced):
-    solver = paced._session.solver
+    session = paced._session
     assert paced.begins
     drawn(paced, 3)
     assert paced.begins
     drawn(paced, 40)
     assert not paced.begins
-    solver.started += 1
+    session.solver.started += 1
     assert paced.begins
-    solver.running = False
+    session.matching.running = False
     assert not paced.begins
 
 

@@ -11,6 +11,7 @@ import pytest
 import abfm
 from abfm.sequences import defaults
 from abfm.sequences.frames import checked
+from abfm_viewer.computing.run import Process, Run
 from abfm_viewer.document.document import Surface
 from abfm_viewer.document.film import Film, FilmSettings
 from abfm_viewer.document.kinds import FilmDocument
@@ -36,12 +37,28 @@ def whole():
     return abfm.sequence(SPHERE, FRAMES, None, defaults(sigma=0.3), 0.5)
 
 
+class MatchedFilm(FilmMatch):
+    """A film's match whose result is taken by `ended`."""
+
+    def __init__(self):
+        self.run = Run(Process())
+        super().__init__(self.run)
+
+    def begin(self, document, resumes_only=False):
+        self.start(document, lambda began, found: setattr(self, "left", found), resumes_only)
+
+    def ended(self):
+        assert self.run.wait(60)
+        self.run.collect()
+        return self.left
+
+
 @pytest.fixture
 def match(tmp_path):
-    match = FilmMatch()
+    match = MatchedFilm()
     match.beside = lambda document: tmp_path / "copy.abfm"
     yield match
-    match.close()
+    match.run.close()
 
 
 def kept(folder):
@@ -56,75 +73,67 @@ def kept(folder):
 def kill(match, folder, last=None):
     """Kill the process of a match, another one than the last, once it has kept a field more."""
     before = kept(folder)
-    until(lambda: match._worker.pid not in (None, last) and kept(folder) > before)
-    os.kill(pid := match._worker.pid, signal.SIGKILL)
+    until(lambda: match.run.process.pid not in (None, last) and kept(folder) > before)
+    os.kill(pid := match.run.process.pid, signal.SIGKILL)
     return pid
 
 
-def ended(match):
-    """What a run has come to."""
-    until(lambda: match._work.done())
-    return match.collect()
-
-
 def test_a_run_goes_on_where_its_process_ended(match, whole, tmp_path):
-    match.start(DOCUMENT)
+    match.begin(DOCUMENT)
     kill(match, tmp_path)
-    found = ended(match).found
+    found = match.ended()
     np.testing.assert_array_equal(found.velocity, whole.velocity)
     assert found.confirmed == whole.confirmed == 23
 
 
 def test_what_a_run_found_that_failed_is_there_for_the_next_one(match, whole, tmp_path):
-    match.start(DOCUMENT)
+    match.begin(DOCUMENT)
     last = None
     for _ in range(3):
         last = kill(match, tmp_path, last)
-    assert "ended 3 times" in ended(match).found
+    assert match.ended() is None
+    assert "ended 3 times" in match.run.reason
     assert match.found(DOCUMENT) == 0
     found = kept(tmp_path)
     assert found >= 3
-    match.start(DOCUMENT)
+    match.begin(DOCUMENT)
     until(lambda: match.found(DOCUMENT) >= 3)
     assert match.fast(DOCUMENT) > 0
-    np.testing.assert_array_equal(ended(match).found.velocity, whole.velocity)
+    np.testing.assert_array_equal(match.ended().velocity, whole.velocity)
     other = replace(DOCUMENT, settings=FilmSettings(sigma=0.3))
-    match.start(other)
+    match.begin(other)
     assert match.found(other) == 0
-    match.cancel()
-    assert ended(match).found.gamma == 1
+    match.run.cancel()
+    assert match.ended().gamma == 1
 
 
 def test_what_was_found_is_told_without_going_on(match, whole, tmp_path):
-    match.start(DOCUMENT)
+    match.begin(DOCUMENT)
     kill(match, tmp_path)
-    match.cancel()
-    ended(match)
+    match.run.cancel()
+    match.ended()
     count = kept(tmp_path)
     assert 0 < count < 23
-    match.start(DOCUMENT, goes_on=False)
-    found, was_recovered = ended(match)[1:]
-    assert was_recovered
+    match.begin(DOCUMENT, resumes_only=True)
+    found = match.ended()
     assert found.solved.tolist() == [True] * count + [False] * (23 - count)
     assert found.confirmed == count
     assert found.frames is DOCUMENT.film.frames.values
-    match.start(replace(DOCUMENT, settings=FilmSettings(sigma=0.4)), goes_on=False)
-    assert not ended(match).found.solved.any()
-    match.start(DOCUMENT)
-    found, was_recovered = ended(match)[1:]
-    assert not was_recovered
-    np.testing.assert_array_equal(found.velocity, whole.velocity)
+    match.begin(replace(DOCUMENT, settings=FilmSettings(sigma=0.4)), resumes_only=True)
+    assert not match.ended().solved.any()
+    match.begin(DOCUMENT)
+    np.testing.assert_array_equal(match.ended().velocity, whole.velocity)
 
 
 def test_without_a_place_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    match = FilmMatch()
-    match.start(DOCUMENT)
+    match = MatchedFilm()
+    match.begin(DOCUMENT)
     until(lambda: match.found(DOCUMENT) > 1)
-    match.cancel()
-    assert 0 < ended(match).found.solved.sum() < 23
+    match.run.cancel()
+    assert 0 < match.ended().solved.sum() < 23
     assert not any(tmp_path.iterdir())
-    match.close()
+    match.run.close()
 
 
 @pytest.fixture
@@ -152,7 +161,7 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(film):
     def found(count):
         return lambda session: session.film_match.found(session.document) > count
 
-    sequence, told = cancelled(film, lambda session: session.film_match.running)
+    sequence, told = cancelled(film, lambda session: session.solver.running)
     assert (sequence, told) == (None, "cancelled: 0 of 119 intervals found")
     first, told = cancelled(film, found(1))
     solved = first.solved.tolist()
@@ -171,7 +180,7 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(film):
     film.redo()
     assert film.document.result is second
     film.editor.set_film(alpha=2.0)  # with which nothing was found
-    third, told = cancelled(film, lambda session: session.film_match.running)
+    third, told = cancelled(film, lambda session: session.solver.running)
     again = 0 if third is second else int(third.solved.sum())
     assert again < now
     check_names(told, "cancelled", again, 119)

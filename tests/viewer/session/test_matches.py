@@ -8,7 +8,7 @@ import pytest
 
 from abfm import Parameters
 from abfm.matching import Remedy
-from abfm_viewer.computing.match_apart import MatchApart
+from abfm_viewer.computing.matching import Matching
 from abfm_viewer.document.document import Channel, View
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.session import Session
@@ -31,7 +31,7 @@ def asked(monkeypatch):
     """For which meshes and numbers of levels coarser meshes were made."""
     asked = []
     monkeypatch.setattr(
-        MatchApart,
+        Matching,
         "prepare",
         lambda _, mesh, parameters: asked.append((mesh, parameters.solver.levels)),
     )
@@ -62,7 +62,7 @@ def test_a_warm_start_converts_fields_and_tau(session):
     linearised = matched(session).result.residual
     session.editor.set_parameter(method="nonlinear", tau=3.0)
     assert session.parameters.solver.segments == 0
-    session.solver.warm = True
+    session.matching.warm = True
     matched(session)
     assert session.document.runs[-1].energies[0, 1] > 0
     assert session.result.residual < linearised
@@ -75,8 +75,11 @@ def test_a_change_during_a_run_restarts_it_warm(endless):
     endless.match()
     assert endless.solver.started == started
     endless.editor.set_parameter(beta=1e-4)
-    until(lambda: endless.solver.run.restarts, endless)
-    until(lambda: len(endless.solver.run.stages) > endless.solver.run.restarts[0] + 3, endless)
+    until(lambda: endless.matching.record.restarts, endless)
+    until(
+        lambda: len(endless.matching.record.stages) > endless.matching.record.restarts[0] + 3,
+        endless,
+    )
     end_run(endless)
     [run] = endless.document.runs
     assert run.energies[run.restarts[0], 1] > 0
@@ -91,10 +94,10 @@ def test_a_run_follows_a_dragged_gaussian_at_once(endless):
     for alpha in (0.1, 0.2, 0.4):
         endless.editor.set_parameter("alpha", alpha=alpha)
         endless.update()
-    assert endless.solver.problem.parameters.alpha == ENDLESS.alpha
+    assert endless.matching.problem.parameters.alpha == ENDLESS.alpha
     endless.dragging = False
     endless.update()
-    assert endless.solver.problem.parameters.alpha == 0.4
+    assert endless.matching.problem.parameters.alpha == 0.4
     endless.dragging = True
     places = itertools.count()
 
@@ -102,9 +105,9 @@ def test_a_run_follows_a_dragged_gaussian_at_once(endless):
         spec = f"gaussian:x={next(places) / 1000},y=1,z=0,width=0.15"
         endless.editor.set_spec("target", spec, "drag")
 
-    until(lambda: drag() or len(endless.solver.run.restarts) > 1, endless)
+    until(lambda: drag() or len(endless.matching.record.restarts) > 1, endless)
     endless.dragging = False
-    until(lambda: endless.solver.snapshot.problem == endless.work.problem, endless)
+    until(lambda: endless.matching.snapshot.problem == endless.work.problem, endless)
     endless.editor.seal()
     endless.undo()
     assert endless.active == PAIR  # one step
@@ -147,11 +150,11 @@ def test_undo_does_not_leave_a_mesh_that_is_being_matched(session):
 
 @pytest.mark.parametrize("text", ["expression:1/0*x", "file:missing.npy"])
 def test_unknown_functions_do_not_end_a_run(endless, text):
-    solver = solving(endless).solver
-    problem = solver.problem
+    solver, matching = solving(endless).solver, endless.matching
+    problem = matching.problem
     endless.editor.set_spec("source", text)
     until(lambda: endless.error("source"), endless)
-    assert (solver.running, solver.problem) == (True, problem)
+    assert (solver.running, matching.problem) == (True, problem)
     end_run(endless)
     assert not solver.failed, solver.reason
 
@@ -159,7 +162,7 @@ def test_unknown_functions_do_not_end_a_run(endless, text):
 def test_a_run_that_fails_leaves_its_best_field(endless, monkeypatch):
     endless.editor.amend(parameters=ENDLESS.with_values(levels=1))
     solving(endless)
-    monkeypatch.setattr(endless.solver, "_yield_to_next", lambda: 1 / 0)
+    monkeypatch.setattr(endless.matching, "_yield_to_next", lambda: 1 / 0)
     finish(endless)
     assert endless.solver.failed
     assert "ZeroDivisionError" in endless.notices.cards[0].text
@@ -210,7 +213,7 @@ def test_the_first_remedy_comes_closer_in_one_step(missed):
 def test_continue_starts_from_the_present_field(missed):
     """During a run a remedy changes nothing."""
     history, remedy = missed.result.energy_history, missed.result.verdict.remedies[0]
-    assert not missed.solver.warm
+    assert not missed.matching.warm
     missed.remedy(Remedy("Continue", "go on", {}, True))
     finish(missed)
     assert missed.result.energy_history[0, 0] == pytest.approx(history[-1, 0], rel=0.1)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from abfm import AbfmError, Match
+from abfm_viewer.computing.run import Process
 from abfm_viewer.session.bound import _Found
 from tests.messages import check_message
 from tests.viewer.sessions import matched, stepped, until
@@ -84,11 +85,11 @@ def test_a_step_wins_over_an_earlier_bound(slow, monkeypatch):
     session, may = slow
     found, bounded = session.result, threading.Event()
 
-    def search(wanted):
+    def within(*_, **__):
         bounded.wait(30)
-        return _Found(replace(found, fine_velocity=0 * found.fine_velocity), True, "", None)
+        return _Found(replace(found, fine_velocity=0 * found.fine_velocity), "", None)
 
-    monkeypatch.setattr(session.bound, "_search", search)
+    monkeypatch.setattr(Process, "solve", within)
     session.limit_distortion()
     session.show_step(1)
     bounded.set()

@@ -143,11 +143,11 @@ def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(
 def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, watched):
     shown = watched(endless)
     solving(endless)
-    endless.solver.follow = False
+    endless.matching.follow = False
     hold(endless)
     endless.editor.duplicate_channel()
     assert endless.document.channel == 1
-    advected, iterate = settle(shown), endless.solver.snapshot.shown
+    advected, iterate = settle(shown), endless.matching.snapshot.shown
     np.testing.assert_allclose(advected, iterate.advected[:, 0], atol=1e-6)
 
 
@@ -155,7 +155,7 @@ def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(
     shown = watched(endless)
     solving(endless)
     hold(endless)
-    iterate = endless.solver.snapshot.shown
+    iterate = endless.matching.snapshot.shown
     np.testing.assert_array_equal(shown.flow.advected(), iterate.advected[:, 0])
     assert not shown.flow.state.final
     assert shown.flow.state.velocity is iterate.velocity
@@ -165,7 +165,7 @@ def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(
     assert distance(early, carry(shown, 0.5)) < 5e-3
 
     endless.solver.resume()
-    until(lambda: endless.solver.snapshot.iteration.iteration > iterate.iteration + 30, endless)
+    until(lambda: endless.matching.snapshot.iteration.iteration > iterate.iteration + 30, endless)
     # the span followed
     until(lambda: not np.allclose(shown.flow.advected(), early, atol=1e-4), endless)
 

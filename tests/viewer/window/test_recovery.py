@@ -63,7 +63,7 @@ def test_copies_survive_the_end_of_the_process(desk, copies, monkeypatch):
         asked.append(snapshot)
         raise AbfmError("the process that matches has ended; match again")
 
-    monkeypatch.setattr(session.solver, "unfinished", unfinished)
+    monkeypatch.setattr(session.matching, "unfinished", unfinished)
     session.editor.amend(parameters=ENDLESS)
     session.match()
     # the first copy was written, or its problem told

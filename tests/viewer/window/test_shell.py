@@ -206,13 +206,13 @@ def test_preferences_are_kept_for_the_next_launch(state, launched):
         gui.key("l")
         gui.menu("View", "UI scale", "1.25")
         gui.menu("View", "Flow after a match")
-        gui.session.solver.follow = False
+        gui.session.matching.follow = False
         gui.frames(2)
     expected = {"theme": "dark", "ui_scale": 1.25, "follow": False, "flow_after_match": False}
     assert state.preferences() == expected
     with launched() as gui:
         assert (gui.session.view.theme, gui.session.view.ui_scale) == ("dark", 1.25)
-        assert not gui.session.solver.follow
+        assert not gui.session.matching.follow
         assert not gui.session.view.flow_after_match
         assert not gui.session.saves.unsaved
         assert gui.session.editor.undo_label == ""
@@ -331,7 +331,7 @@ session.editor.set_view("look", streaks=True)
 session.editor.set_parameter(iterations=10 if sys.argv[1] == "streaks" else 100_000, tolerance=0)
 session.match()
 streaks = window.shown.quantities._streaks
-while not (streaks.busy if sys.argv[1] == "streaks" else session.solver.snapshot):
+while not (streaks.busy if sys.argv[1] == "streaks" else session.matching.snapshot):
     window.frame()
 window.close()
 """

@@ -1,0 +1,326 @@
+"""Matches: a problem that may be replaced while it is solved, its iterates, and its best field."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import abfm
+from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
+from abfm.outcome import outcome_of
+from abfm.types import FloatArray
+from abfm_viewer.computing.background import Memo
+from abfm_viewer.computing.evaluation import Evaluators
+from abfm_viewer.computing.iterates import IteratePicture, better, fields, match, prepare
+from abfm_viewer.computing.run import Run
+from abfm_viewer.document.document import SIDES, Channel, InitialMap, Landmark, RunRecord
+from abfm_viewer.document.surface_points import paired
+
+_ITERATIONS_BETWEEN_RESTARTS = 3
+_numbers = itertools.count(1)  # of solves, by which the process keeps their fields
+
+
+@dataclass(frozen=True)
+class ProblemSpec:
+    """What is solved, its functions as text; those that are equal have the same solution."""
+
+    mesh: TriangleMesh
+    channels: tuple[Channel, ...]
+    parameters: Parameters
+    mask: str
+    landmarks: tuple[Landmark, ...] = ()  # whole ones
+    landmarks_alone: bool = False  # whether functions are only carried, as long as there are some
+    initial: InitialMap | None = None  # of two surfaces, from A to the mesh, which is B
+
+    @property
+    def is_of_landmarks(self) -> bool:
+        return self.landmarks_alone and bool(self.landmarks)
+
+    def problem(self, functions: Evaluators) -> abfm.Problem:
+        specs = [[channel.spec(side) for channel in self.channels] for side in SIDES]
+        source, target = (
+            np.stack([functions.evaluate(spec, side) for spec in own], axis=1)
+            for side, own in zip(SIDES, specs, strict=True)
+        )
+        mask = functions.evaluate(self.mask) if self.mask else None
+        weights = [0.0 if self.is_of_landmarks else each.weight for each in self.channels]
+        found = None if self.initial is None else self.initial.correspondence
+        a = self.mesh if found is None else found.a
+        marks = paired(a, self.mesh, self.landmarks)
+        if found is not None:
+            return abfm.registration.prepare(
+                a,
+                self.mesh,
+                source,
+                target,
+                initial=found,
+                landmarks=marks,
+                parameters=self.parameters,
+                mask_b=mask,
+                weights=weights,
+            ).problem
+        problem = abfm.Problem(
+            self.mesh,
+            source,
+            target,
+            self.parameters,
+            mask=mask,
+            weights=weights,
+            landmarks=None if marks is None else (marks.a, marks.b),
+            landmark_weights=None if marks is None else marks.weights,
+        )
+        return problem.with_specs(*specs)
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The newest iterate of a problem, and the best one so far that is `shown`, whose ``advected``
+    is there. A new attempt of the solver starts with a larger residual than the one before.
+    """
+
+    problem: ProblemSpec
+    iteration: abfm.Iteration
+    shown: abfm.Iteration
+
+
+class _History:
+    """The numbers of all iterates of a run: one thread adds to it, others read."""
+
+    def __init__(self) -> None:
+        # total, regularity, mismatch; stage, vertices, reach, residual, sigma
+        self._rows: list[tuple[float, ...]] = []
+        self._shares: list[dict[str, float]] = []
+        self._restarts: list[int] = []
+        self._record = Memo[RunRecord]()
+
+    def begin(self) -> None:
+        """Begin with another problem."""
+        if self._rows:
+            self._restarts.append(len(self._rows))
+
+    def add(self, now: abfm.Iteration) -> None:
+        energies = now.energy, now.regularity, now.mismatch_energy
+        self._shares.append(now.shares)
+        course = now.stage, now.vertices, now.reach, now.residual, now.sigma
+        self._rows.append((*energies, *course))
+
+    def record(self, residual: float, parameters: Parameters) -> RunRecord | None:
+        """The run so far, the same object while nothing is added; None before the first iterate."""
+        rows, restarts = self._rows[:], tuple(self._restarts)
+
+        def make() -> RunRecord:
+            table = np.array(rows)
+            stages, vertices = (table[:, column].astype(np.int64) for column in (3, 4))
+            sigma = "auto" if parameters.sigma is None else f"{parameters.sigma:g}"
+            label = f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {sigma}"
+            reaches, residuals, sigmas = table[:, 5:].T
+            words = tuple(dict.fromkeys(word for row in self._shares for word in row))
+            shares = [[row.get(word, 0.0) for word in words] for row in self._shares[: len(rows)]]
+            several: dict[str, Any] = {}
+            if len(words) > 1:
+                several = {"words": words, "shares": np.array(shares)}
+            return RunRecord(
+                table[:, :3],
+                stages,
+                restarts,
+                residual,
+                label,
+                vertices,
+                reaches,
+                residuals=residuals,
+                sigmas=sigmas,
+                **several,
+            )
+
+        made_of = (len(rows), residual, parameters, restarts)
+        return self._record.get(made_of, make) if rows else None
+
+
+Then = Callable[[abfm.Match | None, RunRecord | None, ProblemSpec], object]
+"""Takes the result of a run, failed or not, its iterates, and what it solved."""
+
+
+class Matching:
+    """Matches a problem, and those that take its place, in one run.
+
+    Attributes
+    ----------
+    follow : bool
+        Whether a change of the problem during a run restarts it.
+    warm : bool
+        Whether a new run starts from the present field instead of zero.
+    running : bool
+        Whether the present run is a match.
+    problem : ProblemSpec or None
+        The newest one given.
+    snapshot : Snapshot or None
+        Of the run, may be read at any time.
+    """
+
+    def __init__(self, run: Run[Any]) -> None:
+        self.follow, self.warm, self.running = True, False, False
+        self.problem: ProblemSpec | None = None
+        self.snapshot: Snapshot | None = None
+        self._run = run
+        self._next: ProblemSpec | None = None
+        self._history = _History()
+        self._present: ProblemSpec | None = None  # of the present solve
+        self._best: Snapshot | None = None  # of that, whose field is here if the process is killed
+        self._lock = threading.Lock()
+
+    @property
+    def record(self) -> RunRecord | None:
+        if not self.running or self.snapshot is None or self.problem is None:
+            return None
+        return self._history.record(0.0, self.problem.parameters)
+
+    def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
+        """Let the process make the coarser meshes; a match begins after that."""
+        self._run.process.call(prepare, mesh, parameters)
+
+    def start(
+        self, problem: ProblemSpec, functions: Evaluators, then: Then, field: FloatArray | None
+    ) -> None:
+        """Start a run from a field; ``then`` is called when it is collected."""
+        self.running, self.snapshot = True, None
+        self.problem = self._next = self._solved = problem
+        self._found: abfm.Match | None = None
+        self._since_restart = 0
+        work, left = partial(self._solve_all, functions, field), partial(self._left, functions)
+        self._run.start(work, partial(self._end, then), left)
+
+    def follow_problem(self, problem: ProblemSpec, dragging: bool = False) -> None:
+        """Restart with a changed problem, another alpha when not dragging; end with its mesh."""
+        if not self.running or self.problem is None or problem == self.problem:
+            return
+        if problem.mesh.digest != self.problem.mesh.digest:
+            self._run.cancel()
+            return
+        refactors = problem.parameters.alpha != self.problem.parameters.alpha
+        if not self.follow or not problem.channels or (dragging and refactors):
+            return
+        with self._lock:
+            if self._run.is_wanted:
+                self.problem = self._next = problem
+                self._yield_to_next()
+
+    def unfinished(self, snapshot: Snapshot, functions: Evaluators) -> tuple[abfm.Match, RunRecord]:
+        """Return the best field of a snapshot as if the run had been cancelled there, unverified,
+        and the run's energies.
+
+        It waits, so not for the frame loop; it is kept, should the run fail. AbfmError if its field
+        is not known any more, or the run is over.
+        """
+        history, now = self._history, snapshot.shown
+        if (record := history.record(now.residual, snapshot.problem.parameters)) is None:
+            raise AbfmError("the run of that iterate is over")
+        reason = abfm.StopReason.CANCELLED
+        kind = outcome_of(now.residual, snapshot.problem.parameters.goal)
+        found = abfm.Match(
+            problem=snapshot.problem.problem(functions),
+            fine_velocity=now.velocity,
+            advected=now.advected,
+            energy_history=record.energies,
+            stages=record.stages,
+            residual=now.residual,
+            verified_residual=math.nan,
+            folded=math.nan,
+            stop_reason=reason,
+            verdict=abfm.matching.Verdict(kind, reason, ""),
+        )
+        self._keep(snapshot)
+        return found, record
+
+    def _end(self, then: Then, found: abfm.Match | None) -> None:
+        record = self.record
+        if record is not None and self.snapshot is not None:
+            ends = found.path if found else (self.snapshot.iteration,)
+            record = replace(record, residual=min(end.residual for end in ends))
+        self.running, self.snapshot, self._found, self._best = False, None, None, None
+        self._history = _History()
+        then(found, record, self._solved)
+
+    # In the run's thread
+
+    def _solve_all(self, functions: Evaluators, start: FloatArray | None) -> abfm.Match | None:
+        while (problem := self._take_next()) is not None:
+            if self._found is not None:
+                start = self._found.start_for(problem.parameters)
+            self._found = self._solve(problem, functions, start)
+            self._solved = problem
+        return self._found
+
+    def _take_next(self) -> ProblemSpec | None:
+        with self._lock:
+            problem, self._next = self._next, None
+            self._since_restart = 0
+        if problem is None or not (self._run.is_wanted or self._found is None):
+            return None
+        self._history.begin()
+        self._best, self._present = None, problem
+        return problem
+
+    def _solve(
+        self, spec: ProblemSpec, functions: Evaluators, start: FloatArray | None
+    ) -> abfm.Match:
+        problem, number = spec.problem(functions), next(_numbers)
+
+        def take(now: abfm.Iteration) -> None:
+            assert isinstance(now.look, IteratePicture)
+            now.look.fetch = partial(self._run.process.beside, fields, number, now.iteration)
+            self._post(spec, now)
+
+        def solve(problem: abfm.Problem) -> abfm.Match:
+            task = abfm.matching.MatchTask(problem)
+            return self._run.call(match, number, task, on_partial=take)
+
+        try:
+            return solve(problem.starting_from(start))
+        except ParameterError as error:
+            if start is None or not str(error).startswith("start"):
+                raise
+            return solve(problem)  # a field for other parameters may be too fast for these
+
+    def _post(self, problem: ProblemSpec, now: abfm.Iteration) -> None:
+        look, shown, before = now.look, now, self.snapshot
+        assert isinstance(look, IteratePicture)
+        if look.field is not None:  # once more, with its fields
+            self._keep(Snapshot(problem, now, now))
+            return
+        self._history.add(now)
+        if before is not None and before.problem is problem:
+            is_better = look.picture is not None and better(now, before.shown)
+            shown = now if is_better else before.shown
+        self.snapshot = Snapshot(problem, now, shown)
+        self._since_restart += 1
+        with self._lock:
+            self._yield_to_next()
+
+    def _yield_to_next(self) -> None:
+        """End this solve for the next problem, but not so soon that a drag keeps it from moving."""
+        if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
+            self._run.end_call()
+
+    def _keep(self, snapshot: Snapshot) -> None:
+        """Keep a snapshot whose field is here, unless it is of an earlier solve or a worse one."""
+        is_present, best = snapshot.problem is self._present, self._best
+        if is_present and (best is None or better(snapshot.shown, best.shown)):
+            self._best = snapshot
+
+    def _left(self, functions: Evaluators) -> abfm.Match | None:
+        """Return what a run that fails has found."""
+        for snapshot in (self.snapshot if self._since_restart else None, self._best):
+            with suppress(AbfmError, MemoryError):  # where its process was killed
+                if snapshot is not None:
+                    self._found, _ = self.unfinished(snapshot, functions)
+                    self._solved = snapshot.problem
+                    break
+        return self._found

@@ -1,0 +1,199 @@
+"""What the process that matches reports of a run, and what it keeps between two."""
+
+import gc
+import weakref
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from types import SimpleNamespace
+
+import pytest
+
+import abfm
+from abfm import AbfmError, MatchingEnergy, Parameters
+from abfm.matching import MatchTask
+from abfm_viewer.computing import iterates
+from abfm_viewer.computing.iterates import FIRST_FIELD_SECONDS, fields, match
+from tests.core.fields import bump
+from tests.messages import raises
+from tests.shapes import icosphere
+
+SPHERE = icosphere(3)
+F, G = (bump(SPHERE, SPHERE.vertices[vertex], 0.4)[:, None] for vertex in (0, 30))
+QUICK = Parameters.of(iterations=8, levels=2, refine=0)
+
+
+@pytest.fixture
+def reports(monkeypatch):
+    """What would be sent of iterates."""
+    reports = []
+    monkeypatch.setattr(iterates, "report", reports.append)
+    return reports
+
+
+@pytest.fixture
+def energies(monkeypatch):
+    """All that are made and not gone, while nothing collects cycles, as compiling leaves some."""
+    abfm.match(SPHERE, F, G, QUICK)
+    alive, usual = weakref.WeakSet(), MatchingEnergy.__init__
+
+    def init(self, *arguments, **named):
+        usual(self, *arguments, **named)
+        alive.add(self)
+
+    monkeypatch.setattr(MatchingEnergy, "__init__", init)
+    gc.collect()
+    gc.disable()
+    yield alive
+    gc.enable()
+
+
+def test_every_iterate_is_reported_and_of_an_ended_run_the_last_fields_stay_and_no_workspace(
+    reports, energies
+):
+    kept = {}
+    for run in range(1, 4):
+        problem = abfm.Problem(SPHERE, F, G, replace(QUICK, sigma=0.01 * run))
+        found = match(kept, run, MatchTask(problem))
+        assert [now.iteration for now in reports] == list(range(len(found.energy_history)))
+        assert reports[0].look.advected.shape == found.advected.shape
+        velocity, advected = fields(kept, run, 10**6)
+        assert velocity.shape == found.velocity.shape
+        assert advected.shape == found.advected.shape
+        assert not energies
+        reports.clear()
+    fields(kept, 2, 0)  # of the run before something may be shown yet
+    with raises(AbfmError):
+        fields(kept, 1, 0)
+
+
+class Task:
+    """Whose iterates are posted by a function."""
+
+    problem = SimpleNamespace(mesh=SPHERE)
+
+    def __init__(self, post):
+        self.post = post
+
+    def solve(self, monitor):
+        self.post(monitor.on_partial)
+
+
+@dataclass(eq=False)
+class Iterate:
+    """Whose picture and field take a while."""
+
+    iteration: int
+    residual: float
+    look: object = None
+    warning = None
+    picture_seconds: float = 0.0
+    field_seconds: float = 0.0
+    clock: object = None
+
+    def _take(self, seconds, what):
+        if self.clock is not None:
+            self.clock.seconds += seconds
+        return f"{what} {self.iteration}"
+
+    @property
+    def velocity(self):
+        return self._take(self.field_seconds, "field")
+
+    @property
+    def advected(self):
+        return self._take(self.picture_seconds, "picture")
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Advances when it is set."""
+    clock = SimpleNamespace(seconds=0.0, perf_counter=lambda: clock.seconds)
+    monkeypatch.setattr(iterates, "clock", clock)
+    return clock
+
+
+@pytest.mark.parametrize(("picture", "pause"), [(0.01, 0.09), (0.001, 0.05), (1.0, 0.2)])
+def test_no_picture_is_made_for_nine_times_as_long_as_one_took_within_limits(
+    picture, pause, monkeypatch, reports, clock
+):
+    monkeypatch.setattr(iterates, "FIRST_FIELD_SECONDS", 1e9)
+
+    def post(take):
+        for _ in range(3):
+            take(Iterate(0, 1.0, picture_seconds=picture, clock=clock))
+            done = clock.seconds
+            for clock.seconds in (done, done + 0.99 * pause):
+                take(Iterate(0, 1.0))
+            clock.seconds = done + 1.01 * pause
+
+    match({}, 1, Task(post))
+    assert [one.look.picture for one in reports] == 3 * ["picture 0", None, None]
+
+
+def test_the_best_field_is_known_during_a_later_attempt_and_after_the_run(reports, monkeypatch):
+    """Though only a few of the newest are."""
+    monkeypatch.setattr(iterates, "_WAIT_SECONDS_MIN", 0.0)
+    monkeypatch.setattr(iterates, "_TIMES_A_PICTURE", 0.0)
+    residuals, known = (1.4, 0.5, 0.04, 1.3, 1.2, 1.1, 1.0, 0.9, 0.8), []
+    kept = {}
+
+    def post(take):
+        for number, residual in enumerate(residuals):
+            take(Iterate(number, residual))
+            known.append(fields(kept, 1, 2)[0])
+        assert fields(kept, 1, 6)[0] == "field 6"
+        assert fields(kept, 1, 1)[0] == "field 2"  # forgotten
+
+    match(kept, 1, Task(post))
+    assert known == ["field 0", "field 1", *7 * ["field 2"]]
+    assert fields(kept, 1, 8) == ("field 2", "picture 2")
+
+
+def sent(reports):
+    """What was reported once more, with its fields."""
+    return [now for now in reports if now.look.field is not None]
+
+
+@pytest.mark.parametrize(
+    ("vertices", "seconds"), [(10_000, 0.007), (40_000, 0.033), (160_000, 0.15), (500, 2.0)]
+)
+def test_sending_fields_takes_a_fiftieth_of_the_time(clock, reports, vertices, seconds):
+    """Except for the first."""
+    task, spent, moments = Task(lambda take: follow(take)), 0.0, []
+    task.problem = SimpleNamespace(mesh=SimpleNamespace(vertices=range(vertices)))
+
+    def follow(take):
+        nonlocal spent
+        iteration = 0
+        while clock.seconds < 200:
+            clock.seconds += 0.01
+            iteration += 1
+            before = clock.seconds
+            take(Iterate(iteration, 1 / iteration, field_seconds=seconds, clock=clock))
+            if clock.seconds > before:
+                spent += seconds
+                moments.append(before)
+                assert spent <= 0.021 * clock.seconds + (seconds if seconds > 1 else 0)
+
+    match({}, 1, task)
+    assert len(moments) == len(sent(reports))
+    assert moments[0] >= FIRST_FIELD_SECONDS
+    waits = [later - sooner for sooner, later in pairwise(moments)]
+    assert all(later > sooner - 0.05 for sooner, later in pairwise(waits))
+    if seconds < 0.1:
+        assert moments[0] < FIRST_FIELD_SECONDS + 0.3
+        assert max(waits) < iterates._FIELD_WAIT_SECONDS_MAX + 0.3
+
+
+def test_the_best_field_that_moves_is_sent_once(clock, reports):
+    def post(take):
+        clock.seconds = 3 * FIRST_FIELD_SECONDS
+        for iteration, residual in enumerate((0.1, 0.2, 0.05, 0.3)):
+            take(Iterate(iteration, residual))
+            clock.seconds += 100
+
+    match({}, 1, Task(post))
+    assert [now.iteration for now in reports] == [0, 1, 2, 2, 3]  # the start is no field
+    assert [(now.look.field, now.look.picture) for now in sent(reports)] == [
+        ("field 2", "picture 2")
+    ]

@@ -1,0 +1,198 @@
+"""Runs of any work: its state, errors, control, and processes that end."""
+
+import os
+import signal
+import threading
+import time
+from functools import partial
+
+import pytest
+
+from abfm import AbfmError
+from abfm.workers import worker as worker_module
+from abfm.workers.worker import WorkerEndedError
+from abfm_viewer.computing import run as run_module
+from abfm_viewer.computing.run import Process, Run, RunState
+from tests.messages import check_message, raises
+from tests.viewer.computing import jobs
+from tests.viewer.sessions import until
+
+FOREVER = 10**9
+
+
+@pytest.fixture
+def run():
+    run = Run(Process())
+    yield run
+    run.close()
+
+
+class Started:
+    """A run that was started, its partial results and what it passes on."""
+
+    def __init__(self, run, function, *given, left=lambda: None, tries=1):
+        self.run, self.partials, self.passed_on = run, [], []
+        take = self.partials.append
+        work = partial(run.call, function, *given, on_partial=take, tries=tries)
+        run.start(work, self.passed_on.append, left)
+
+    def ended(self):
+        assert self.run.wait(30)
+        self.run.collect()
+        [result] = self.passed_on
+        return result
+
+
+def process_of(run):
+    return run.process._worker._connection.process
+
+
+def test_a_run_passes_on_its_result_once(run):
+    assert (run.running, run.paused, run.finished, run.seconds_each) == (False, False, False, None)
+    for do in (run.cancel, run.pause, run.resume, run.collect):  # nothing to do
+        do()
+    assert run.state is RunState.IDLE
+    started = Started(run, jobs.count, 30)
+    assert (run.running, run.state, run.started) == (True, RunState.RUNNING, 1)
+    assert started.ended() == 30
+    run.collect()
+    assert started.passed_on == [30]
+    assert started.partials == list(range(30))
+    assert (run.running, run.finished, run.failed, run.reason) == (False, True, False, "")
+    assert run.has_found
+    assert run.seconds_each > 0
+    run.forget()
+    assert run.state is RunState.IDLE
+
+
+def test_a_paused_run_stands_still_until_it_is_resumed_or_cancelled(run):
+    started = Started(run, jobs.count, FOREVER)
+    until(lambda: len(started.partials) > 3)
+    for _ in range(2):
+        run.pause()
+        assert (run.paused, run.running, run.seconds_each) == (True, True, None)
+        until(lambda: len(started.partials) == (time.sleep(0.1), len(started.partials))[1])
+        count = len(started.partials)
+        run.resume()
+        assert not run.paused
+        until(lambda count=count: len(started.partials) > count)
+    run.pause()
+    run.cancel()
+    assert run.state is RunState.ENDING
+    run.pause()  # it ends all the same
+    assert started.ended() == len(started.partials)
+    assert (run.finished, run.failed) == (True, False)
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_control_before_the_call_is_heeded(run, paused):
+    may_begin = threading.Event()
+
+    def work():
+        may_begin.wait(30)
+        return run.call(jobs.count, FOREVER)
+
+    run.start(work, lambda count: None)
+    if paused:
+        run.pause()
+    run.cancel()
+    may_begin.set()
+    assert run.wait(30)
+
+
+def test_a_call_may_be_ended_without_the_run(run):
+
+    def work():
+        first = run.call(jobs.count, FOREVER, on_partial=lambda _: run.end_call())
+        run.pause()
+        threading.Timer(0.1, run.resume).start()
+        return first, run.call(jobs.count, 3)
+
+    passed_on = []
+    run.start(work, passed_on.append)
+    run.wait(30)
+    run.collect()
+    [(first, second)] = passed_on
+    assert (first < FOREVER, second, run.state) == (True, 3, RunState.ENDED)
+
+
+def test_errors_are_one_line_and_leave_what_was_found(run, capsys):
+    started = Started(run, jobs.refuse, left=lambda: "found")
+    assert started.ended() == "found"
+    assert (run.failed, run.reason) == (True, "not this")
+    assert not capsys.readouterr().err
+
+    def fails():
+        raise AbfmError
+
+    def broken():
+        raise RuntimeError("boom\nand more")
+
+    passed_on = []
+    run.start(broken, passed_on.append, fails)
+    run.wait(30)
+    run.collect()
+    assert (passed_on, run.failed, run.reason) == ([None], True, "RuntimeError: boom and more")
+    assert "Traceback" in capsys.readouterr().err  # for the developer
+    assert Started(run, jobs.count, 1).ended() == 1
+    assert run.reason == ""
+
+
+def test_a_run_reports_its_step_until_it_ends_with_its_process(run):
+    started = Started(run, jobs.hold, left=lambda: "found")
+    until(lambda: run.step)
+    assert run.step.task == "holding"
+    until(lambda: process_of(run))
+    os.kill(run.process.pid, signal.SIGKILL)
+    assert started.ended() == "found"
+    assert (run.failed, run.step) == (True, None)
+    check_message(run.reason)
+    with raises(WorkerEndedError):
+        run.process.beside(jobs.pid)
+    assert Started(run, jobs.pid).ended()[0] == run.process.pid  # of another process
+
+
+@pytest.mark.parametrize("tries", [1, 2])
+def test_a_process_that_ends_is_tried_again(run, tmp_path, tries):
+    started = Started(run, jobs.pid_if, tmp_path / "file", tries=tries)
+    assert started.ended() == (run.process.pid if tries > 1 else None)
+    assert run.failed == (tries == 1)
+
+
+def test_a_process_that_does_not_start_fails_the_run(run, monkeypatch):
+    monkeypatch.setattr(worker_module, "MODULE", "abfm.workers.nothing")
+    monkeypatch.setattr(Process, "_spare", [])
+    assert Started(run, jobs.pid).ended() is None
+    assert run.failed
+
+
+def test_closing_ends_a_call_and_its_process_at_once(run):
+    Started(run, jobs.hold)
+    until(lambda: run.step)
+    process = process_of(run)
+    run.close(seconds=0)
+    assert process.has_ended
+    assert run._working.exception(10) is None
+    with raises(WorkerEndedError):
+        run.process.call(jobs.pid)
+
+
+def test_a_process_that_is_idle_is_left_to_the_next(monkeypatch):
+    """At most two are."""
+    monkeypatch.setattr(Process, "_spare", [])
+    pids = []
+    for _ in range(2):
+        run = Run(Process())
+        pids.append(Started(run, jobs.pid).ended())
+        run.close()
+        Process().close()  # which has had none
+    assert pids == [(pids[0][0], 1), (pids[0][0], 2)]
+    several = [Process() for _ in range(run_module._SPARES_MAX + 1)]
+    for process in several:
+        process.solve(jobs.pid)
+    workers = [process._worker for process in several]
+    for process in several:
+        process.close()
+    assert Process._spare == workers[:-1]
+    for worker in workers:
+        worker.close()
