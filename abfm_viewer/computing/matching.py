@@ -95,53 +95,46 @@ class _History:
     """The numbers of all iterates of a run: one thread adds to it, others read."""
 
     def __init__(self) -> None:
-        # total, regularity, mismatch; stage, vertices, reach, residual, sigma
-        self._rows: list[tuple[float, ...]] = []
-        self._shares: list[dict[str, float]] = []
+        self._iterates: list[abfm.Iteration] = []  # without fields
         self._restarts: list[int] = []
         self._record = Memo[RunRecord]()
 
     def begin(self) -> None:
         """Begin with another problem."""
-        if self._rows:
-            self._restarts.append(len(self._rows))
+        if self._iterates:
+            self._restarts.append(len(self._iterates))
 
     def add(self, now: abfm.Iteration) -> None:
-        energies = now.energy, now.regularity, now.mismatch_energy
-        self._shares.append(now.shares)
-        course = now.stage, now.vertices, now.reach, now.residual, now.sigma
-        self._rows.append((*energies, *course))
+        self._iterates.append(replace(now, look=IteratePicture(None), path=()))
 
     def record(self, residual: float, parameters: Parameters) -> RunRecord | None:
         """The run so far, the same object while nothing is added; None before the first iterate."""
-        rows, restarts = self._rows[:], tuple(self._restarts)
+        iterates, restarts = self._iterates[:], tuple(self._restarts)
+
+        def column(name: str, kind: type = np.float64) -> Any:
+            return np.array([getattr(each, name) for each in iterates], dtype=kind)
 
         def make() -> RunRecord:
-            table = np.array(rows)
-            stages, vertices = (table[:, column].astype(np.int64) for column in (3, 4))
             sigma = "auto" if parameters.sigma is None else f"{parameters.sigma:g}"
-            label = f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {sigma}"
-            reaches, residuals, sigmas = table[:, 5:].T
-            words = tuple(dict.fromkeys(word for row in self._shares for word in row))
-            shares = [[row.get(word, 0.0) for word in words] for row in self._shares[: len(rows)]]
-            several: dict[str, Any] = {}
-            if len(words) > 1:
-                several = {"words": words, "shares": np.array(shares)}
+            words = tuple(dict.fromkeys(word for each in iterates for word in each.shares))
+            shares = [[each.shares.get(word, 0.0) for word in words] for each in iterates]
+            energies = map(column, ("energy", "regularity", "mismatch_energy"))
             return RunRecord(
-                table[:, :3],
-                stages,
+                np.stack([*energies], axis=1),
+                column("stage", np.int64),
                 restarts,
                 residual,
-                label,
-                vertices,
-                reaches,
-                residuals=residuals,
-                sigmas=sigmas,
-                **several,
+                f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {sigma}",
+                column("vertices", np.int64),
+                column("reach"),
+                words if len(words) > 1 else (),
+                np.array(shares)[:, : len(words) if len(words) > 1 else 0],
+                column("residual"),
+                column("sigma"),
             )
 
-        made_of = (len(rows), residual, parameters, restarts)
-        return self._record.get(made_of, make) if rows else None
+        made_of = (len(iterates), residual, parameters, restarts)
+        return self._record.get(made_of, make) if iterates else None
 
 
 Then = Callable[[abfm.Match | None, RunRecord | None, ProblemSpec], object]
@@ -149,38 +142,26 @@ Then = Callable[[abfm.Match | None, RunRecord | None, ProblemSpec], object]
 
 
 class Matching:
-    """Matches a problem, and those that take its place, in one run.
-
-    Attributes
-    ----------
-    follow : bool
-        Whether a change of the problem during a run restarts it.
-    warm : bool
-        Whether a new run starts from the present field instead of zero.
-    running : bool
-        Whether the present run is a match.
-    problem : ProblemSpec or None
-        The newest one given.
-    snapshot : Snapshot or None
-        Of the run, may be read at any time.
-    """
+    """Matches a problem, and those that take its place, in one run."""
 
     def __init__(self, run: Run[Any]) -> None:
-        self.follow, self.warm, self.running = True, False, False
-        self.problem: ProblemSpec | None = None
-        self.snapshot: Snapshot | None = None
+        self.follow = True  # whether a change of the problem during a run restarts it
+        self.warm = False  # whether a new run starts from the present field instead of zero
+        self.running = False  # whether the present run is a match
+        self.problem: ProblemSpec | None = None  # the newest one given
+        self.snapshot: Snapshot | None = None  # may be read at any time
         self._run = run
-        self._next: ProblemSpec | None = None
         self._history = _History()
+        self._next: ProblemSpec | None = None
         self._present: ProblemSpec | None = None  # of the present solve
         self._best: Snapshot | None = None  # of that, whose field is here if the process is killed
         self._lock = threading.Lock()
 
     @property
     def record(self) -> RunRecord | None:
-        if not self.running or self.snapshot is None or self.problem is None:
-            return None
-        return self._history.record(0.0, self.problem.parameters)
+        """The numbers of the run so far."""
+        known = self.running and self.problem
+        return self._history.record(0.0, known.parameters) if known else None
 
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
         """Let the process make the coarser meshes; a match begins after that."""
@@ -241,9 +222,9 @@ class Matching:
 
     def _end(self, then: Then, found: abfm.Match | None) -> None:
         record = self.record
-        if record is not None and self.snapshot is not None:
-            ends = found.path if found else (self.snapshot.iteration,)
-            record = replace(record, residual=min(end.residual for end in ends))
+        if record is not None:
+            ends = [step.residual for step in found.path] if found else record.residuals[-1:]
+            record = replace(record, residual=float(min(ends)))
         self.running, self.snapshot, self._found, self._best = False, None, None, None
         self._history = _History()
         then(found, record, self._solved)
@@ -251,22 +232,17 @@ class Matching:
     # In the run's thread
 
     def _solve_all(self, functions: Evaluators, start: FloatArray | None) -> abfm.Match | None:
-        while (problem := self._take_next()) is not None:
+        while True:
+            with self._lock:
+                problem, self._next, self._since_restart = self._next, None, 0
+            if problem is None or not (self._run.is_wanted or self._found is None):
+                return self._found
+            self._history.begin()
+            self._best, self._present = None, problem
             if self._found is not None:
                 start = self._found.start_for(problem.parameters)
             self._found = self._solve(problem, functions, start)
             self._solved = problem
-        return self._found
-
-    def _take_next(self) -> ProblemSpec | None:
-        with self._lock:
-            problem, self._next = self._next, None
-            self._since_restart = 0
-        if problem is None or not (self._run.is_wanted or self._found is None):
-            return None
-        self._history.begin()
-        self._best, self._present = None, problem
-        return problem
 
     def _solve(
         self, spec: ProblemSpec, functions: Evaluators, start: FloatArray | None

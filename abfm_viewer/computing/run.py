@@ -53,12 +53,11 @@ class Process:
 
     def call(self, function: Callable[..., Value], *given: Any) -> Call[Value]:
         """Call a function after those called before, and do not wait for it."""
-        with self._lock:
-            if self._is_closed:
-                raise WorkerEndedError(_ENDED_MESSAGE)
-            if self._worker is None:
-                self._worker = self._spare.pop() if self._spare else Worker(dict, _ENDED_MESSAGE)
-            return self._worker.call(function, *given)
+        return self._started().call(function, *given)
+
+    def beside(self, function: Callable[..., Value], *given: Any) -> Value:
+        """Return what a short function returns that is called at once, whatever is computed."""
+        return self._started().beside(function, *given).result()
 
     def solve(
         self,
@@ -67,30 +66,14 @@ class Process:
         on_partial: Callable[[Any], object] = ignore,
         tries: int = 1,
     ) -> Value:
-        """Return what a function returns, which is called again if the process ends;
-        WorkerEndedError if it ended each time.
+        """Return what a function returns. If the process ends, it is called again, up to so many
+        times; WorkerEndedError if it ended each time.
         """
         self._unanswered += 1
-        while True:
-            tries -= 1
-            try:
-                found = self.call(function, *given).result(on_partial)
-            except WorkerEndedError:
-                if not tries:
-                    raise
-            else:
-                self._unanswered -= 1
-                return found
-
-    def beside(self, function: Callable[..., Value], *given: Any) -> Value:
-        """Return what a short function returns that is called at once, whatever is computed."""
-        if self._worker is None:
-            raise WorkerEndedError(_ENDED_MESSAGE)
-        return self._worker.beside(function, *given).result()
-
-    @property
-    def pid(self) -> int | None:
-        return self._worker.pid if self._worker else None
+        for _ in range(1, tries):
+            with suppress(WorkerEndedError):
+                return self._answered(self.call(function, *given).result(on_partial))
+        return self._answered(self.call(function, *given).result(on_partial))
 
     def close(self) -> None:
         """Take no more calls; one that is under way is ended at once."""
@@ -101,31 +84,32 @@ class Process:
         elif worker:
             self._spare.append(worker)
 
+    def _started(self) -> Worker[Kept]:
+        with self._lock:
+            if self._is_closed:
+                raise WorkerEndedError(_ENDED_MESSAGE)
+            if self._worker is None:
+                self._worker = self._spare.pop() if self._spare else Worker(dict, _ENDED_MESSAGE)
+            return self._worker
+
+    def _answered(self, value: Value) -> Value:
+        self._unanswered -= 1
+        return value
+
 
 RunState = Enum("RunState", "IDLE RUNNING PAUSED ENDING ENDED FAILED")
 """A run that is cancelled is ENDING, and has ENDED or FAILED when it is collected."""
 
 
 class Run(Generic[Result]):
-    """At most one run at a time: work in a thread, which calls functions in a process.
-
-    Attributes
-    ----------
-    reason : str
-        Why the last run failed, in one line.
-    step : Step or None
-        What is done at present, except another iteration.
-    started : int
-        How many runs there were.
-    has_found : bool
-        Whether there were partial results, or there may be some of an earlier run.
-    """
+    """At most one run at a time: work in a thread, which calls functions in a process."""
 
     def __init__(self, process: Process) -> None:
         self.process = process
-        self.state, self.reason = RunState.IDLE, ""
-        self.step: Step | None = None
-        self.started, self.has_found = 0, False
+        self.state, self.reason = RunState.IDLE, ""  # why the last run failed, in one line
+        self.step: Step | None = None  # what is done at present, except another iteration
+        self.started = 0  # how many runs there were
+        self.has_found = False  # whether there were partial results, or may be earlier ones
         self._lock = threading.Lock()
         self._under_way = threading.Event()
         self._recent: deque[float] = deque(maxlen=_RECENT_PARTIALS)  # when they came
@@ -165,18 +149,8 @@ class Run(Generic[Result]):
         left: Callable[[], Result | None] = lambda: None,
         resumes: bool = False,
     ) -> None:
-        """Start work in a thread, which uses `call`.
-
-        Parameters
-        ----------
-        work : callable
-            Returns the result, also if the run is cancelled meanwhile.
-        then : callable
-            Called by `collect` with the result.
-        left : callable
-            Called in the thread after an error; what it returns takes the place of the result.
-        resumes : bool
-            Whether the work begins with what an earlier run has found.
+        """Start work in a thread, which uses `call`, perhaps from what an earlier run has found.
+        `collect` passes its result to ``then``, or what is ``left`` after an error.
         """
         self.state, self.reason, self.step = RunState.RUNNING, "", None
         self.started, self.has_found = self.started + 1, resumes
@@ -188,16 +162,16 @@ class Run(Generic[Result]):
         self._under_way.wait(_HEAD_START)
 
     def pause(self) -> None:
-        with self._lock:
-            if self.state is RunState.RUNNING:
-                self.state = RunState.PAUSED
-                self._control.pause()
+        self._hold(RunState.RUNNING, RunState.PAUSED)
 
     def resume(self) -> None:
+        self._hold(RunState.PAUSED, RunState.RUNNING)
+
+    def _hold(self, before: RunState, after: RunState) -> None:
         with self._lock:
-            if self.state is RunState.PAUSED:
-                self.state = RunState.RUNNING
-                self._control.resume()
+            if self.state is before:
+                self.state = after
+                self._control.hold(self.paused)
 
     def cancel(self, briefly: bool = False) -> None:
         """Request what was found so far, unchecked if ``briefly``; returns at once."""
@@ -239,9 +213,7 @@ class Run(Generic[Result]):
         on_partial: Callable[[Any], object] = ignore,
         tries: int = 1,
     ) -> Value:
-        """Return what a function returns in the process, see `Process.solve`; it is paused and
-        cancelled with the run.
-        """
+        """Return what `Process.solve` returns; it is paused and cancelled with the run."""
 
         def take(partial: Any) -> None:
             self._under_way.set()

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 import abfm
-from abfm import AbfmError, Parameters, TriangleMesh
+from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
-from abfm.workers.control import CancelledError, Control, controlled
+from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.computing.run import Process
@@ -173,7 +171,7 @@ class InitialMaps:
         asked: Asked,
     ) -> PreparedMap:
         source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
-        with controlled(control), _told():
+        with controlled(control):
             initial = self._map(maps, way, given)
             found = abfm.registration.prepare(
                 way.a,
@@ -221,14 +219,6 @@ class InitialMaps:
             return self._process.solve(_found, word, about, tries=2)
 
         return maps.get((way.a, way.b, word, *asked), find)
-
-
-@contextmanager
-def _told() -> Iterator[None]:
-    try:
-        yield
-    except CancelledError:
-        raise AbfmError("another initial map is wanted now") from None
 
 
 def _found(_: object, word: str | None, given: MapInput) -> Initial:

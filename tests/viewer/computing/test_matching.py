@@ -3,8 +3,7 @@
 import itertools
 import os
 import signal
-from dataclasses import replace
-from types import SimpleNamespace
+from dataclasses import MISSING, fields, replace
 
 import numpy as np
 import pytest
@@ -50,8 +49,8 @@ class Matched(Matching):
         return self.ended()
 
     def killed(self):
-        until(lambda: self.run.process.pid)
-        os.kill(self.run.process.pid, signal.SIGKILL)
+        until(lambda: self.run.process._worker.pid)
+        os.kill(self.run.process._worker.pid, signal.SIGKILL)
         left = self.ended()
         assert self.run.failed
         return left
@@ -304,6 +303,14 @@ def test_a_run_that_is_killed_after_a_change_leaves_what_was_found_since_or_befo
     assert result.velocity.any()
 
 
+def iterate(**given):
+    """An iterate with what is given."""
+    names = (field.name for field in fields(abfm.Iteration) if field.default is MISSING)
+    numbers = {"energy": 6.0, "regularity": 1.0, "mismatch_energy": 5.0, "residual": 0.4}
+    known = dict.fromkeys(names, 0) | numbers | {"sigma": 0.1, "shares": {}}
+    return abfm.Iteration(**(known | given))
+
+
 def test_a_new_attempt_replaces_no_better_field(matching):
     """On the screen, in copies and where the process is killed: the best one so far stays."""
     matching._next, matching._since_restart = None, 0
@@ -311,12 +318,8 @@ def test_a_new_attempt_replaces_no_better_field(matching):
     matching._present = first
 
     def post(number, residual, picture="picture", of=first, field=None):
-        rest = dict.fromkeys(
-            ("energy", "regularity", "mismatch_energy", "stage", "reach", "sigma"), 0.0
-        )
-        now = SimpleNamespace(iteration=number, residual=residual, vertices=1, shares={}, **rest)
-        now.look = IteratePicture(None, picture, field)
-        matching._post(of, now)
+        look = IteratePicture(None, picture, field)
+        matching._post(of, iterate(iteration=number, residual=residual, look=look))
         return matching.snapshot.iteration.iteration, matching.snapshot.shown.iteration
 
     assert post(0, 1.4) == (0, 0)
@@ -337,14 +340,10 @@ def test_a_new_attempt_replaces_no_better_field(matching):
 
 def test_a_run_of_several_terms_has_a_curve_for_each():
     history = _History()
-    now = SimpleNamespace(energy=6.0, regularity=1.0, mismatch_energy=5.0, residual=0.4)
-    now.stage, now.vertices, now.reach, now.sigma = 0, 10, 0.0, 0.1
-    now.shares = {"closeness": 5.0}
-    history.add(now)
+    history.add(iterate(shares={"closeness": 5.0}))
     assert list(history.record(0.1, QUICK).curves) == ["energy", "smoothness", "closeness"]
     history.begin()  # landmarks are set while it runs
-    now.shares = {"closeness": 3.0, "landmarks": 2.0}
-    history.add(now)
+    history.add(iterate(shares={"closeness": 3.0, "landmarks": 2.0}))
     curves = history.record(0.1, QUICK).curves
     assert {name: list(values) for name, values in curves.items()} == {
         "energy": [6, 6],

@@ -143,19 +143,19 @@ def test_a_run_reports_its_step_until_it_ends_with_its_process(run):
     until(lambda: run.step)
     assert run.step.task == "holding"
     until(lambda: process_of(run))
-    os.kill(run.process.pid, signal.SIGKILL)
+    os.kill(run.process._worker.pid, signal.SIGKILL)
     assert started.ended() == "found"
     assert (run.failed, run.step) == (True, None)
     check_message(run.reason)
     with raises(WorkerEndedError):
         run.process.beside(jobs.pid)
-    assert Started(run, jobs.pid).ended()[0] == run.process.pid  # of another process
+    assert Started(run, jobs.pid).ended()[0] == run.process._worker.pid  # of another process
 
 
 @pytest.mark.parametrize("tries", [1, 2])
 def test_a_process_that_ends_is_tried_again(run, tmp_path, tries):
     started = Started(run, jobs.pid_if, tmp_path / "file", tries=tries)
-    assert started.ended() == (run.process.pid if tries > 1 else None)
+    assert started.ended() == (run.process._worker.pid if tries > 1 else None)
     assert run.failed == (tries == 1)
 
 

@@ -63,6 +63,7 @@ RESULT = match(SPHERE, XY, YX, SHORT, mask=X**2, weights=[1, 0.5])
 RESULT = replace(RESULT, path=(), step=0)  # files have others' fields in single precision
 COURSE = np.array([12, 42]), np.array([0.5, 0.0])
 CANCELLED = Verdict(Outcome.NOT_REACHED, "cancelled", "")
+ITERATES = {"residuals": np.array([0.7, 0.5]), "sigmas": np.array([0.2, 0.1])}
 TERMS = ("closeness", "landmarks"), np.array([[2.0, 1.0], [1.0, 0.0]])
 PLAIN = Problem(SPHERE, RESULT.source, RESULT.target, RESULT.parameters)
 DOCUMENT = MatchDocument(
@@ -82,9 +83,7 @@ DOCUMENT = MatchDocument(
         RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "on two meshes", *COURSE),
         RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "of two terms", *COURSE, *TERMS),
         RunRecord(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), (), 1.0, "cancelled at once"),
-        RunRecord(
-            np.ones((2, 3)), np.array([0, 1]), (), 0.5, "left", residuals=np.array([0.7, 0.5])
-        ),
+        RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "left", **ITERATES),
     ),
     time=1 / 3,
     lines=(Point(3, (0.25, 0.25, 0.5)), Point(79, (1.0, 0.0, 0.0))),

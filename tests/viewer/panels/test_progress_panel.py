@@ -1,7 +1,6 @@
 """What the window says of long work: the solver's steps, and what is computed in the background."""
 
 import threading
-from dataclasses import replace
 
 import pytest
 
@@ -12,7 +11,7 @@ from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.run import Run
 from abfm_viewer.session.loading import Load
-from tests.viewer.sessions import ENDLESS, SPHERE, opened, solving, until
+from tests.viewer.sessions import SPHERE, opened, until
 
 
 def test_a_job_tells_what_it_does_until_it_is_done():
@@ -60,14 +59,6 @@ def test_a_run_tells_its_steps_though_it_runs_elsewhere(monkeypatch):
     assert any(task.startswith("factoring a system") for task in told)
     assert told[-1] == "checking by flow lines"
     assert session.solver.step is None
-    session.close()
-
-
-def test_a_run_reports_seconds_unless_it_is_paused():
-    session = solving(opened(replace(ENDLESS)))
-    assert session.solver.seconds_each > 0
-    session.solver.pause()
-    assert session.solver.seconds_each is None
     session.close()
 
 

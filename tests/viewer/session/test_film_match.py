@@ -73,20 +73,13 @@ def kept(folder):
 def kill(match, folder, last=None):
     """Kill the process of a match, another one than the last, once it has kept a field more."""
     before = kept(folder)
-    until(lambda: match.run.process.pid not in (None, last) and kept(folder) > before)
-    os.kill(pid := match.run.process.pid, signal.SIGKILL)
+    until(lambda: kept(folder) > before and match.run.process._worker.pid not in (None, last))
+    os.kill(pid := match.run.process._worker.pid, signal.SIGKILL)
     return pid
 
 
-def test_a_run_goes_on_where_its_process_ended(match, whole, tmp_path):
-    match.begin(DOCUMENT)
-    kill(match, tmp_path)
-    found = match.ended()
-    np.testing.assert_array_equal(found.velocity, whole.velocity)
-    assert found.confirmed == whole.confirmed == 23
-
-
 def test_what_a_run_found_that_failed_is_there_for_the_next_one(match, whole, tmp_path):
+    """A process that is killed is started again, and resumes, twice."""
     match.begin(DOCUMENT)
     last = None
     for _ in range(3):
@@ -99,7 +92,9 @@ def test_what_a_run_found_that_failed_is_there_for_the_next_one(match, whole, tm
     match.begin(DOCUMENT)
     until(lambda: match.found(DOCUMENT) >= 3)
     assert match.fast(DOCUMENT) > 0
-    np.testing.assert_array_equal(match.ended().velocity, whole.velocity)
+    found = match.ended()
+    np.testing.assert_array_equal(found.velocity, whole.velocity)
+    assert found.confirmed == whole.confirmed == 23
     other = replace(DOCUMENT, settings=FilmSettings(sigma=0.3))
     match.begin(other)
     assert match.found(other) == 0
@@ -109,7 +104,7 @@ def test_what_a_run_found_that_failed_is_there_for_the_next_one(match, whole, tm
 
 def test_what_was_found_is_told_without_going_on(match, whole, tmp_path):
     match.begin(DOCUMENT)
-    kill(match, tmp_path)
+    until(lambda: kept(tmp_path))
     match.run.cancel()
     match.ended()
     count = kept(tmp_path)
