@@ -171,6 +171,7 @@ class Run(Generic[Result]):
         with self._lock:
             if self.state is before:
                 self.state = after
+                self._recent.clear()  # the time of a pause is no iteration's
                 self._control.hold(self.paused)
 
     def cancel(self, briefly: bool = False) -> None:

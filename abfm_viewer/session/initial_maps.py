@@ -102,10 +102,9 @@ class InitialMaps:
             return self._of_result.get(of_result, lambda: PreparedMap(*of_result))
         given = self._given(document)
         a, b = (surface.mesh for surface in document.surfaces)
-        if given is None:
-            about = (a, b), document.initial
-            return self._prepared.value if self._is_about(about) else None
         wanted = (a, b), document.initial
+        if given is None:
+            return self._prepared.value if self._is_about(wanted) else None
         if not same(wanted, self._wanted):
             self._wanted = wanted
             self._control.cancel()

@@ -186,6 +186,8 @@ class Session(Parts):
 
     def _go_to(self, document: Document, origin: Origin | None, saved: bool) -> None:
         self.cancel()
+        if not self.running:
+            self.solver.forget()
         self.film_match.pair = None
         self.saves.leave(self.document)
         self.player.playing = False
@@ -332,7 +334,7 @@ class Session(Parts):
 
     def _keep_what_is_needed(self) -> None:
         """Keep of other documents only what undo, unsaved work and a run that ends still need."""
-        run = self._run.began if self.solver.running else self.document
+        run = self._run.began if self.matching.running else self.document
         now = (self.document.identity, run.identity, self.editor.moves)
         if now == self._needed:
             return

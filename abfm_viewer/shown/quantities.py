@@ -289,7 +289,7 @@ class FieldQuantities(Jobs):
         earlier one; None before any.
         """
         field, view = self.field(), self._session.view
-        if field is None or self._session.solver.running:
+        if field is None or self._session.matching.running:
             return None
         about, streaks = self._streaks_of(field, view.fade, view.animate)
         if streaks is None:
