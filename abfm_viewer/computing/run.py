@@ -69,7 +69,8 @@ class Process:
         """Return what a function returns. If the process ends, it is called again, up to so many
         times; WorkerEndedError if it ended each time.
         """
-        self._unanswered += 1
+        with self._lock:
+            self._unanswered += 1
         for _ in range(1, tries):
             with suppress(WorkerEndedError):
                 return self._answered(self.call(function, *given).result(on_partial))
@@ -93,7 +94,8 @@ class Process:
             return self._worker
 
     def _answered(self, value: Value) -> Value:
-        self._unanswered -= 1
+        with self._lock:
+            self._unanswered -= 1
         return value
 
 
