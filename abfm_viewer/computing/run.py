@@ -48,7 +48,6 @@ class Process:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._worker: Worker[Kept] | None = None
-        self._unanswered = 0  # calls that returned no value
         self._is_closed = False
 
     def call(self, function: Callable[..., Value], *given: Any) -> Call[Value]:
@@ -69,21 +68,19 @@ class Process:
         """Return what a function returns. If the process ends, it is called again, up to so many
         times; WorkerEndedError if it ended each time.
         """
-        with self._lock:
-            self._unanswered += 1
         for _ in range(1, tries):
             with suppress(WorkerEndedError):
-                return self._answered(self.call(function, *given).result(on_partial))
-        return self._answered(self.call(function, *given).result(on_partial))
+                return self.call(function, *given).result(on_partial)
+        return self.call(function, *given).result(on_partial)
 
     def close(self) -> None:
         """Take no more calls; one that is under way is ended at once."""
         with self._lock:
             worker, self._worker, self._is_closed = self._worker, None, True
-        if worker and (self._unanswered or len(self._spare) >= _SPARES_MAX):
-            worker.close()
-        elif worker:
+        if worker and worker.is_idle and len(self._spare) < _SPARES_MAX:
             self._spare.append(worker)
+        elif worker:
+            worker.close()
 
     def _started(self) -> Worker[Kept]:
         with self._lock:
@@ -92,12 +89,6 @@ class Process:
             if self._worker is None:
                 self._worker = self._spare.pop() if self._spare else Worker(dict, _ENDED_MESSAGE)
             return self._worker
-
-    def _answered(self, value: Value) -> Value:
-        with self._lock:
-            self._unanswered -= 1
-        return value
-
 
 RunState = Enum("RunState", "IDLE RUNNING PAUSED ENDING ENDED FAILED")
 """A run that is cancelled is ENDING, and has ENDED or FAILED when it is collected."""

@@ -289,8 +289,9 @@ class Session(Parts):
         self.work.start(goes_on)
 
     def recover_film(self) -> None:
-        """Show what an earlier run of the film has found."""
-        self._film.recover()
+        """Show what an earlier run of the film has found, unless a run is under way."""
+        if not self.running:
+            self._film.recover()
 
     def remedy(self, remedy: abfm.matching.Remedy) -> None:
         """Do what a verdict proposes: change the parameters, and start a run.

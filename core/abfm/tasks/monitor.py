@@ -33,7 +33,7 @@ class Monitor:
         Where the result will be: a long task keeps what it has found in a file next to it, and
         resumes from there.
     resumes_only : bool
-        Whether the task returns what its checkpoint holds, and solves nothing.
+        Whether a task with a checkpoint returns what that holds, and solves nothing.
     checkpoints : list of Path
         The checkpoint files of the task, which the caller removes once the result is saved.
     """

@@ -150,6 +150,11 @@ class Worker(Generic[State]):
         return self._connection.call(function, given, True)
 
     @property
+    def is_idle(self) -> bool:
+        """Whether nobody waits for an answer."""
+        return self._connection is None or not self._connection.is_awaited
+
+    @property
     def pid(self) -> int | None:
         """The process's number; None before it starts."""
         connection = self._connection
@@ -196,6 +201,10 @@ class _Connection:
             self._send(Request(call.number, parcel, is_aside))
         self._send_orders()
         return call
+
+    @property
+    def is_awaited(self) -> bool:
+        return bool(self._calls)
 
     def send_soon(self, order: Order) -> None:
         """Send an order, or let the thread do it that is sending a request: without waiting."""

@@ -101,19 +101,27 @@ def test_a_control_before_the_call_is_heeded(run, paused):
 
 
 def test_a_call_may_be_ended_without_the_run(run):
+    """The next one is paused with the run."""
+    partials, passed_on = [], []
 
     def work():
         first = run.call(jobs.count, FOREVER, on_partial=lambda _: run.end_call())
         run.pause()
-        threading.Timer(0.1, run.resume).start()
-        return first, run.call(jobs.count, 3)
+        return first, run.call(jobs.count, FOREVER, on_partial=partials.append)
 
-    passed_on = []
     run.start(work, passed_on.append)
+    until(lambda: run.paused)
+    time.sleep(0.3)  # in which the next call begins
+    count = len(partials)
+    time.sleep(0.1)
+    assert len(partials) == count
+    run.resume()
+    until(lambda: len(partials) > 100)
+    run.cancel()
     run.wait(30)
     run.collect()
     [(first, second)] = passed_on
-    assert (first < FOREVER, second, run.state) == (True, 3, RunState.ENDED)
+    assert (first < FOREVER, second, run.state) == (True, len(partials), RunState.ENDED)
 
 
 def test_errors_are_one_line_and_leave_what_was_found(run, capsys):
