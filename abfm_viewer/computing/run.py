@@ -90,6 +90,7 @@ class Process:
                 self._worker = self._spare.pop() if self._spare else Worker(dict, _ENDED_MESSAGE)
             return self._worker
 
+
 RunState = Enum("RunState", "IDLE RUNNING PAUSED ENDING ENDED FAILED")
 """A run that is cancelled is ENDING, and has ENDED or FAILED when it is collected."""
 
