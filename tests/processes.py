@@ -32,6 +32,11 @@ def argv(*words):
     return [*map(str, words)]
 
 
+def words_of(line, **places):
+    """Return the words of a command line; names in braces are paths, which may have blanks."""
+    return [word.format(**places) for word in line.split()]
+
+
 @contextmanager
 def refused_soon():
     """Fail, instead of working on, if a command that must be refused is accepted."""

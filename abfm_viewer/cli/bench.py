@@ -9,10 +9,9 @@ from pathlib import Path
 
 from abfm import Control, TriangleMesh
 from abfm.errors import brief
-from abfm_viewer.cli.batches.running import add_workers, cluster_of
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupts import Interrupt, cancelled_by_signals
-from abfm_viewer.cli.options import adder, count, positive, seed
+from abfm_viewer.cli.options import add_workers, adder, cluster_of, count, positive, seed
 from abfm_viewer.files import outputs
 
 _WORKERS = ("jobs", "scheduler", "scheduler_file")

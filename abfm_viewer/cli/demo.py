@@ -11,8 +11,8 @@ from abfm.errors import printable
 from abfm.functions import function
 from abfm.matching.task import MatchTask
 from abfm_viewer import pictures
-from abfm_viewer.cli.exit_status import UNMATCHED_STATUS
-from abfm_viewer.cli.options import adder
+from abfm_viewer.cli.exit_status import UNMATCHED_STATUS, print_note
+from abfm_viewer.cli.options import add_report, adder
 from abfm_viewer.cli.solve import Outputs, solve
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
@@ -43,8 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
     out = Path("out")
     add("--out", "folder, made if missing (default: out)", "DIR", type=Path, default=out)
-    add("--json", "print one JSON object about the result")
-    add("--quiet", "no progress")
+    add_report(add)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -82,6 +81,6 @@ def _draw(match: Match, picture: Path, movie: Path) -> bool:
             frames = renderer.frames(0.0, match.parameters.tau, _FRAMES, 0.0)
             pictures.write_movie(movie, frames, _FPS, _FRAMES)
     except DrawingError as error:
-        print(f"note: no picture and no movie: {error}", file=sys.stderr)
+        print_note(f"no picture and no movie: {error}")
         return False
     return True

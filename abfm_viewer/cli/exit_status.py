@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import Any, TextIO, cast
 
 from abfm import AbfmError
-from abfm.errors import MESSAGE_LENGTH_MAX, AbfmWarning, one_line
+from abfm.errors import MESSAGE_LENGTH_MAX, AbfmWarning, one_line, printable
 from abfm.io import remove_temporary
 from abfm.workers import process
 from abfm_viewer import signals
@@ -46,8 +46,18 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
         return BAD_INPUT_STATUS
 
 
+def print_note(text: str, kind: str = "note") -> None:
+    """Print a note, or a warning, to stderr in one line."""
+    print_line(printable(f"{kind}: {text}"))
+
+
+def print_line(text: str) -> None:
+    """Print a line to stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
 def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"warning: {one_line(message, MESSAGE_LENGTH_MAX)}", file=sys.stderr)
+    print_note(one_line(message, MESSAGE_LENGTH_MAX), "warning")
 
 
 def program_status(program: str, run: Callable[[], int]) -> int:

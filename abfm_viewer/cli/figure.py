@@ -19,8 +19,8 @@ from abfm.experiments import Findings, Measure, Script, Sought
 from abfm.parameters import FIGURES, TITLES
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
-from abfm_viewer.cli.batches.running import add_workers, solved
-from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.batch import solved
+from abfm_viewer.cli.exit_status import UsageError, print_line, print_note
 from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--up", "axis that points upwards (default: y for a --mesh)", choices=("x", "y", "z"))
     add("--json", "print one JSON object with everything that was measured")
     add("--quiet", "no progress")
-    add_workers(parser)
+    options.add_workers(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -173,7 +173,7 @@ def _match_by_batch(figures: Sequence[_Figure], arguments: argparse.Namespace) -
         came = list(islice(known, len(own)))
         figure.matched = partial(experiments.matches_of, entries=came)
     if status is not None:
-        print("run the same again to go on: what is done is kept", file=sys.stderr)
+        print_line("run the same command to resume, finished rows are kept")
     return status
 
 
@@ -217,5 +217,5 @@ def _print(entry: FigureEntry) -> None:
             line += f"  [{_WORDS[measure.reproduces]}: {measure.claim}]"
         print(line)
     for note in (*entry.notes, *filter(None, [entry.problem])):
-        print(f"note: figure {entry.number}: {note}", file=sys.stderr)
+        print_note(f"figure {entry.number}: {note}")
     sys.stdout.flush()

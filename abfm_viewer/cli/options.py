@@ -4,20 +4,22 @@ import argparse
 import math
 import re
 import shlex
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
-from abfm import Match, TriangleMesh, load_mesh
+from abfm import TriangleMesh, load_mesh
+from abfm.batch.cluster import Cluster
 from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
 from abfm.mesh.options import MERGE, MeshOptions
 from abfm.parameters import FIELDS, MAIN_FIELDS, option
 from abfm.tasks.inputs import MESH_FORMATS, MESH_INPUTS, Input, by_name
 from abfm.tasks.inputs import mesh_options as options_in
-from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.exit_status import UsageError, print_note
 
+OUTPUT = "output"
+"""Heading of options about files."""
 _DISTANCE = re.compile(r"auto|[-+.\d][-+.\de]*", re.IGNORECASE)
 
 
@@ -70,6 +72,43 @@ def add_up(add: Callable[..., None]) -> None:
     """Declare the axis that points upwards on pictures and pages."""
     about = "axis that points upwards on pictures and pages (default: z, seen from the side, for a"
     add("--up", f"{about} cortex of known hemisphere; otherwise y)", choices=("x", "y", "z"))
+
+
+def add_folder(parser: argparse.ArgumentParser, is_required: bool = False) -> None:
+    """Declare the folder of many results, and what is reported of them."""
+    add = adder(parser.add_argument_group(OUTPUT))
+    about = "folder for results: made if it is not there"
+    add("--out", about, "DIR", type=folder, required=is_required)
+    add_up(add)
+    add("--no-pictures", "a page without pictures")
+    add_report(add)
+
+
+def add_report(add: Callable[..., None], what: str = "the result") -> None:
+    """Declare how a result is reported."""
+    add("--json", f"print one JSON object about {what}")
+    add("--quiet", "no progress")
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Declare who solves."""
+    add = adder(parser.add_argument_group("who solves"))
+    what = "so many processes of this machine (default: one for each core)"
+    add("--jobs", what, "N", type=processes)
+    what = (
+        "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786; whoever controls it can "
+        "run programs on this machine and on its workers: use one that you trust"
+    )
+    add("--scheduler", what, "ADDRESS", type=address)
+    add("--scheduler-file", "the same by the file in which it has its address", "FILE", type=Path)
+
+
+def cluster_of(arguments: argparse.Namespace) -> Cluster:
+    """Return who solves."""
+    given = arguments.jobs, arguments.scheduler, arguments.scheduler_file
+    if sum(each is not None for each in given) > 1:
+        raise UsageError("give one of --jobs, --scheduler and --scheduler-file, or none")
+    return Cluster(*given)
 
 
 def add_inputs(
@@ -162,11 +201,12 @@ def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
     return options_in(values)
 
 
-def warn_of_doubt(path: str, match: Match | None) -> None:
-    """Say on stderr what a file says of its match that the field does not bear out."""
-    if match is not None and match.doubt:
-        told = f"warning: {printable(path)} is not believed, and was judged anew: {match.doubt}"
-        print(told, file=sys.stderr)
+def warn_of_doubt(path: str, found: object) -> None:
+    """Warn of values in a result's file that the field of its match contradicts."""
+    match = getattr(found, "match", found)
+    if doubt := getattr(match, "doubt", ""):
+        text = f"values stored in {path} do not match its field and were recomputed: {doubt}"
+        print_note(text, "warning")
 
 
 def mesh(arguments: argparse.Namespace, path: str | None = None) -> TriangleMesh:
@@ -174,7 +214,7 @@ def mesh(arguments: argparse.Namespace, path: str | None = None) -> TriangleMesh
     loaded = load_mesh(path or arguments.mesh, **mesh_options(arguments).given)
     whose = f"{printable(path)}: " if path else ""
     for message in loaded.messages:
-        print(f"note: {whose}{message}", file=sys.stderr)
+        print_note(f"{whose}{message}")
     return loaded
 
 

@@ -19,10 +19,9 @@ from rich.progress import (
 )
 
 from abfm import Iteration
-from abfm.errors import printable
 from abfm.workers.progress import Step, telling
 from abfm_viewer import signals
-from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.exit_status import UsageError, print_line
 from abfm_viewer.document.verdict_words import place
 
 _WARNING_ITERATIONS = 10  # iterations: what looks wrong for less mostly passes
@@ -44,7 +43,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
 
     def say(completed: float, text: str, line: str) -> None:
         if line:
-            _say(line)
+            print_line(line)
 
     def show(step: Step | None) -> None:
         nonlocal printed
@@ -64,7 +63,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
         update(completed=0.0, text=text, line=line)
         warned = warned + 1 if partial.warning or warned >= _WARNING_ITERATIONS else 0
         if warned == _WARNING_ITERATIONS:
-            _say(f"warning: iteration {partial.iteration}: {partial.warning}")
+            print_line(f"warning: iteration {partial.iteration}: {partial.warning}")
 
     columns = (_BAR, "{task.fields[text]}", TimeElapsedColumn())
     with (
@@ -93,7 +92,7 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
 
     def say(completed: int) -> None:
         if completed % every == 0:
-            _say(f"frame {completed} of {count}")
+            print_line(f"frame {completed} of {count}")
 
     if machine:
         yield tell
@@ -114,7 +113,7 @@ def row_progress(
 
     def say(completed: int, text: str) -> None:
         if count:
-            _say(f"{completed} of {count}: {text}")
+            print_line(f"{completed} of {count}: {text}")
 
     columns = (title, _BAR, *((_COUNT,) if count else ()), "{task.fields[text]}")
     ends = (TimeElapsedColumn(), TimeRemainingColumn()) if count else (TimeElapsedColumn(),)
@@ -142,7 +141,7 @@ def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], N
         nonlocal said
         if text != said:
             said = text
-            _say(f"{title}: {text}")
+            print_line(f"{title}: {text}")
 
     columns = (title, _BAR, "{task.fields[text]}", TimeElapsedColumn())
     with _told(quiet, say, 1.0, *columns, text="") as update:
@@ -171,15 +170,6 @@ def _told(
         yield say
 
 
-def print_note(text: str, kind: str = "note") -> None:
-    """Print a note, or a warning, to stderr in one line."""
-    _say(printable(f"{kind}: {text}"))
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
 def long_steps(quiet: bool) -> AbstractContextManager[None]:
     """Print the steps of work that take seconds."""
     return nullcontext() if quiet else telling(_print_long)
@@ -187,4 +177,4 @@ def long_steps(quiet: bool) -> AbstractContextManager[None]:
 
 def _print_long(step: Step | None) -> None:
     if step and step.done is None and (step.expected or 0) >= _LONG_STEP_SECONDS:
-        _say(step.words())
+        print_line(step.words())

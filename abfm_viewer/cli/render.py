@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import abfm
-from abfm import ParameterError, ResultError
+from abfm import ParameterError
 from abfm.errors import printable
 from abfm.types import FloatArray
 from abfm_viewer import pictures
@@ -20,7 +18,7 @@ from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
-from abfm_viewer.session.session_files import read_document
+from abfm_viewer.session.session_files import PROJECT, read_document
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -46,8 +44,9 @@ Examples:
 Known = dict[str, FloatArray]
 _MOVIES = (".mp4", ".gif")
 _PAGE = ".html"
-_OF_PAGES = ("command", "parser", "run", "input", "out", "quiet", "up")
-_OF_FILMS = (*_OF_PAGES, "size", "time", "channel")
+_PICTURE_OPTIONS = ("size", "time", "style", "channel", "progress")
+_WINDOW_OPTIONS = ("transparent", "no_color_bar", "no_labels", "streaks", "fade")
+_MOVIE_OPTIONS = ("seconds", "fps", "start", "end", "turntable")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS = 4.0
 _FPS = 30.0
@@ -101,118 +100,69 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     out = arguments.out
     outputs.check(out, [".png", *_MOVIES, _PAGE])
-    path, is_movie = Path(arguments.input), out.suffix in _MOVIES
-    of_film = _holds(abfm.sequences.is_sequence, arguments.input)
     if out.suffix == _PAGE:
-        _write_page(arguments)
-        return 0
-    if of_film and not (is_movie or arguments.style == "window"):
-        _draw_sequence(arguments)
-        return 0
-    shows_all = (
-        path.suffix == ".abfm"
-        or is_movie
-        or _holds(abfm.registration.is_correspondence, arguments.input)
-    )
-    style = arguments.style or ("window" if shows_all else "sheet")
-    for is_useless, problem in _objections(arguments, style, is_movie):
-        if is_useless:
-            raise UsageError(problem)
-    document, known = read_document(path)
-    warn_of_doubt(arguments.input, document.match)
-    document = _chosen(arguments, document)
-    if is_movie:
-        _movie(arguments, document, known)
-        return 0
-    if style == "window":
-        picture = _picture(arguments, document, known)
-    elif document.match is None:
-        raise ParameterError(
-            f"{arguments.input} holds no result to make a sheet of; add --style window"
-        )
+        every = (*_PICTURE_OPTIONS, *_WINDOW_OPTIONS, *_MOVIE_OPTIONS)
+        _refuse(arguments, every, f"is for pictures and movies, and {out} is a page")
+    elif out.suffix in _MOVIES:
+        _check_movie(arguments)
     else:
-        picture = pictures.match_picture(
-            document.match, arguments.time, arguments.size, document.channel, arguments.up
-        )
-    outputs.write_picture(out, picture)
-    print(f"wrote {printable(out)} ({picture.width} x {picture.height})")
+        _refuse(arguments, _MOVIE_OPTIONS, f"is for movies, and {out} is a picture")
+    if arguments.fade and not arguments.streaks:
+        raise UsageError("--fade is for streaks; add --streaks")
+    if arguments.style == "sheet":
+        _refuse(arguments, _WINDOW_OPTIONS, "is not for sheets; add --style window")
+    document, known = read_document(Path(arguments.input))
+    warn_of_doubt(arguments.input, document)
+    size = ""
+    if out.suffix == _PAGE:
+        _write_page(arguments, document)
+    elif out.suffix in _MOVIES:
+        size = _write_movie(arguments, _chosen(arguments, document), known)
+    else:
+        picture = _picture(arguments, document, known)
+        outputs.write_picture(out, picture)
+        size = f" ({picture.width} x {picture.height})"
+    print(f"wrote {printable(out)}{size}")
     return 0
 
 
-def _draw_sequence(arguments: argparse.Namespace) -> None:
-    """Draw a sheet of a sequence."""
-    out, channel = arguments.out, arguments.channel or 0
-    _refuse_others(arguments, _OF_FILMS, "pictures of matches", "one of a sequence")
-    film = abfm.load(arguments.input, abfm.Sequence)
-    _check_channel(channel, film.frames.shape[2])
-    picture = pictures.sequence_picture(film, arguments.time, arguments.size, channel, arguments.up)
-    outputs.write_picture(out, picture)
-    print(f"wrote {printable(out)}")
-
-
-def _check_channel(channel: int, count: int) -> None:
-    if not 0 <= channel < count:
-        raise ParameterError(f"--channel {channel}: there are channels 0 to {count - 1}")
-
-
-def _refuse_others(arguments: argparse.Namespace, known: Sequence[str], of: str, is_: str) -> None:
-    """Refuse options that say nothing of what is drawn."""
-    for name, value in vars(arguments).items():
-        if name not in known and value is not None and value is not False:
+def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str) -> None:
+    """Refuse options that would do nothing."""
+    for name in names:
+        value = getattr(arguments, name)
+        if value is not None and value is not False:
             option = {"start": "from", "end": "to"}.get(name, name.replace("_", "-"))
-            raise UsageError(f"--{option} is for {of}, and {arguments.out} is {is_}")
+            raise UsageError(f"--{option} {why}")
 
 
-def _write_page(arguments: argparse.Namespace) -> None:
-    out = arguments.out
-    _refuse_others(arguments, _OF_PAGES, "pictures and movies", "a page")
-    document, _ = read_document(Path(arguments.input))
+def _check_movie(arguments: argparse.Namespace) -> None:
+    suffix, fps = arguments.out.suffix, arguments.fps
+    if arguments.style == "sheet":
+        raise UsageError("--style sheet is for pictures; a movie shows what the window shows")
+    why = f"is for pictures (.png); a {suffix} file has a ground"
+    _refuse(arguments, ("transparent",), why)
+    _refuse(arguments, ("time",), "is for pictures; a movie takes --from and --to")
+    slowest, fastest = outputs.FPS_MIN, outputs.FPS_MAX[suffix]
+    if fps is not None and not slowest <= fps <= fastest:
+        raise UsageError(f"--fps {fps:g}: a {suffix} file takes {slowest:g} to {fastest:g}")
+
+
+def _write_page(arguments: argparse.Namespace, document: Document) -> None:
     match, initial = document.match, document.initial_map
     found: Any = document.result
     if found is None:
         raise ParameterError(f"{arguments.input} holds no result to make a page of")
-    warn_of_doubt(arguments.input, match)
     if match is not None and initial is not None:
         found = initial.registration(match)
-    outputs.write(out, found, arguments.up)
-    print(f"wrote {printable(out)}")
-
-
-def _holds(kind: Callable[[str], bool], path: str) -> bool:
-    """Tell whether a file is of a kind; what cannot be read is told later."""
-    with suppress(ResultError):
-        return kind(path)
-    return False
-
-
-def _objections(
-    arguments: argparse.Namespace, style: str, is_movie: bool
-) -> Iterator[tuple[bool, str]]:
-    """Give what may be wrong with options that would do nothing, and whether it is."""
-    given, suffix, fps = vars(arguments), arguments.out.suffix, arguments.fps
-    for name in ("seconds", "fps", "start", "end", "turntable"):
-        option = {"start": "from", "end": "to"}.get(name, name)
-        is_useless = not is_movie and given[name] is not None
-        yield is_useless, f"--{option} is for movies, and {arguments.out} is a picture"
-    for name in ("transparent", "no_color_bar", "no_labels", "streaks", "fade"):
-        problem = f"--{name.replace('_', '-')} is not for sheets; add --style window"
-        yield style == "sheet" and given[name], problem
-    yield arguments.fade and not arguments.streaks, "--fade is for streaks; add --streaks"
-    if is_movie:
-        problem = "--style sheet is for pictures; a movie shows what the window shows"
-        yield style == "sheet", problem
-        problem = f"--transparent is for pictures (.png); a {suffix} file has a ground"
-        yield arguments.transparent, problem
-        yield bool(arguments.time), "--time is for pictures; a movie takes --from and --to"
-        slowest, fastest = outputs.FPS_MIN, outputs.FPS_MAX[suffix]
-        is_out = fps is not None and not slowest <= fps <= fastest
-        yield is_out, f"--fps {fps or 0:g}: a {suffix} file takes {slowest:g} to {fastest:g}"
+    outputs.write(arguments.out, found, arguments.up)
 
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
-    if arguments.channel is not None:
-        _check_channel(arguments.channel, document.channel_count)
-        document = replace(document, channel=arguments.channel)
+    channel, count = arguments.channel, document.channel_count
+    if channel is not None:
+        if not 0 <= channel < count:
+            raise ParameterError(f"--channel {channel}: there are channels 0 to {count - 1}")
+        document = replace(document, channel=channel)
     if arguments.streaks:
         moving = {"fade": arguments.fade, "animate": arguments.out.suffix in _MOVIES}
         view = replace(document.view, coloring="function", streaks=True, **moving)
@@ -225,6 +175,19 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
 
 
 def _picture(arguments: argparse.Namespace, document: Document, known: Known) -> Image.Image:
+    """Draw a sheet of a result, or what the window shows of projects and registrations."""
+    is_shown = arguments.input.lower().endswith(PROJECT) or document.initial_map is not None
+    is_sheet = arguments.style == "sheet" or (arguments.style is None and not is_shown)
+    if is_sheet:
+        _refuse(arguments, _WINDOW_OPTIONS, "is not for sheets; add --style window")
+    document = _chosen(arguments, document)
+    if is_sheet:
+        draw = pictures.SHEETS.get(type(document.result))
+        if draw is None:
+            raise ParameterError(
+                f"{arguments.input} holds no result to make a sheet of; add --style window"
+            )
+        return draw(document.result, arguments.time, arguments.size, document.channel, arguments.up)
     times = arguments.time or [document.time]
     if len(times) > 1:
         raise UsageError(
@@ -234,7 +197,7 @@ def _picture(arguments: argparse.Namespace, document: Document, known: Known) ->
         return renderer.picture(times[0])
 
 
-def _movie(arguments: argparse.Namespace, document: Document, known: Known) -> None:
+def _write_movie(arguments: argparse.Namespace, document: Document, known: Known) -> str:
     fps, turn = arguments.fps or _FPS, arguments.turntable or 0.0
     start = document.start if arguments.start is None else arguments.start
     end = document.last if arguments.end is None else arguments.end
@@ -248,7 +211,7 @@ def _movie(arguments: argparse.Namespace, document: Document, known: Known) -> N
         frames = renderer.frames(start, end, count, turn, cycles)
         pictures.write_movie(arguments.out, frames, fps, count, report)
     many = "frames" if count > 1 else "frame"
-    print(f"wrote {printable(arguments.out)} ({width} x {height}, {count} {many})")
+    return f" ({width} x {height}, {count} {many})"
 
 
 def _renderer(

@@ -7,7 +7,7 @@ import json
 import re
 import signal
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,12 +20,10 @@ from abfm.tasks import Monitor, Task
 from abfm.workers.control import CancelledError
 from abfm_viewer import signals
 from abfm_viewer.cli import options
-from abfm_viewer.cli.exit_status import FAILED_STATUS, UNMATCHED_STATUS, UsageError
+from abfm_viewer.cli.exit_status import FAILED_STATUS, UNMATCHED_STATUS, UsageError, print_note
 from abfm_viewer.cli.interrupts import cancelled_by_signals
-from abfm_viewer.cli.progress import long_steps, print_note, task_progress
+from abfm_viewer.cli.progress import long_steps, task_progress
 from abfm_viewer.files import outputs
-
-OUTPUT = "output"
 
 
 class Command:
@@ -35,46 +33,53 @@ class Command:
         self.task, self.SUMMARY, self.DESCRIPTION = task, task.summary, task.description
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        add_arguments(parser, self.task)
+        """Declare the inputs and the outputs."""
+        options.add_inputs(parser, self.task.inputs)
+        add = options.adder(parser.add_argument_group(options.OUTPUT))
+        about = f"{self.task.output_help}; repeatable"
+        add("--out", about, "FILE", type=Path, action="append", required=True)
+        for name, table in self.task.tables.items():
+            add(f"--{name}", table.help, "FILE.csv", type=Path)
+        options.add_up(add)
+        options.add_report(add)
 
     def run(self, arguments: argparse.Namespace) -> int:
-        return run(arguments, self.task)
+        """Solve, write and print the result; return the exit status.
+
+        It is 3 when the target was not reached, and 128 and its number after a signal.
+        """
+        task = self.task
+        row = row_of(arguments, task)
+        tables = {name: getattr(arguments, name) for name in task.tables}
+        given = {name: path for name, path in tables.items() if path is not None}
+        out = Outputs(arguments.out, given, arguments.up)
+        out.check(task, row.files())
+        with long_steps(arguments.quiet):
+            ready = row.task()
+        for path in out.files:
+            ready.check_export(path)
+        solved = solve(ready, out, arguments.quiet)
+        if not arguments.json:
+            print(solved.summary())
+            return solved.status
+        facts = solved.to_dict()
+        read = {each.name: getattr(arguments, each.name) for each in task.inputs if each.is_argument}
+        files = {f"{name}_file" if name in facts else name: text for name, text in read.items()}
+        print(json.dumps(files | facts))
+        return solved.status
 
 
-def add_arguments(parser: argparse.ArgumentParser, task: type[Task]) -> None:
-    """Declare the inputs of a kind of task, and its outputs."""
-    options.add_inputs(parser, task.inputs)
-    add = options.adder(parser.add_argument_group(OUTPUT))
-    add(
-        "--out",
-        f"{task.output_help}; repeatable",
-        "FILE",
-        type=Path,
-        action="append",
-        required=True,
-    )
-    for name, table in task.tables.items():
-        add(f"--{name}", table.help, "FILE.csv", type=Path)
-    options.add_up(add)
-    add("--json", "print one JSON object about the result")
-    add("--quiet", "no progress")
-
-
-def row_of(arguments: argparse.Namespace, task: type[Task], name: str = "") -> Row:
+def row_of(arguments: argparse.Namespace, task: type[Task]) -> Row:
     """Return the inputs that were given, checked, with paths that begin at the current folder."""
-    try:
-        return Row(name, options.given_texts(arguments, task.inputs), "", task)
-    except ParameterError as error:
-        text = re.sub(r"^column ([\w-]+)", _named_as_option(task), str(error))
-        raise UsageError(f"{text}; see {arguments.parser.prog} --help") from error
-
-
-def _named_as_option(task: type[Task]) -> Callable[[re.Match[str]], str]:
     shown = {
         each.name: f"--set {each.name}" if each.is_rare else options.shown(each)
         for each in task.inputs
     }
-    return lambda found: shown.get(found[1], found[1])
+    try:
+        return Row("", options.given_texts(arguments, task.inputs), "", task)
+    except ParameterError as error:
+        text = re.sub(r"^column ([\w-]+)", lambda found: shown.get(found[1], found[1]), str(error))
+        raise UsageError(f"{text}; see {arguments.parser.prog} --help") from error
 
 
 @dataclass(frozen=True)
@@ -129,34 +134,6 @@ class Solved:
     def to_dict(self) -> dict[str, Any]:
         details = self.task.report.details(self.found)
         return {**details, "seconds": self.seconds, "outputs": list(map(str, self.outputs))}
-
-
-def run(arguments: argparse.Namespace, task: type[Task]) -> int:
-    """Solve the task of the arguments, write and print the result; return the exit status.
-
-    It is 3 when the target was not reached, and 128 and its number after a signal.
-    """
-    row = row_of(arguments, task)
-    tables = {name: getattr(arguments, name) for name in task.tables}
-    out = Outputs(
-        arguments.out,
-        {name: path for name, path in tables.items() if path is not None},
-        arguments.up,
-    )
-    out.check(task, row.files())
-    with long_steps(arguments.quiet):
-        ready = row.task()
-    for path in out.files:
-        ready.check_export(path)
-    solved = solve(ready, out, arguments.quiet)
-    if not arguments.json:
-        print(solved.summary())
-        return solved.status
-    facts = solved.to_dict()
-    given = {each.name: getattr(arguments, each.name) for each in task.inputs if each.is_argument}
-    files = {f"{name}_file" if name in facts else name: text for name, text in given.items()}
-    print(json.dumps(files | facts))
-    return solved.status
 
 
 def status_of(facts: Facts) -> int:

@@ -10,6 +10,7 @@ from .registration_pictures import registration_pictures as registration_picture
 from .report_plots import histogram_picture as histogram_picture
 from .report_plots import path_picture as path_picture
 from .row_pictures import row_pictures as row_pictures
+from .sheets import SHEETS as SHEETS
 from .sheets import figure_picture as figure_picture
 from .sheets import match_picture as match_picture
 from .sheets import sequence_picture as sequence_picture

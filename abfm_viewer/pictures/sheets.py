@@ -164,10 +164,7 @@ def match_picture(
             panels.append(panel(values, f"t = {time:.4g}, {match.facts.headline}", "result"))
         else:
             panels.append(panel(values, f"t = {time:.4g}"))
-    sheet = Sheet(((*panels, panel(match.target, "target", "target")),), up)
-    views = cameras(sheet)
-    layout = grid(len(sheet.rows[0]), views[match.mesh].aspect, size)
-    return sheet_picture(sheet, views, layout, ImageFont.load_default)
+    return _one_row(Sheet(((*panels, panel(match.target, "target", "target")),), up), size)
 
 
 def sequence_picture(
@@ -190,9 +187,21 @@ def sequence_picture(
         label = f"t = {time:.4g} {film.unit_of_time}".rstrip()
         panels.append(Panel(film.mesh, Values(function), label, arrows=field, determined=share))
     changing = film.frames[:, :, channel].std(axis=0)
-    sheet = Sheet((tuple(panels),), up, seen=(changing,))
+    return _one_row(Sheet((tuple(panels),), up, seen=(changing,)), size)
+
+
+SHEETS: Mapping[type, Callable[..., Image.Image]] = {
+    Match: match_picture,
+    abfm.Sequence: sequence_picture,
+}
+"""What draws a sheet of a result by its type, with the parameters of `match_picture`."""
+
+
+def _one_row(sheet: Sheet, size: tuple[int, int] | None) -> Image.Image:
+    """Draw panels of one surface, in lines that fit the size."""
     views = cameras(sheet)
-    layout = grid(len(panels), views[film.mesh].aspect, size)
+    (view,) = views.values()
+    layout = grid(len(sheet.rows[0]), view.aspect, size)
     return sheet_picture(sheet, views, layout, ImageFont.load_default)
 
 

@@ -16,8 +16,7 @@ from abfm.pages import Clock, Layer, Page, Panel, Span, Ways
 from abfm.pages.colormaps import ColorRange, linear_table
 from abfm.pages.front import Front
 from abfm.population.report import details
-from abfm_viewer.cli.batches.page import page as batch_page
-from abfm_viewer.cli.batches.rows import SummaryRow
+from abfm_viewer.reports.batches import SummaryRow, batch_page
 from abfm_viewer.reports.pages import population_page
 from tests.core.pages.browser import SIZE, ActionChains, Keys, Shown, browser
 from tests.core.pages.test_notebook import small_population

@@ -37,13 +37,11 @@ def files(tmp_path_factory):
 
 
 @pytest.mark.parametrize("kind", ["obj", "glb"])
-def test_a_texture_goes_there_and_back(files, tmp_path, abfm, kind):
-    there = tmp_path / f"b.{kind}"
-    told = abfm(
-        "apply", files / "c.npz", f"--texture={files}/a.{kind}", "--size=512", f"--out={there}"
-    )
+def test_texture_there_and_back(files, tmp_path, abfm, kind):
+    there, back = tmp_path / f"b.{kind}", tmp_path / "back.glb"
+    line = f"apply {{f}}/c.npz --texture={{f}}/a.{kind} --size=512 --out={{t}}/b.{kind}"
     names = [there, *(tmp_path / f"b.{end}" for end in ("mtl", "png") if kind == "obj")]
-    assert told == (f"wrote {', '.join(map(str, names))}\n", "")
+    assert abfm(line, f=files) == (f"wrote {', '.join(map(str, names))}\n", "")
     b = load_mesh(there)
     assert_array_equal(b.faces, B.faces)
     theirs = trimesh.load(there, force="mesh", process=False)
@@ -53,8 +51,8 @@ def test_a_texture_goes_there_and_back(files, tmp_path, abfm, kind):
     level = [127 + 100 * np.sin(2 * np.pi * w) for w in (0.4 * x + 0.5, 0.5 - 0.4 * y)]
     assert_allclose(shown[:, :2], np.transpose(level), atol=12)  # both spheres have flat faces
     assert_allclose(shown[:, 2:], np.tile([90.0, 255.0], (2000, 1)))
-    back = tmp_path / "back.glb"
-    abfm("apply", files / "c.npz", "--inverse", f"--texture={there}", "--size=512", f"--out={back}")
+    line = f"apply {{f}}/c.npz --inverse --texture={{t}}/b.{kind} --size=512 --out={{t}}/back.glb"
+    abfm(line, f=files)
     points = points_by_area(A, 2000)
     original = read_texture(files / "a.obj", A)[0].at(points)
     mesh = load_mesh(back)
@@ -62,69 +60,37 @@ def test_a_texture_goes_there_and_back(files, tmp_path, abfm, kind):
     assert np.abs(read_texture(back, mesh)[0].at(points) - original).mean() < 1
 
 
-def test_an_image_may_be_given_beside_the_mesh(files, tmp_path, abfm):
+def test_an_image_replaces_one_that_is_missing(files, tmp_path, abfm):
     text = (files / "a.obj").read_text().replace("mtllib a.mtl", "mtllib lost.mtl")
     (tmp_path / "a.obj").write_text(text)
-    words = [
-        "apply",
-        files / "c.npz",
-        f"--texture={tmp_path}/a.obj",
-        "--size=96",
-        f"--out={tmp_path}/b.obj",
-    ]
-    assert "lost.mtl" in abfm(*words, status=2).err
-    abfm(*words, "--image", files / "skin.png")
+    line = "apply {f}/c.npz --texture={t}/a.obj --size=96 --out={t}/b.obj"
+    assert "lost.mtl" in abfm(line, f=files, status=2).err
+    abfm(f"{line} --image {{f}}/skin.png", f=files)
     with Image.open(tmp_path / "b.png") as written:
         assert written.size == (96, 96)
 
 
 @pytest.mark.parametrize(
-    ("words", "named"),
+    ("line", "named"),
     [
-        (["--texture", "{f}/a.obj", "--out", "{t}/b.ply"], (".obj", ".glb")),
-        (["--texture", "{f}/a.obj", "--out", "{t}/no/b.obj"], ()),
-        (
-            ["--texture", "{f}/a.obj", "--out", "{f}/a.obj"],
-            ("a.obj",),
-        ),
-        (
-            ["--texture={f}/a.obj", "--image={f}/skin.png", "--out={f}/skin.obj"],
-            ("skin.png",),
-        ),
-        (["--texture", "{f}/a.obj", "--out", "{t}/taken.obj"], ("taken.mtl",)),
-        (
-            ["--texture", "{f}/a.glb", "--out", "{f}/skin.obj"],
-            ("skin.png", "skin.obj"),
-        ),
-        (
-            ["--texture", "{f}/a.obj", "--inverse", "--out", "{t}/b.obj"],
-            ("a.obj",),
-        ),
-        (
-            ["--texture", "{f}/plain.ply", "--out", "{t}/b.obj"],
-            (),
-        ),
-        (["--texture", "{f}/no.obj", "--out", "{t}/b.obj"], ()),
-        (
-            ["--texture={f}/a.obj", "--image={t}/bad.png", "--out={t}/b.obj"],
-            ("bad.png", "image"),
-        ),
-        (["--texture={f}/a.obj", "--size=3", "--out={t}/b.obj"], (4, 16384)),
-        (["--texture={f}/a.obj", "--size=30", "--out={t}/b.obj"], (796,)),
-        (
-            ["--data", "{f}/a.npy", "--size", "30", "--out", "{t}/b.csv"],
-            ("--texture",),
-        ),
-        (
-            ["--data={f}/a.npy", "--image={f}/skin.png", "--out={t}/b.csv"],
-            ("--texture",),
-        ),
+        ("--texture {f}/a.obj --out {t}/b.ply", [".obj", ".glb"]),
+        ("--texture {f}/a.obj --out {t}/no/b.obj", []),
+        ("--texture {f}/a.obj --out {f}/a.obj", ["a.obj"]),
+        ("--texture={f}/a.obj --image={f}/skin.png --out={f}/skin.obj", ["skin.png"]),
+        ("--texture {f}/a.obj --out {t}/taken.obj", ["taken.mtl"]),
+        ("--texture {f}/a.glb --out {f}/skin.obj", ["skin.png", "skin.obj"]),
+        ("--texture {f}/a.obj --inverse --out {t}/b.obj", ["a.obj"]),
+        ("--texture {f}/plain.ply --out {t}/b.obj", []),
+        ("--texture {f}/no.obj --out {t}/b.obj", []),
+        ("--texture={f}/a.obj --image={t}/bad.png --out={t}/b.obj", ["bad.png", "image"]),
+        ("--texture={f}/a.obj --size=3 --out={t}/b.obj", [4, 16384]),
+        ("--texture={f}/a.obj --size=30 --out={t}/b.obj", [796]),
+        ("--data={f}/a.npy --image={f}/skin.png --out={t}/b.csv", ["--texture"]),
     ],
 )
-def test_what_does_not_fit_is_refused_in_a_line(words, named, files, tmp_path, abfm):
+def test_bad_input_is_refused(line, named, files, tmp_path, abfm):
     (tmp_path / "taken.mtl").mkdir()
     (tmp_path / "bad.png").write_bytes(b"no image")
     before = sorted(files.iterdir()), sorted(tmp_path.iterdir())
-    line = [word.format(f=files, t=tmp_path) for word in words]
-    check_message(abfm("apply", files / "c.npz", *line, status=2).err, *named)
+    check_message(abfm(f"apply {{f}}/c.npz {line}", f=files, status=2).err, *named)
     assert (sorted(files.iterdir()), sorted(tmp_path.iterdir())) == before

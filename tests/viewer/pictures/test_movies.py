@@ -2,7 +2,7 @@
 
 import sys
 import tempfile
-from unittest.mock import MagicMock
+from unittest.mock import MagicMock, Mock
 
 import av
 import numpy as np
@@ -44,16 +44,27 @@ def decoded(path):
     return np.stack([picture.to_ndarray(format="rgb24") for picture in pictures]), seconds
 
 
-@pytest.mark.parametrize("fps", [0.5, 23.976, 50])
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_frame_comes_back_in_its_place_and_the_movie_takes_its_time(suffix, fps, tmp_path):
-    path, told = tmp_path / f"wave{suffix}", []
-    write_movie(path, frames(31), fps, 31, told.append)
-    pictures, seconds = decoded(path)
-    assert pictures.shape == (31, 120, 160, 3)
-    assert (pictures[:, 3, :, 1] > 140).sum(axis=1) == pytest.approx(4 * np.arange(1, 32), abs=1)
-    assert seconds == pytest.approx(31 / fps, abs=0.0051 if suffix == ".gif" else 1e-3)
-    assert told == list(range(1, 32))
+@pytest.mark.parametrize(
+    ("suffix", "count", "fps", "size"),
+    [
+        (".mp4", 31, 23.976, (120, 160)),
+        (".mp4", 1, 4, (121, 161)),  # of which the last row and column are lost
+        (".gif", 31, 0.5, (120, 160)),
+        (".gif", 9, 50, (121, 161)),
+        (".gif", 1, 4, (120, 160)),
+    ],
+)
+def test_all_frames_and_the_duration_are_kept(suffix, count, fps, size, tmp_path):
+    original, told = np.stack(list(frames(count, *size))), []
+    write_movie(tmp_path / f"wave{suffix}", original, fps, count, told.append)
+    pictures, seconds = decoded(tmp_path / f"wave{suffix}")
+    height, width = (120, 160) if suffix == ".mp4" else size
+    assert pictures.shape == (count, height, width, 3)
+    assert np.abs(pictures.astype(int) - original[:, :height, :width]).mean() < 3
+    bars = 4 * np.arange(1, count + 1)
+    assert (pictures[:, 3, :, 1] > 140).sum(axis=1) == pytest.approx(bars, abs=1)
+    assert seconds == pytest.approx(count / fps, abs=0.0051 if suffix == ".gif" else 1e-3)
+    assert told == list(range(1, count + 1))
 
 
 @pytest.mark.parametrize(("suffix", "inside", "background"), [(".mp4", 4.5, 2), (".gif", 2.5, 0)])
@@ -66,7 +77,7 @@ def test_colours_survive(suffix, inside, background, tmp_path):
     assert difference[:, -20:, :20].max() <= background
 
 
-def test_an_mp4_and_a_gif_say_which_colours_they_have(tmp_path):
+def test_files_declare_their_colours(tmp_path):
     write_movie(tmp_path / "wave.mp4", frames(3), 25, 3)
     with av.open(str(tmp_path / "wave.mp4")) as file:
         codec = file.streams.video[0].codec_context
@@ -83,39 +94,18 @@ def test_an_mp4_and_a_gif_say_which_colours_they_have(tmp_path):
     assert len(set(map(tuple, pictures.reshape(-1, 3).tolist()))) <= 256
 
 
-@pytest.mark.parametrize(("suffix", "size"), [(".mp4", (120, 160)), (".gif", (121, 161))])
-def test_only_an_mp4_of_odd_size_loses_its_last_row_and_column(suffix, size, tmp_path):
-    original = np.stack(list(frames(3, 121, 161)))
-    write_movie(tmp_path / f"odd{suffix}", original, 25, 3)
-    pictures, _ = decoded(tmp_path / f"odd{suffix}")
-    assert pictures.shape == (3, *size, 3)
-    assert np.abs(pictures.astype(int) - original[:, : size[0], : size[1]]).mean() < 3
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_one_frame_is_a_movie(suffix, tmp_path):
-    write_movie(tmp_path / f"one{suffix}", frames(1), 4, 1)
-    pictures, seconds = decoded(tmp_path / f"one{suffix}")
-    assert (len(pictures), seconds) == (1, 0.25)
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
-def test_what_is_raised_on_the_way_leaves_the_older_file(suffix, error, tmp_path):
+def test_cancelled_movie_leaves_the_older_file(suffix, tmp_path):
     path = tmp_path / f"old{suffix}"
     path.write_bytes(b"old")
 
-    def cancel(number):
-        if number == 5:
-            raise error
-
     def broken():
         yield from frames(5)
-        raise error
+        raise RuntimeError
 
-    with pytest.raises(error):
-        write_movie(path, frames(9), 25, 9, cancel)
-    with pytest.raises(error):
+    with pytest.raises(KeyboardInterrupt):
+        write_movie(path, frames(9), 25, 9, Mock(side_effect=[*range(5), KeyboardInterrupt]))
+    with pytest.raises(RuntimeError):
         write_movie(path, broken(), 25, 9)
     assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"old"]
 
@@ -125,12 +115,11 @@ def test_what_is_raised_on_the_way_leaves_the_older_file(suffix, error, tmp_path
     "case",
     [
         ("add_stream", UnknownCodecError("libx264"), "libx264"),
-        ("mux", av.error.ExternalError(1, "Generic error in a library"), ""),
         ("mux", av.error.OSError(28, "No space left on device"), "No space left on device"),
         ("close", av.error.OSError(5, "Input/output error"), "Input/output error"),
     ],
 )
-def test_an_encoder_that_fails_leaves_the_older_file(suffix, case, tmp_path, monkeypatch):
+def test_failed_encoder_leaves_the_older_file(suffix, case, tmp_path, monkeypatch):
     what, error, named = case
 
     def failing_open(*words, **options):
@@ -156,15 +145,14 @@ def test_an_encoder_that_fails_leaves_the_older_file(suffix, case, tmp_path, mon
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process")
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("size", [10, 2000])
-def test_a_full_disk_leaves_the_older_movie(suffix, size, tmp_path, monkeypatch):
+def test_full_disk_leaves_the_older_movie(suffix, tmp_path, monkeypatch):
     import resource
 
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     path = tmp_path / f"old{suffix}"
     path.write_bytes(b"old")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
     try:
         with raises(ResultError):
             write_movie(path, frames(9), 25, 9)
@@ -194,7 +182,7 @@ def test_a_full_disk_leaves_the_older_movie(suffix, size, tmp_path, monkeypatch)
         ([*frames(3)], 25, 3, ("wave.mp4",), "missing/wave.mp4"),
     ],
 )
-def test_what_is_no_movie_is_refused_in_one_line(case, tmp_path):
+def test_bad_movies_are_refused(case, tmp_path):
     given, fps, count, named, name = (*case, "bad.mp4")[:5]
     with raises(ResultError, *named) as raised:
         write_movie(tmp_path / name, given, fps, count)

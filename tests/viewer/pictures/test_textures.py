@@ -38,14 +38,14 @@ def read(tmp_path, data):
 RGBA = Image.fromarray(PIXELS)
 
 
-@pytest.mark.parametrize("mode", ["RGBA", "RGB", "L", "LA", "P", "1"])
-def test_images_of_every_kind_become_four_channels(tmp_path, mode):
+@pytest.mark.parametrize("mode", ["RGBA", "L", "LA", "P", "1"])
+def test_images_become_four_channels(tmp_path, mode):
     image = RGBA.convert(mode)
     [found] = read(tmp_path, encoded(image))[0].images
     assert_array_equal(found, np.asarray(image.convert("RGBA")))
 
 
-def test_formats_that_lose_little_and_sixteen_bits(tmp_path):
+def test_formats_and_sixteen_bits(tmp_path):
     smooth = Image.fromarray(np.tile(np.arange(64, dtype=np.uint8), (64, 1)) + 60).convert("RGB")
     for form, more in (("JPEG", {"quality": 95}), ("WEBP", {}), ("TGA", {}), ("BMP", {})):
         [found] = read(tmp_path, encoded(smooth, form, **more))[0].images
@@ -71,14 +71,12 @@ LARGE = Image.fromarray(np.random.default_rng(0).integers(0, 256, (90, 90, 3)).a
     [
         (encoded(LARGE)[:9000], "truncated|cut|broken"),
         (encoded(LARGE, "JPEG")[:2000], "truncated"),
-        (encoded(LARGE)[:20], "Truncated"),
-        (b"no image", "cannot identify image"),
         (b"", "cannot identify image"),
         (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "cannot identify image"),
         (huge_png(), "900000000 pixels"),
         (encoded(Image.new("F", (2, 2)), "TIFF"), "floating-point"),
     ],
-    ids=["cut PNG", "cut JPEG", "header", "text", "nothing", "EPS", "huge", "floats"],
+    ids=["cut PNG", "cut JPEG", "nothing", "EPS", "huge", "floats"],
 )
 def test_damaged_and_huge_images_are_refused(tmp_path, data, words):
     with pytest.raises(MeshError, match=f"a.glb: .*({words})") as refused:
@@ -115,7 +113,7 @@ def test_images_are_bounded_together(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["b.obj", "b.glb"])
-def test_a_texture_that_was_carried_is_read_again(tmp_path, name):
+def test_carried_texture_is_read_again(tmp_path, name):
     texture, mode = read(tmp_path, encoded(RGBA))
     assert mode == "OPAQUE"
     carried = carry_texture(Correspondence.of_same_faces(MESH, MESH), texture, 300)
@@ -125,16 +123,13 @@ def test_a_texture_that_was_carried_is_read_again(tmp_path, name):
     assert_array_equal(again.images[0], carried.images[0])
     points = points_by_area(MESH, 500)
     assert_allclose(again.at(points), carried.at(points), atol=1e-2)
-
-
-def test_what_is_opaque_is_written_without_opacity(tmp_path):
-    texture = Texture(MESH, PLACES, [np.dstack([PIXELS[..., :3], np.full((6, 9), 255, np.uint8)])])
-    write_texture(tmp_path / "a.obj", texture)
+    opaque = np.dstack([PIXELS[..., :3], np.full((6, 9), 255, np.uint8)])
+    write_texture(tmp_path / "a.obj", Texture(MESH, PLACES, [opaque]))
     with Image.open(tmp_path / "a.png") as written:
         assert written.mode == "RGB"
 
 
-def test_materials_without_images_and_colours_of_vertices_are_tints(tmp_path):
+def test_materials_and_colours_are_tints(tmp_path):
     (tmp_path / "i.png").write_bytes(encoded(Image.new("RGB", (2, 2), (200, 100, 50))))
     (tmp_path / "m.mtl").write_text("newmtl a\nmap_Kd i.png\nnewmtl b\nKd 0.2 0.4 0.6\nd 0.5\n")
     lines = ["mtllib m.mtl", "vt 0 0"]

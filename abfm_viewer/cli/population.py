@@ -13,9 +13,8 @@ from abfm.population import HELD_TAG
 from abfm.population.task import PopulationTask
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, solve
-from abfm_viewer.cli.batches.running import add_workers, cluster_of
-from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.progress import print_note, share_progress
+from abfm_viewer.cli.exit_status import UsageError, print_note
+from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
 from abfm_viewer.reports.pages import population_page
@@ -55,14 +54,8 @@ _PICTURE_WIDTH = 400
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_inputs(parser, PopulationTask.inputs)
-    add_workers(parser)
-    add = options.adder(parser.add_argument_group(solve.OUTPUT))
-    about = "folder for results: made if it is not there"
-    add("--out", about, "DIR", type=options.folder, required=True)
-    options.add_up(add)
-    add("--no-pictures", "a page without pictures")
-    add("--json", "print one JSON object about the population")
-    add("--quiet", "no progress")
+    options.add_workers(parser)
+    options.add_folder(parser, is_required=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -73,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     row = solve.row_of(arguments, PopulationTask)
     table = folder / "subjects.csv"
     outputs.check_not_read(table, [arguments.table])
-    cluster = cluster_of(arguments)
+    cluster = options.cluster_of(arguments)
     task = row.task()
     assert isinstance(task, PopulationTask)
     outputs.make_folder(folder)

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import abfm
-from abfm import Correspondence, FunctionError, Registration, ResultError, TriangleMesh, load
+from abfm import Correspondence, FunctionError, ResultError, TriangleMesh, load
 from abfm.errors import printable
 from abfm.functions import read_values
 from abfm.functions.labels import read_label_columns
@@ -18,11 +18,10 @@ from abfm.functions.value_files import reported
 from abfm.io import textured_files, write_labels, write_values
 from abfm.maps import SurfacePoints, project_onto_surface
 from abfm.reading import NO_LABEL, Columns, Labels
-from abfm.workers.progress import Step, telling
 from abfm_viewer import pictures
-from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.exit_status import UsageError, print_note
 from abfm_viewer.cli.options import adder, texels, warn_of_doubt
-from abfm_viewer.cli.progress import print_note, share_progress
+from abfm_viewer.cli.progress import task_progress
 from abfm_viewer.files import outputs
 
 SUMMARY = "carry data, labels, points or textures from surface A to B by a registration, or back"
@@ -94,8 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
     by: Literal["area", "point"] = arguments.by or "area"
     side = arguments.hemisphere or ""
     found = load(arguments.registration, Correspondence)
-    if isinstance(found, Registration):
-        warn_of_doubt(arguments.registration, found.match)
+    warn_of_doubt(arguments.registration, found)
     way = found.inverse() if arguments.inverse else found
     if arguments.data:
         data = partial(read_values, arguments.data, hemisphere=side)
@@ -117,16 +115,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _carry_texture(way: Correspondence, arguments: argparse.Namespace) -> None:
-    with share_progress("texture", not sys.stderr.isatty()) as update:
-
-        def tell(step: Step | None) -> None:
-            if step:
-                update(step.task, step.share() or 0.0)
-
-        with telling(tell):
-            texture, alpha_mode = pictures.read_texture(arguments.texture, way.a, arguments.image)
-            found = abfm.registration.carry_texture(way, texture, arguments.size)
-            pictures.write_texture(arguments.out, found, alpha_mode)
+    with task_progress(quiet=not sys.stderr.isatty()):
+        texture, alpha_mode = pictures.read_texture(arguments.texture, way.a, arguments.image)
+        found = abfm.registration.carry_texture(way, texture, arguments.size)
+        pictures.write_texture(arguments.out, found, alpha_mode)
 
 
 def _check_textured(arguments: argparse.Namespace) -> None:
@@ -202,5 +194,5 @@ def _on_surface(mesh: TriangleMesh, places: np.ndarray, path: str) -> SurfacePoi
             f"{path}: point {row} is {told}; expected points near it: are they in its units?"
         )
     if gap > _SURFACE_DISTANCE * mesh.length_scale:
-        print(f"note: of the points, {row} was farthest: {told}", file=sys.stderr)
+        print_note(f"of the points, {row} was farthest: {told}")
     return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from abfm.registration import report
 from abfm.wording import percents
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
+from abfm_viewer.cli.exit_status import print_note
 from abfm_viewer.cli.progress import long_steps, share_progress
 from abfm_viewer.files import outputs
 from abfm_viewer.reports.pages import COVERAGE_MIN, RETURN_EDGES_MAX, report_page
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check(out, [".html"])
     with long_steps(quiet):
         found = _loaded(arguments.input)
-        options.warn_of_doubt(arguments.input, getattr(found, "match", None))
+        options.warn_of_doubt(arguments.input, found)
         with share_progress("report", quiet) as update:
             update("measuring", 0.0)
             distortion = found.distortion()
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
                 found, distortion, arguments.width, arguments.up, update
             )
     for warning in facts["warnings"]:
-        print(f"warning: {warning}", file=sys.stderr)
+        print_note(warning, "warning")
     outputs.write_text(out, report_page(facts, drawn))
     if arguments.json:
         print(json.dumps(facts))

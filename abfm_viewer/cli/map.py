@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm import Correspondence, FunctionError, Match, ParameterError, Registration, load
+from abfm import Correspondence, FunctionError, Match, ParameterError, load
 from abfm.errors import printable
 from abfm.functions import read_values, vertex_map
 from abfm.io import write_values
@@ -21,7 +20,7 @@ from abfm.registration import report
 from abfm.registration.initial import Landmarks, map_from_file
 from abfm.registration.task import vertex_numbers
 from abfm.types import IntArray
-from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.exit_status import UsageError, print_note
 from abfm_viewer.cli.options import adder, warn_of_doubt
 from abfm_viewer.files import outputs
 
@@ -77,9 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.carry or arguments.functional_map is not None:
         raise UsageError("--carry and --functional-map need --out, where the table goes")
     match = load(arguments.input, Match, Correspondence)
+    warn_of_doubt(arguments.input, match)
     if isinstance(match, Correspondence):
         return _of_two_surfaces(arguments, match)
-    warn_of_doubt(arguments.input, match)
     time = match.parameters.tau if arguments.time is None else arguments.time
     points, quality = match.point_map(time, arguments.inverse), match.flow.map_quality(time)
     accuracy = None
@@ -90,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out is not None:
         write_values(out, _table(arguments, match, points, time))
     if quality.warning:
-        print(f"warning: {quality.warning}", file=sys.stderr)
+        print_note(quality.warning, "warning")
     facts = {
         **report.distortion_details(quality.distortion),
         "there_and_back": quality.there_and_back._asdict(),
@@ -126,8 +125,6 @@ def _of_two_surfaces(arguments: argparse.Namespace, found: Correspondence) -> in
             "for a registration see abfm apply"
         )
     accuracy = None
-    if isinstance(found, Registration):
-        warn_of_doubt(arguments.input, found.match)
     way = found.inverse() if arguments.inverse else found
     if arguments.truth:
         same = arguments.truth == "identity"

@@ -1,0 +1,433 @@
+"""`abfm batch`: a table of tasks, or one match with all combinations of some options."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import re
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from textwrap import TextWrapper
+from typing import Any
+
+from abfm import AbfmError, Control, ResultError
+from abfm.batch import Ledger, LedgerEntry, Row, combinations, read_table
+from abfm.batch import run as run_rows
+from abfm.batch.cluster import LostError
+from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN
+from abfm.batch.table import known_columns
+from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
+from abfm.io import write_atomically, write_csv
+from abfm.io.sheets import Up
+from abfm.matching.task import MatchTask
+from abfm.mesh import load_mesh
+from abfm.outcome import Outcome
+from abfm.parameters import option
+from abfm.tasks.inputs import MESH_INPUTS, mesh_options
+from abfm.wording import counted
+from abfm_viewer import pictures
+from abfm_viewer.cli import options
+from abfm_viewer.cli.exit_status import (
+    FAILED_STATUS,
+    UNMATCHED_STATUS,
+    UsageError,
+    print_line,
+    print_note,
+)
+from abfm_viewer.cli.interrupts import cancelled_by_signals
+from abfm_viewer.cli.progress import row_progress
+from abfm_viewer.files import outputs
+from abfm_viewer.reports.batches import (
+    ROWS_SHOWN_MAX,
+    Best,
+    SummaryRow,
+    batch_page,
+    best_of,
+    counts,
+    worst,
+)
+
+SUMMARY = "solve a table of tasks on all cores or a cluster, and resume where it was ended"
+ROWS_AFTER_SIGNAL_MAX = ROWS_READ_MIN
+"""Rows of the largest batch whose summary is written after a signal, which takes under a second."""
+_FAILURES_MAX = 8  # that are printed
+_PICTURE_COLORS = 64  # of small pictures
+_PARAGRAPH = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
+DESCRIPTION = f"""\
+Solve a table of tasks, a row each, by this machine's cores or a Dask cluster; a result is
+DIR/<digest>.npz. The same command solves what is missing and nothing else: a run that is killed, at
+any moment, leaves complete files. Rows that fail are reported, and do not stop others.
+
+With --over, solve one match with all combinations of some options' values: the table is made of the
+options.
+
+Examples:
+  abfm batch table.csv --out results
+  abfm batch table.csv --out results --scheduler tcp://10.0.0.1:8786
+  abfm batch --status results
+  abfm batch spot.obj --source gaussian:vertex=12 --target gaussian:vertex=900 \\
+      --over alpha=0.003,0.01,0.03 --over sigma=0.01,0.1 --out sweep
+  abfm batch spot.obj --source hks:time=0.01 \\
+      --over 'target=eigenfunction:3,"gaussian:vertex=7,width=0.2"' --out targets
+
+The first line of TABLE.csv names its columns, as the options of `abfm match`, `abfm register`
+and `abfm sequence` are named, and may have `name`. A row is
+  a match where it has a mesh: mesh, source, target, channel, mask, start, alpha, sigma, ...
+  a registration where it has a and b: a, b, source, target, landmarks, initial, mask-a, mask-b, ...
+  a sequence where it has frames: mesh, frames, array, dt, gamma, mask, weights, alpha, sigma, ...
+  a problem where it has problem: a file that `abfm.Problem.save` wrote
+Empty cells have their defaults. Paths begin at the table's folder. A cell with a comma stands in
+double quotes:
+  name,mesh,source,target
+  one,a.off,"gaussian:vertex=1,width=0.2",curvature:mean
+All columns are
+{_PARAGRAPH.fill(", ".join(["name", *known_columns()]))}
+
+DIR/summary.csv has a line for each row: its digest, verdict, residuals and columns.
+DIR/summary.html is a page of the worst {ROWS_SHOWN_MAX:,} rows with a picture of each, and counts
+of all.
+
+The exit status is 0 when all rows are matched, nearly or registered; 3 when some did not reach
+their target; 4 when some failed, or with --status are not done; 2 for a table that does not fit,
+of which nothing is solved; and 130 or 143 after Ctrl-C or SIGTERM: results that are done are kept,
+and the summary of more than {ROWS_AFTER_SIGNAL_MAX} rows is left to `abfm batch --status DIR`.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = options.adder(parser)
+    about = "comma-separated, a task a row; with --over a triangle mesh"
+    add("table", about, "TABLE.csv", nargs="?", type=Path)
+    add(
+        "--over",
+        "values of an option of the match, repeatable; one with a comma stands in double quotes",
+        "NAME=A,B,...",
+        action="append",
+        default=[],
+    )
+    add(
+        "--status",
+        "solve nothing: write and print the summary of what is done, of TABLE.csv or of the last "
+        "run",
+        "DIR",
+        nargs="?",
+        const=True,
+    )
+    options.add_workers(parser)
+    options.add_folder(parser)
+    options.add_inputs(parser, MatchTask.inputs, ("mesh",))
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Solve a table, or report how far one is."""
+    status = arguments.status
+    _find_folder(arguments)
+    ledger = Ledger(arguments.out)
+    if arguments.table is not None:
+        outputs.check_not_read(arguments.out / "summary.csv", [str(arguments.table)])
+    given = list(options.given_texts(arguments, MatchTask.inputs))
+    if arguments.over:
+        return solve(*_swept(given, arguments), arguments)
+    if given:
+        name = given[0][0]
+        raise UsageError(f"--{name} is for --over; give TABLE.csv a column {name}")
+    with row_progress(0, arguments.quiet, "reading"):  # some seconds, of tens of thousands of rows
+        if arguments.table is None:
+            title, entries = ledger.kept()
+        else:
+            rows, title = read_table(arguments.table), printable(arguments.table.name)
+            if status is not None and not ledger.folder.is_dir():
+                folder = printable(arguments.out)
+                raise UsageError(f"there is no folder {folder}: nothing was solved yet")
+            entries = [] if status is None else ledger.entries(rows)
+    if status is None:
+        return solve(rows, title, arguments)
+    return _report(entries, title, arguments)
+
+
+def _find_folder(arguments: argparse.Namespace) -> None:
+    """Take the folder, or the table, of ``--status`` for what it is."""
+    status = arguments.status
+    if isinstance(status, str) and arguments.out is None:
+        arguments.out = Path(status)
+    elif isinstance(status, str) and arguments.table is None:  # --status TABLE.csv --out DIR
+        arguments.table = Path(status)
+    elif isinstance(status, str) and Path(status) != arguments.out:
+        raise UsageError("--status and --out name two folders; give one")
+    if arguments.out is None:
+        how = "--out" if status is None else "--status DIR"
+        raise UsageError(f"{how} is missing: the folder of the results")
+    if arguments.table is None and status is None:
+        raise UsageError("TABLE.csv is missing; see abfm batch --help")
+
+
+def _swept(
+    given: Sequence[tuple[str, str]], arguments: argparse.Namespace
+) -> tuple[list[Row], str]:
+    """Return a row for each combination of values, and the title of all."""
+    if arguments.status is not None or arguments.table is None:
+        raise UsageError("--over needs a mesh, and no --status: abfm batch MESH --over NAME=A,B")
+    over: dict[str, list[str]] = {}
+    for word in arguments.over:
+        name, values = _values(word)
+        if name in over:
+            raise UsageError(f"--over {name} is given twice; give all its values in one")
+        over[name] = values
+    try:
+        rows = combinations([("mesh", arguments.table), *given], over)
+    except ParameterError as error:
+        raise UsageError(re.sub("^column ", "--", str(error))) from error
+    first = rows[0].values()
+    if not over.keys() & {each.name for each in MESH_INPUTS}:
+        load_mesh(first["mesh"], **mesh_options(first).given)  # else it would fail every row
+    return rows, f"{printable(arguments.table.name)}, over {' and '.join(over)}"
+
+
+def _values(word: str) -> tuple[str, list[str]]:
+    """Return the option and the values of ``NAME=A,B,...``."""
+    names = [each.name for each in MatchTask.inputs if each.name != "mesh" and not each.repeats]
+    name, sign, text = word.partition("=")
+    name = option(name.strip().lower().removeprefix("--"))
+    if not (sign and name):
+        raise UsageError(f"--over {brief(word)} is not NAME=A,B,...")
+    if name not in names:
+        raise UsageError(
+            f"--over: a match has no option {brief(name)} to vary{did_you_mean(name, names)}"
+        )
+    try:
+        (values,) = csv.reader([text], skipinitialspace=True, strict=True)
+    except (csv.Error, ValueError):
+        values = []
+    values = [value.strip() for value in values]
+    if not values or not all(values):
+        raise UsageError(f"--over {brief(word)}: expected values with commas between")
+    if len(set(values)) < len(values):
+        raise UsageError(f"--over {brief(word)} has a value twice")
+    return name, values
+
+
+def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int:
+    """Solve the rows that have no result, write and print the summary; return the exit status."""
+    began = time.perf_counter()
+    try:
+        entries, status = solved(rows, title, arguments.out, arguments)
+    except LostError as error:
+        print_line(f"abfm: {error}")
+        entries, status = Ledger(arguments.out).entries(rows), FAILED_STATUS
+    seconds = time.perf_counter() - began
+    if status not in (None, FAILED_STATUS) and len(rows) > ROWS_AFTER_SIGNAL_MAX:
+        done = sum(entry.state == "done" for entry in entries)
+        print_line(f"{done:,} of {len(rows):,} rows are done; {_how_to_resume(True)}")
+        return status
+    return _report(entries, title, arguments, seconds, status)
+
+
+def solved(
+    rows: Sequence[Row], title: str, folder: Path, arguments: argparse.Namespace
+) -> tuple[list[LedgerEntry], int | None]:
+    """Solve the rows of a folder that have no result, with progress.
+
+    Returns
+    -------
+    entries : list of LedgerEntry
+        What is known of each row.
+    status : int or None
+        The exit status of a signal, if one came.
+    """
+    cluster, control, ledger = options.cluster_of(arguments), Control(), Ledger(folder)
+    ledger.make()
+    ledger.write_rows(rows, title)
+    entries = ledger.entries(rows)
+    left = [number for number, entry in enumerate(entries) if entry.state != "done"]
+    if len(left) < len(rows) and not arguments.quiet:
+        done = f"{len(rows) - len(left)} of {counted(len(rows), 'row')}"
+        print_line(f"{done} are there already")
+    keys = {rows[number].key for number in left}
+    with (
+        cancelled_by_signals(control, "with the rows that are done") as interrupt,
+        row_progress(len(keys), arguments.quiet, reported=REPORTED_STEPS) as report,
+    ):
+        found = run_rows(
+            [rows[number] for number in left],
+            ledger.folder,
+            cluster,
+            on_change=lambda entry: report(_line(SummaryRow(entry, entry.facts))),
+            control=control,
+        )
+    for number, entry in zip(left, found, strict=True):
+        entries[number] = entry
+    return entries, interrupt.status
+
+
+def _report(
+    entries: Sequence[LedgerEntry],
+    title: str,
+    arguments: argparse.Namespace,
+    seconds: float | None = None,
+    status: int | None = None,
+) -> int:
+    """Write and print the summary, and return the exit status.
+
+    Parameters
+    ----------
+    seconds : float, optional
+        That solving took, if anything was to be solved.
+    status : int, optional
+        The exit status of a run that ended early; nothing is drawn after it.
+    """
+    rows, folder = list[SummaryRow](), Path(arguments.out)
+    with row_progress(0, arguments.quiet, "reading") as report:
+        for number, entry in enumerate(entries, 1):
+            report(f"row {number} of {len(entries)}")
+            rows.append(SummaryRow(entry, entry.facts))
+    draws = status is None and not arguments.no_pictures
+    try:
+        with row_progress(0, arguments.quiet or not draws, "drawing") as report:
+            written, why = write_summary(
+                folder, title, rows, report if draws else None, arguments.up
+            )
+    except ResultError as error:
+        if seconds is not None:
+            raise
+        print_note(f"no summary is written: {error}")
+        written, why = [], ""
+    if why:
+        print_note(f"the summary has no pictures: {why}")
+    best = best_of(rows)
+    if arguments.json:
+        head = {
+            "out": str(folder),
+            "counts": counts(rows),
+            "seconds": seconds,
+            "best": None if best is None else best.to_dict(),
+            "summary": list(map(str, written)),
+        }
+        _print_json(head, rows)
+    else:
+        print("\n".join(_lines(rows, best, written, seconds)))
+    return _status(rows) if status is None else status
+
+
+def _print_json(head: dict[str, Any], rows: Sequence[SummaryRow]) -> None:
+    """Print one JSON object: the head, and a list of rows that is in memory a row at a time."""
+    print(json.dumps(head)[:-1], end=', "rows": [')
+    for number, row in enumerate(rows):
+        print(", " if number else "", json.dumps(row.to_dict()), sep="", end="")
+    print("]}")
+
+
+def _status(rows: Sequence[SummaryRow]) -> int:
+    outcomes = counts(rows).keys()
+    if outcomes & {Outcome.FAILED, Outcome.MISSING}:
+        return FAILED_STATUS
+    return 0 if all(outcome.is_good for outcome in outcomes) else UNMATCHED_STATUS
+
+
+def _line(row: SummaryRow) -> str:
+    """Return ``sub-01: matched to 2.1%, in 1.2 s``, or why the row failed."""
+    name, facts = one_line(row.name, 80), row.facts
+    if not row.is_known:
+        return f"{name}: {facts.outcome}: {facts.reason}"
+    return f"{name}: {facts.headline}{_duration(row.entry.record.seconds)}"
+
+
+def _lines(
+    rows: Sequence[SummaryRow], best: Best | None, written: Sequence[Path], seconds: float | None
+) -> list[str]:
+    found = counts(rows)
+    words = ", ".join(
+        f"{count} {'not done' if outcome is Outcome.MISSING else outcome}"
+        for outcome, count in found.items()
+    )
+    lines = [f"{counted(len(rows), 'row')}: {words}{_duration(seconds)}"]
+    lines += [] if best is None else best.sentences()
+    failed = [row for row in rows if row.facts.outcome is Outcome.FAILED or row.entry.reason]
+    lines += [f"  {_line(row)}" for row in failed[:_FAILURES_MAX]]
+    if len(failed) > _FAILURES_MAX:
+        lines.append(f"  and {len(failed) - _FAILURES_MAX} more, see the summary")
+    if found.get(Outcome.MISSING):
+        lines.append(_how_to_resume(seconds is not None))
+    if written:
+        lines.append(f"wrote {', '.join(printable(path) for path in written)}")
+    return lines
+
+
+def _duration(seconds: float | None) -> str:
+    return "" if seconds is None else f", in {seconds:.1f} s"
+
+
+def _how_to_resume(was_run: bool) -> str:
+    command = "the same command" if was_run else "the command without --status"
+    return f"run {command} to resume, finished rows are kept"
+
+
+def write_summary(
+    folder: Path,
+    title: str,
+    rows: Sequence[SummaryRow],
+    report: Callable[[str], object] | None = None,
+    up: Up | None = None,
+) -> tuple[list[Path], str]:
+    """Write ``summary.csv``, in the order of the rows, and ``summary.html``, the worst first;
+    return them, and why there are no pictures, if there are none.
+
+    The page shows the rows of `worst`. Pictures that are missing are drawn if there is a ``report``
+    to call with each of them, and kept in a folder of their own.
+    """
+    table, shown_page = folder / "summary.csv", folder / "summary.html"
+    _write_table(table, rows)
+    shown = [row.entry for row in worst(rows) if row.is_known]
+    files = {
+        entry.digest: folder / "pictures" / f"{entry.digest}{f'-{up}' if up else ''}.png"
+        for entry in shown
+    }
+    why = _draw(shown, files, report, up) if report else ""
+    small = {digest: path.read_bytes() for digest, path in files.items() if path.is_file()}
+    outputs.write_text(shown_page, batch_page(title, rows, small, why))
+    return [table, shown_page], why
+
+
+def _write_table(path: Path, rows: Sequence[SummaryRow]) -> None:
+    """Write a line for each row: its facts, and all its columns as they were given."""
+    repeats: Counter[str] = Counter()
+    for row in rows:
+        repeats |= Counter(column for column, _ in row.entry.row.options)
+    columns = list(repeats.elements())
+    own = [key for key in rows[0].to_dict() if key != "file"] if rows else []
+    write_csv(path, [[*own, *columns], *(_cells(row, own, columns) for row in rows)])
+
+
+def _cells(row: SummaryRow, own: Sequence[str], columns: Sequence[str]) -> list[object]:
+    given = defaultdict[str, list[str]](list)
+    for column, text in reversed(row.entry.row.options):
+        given[column].append(text)
+    facts = row.to_dict()
+    return [
+        *(facts[key] for key in own),
+        *(given[column].pop() if given[column] else "" for column in columns),
+    ]
+
+
+def _draw(
+    entries: Sequence[LedgerEntry],
+    files: Mapping[str, Path],
+    report: Callable[[str], object],
+    up: Up | None,
+) -> str:
+    """Draw the pictures that are missing; return why not, if the machine cannot."""
+    missing = {entry.path: entry for entry in entries if not files[entry.digest].is_file()}
+    results = [(path, entry.row.declared) for path, entry in missing.items() if path]
+    try:
+        for number, (path, drawn) in enumerate(pictures.row_pictures(results, up), 1):
+            report(f"picture {number} of {len(results)}")
+            if not isinstance(drawn, AbfmError):
+                place = files[missing[path].digest]
+                place.parent.mkdir(exist_ok=True)
+                with write_atomically(place) as temporary:
+                    drawn.quantize(_PICTURE_COLORS).save(temporary, "PNG", optimize=True)
+    except (AbfmError, OSError) as error:
+        return one_line(error, 300)
+    return ""

@@ -1,1 +1,0 @@
-"""Tables of problems: the commands that solve them, and what is told of them."""

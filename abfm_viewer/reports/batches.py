@@ -1,0 +1,238 @@
+"""What is reported of a batch: its rows, the best of them, and a page of the worst."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from abfm.batch import KINDS, LedgerEntry
+from abfm.outcome import Facts, Outcome
+from abfm.parameters import FIELDS, option
+from abfm_viewer.reports.pages import cut, render
+
+ROWS_SHOWN_MAX = 1000
+"""Rows on a page, which has about 6 MB with their pictures."""
+_NUMBERS = ("residual", "verified_residual", "folded", "log2_area")
+_HEADS = ("", "residual", "by flow lines", "folded", "|log2\u00a0J|", "seconds")
+_SETTINGS = {*map(option, FIELDS), "start", "initial", "max-distortion"}
+"""Options that say how a problem is solved, not which."""
+
+
+class SummaryRow(NamedTuple):
+    """A row of a batch and its facts; without numbers if it has no result."""
+
+    entry: LedgerEntry
+    facts: Facts
+
+    @property
+    def name(self) -> str:
+        """The name of the row."""
+        return self.entry.row.name
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is a result that can be read."""
+        return bool(self.facts.numbers)
+
+    @property
+    def residual(self) -> float:
+        """The larger residual of both checks; infinite if it is unknown."""
+        return _or_infinite(self.facts.worse_residual)
+
+    @property
+    def areas(self) -> float:
+        """The mean |log2 J| of its map; infinite if it is unknown."""
+        return _or_infinite(self.facts.number("log2_area"))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers and texts; None for what is unknown."""
+        entry, facts = self.entry, self.facts
+        return {
+            "name": self.name,
+            "digest": entry.digest or None,
+            "verdict": str(facts.outcome),
+            **{number: facts.numbers.get(number) for number in _NUMBERS},
+            "seconds": entry.record.seconds,
+            "reason": facts.reason or None,
+            "file": None if entry.path is None else entry.path.name,
+        }
+
+
+def counts(rows: Iterable[SummaryRow]) -> dict[Outcome, int]:
+    """Return the number of rows by outcome, the best outcome first."""
+    found = Counter(row.facts.outcome for row in rows)
+    return {outcome: found[outcome] for outcome in sorted(found, key=lambda each: each.rank)}
+
+
+def worst(rows: Sequence[SummaryRow]) -> list[SummaryRow]:
+    """Return the rows with the worst outcomes, then the largest residuals, at most
+    `ROWS_SHOWN_MAX`.
+    """
+    return heapq.nsmallest(ROWS_SHOWN_MAX, rows, key=_goodness)
+
+
+def _goodness(row: SummaryRow) -> tuple[int, float]:
+    residual = row.facts.worse_residual
+    return -row.facts.outcome.rank, -residual if residual > 0 else 0.0
+
+
+class Best(NamedTuple):
+    """Of rows that solve one problem: the closest, of those that reached their target if there are
+    any, and of these the one whose map changes areas least, if that is known of any.
+    """
+
+    closest: SummaryRow
+    gentlest: SummaryRow | None
+    reached: bool  # whether they reached their target
+    unbeaten: frozenset[str]  # names of those that no other beats in both
+
+    def to_dict(self) -> dict[str, str | None]:
+        """Return the names of the rows."""
+        gentlest = None if self.gentlest is None else self.gentlest.name
+        return {"closest": self.closest.name, "areas_change_least": gentlest}
+
+    def sentences(self) -> list[str]:
+        """Return it in words."""
+        first, other = self.closest, self.gentlest
+        if other is None or other is first:
+            both = "" if other is None else ", and areas change least"
+            found = [f"closest{both}: {_cost_words(first)}"]
+        else:
+            which = "of those that reached their target, " if self.reached else ""
+            found = [
+                f"closest: {_cost_words(first)}",
+                f"{which}areas change least: {_cost_words(other)}",
+            ]
+        has_sigma = dict(first.entry.row.options).get("sigma", "auto") != "auto"
+        if first.facts.outcome is Outcome.REGISTERED and has_sigma:
+            found.append(
+                "the functions were measured, and closer than their noise is no better: "
+                "sigma auto ends where what was held out gains no more"
+            )
+        return found
+
+
+def best_of(rows: Sequence[SummaryRow]) -> Best | None:
+    """Return which rows are best; None where they do not solve one problem in several ways, or
+    fewer than two are done, or their results have no map whose areas change.
+    """
+    if not rows or any(_problem(row) != _problem(rows[0]) for row in rows):
+        return None
+    known = [row for row in rows if row.residual < math.inf]
+    if len(known) < 2 or not any("log2_area" in row.facts.numbers for row in known):
+        return None
+    good = [row for row in known if row.facts.outcome.is_good]
+    compared = good or known
+    closest = min(compared, key=lambda row: (row.residual, row.areas))
+    gentle = [row for row in compared if row.areas < math.inf]
+    gentlest = min(gentle, key=lambda row: (row.areas, row.residual), default=None)
+    return Best(closest, gentlest, bool(good), _unbeaten(gentle))
+
+
+def _problem(row: SummaryRow) -> list[tuple[str, str]]:
+    return [pair for pair in row.entry.row.options if pair[0] not in _SETTINGS]
+
+
+def _or_infinite(value: float) -> float:
+    return math.inf if math.isnan(value) else value
+
+
+def _unbeaten(rows: Sequence[SummaryRow]) -> frozenset[str]:
+    """Return the names of those than which no other leaves less and changes areas less."""
+    found, least, last = set[str](), math.inf, (math.nan, math.nan)
+    for row in sorted(rows, key=lambda row: (row.residual, row.areas)):
+        pair = row.residual, row.areas
+        if pair[1] < least or pair == last:
+            found.add(row.name)
+            least, last = pair[1], pair
+    return frozenset(found)
+
+
+def _cost_words(row: SummaryRow) -> str:
+    cost = f", mean |log2 J| {row.areas:.2f}" if row.areas < math.inf else ""
+    return f"{row.name}: {100 * row.residual:.2g}% left{cost}"
+
+
+class Grid(NamedTuple):
+    """Rows by the values of two options."""
+
+    across: list[str]
+    down: list[tuple[str, list[SummaryRow]]]
+
+
+def batch_page(
+    title: str, rows: Sequence[SummaryRow], pictures: Mapping[str, bytes], why_none: str = ""
+) -> str:
+    """Return the page of rows, the worst of them first and with a picture (PNG) by digest if there
+    is one.
+
+    Its size is bounded: it shows at most `ROWS_SHOWN_MAX` rows, and refers to the table for all.
+    """
+    shown = worst(rows)
+    kinds = Counter(row.entry.row.kind for row in rows)
+    labels = {kind: ", ".join(KINDS[kind].preview_labels) for kind in kinds}
+    heads = sorted({labels[row.entry.row.kind] for row in shown}, reverse=True)
+    return render(
+        "batch.html",
+        batch=title,
+        sizes=[_counted(count, kind) for kind, count in kinds.items()],
+        counts=counts(rows),
+        no_pictures=why_none,
+        shared=_shared(rows),
+        best=best_of(rows),
+        grid=_grid(rows) if len(shown) == len(rows) else None,
+        heads=("; ".join(heads), *_HEADS),
+        labels=labels,
+        rows=shown,
+        count=len(rows),
+        pictures=pictures,
+        facts={"title": title, "count": len(rows), "rows": list(map(_facts, shown))},
+    )
+
+
+def _counted(number: int, kind: str) -> str:
+    return f"{number:,} {kind}{'es' if kind.endswith('ch') else 's'}" if number > 1 else f"1 {kind}"
+
+
+def _facts(row: SummaryRow) -> dict[str, object]:
+    found = row.to_dict()
+    return {key: cut(value) if isinstance(value, str) else value for key, value in found.items()}
+
+
+def _shared(rows: Sequence[SummaryRow]) -> list[tuple[str, str]]:
+    """Return the options that are the same in all rows."""
+    if len(rows) < 2:
+        return []
+    found = dict.fromkeys(rows[0].entry.row.options)
+    for row in rows:
+        found = {pair: None for pair in found if pair in row.entry.row.options}
+        if not found:
+            break
+    return list(found)
+
+
+def _grid(rows: Sequence[SummaryRow]) -> Grid | None:
+    """Return a grid of all combinations of two options; None if the rows are anything else."""
+    every = [dict(row.entry.row.options) for row in rows]
+    varied = [name for name in every[0] if len({each.get(name) for each in every}) > 1]
+    if len(varied) != 2:
+        return None
+    down, across = varied
+    found = {(o.get(down, ""), o.get(across, "")): row for o, row in zip(every, rows, strict=True)}
+    downs, acrosses = (sorted({pair[i] for pair in found}, key=_by_size) for i in range(2))
+    if len(found) < len(rows) or len(found) < len(downs) * len(acrosses):
+        return None
+    return Grid(
+        [f"{across} {text}" for text in acrosses],
+        [(f"{down} {one}", [found[one, other] for other in acrosses]) for one in downs],
+    )
+
+
+def _by_size(text: str) -> tuple[float, str]:
+    try:
+        return float(text), ""
+    except ValueError:
+        return float("inf"), text

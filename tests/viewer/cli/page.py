@@ -1,0 +1,51 @@
+"""A static page as a reader finds it."""
+
+import base64
+import io
+from html.parser import HTMLParser
+
+import numpy as np
+from PIL import Image
+
+
+class Page(HTMLParser):
+    """A page whose tags are balanced: text, tags, links, names, pictures by title, and facts."""
+
+    def __init__(self, text):
+        super().__init__(convert_charrefs=True)
+        self.open, self.text, self.facts = [], "", ""
+        self.tags, self.links, self.ids, self.names, self.pictures = [], [], [], [], {}
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        named = dict(attributes)
+        self.tags.append(tag)
+        self.ids.append(named.get("id"))
+        if tag not in ("meta", "img"):
+            self.open.append((tag, named.get("class")))
+        if tag == "script":
+            assert named == {"type": "application/json", "id": "facts"}
+        self.links += [named[name] for name in ("src", "href", "action", "data") if name in named]
+        if tag == "img":
+            kind, _, data = named["src"].partition(",")
+            assert kind == "data:image/png;base64"
+            assert named["alt"] not in self.pictures
+            with Image.open(io.BytesIO(base64.b64decode(data, validate=True))) as image:
+                self.pictures[named["alt"]] = np.asarray(image.convert("RGB")).astype(float)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop()[0] == tag
+
+    def handle_data(self, data):
+        where = {tag for tag, _ in self.open}
+        if "script" in where:
+            self.facts += data
+        elif "style" in where:
+            assert "url(" not in data
+            assert "@import" not in data
+        else:
+            self.text += data
+        if ("div", "name") in self.open:
+            self.names.append(data)
