@@ -23,8 +23,8 @@ from abfm_viewer.files.project import load_origin, load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
 from abfm_viewer.window.recovery import Preferences
-from tests.attack.hunt import FaultError
 from tests.attack.specimens import MESH
+from tests.attack.trial import FaultError
 
 _INNER = re.compile(
     r"\b__\w+__\b|NoneType|object has no attribute|not subscriptable|unhashable|slice indices"

@@ -11,12 +11,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
-from typing import NamedTuple
 
 import hypothesis
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+from tests.attack.trial import FaultError
 from tests.processes import ROOT
 
 PARTS = {
@@ -30,18 +30,6 @@ PARTS = {
 }
 """The parts, and the number of trials of each per seed."""
 SHRUNK = ("mutations", "hostile")
-
-
-class Trial(NamedTuple):
-    """A trial without a fault; ``is_refused`` for bad input that was refused in one line."""
-
-    is_refused: bool = False
-    seconds: float = 0.0
-    megabytes: float = 0.0
-
-
-class FaultError(AssertionError):
-    """A broken promise: what was tried, and what came of it."""
 
 
 @dataclass

@@ -17,8 +17,8 @@ from unittest.mock import patch
 from abfm import FunctionError
 from abfm_viewer.automation import Driver
 from abfm_viewer.errors import DriverError
-from tests.attack.hunt import FaultError, Trial
 from tests.attack.specimens import specimens
+from tests.attack.trial import FaultError, Trial
 from tests.mesh_writers import write
 from tests.shapes import ellipsoid
 

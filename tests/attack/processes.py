@@ -24,8 +24,8 @@ from abfm_viewer.files import outputs
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session_files import document_of_result
-from tests.attack.hunt import FaultError, Trial
 from tests.attack.specimens import specimens
+from tests.attack.trial import FaultError, Trial
 from tests.mesh_writers import write
 from tests.processes import family, kill, lingering, python
 from tests.shapes import icosphere

@@ -10,11 +10,12 @@ from abfm_viewer.document.document import Surface
 from abfm_viewer.document.kinds import MatchDocument
 from tests.attack import doors
 from tests.attack.hostile import hostile
-from tests.attack.hunt import FaultError, Tally, Trial, hunt, table
+from tests.attack.hunt import Tally, hunt, table
 from tests.attack.monkey import differences
 from tests.attack.mutations import mutant
 from tests.attack.processes import Kills, Signals
 from tests.attack.specimens import Specimen, specimens
+from tests.attack.trial import FaultError, Trial
 from tests.attack.victim import Victim, put
 from tests.processes import ROOT, run
 from tests.shapes import icosphere

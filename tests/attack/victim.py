@@ -17,7 +17,7 @@ from pathlib import Path
 from abfm import AbfmError
 from tests import peak_memory
 from tests.attack import doors
-from tests.attack.hunt import FaultError, Trial
+from tests.attack.trial import FaultError, Trial
 from tests.processes import ROOT
 
 # CPU time that a file of at most so many bytes may take, and memory by which the process may grow
