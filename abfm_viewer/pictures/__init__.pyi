@@ -2,14 +2,14 @@ from .document_pictures import DocumentRenderer as DocumentRenderer
 from .document_pictures import PictureOptions as PictureOptions
 from .movies import write_movie as write_movie
 from .panels import captions as captions
+from .plots import histogram_picture as histogram_picture
+from .plots import path_picture as path_picture
 from .plots import plot_font as plot_font
 from .plots import plot_picture as plot_picture
 from .population_pictures import PopulationPictures as PopulationPictures
 from .population_pictures import population_pictures as population_pictures
 from .registration_pictures import registration_pictures as registration_pictures
-from .report_plots import histogram_picture as histogram_picture
-from .report_plots import path_picture as path_picture
-from .row_pictures import row_pictures as row_pictures
+from .rows import row_pictures as row_pictures
 from .sheets import SHEETS as SHEETS
 from .sheets import figure_picture as figure_picture
 from .sheets import match_picture as match_picture

@@ -24,7 +24,7 @@ from abfm.pages.registered import (
     functions_on_a,
 )
 from abfm.types import FloatArray
-from abfm_viewer.pictures.report_plots import histogram_picture, path_picture
+from abfm_viewer.pictures.plots import histogram_picture, path_picture
 from abfm_viewer.pictures.rows import Row, drawn, panels_of
 
 _LOG2 = "log2 J and log2 R"

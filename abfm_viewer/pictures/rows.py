@@ -1,24 +1,32 @@
-"""Rows of pictures of surfaces, each from two opposite sides, for static pages."""
+"""Small pictures for static pages: rows of surfaces from two opposite sides, and previews."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
 
-from abfm import TriangleMesh
-from abfm.io.sheets import Panel, Sheet, Values
-from abfm.pages.colormaps import ColorRange
-from abfm.pages.front import Front, triple
+from abfm import ResultError, TriangleMesh
+from abfm.io.sheets import Panel, Sheet, Up, Values
+from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.front import Front, best_front, triple
+from abfm.tasks.preview import Preview
+from abfm.tasks.task import Task
 from abfm.types import FloatArray
 from abfm_viewer.pictures.panels import panel_pictures
-from abfm_viewer.scene.surfaces import fitted
+from abfm_viewer.scene.surfaces import Camera, fitted
 
 _ASPECT_MIN = 0.5
 _ASPECT_MAX = 1.5
+PREVIEW_SIZE = 132, 110
+"""Of each of the three functions of a preview, in pixels."""
+_RESULTS_PER_CANVAS = 24  # results that are drawn on one canvas, which takes long to make
+_MESHES_KEPT = 50  # meshes whose cameras are known
 
 
 class Drawing(NamedTuple):
@@ -39,10 +47,10 @@ class Row:
 
 
 def panels_of(
-    mesh: TriangleMesh, bar: str, functions: Mapping[str, FloatArray]
+    mesh: TriangleMesh, bar: str, functions: Mapping[Any, FloatArray]
 ) -> tuple[Panel, ...]:
     """Return a panel of each function on a surface, by label, in the colours of one bar."""
-    return tuple(Panel(mesh, Values(values, bar), label) for label, values in functions.items())
+    return tuple(Panel(mesh, Values(each, bar), str(label)) for label, each in functions.items())
 
 
 def drawn(
@@ -73,14 +81,52 @@ def drawn(
         sheet, sizes = Sheet((row.panels,)), [size] * len(row.panels)
         sides = (panel_pictures(sheet, sizes, row.ranges, view) for view in views)
         drawings = (
-            Drawing(panel.label, (side_by_side([front]), side_by_side([back])))
+            Drawing(panel.label, (_side_by_side([front]), _side_by_side([back])))
             for panel, front, back in zip(row.panels, *sides, strict=True)
         )
         found.append(replace(row, drawings=tuple(drawings)))
     return found
 
 
-def side_by_side(pictures: Sequence[Image.Image]) -> Image.Image:
+def row_pictures(
+    results: Sequence[tuple[Path, type[Task]]], up: Up | None = None
+) -> Iterator[tuple[Path, Image.Image | ResultError]]:
+    """Yield the picture of each result, a file and its kind, on white, or why there is none.
+
+    All on a mesh are seen from where much of their functions is. A `DrawingError` says why the
+    machine cannot draw.
+    """
+    seen: dict[str, TriangleMesh] = {}
+    cameras: dict[TriangleMesh, Camera] = {}
+    for start in range(0, len(results), _RESULTS_PER_CANVAS):
+        read: list[tuple[Path, Preview]] = []
+        for path, kind in results[start : start + _RESULTS_PER_CANVAS]:
+            try:
+                mesh, functions = kind.file.preview(path)
+            except ResultError as error:
+                yield path, error
+            else:
+                read.append((path, Preview(seen.setdefault(mesh.digest, mesh), functions)))
+        for mesh in {one.mesh: None for _, one in read if one.mesh not in cameras}:
+            ends = [f for _, one in read if one.mesh is mesh for f in one.functions[::2]]
+            front, aspect = best_front(mesh, *ends, up=up), PREVIEW_SIZE[0] / PREVIEW_SIZE[1]
+            cameras[mesh] = fitted(mesh.vertices, front, aspect)
+        ranges = {str(path): color_range(*one.functions[::2]) for path, one in read}
+        every = [
+            panels_of(mesh, str(path), dict(enumerate(functions)))
+            for path, (mesh, functions) in read
+        ]
+        sheet = Sheet((tuple(chain.from_iterable(every)),))
+        sizes = [PREVIEW_SIZE] * len(sheet.rows[0])
+        shown = iter(panel_pictures(sheet, sizes, ranges, cameras))
+        for (path, _), panels in zip(read, every, strict=True):
+            yield path, _side_by_side([next(shown) for _ in panels])
+        if len(seen) > _MESHES_KEPT:
+            seen.clear()
+            cameras.clear()
+
+
+def _side_by_side(pictures: Sequence[Image.Image]) -> Image.Image:
     """Return transparent pictures of one size next to each other, on white."""
     width, height = pictures[0].size
     ground = Image.new("RGB", (len(pictures) * width, height), "white")
