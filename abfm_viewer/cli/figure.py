@@ -12,7 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abfm import AbfmError, Match, TriangleMesh, experiments
+from abfm import AbfmError, Match, TriangleMesh, experiments, load_mesh
 from abfm.batch import Row
 from abfm.errors import printable
 from abfm.experiments import Findings, Measure, Script, Sought
@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         every = f"a number from {FIGURES[0]} to {FIGURES[-1]}, or all"
         raise UsageError(f"there is no figure {arguments.figure!r}; expected {every}")
     numbers = FIGURES if all_wanted else (int(arguments.figure),)
-    mesh = options.mesh(arguments) if arguments.mesh else None
+    mesh = _mesh(arguments) if arguments.mesh else None
     index = arguments.out / "index.html"
     outputs.make_folder(arguments.out)
     written = [_file(arguments.out, n, suffix) for n in numbers for suffix in (".png", ".json")]
@@ -109,6 +109,13 @@ def run(arguments: argparse.Namespace) -> int:
     elif all_wanted:
         print(f"wrote {printable(index)}")
     return 0
+
+
+def _mesh(arguments: argparse.Namespace) -> TriangleMesh:
+    found = load_mesh(arguments.mesh, **options.mesh_options(arguments).given)
+    for message in found.messages:
+        print_note(message)
+    return found
 
 
 def _write(entry: FigureEntry, folder: Path) -> None:

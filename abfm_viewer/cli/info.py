@@ -29,8 +29,6 @@ Examples:
   abfm info spot.obj
   abfm info match.npz
 """
-Described = tuple[dict[str, Any], list[str]]
-"""Facts of a result for JSON, and lines of text."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,12 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
-from abfm import TriangleMesh, load_mesh
 from abfm.batch.cluster import Cluster
-from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
+from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.mesh.options import MERGE, MeshOptions
 from abfm.parameters import FIELDS, MAIN_FIELDS, option
-from abfm.tasks.inputs import MESH_FORMATS, MESH_INPUTS, Input, by_name
+from abfm.tasks.inputs import MESH_INPUTS, Input, by_name
 from abfm.tasks.inputs import mesh_options as options_in
 from abfm_viewer.cli.exit_status import UsageError, print_note
 
@@ -179,12 +178,6 @@ def shown(each: Input) -> str:
     return each.metavar if each.is_argument else f"--{each.name}"
 
 
-def add_mesh(parser: argparse.ArgumentParser) -> None:
-    """Declare the mesh file, as an argument of its own, and how it is read."""
-    adder(parser)("mesh", MESH_FORMATS, "MESH")
-    add_mesh_options(parser)
-
-
 def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     """Declare how meshes are read."""
     add_inputs(parser, MESH_INPUTS)
@@ -207,15 +200,6 @@ def warn_of_doubt(path: str, found: object) -> None:
     if doubt := getattr(match, "doubt", ""):
         text = f"values stored in {path} do not match its field and were recomputed: {doubt}"
         print_note(text, "warning")
-
-
-def mesh(arguments: argparse.Namespace, path: str | None = None) -> TriangleMesh:
-    """Read the mesh, or one of several by its path, and print what was repaired on stderr."""
-    loaded = load_mesh(path or arguments.mesh, **mesh_options(arguments).given)
-    whose = f"{printable(path)}: " if path else ""
-    for message in loaded.messages:
-        print_note(f"{whose}{message}")
-    return loaded
 
 
 def size(text: str) -> tuple[int, int]:
@@ -242,7 +226,6 @@ def _within(
 
 # types for argparse
 positive = partial(_within, float, math.ulp(0), 86400, "a number above 0 and at most 86400")
-bound = partial(_within, float, 1e-9, 1000, "a number above 0 and at most 1000")
 angle = partial(_within, float, -360_000, 360_000, "an angle up to 360000 degrees")
 seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")
 count = partial(_within, int, 1, 1_000_000, "a whole number from 1 to 1000000")

@@ -63,8 +63,8 @@ class Command:
             print(solved.summary())
             return solved.status
         facts = solved.to_dict()
-        read = {each.name: getattr(arguments, each.name) for each in task.inputs if each.is_argument}
-        files = {f"{name}_file" if name in facts else name: text for name, text in read.items()}
+        names = [each.name for each in task.inputs if each.is_argument]
+        files = {f"{n}_file" if n in facts else n: getattr(arguments, n) for n in names}
         print(json.dumps(files | facts))
         return solved.status
 
