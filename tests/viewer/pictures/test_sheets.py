@@ -297,6 +297,13 @@ def test_plot_has_curves_within_bounds():
     assert heights[0] < heights[1]
 
 
+def test_sheets_have_panels_of_several_shapes():
+    row = (Panel(SPHERE, Values(X, "height"), "field", "field"), SOURCE)
+    egg = ellipsoid(2, 1, 2, 1)
+    picture = figure_picture(Sheet((row, (Panel(egg, Coordinates(egg.vertices), "tall"),))))
+    assert {BLUE, GREY, WHITE} <= colors(picture)
+
+
 def test_long_labels_are_cut():
     long = "a label that is far too long for the narrow panel that it stands below, by all means"
     narrow = ellipsoid(2, 0.4, 1.5, 0.4)
