@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import abfm
-from abfm import Correspondence, FunctionError, ResultError, TriangleMesh, load
+from abfm import Correspondence, FunctionError, ResultError, TriangleMesh
 from abfm.errors import printable
 from abfm.functions import read_values
 from abfm.functions.labels import read_label_columns
@@ -20,7 +20,7 @@ from abfm.maps import SurfacePoints, project_onto_surface
 from abfm.reading import NO_LABEL, Columns, Labels
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError, print_note
-from abfm_viewer.cli.options import adder, texels, warn_of_doubt
+from abfm_viewer.cli.options import adder, load_result, texels
 from abfm_viewer.cli.progress import task_progress
 from abfm_viewer.files import outputs
 
@@ -92,8 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--column is of --labels; of --data all columns are carried")
     by: Literal["area", "point"] = arguments.by or "area"
     side = arguments.hemisphere or ""
-    found = load(arguments.registration, Correspondence)
-    warn_of_doubt(arguments.registration, found)
+    found = load_result(arguments.registration, Correspondence)
     way = found.inverse() if arguments.inverse else found
     if arguments.data:
         data = partial(read_values, arguments.data, hemisphere=side)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm import Correspondence, FunctionError, Match, ParameterError, load
+from abfm import Correspondence, FunctionError, Match, ParameterError
 from abfm.errors import printable
 from abfm.functions import read_values, vertex_map
 from abfm.io import write_values
@@ -21,7 +21,7 @@ from abfm.registration.initial import Landmarks, map_from_file
 from abfm.registration.task import vertex_numbers
 from abfm.types import IntArray
 from abfm_viewer.cli.exit_status import UsageError, print_note
-from abfm_viewer.cli.options import adder, warn_of_doubt
+from abfm_viewer.cli.options import adder, load_result
 from abfm_viewer.files import outputs
 
 SUMMARY = "the map of a result's flow or of a registration: as a file, against a known one"
@@ -75,8 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_not_read(out, (arguments.carry, truth))
     elif arguments.carry or arguments.functional_map is not None:
         raise UsageError("--carry and --functional-map need --out, where the table goes")
-    match = load(arguments.input, Match, Correspondence)
-    warn_of_doubt(arguments.input, match)
+    match = load_result(arguments.input, Match, Correspondence)
     if isinstance(match, Correspondence):
         return _of_two_surfaces(arguments, match)
     time = match.parameters.tau if arguments.time is None else arguments.time

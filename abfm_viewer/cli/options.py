@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
+import abfm
 from abfm.batch.cluster import Cluster
 from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.mesh.options import MERGE, MeshOptions
@@ -192,6 +193,13 @@ def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
         except ParameterError as error:
             raise UsageError(f"--{name}: {error}") from None
     return options_in(values)
+
+
+def load_result(path: str, *expected: type) -> Any:
+    """Read a result of one of these types, and warn of what its field contradicts."""
+    found = abfm.load(path, *expected)
+    warn_of_doubt(path, found)
+    return found
 
 
 def warn_of_doubt(path: str, found: object) -> None:

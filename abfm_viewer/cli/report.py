@@ -60,7 +60,6 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check(out, [".html"])
     with long_steps(quiet):
         found = _loaded(arguments.input)
-        options.warn_of_doubt(arguments.input, found)
         with share_progress("report", quiet) as update:
             update("measuring", 0.0)
             distortion = found.distortion()
@@ -80,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _loaded(path: str) -> Correspondence:
     """Return the map of a file; a match on one surface as a registration of it to itself."""
-    found: Match | Correspondence = abfm.load(path, Match, Correspondence)
+    found: Match | Correspondence = options.load_result(path, Match, Correspondence)
     if isinstance(found, Match):
         return Registration(Correspondence.of_same_faces(found.mesh, found.mesh), found)
     return found
