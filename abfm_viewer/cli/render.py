@@ -109,8 +109,6 @@ def run(arguments: argparse.Namespace) -> int:
         _refuse(arguments, _MOVIE_OPTIONS, f"is for movies, and {out} is a picture")
     if arguments.fade and not arguments.streaks:
         raise UsageError("--fade is for streaks; add --streaks")
-    if arguments.style == "sheet":
-        _refuse(arguments, _WINDOW_OPTIONS, "is not for sheets; add --style window")
     document, known = read_document(Path(arguments.input))
     warn_of_doubt(arguments.input, document)
     size = ""

@@ -1,6 +1,7 @@
 """`abfm report`, run in this process on small spheres, with small pictures."""
 
 import json
+import re
 from dataclasses import replace
 from importlib.metadata import version
 from unittest.mock import Mock
@@ -208,7 +209,7 @@ def test_bad_input_leaves_no_page(words, named, written, tmp_path, abfm, monkeyp
     assert list(tmp_path.iterdir()) == []
 
 
-def test_landmarks_alone_have_no_pictures_of_functions(tmp_path, abfm):
+def test_landmarks_alone_have_pages_of_places(tmp_path, abfm):
     found = library.register(B, B, landmarks=[[0, 20], [50, 60]])
     found.save(tmp_path / "r.npz")
     abfm("report {t}/r.npz --out={t}/r.html --width=160 --quiet")
@@ -216,3 +217,10 @@ def test_landmarks_alone_have_no_pictures_of_functions(tmp_path, abfm):
     assert "Matched: 2 landmarks within 0." in text
     assert "farthest landmark" in text
     assert "<h2>Functions" not in text
+    abfm("render {t}/r.npz --out {t}/p.html")
+    text = (tmp_path / "p.html").read_text(encoding="utf-8")
+    a, b = json.loads(re.search(r'id="page">(.*?)</script>', text)[1])["panels"]
+    assert (a["title"], b["title"]) == ("A", "A on B")
+    assert [layer["name"] for layer in b["layers"]] == ["x of A", "y of A", "z of A"]
+    assert [way["name"] for way in a["ways"]] == ["landmarks"]
+    assert {"landmarks", "where landmarks belong"} <= {way["name"] for way in b["ways"]}
