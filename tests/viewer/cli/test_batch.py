@@ -185,6 +185,7 @@ CURVES = "--source=curvature:mean --target=curvature:mean"
         ("m.off --out out --over alpa=1", ["alpha"]),
         ("m.off --out out --over alpha", ["NAME=A,B"]),
         (f"m.off {CURVES} --out=out --over=alpha=x", ["--alpha", "x"]),
+        ("m.off --out out --over alpha=1,,2", ["alpha=1,,2"]),
         ("m.off --out out --over alpha=1,1", ["alpha=1,1"]),
         ("m.off --out=out --over=alpha=1 --over=alpha=2", ["alpha"]),
         ("m.off --out=out --over=alpha=1 --alpha=2", ["alpha"]),
