@@ -46,7 +46,7 @@ image of its own.
 An .obj comes with an .mtl and a .png of the same name. Vertices that no face uses get NaN, and as
 a label "???" in GIFTI or -1 elsewhere.
 """
-_LARGEST_KEY = 2**31 - 1
+_LABEL_KEY_MAX = 2**31 - 1
 # sqrt(area): nearer points lie on a surface, up to rounding; farther ones are none of its own
 _SURFACE_DISTANCE = 1e-6
 _DISTANCE_MAX = 1.0
@@ -162,8 +162,8 @@ def _labels(way: Correspondence, path: str, column: str | None, side: str) -> La
             labels = columns.labels(column)
     except FunctionError as error:
         raise FunctionError(str(error).replace("choose column=", "choose --column ")) from None
-    if np.abs(labels.values).max() > _LARGEST_KEY:
-        raise FunctionError(f"{path}: keys of labels are at most {_LARGEST_KEY}")
+    if np.abs(labels.values).max() > _LABEL_KEY_MAX:
+        raise FunctionError(f"{path}: keys of labels are at most {_LABEL_KEY_MAX}")
     return labels
 
 

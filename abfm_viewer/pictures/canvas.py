@@ -20,8 +20,8 @@ Pixels = NDArray[np.uint8]
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 # samples along a side of a pixel, and the most of them in a picture
-_MOST_SAMPLES = {4: 40e6, 3: 80e6, 2: 140e6}
-_LONGEST_SIDE = 16384  # in samples: what graphics cards take
+_SAMPLES_MAX = {4: 40e6, 3: 80e6, 2: 140e6}
+_SIDE_SAMPLES_MAX = 16384  # in samples: what graphics cards take
 _START_SIZE = 64
 _SUPERSAMPLING = 4  # than pixels, along a side, are discs drawn
 # polyscope's tone mapping
@@ -35,8 +35,8 @@ def canvas(width: int, height: int) -> Iterator[None]:
     """Make polyscope draw pictures of a size in the block; a `DrawingError` if it cannot."""
     opengl.start(opengl.OFFSCREEN_BACKEND, _START_SIZE, _START_SIZE)
     opengl.clear()
-    allowed = [side for side, most in _MOST_SAMPLES.items() if width * height * side**2 <= most]
-    side = next((side for side in allowed if max(width, height) * side <= _LONGEST_SIDE), 1)
+    allowed = [side for side, most in _SAMPLES_MAX.items() if width * height * side**2 <= most]
+    side = next((side for side in allowed if max(width, height) * side <= _SIDE_SAMPLES_MAX), 1)
     try:
         _resize(width, height, side)
         yield

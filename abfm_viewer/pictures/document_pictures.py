@@ -25,7 +25,7 @@ from abfm_viewer.widgets.widget_record import Rect
 SIDE_MAX = 8192  # pixels along a side
 # of the shorter side; pixels; pixels at a scale of 1
 _TEXT = 1 / 42
-_SMALLEST_TEXT = 11.0
+_TEXT_SIZE_MIN = 11.0
 _WINDOW_TEXT = 16.0
 
 
@@ -62,7 +62,7 @@ class DocumentRenderer:
         self._document, self._known, self._size, self._options = document, known, size, options
         self._rect: Rect = (0.0, 0.0, float(size[0]), float(size[1]))
         self._color_bar = options.color_bar and document.view.color_bar
-        height = max(_SMALLEST_TEXT, min(size) * _TEXT)
+        height = max(_TEXT_SIZE_MIN, min(size) * _TEXT)
         self._font = ImageFont.load_default(height)
         inks = theme.palette(document.view.theme)
         self._pen = Pen(height / _WINDOW_TEXT, 1.2 * height, self._font.getlength, inks)

@@ -19,10 +19,10 @@ from abfm.pages.registered import MOST_CHANNELS
 from abfm.types import FloatArray
 from abfm_viewer.pictures.rows import Row, drawn, panels_of
 
-MOST_MISFITS = 4
-"""The most subjects that are drawn by themselves."""
+_OUTLIERS_DRAWN_MAX = 4
+"""Outliers with a row of pictures of their own."""
 _SHOWN_FACES = 98  # percent whose areas are between the ends of the colours: tiny faces vary most
-_LEAST_RANGE = 0.25  # of logarithms: less hardly shows anywhere else
+_RANGE_MIN = 0.25  # a smaller one shows hardly any colour elsewhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ def population_pictures(
     mesh, shown = found.template, _known(found.mean(found.main_channel))
     channels = [_channel(found, c) for c in range(min(len(found.channels), MOST_CHANNELS))]
     tried = (_misfit(found, i) for i in found.worst_first() if not found.fits[i])
-    misfits = [row for row in tried if row is not None][:MOST_MISFITS]
+    misfits = [row for row in tried if row is not None][:_OUTLIERS_DRAWN_MAX]
     planned = [*channels, _areas(found), *misfits]
     rows = drawn(planned, {mesh: best_front(mesh, shown, up=up)}, width, report)
     count = len(channels)
@@ -83,7 +83,7 @@ def _areas(found: Population) -> Row:
         deviation: np.nan_to_num(found.log2_area_deviation),
     }
     ends = {
-        name: max(math.ceil(4 * float(np.percentile(np.abs(each), _SHOWN_FACES))) / 4, _LEAST_RANGE)
+        name: max(math.ceil(4 * float(np.percentile(np.abs(each), _SHOWN_FACES))) / 4, _RANGE_MIN)
         for name, each in values.items()
     }
     panels = (panels_of(found.template, name, {name: each}) for name, each in values.items())

@@ -31,7 +31,7 @@ _LOG2 = "log2 J and log2 R"
 _ON_B = ("A on B, at first", "registered", "B")
 _FIELDS = 16  # of the checkerboard, along A's larger side
 _STRETCH_MIN = 1e-6  # of a stretch, as `Distortion.log2_area` has it
-_LEAST_RANGE = 0.5  # of logarithms: less hardly shows anywhere else
+_RANGE_MIN = 0.5  # a smaller one shows hardly any colour elsewhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def _map(found: Correspondence, distortion: Distortion, front: Front) -> Row:
     logs = {title: log2_of(each) for title, each in changed.items()}
     changes = panels_of(found.b, _LOG2, logs)
     most = max(distortion.log2_area.p98, distortion.log2_shape.p98)
-    end = max(math.ceil(2 * most) / 2, _LEAST_RANGE)
+    end = max(math.ceil(2 * most) / 2, _RANGE_MIN)
     return Row("the map", (*panels, *changes), {_LOG2: ColorRange("abfm diverging", -end, end)})
 
 

@@ -25,9 +25,9 @@ WIDTH_MAX = 2000
 PANEL_HEIGHT_MAX = 640
 # of matches
 DEFAULT_WIDTH = 1800
-_USUAL_HEIGHT = 700
-_SMALLEST_SCALE = 0.6
-_PLEASANT_ASPECT = 2.4
+_DEFAULT_HEIGHT = 700
+_SCALE_MIN = 0.6
+_SHEET_ASPECT = 2.4
 _MOMENTS = 6  # of a sequence, on a sheet
 _ASPECTS = (0.45, 1.9)  # least and greatest width over height of a figure's panel
 # in pixels at a scale of 1
@@ -224,13 +224,13 @@ def grid(count: int, aspect: float, size: tuple[int, int] | None = None) -> Layo
     width, height = size or (DEFAULT_WIDTH, None)
     scale = 1.0
     if height is not None:
-        scale = max(_SMALLEST_SCALE, min(width / DEFAULT_WIDTH, height / _USUAL_HEIGHT))
+        scale = max(_SCALE_MIN, min(width / DEFAULT_WIDTH, height / _DEFAULT_HEIGHT))
     candidates = []
     for columns in sorted({math.ceil(count / rows) for rows in range(1, count + 1)}):
         rows = [[aspect] * columns] * math.ceil(count / columns)
         candidates.append(laid_out(rows, 1, True, (width, height), scale))
     if size is None:
-        off = [math.log(one.width / one.height / _PLEASANT_ASPECT) for one in candidates]
+        off = [math.log(one.width / one.height / _SHEET_ASPECT) for one in candidates]
         return candidates[int(np.argmin(np.abs(off)))]
     return max(candidates, key=lambda layout: layout.rows[0][0].width)
 
