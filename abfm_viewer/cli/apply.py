@@ -24,9 +24,9 @@ from abfm_viewer.cli.options import adder, load_result, texels
 from abfm_viewer.cli.progress import task_progress
 from abfm_viewer.files import outputs
 
-SUMMARY = "carry data, labels, points or textures from surface A to B by a registration, or back"
+SUMMARY = "transfer data, labels, points or textures between the surfaces of a registration"
 DESCRIPTION = """\
-Carry what is known on surface A of a registration to surface B, or with --inverse from B to A.
+Transfer data on surface A of a registration to surface B, or with --inverse from B to A.
 
 Examples:
   abfm apply reg.npz --data lh.thickness --out thickness.shape.gii
@@ -36,15 +36,14 @@ Examples:
   abfm apply reg.npz --texture a.obj --out b.obj
   abfm apply reg.npz --inverse --texture b.glb --size 4096 --out a.glb
 
-Data may have several columns. By area (the default) each vertex averages what lies around it, as
---by point does not, where the other surface is coarser; labels are never mixed: the one with most
-weight is taken. Points are vertex numbers, counted from 0, one a line, or x, y and z, which are
-brought onto the surface; what is written is x, y and z on the other one. The texture is what the
-faces of a mesh file show, images or colours of vertices, where the file is of this surface, also if
-it has vertices twice, in another order or elsewhere; what is written is the other surface with an
-image of its own.
-An .obj comes with an .mtl and a .png of the same name. Vertices that no face uses get NaN, and as
-a label "???" in GIFTI or -1 elsewhere.
+Data may have several columns. By area (the default), each vertex of a coarser surface gets the mean
+of the values around it; by point, the value at one point. Labels are never mixed: each vertex gets
+the label with the largest weight. Points are vertex numbers, counted from 0, one a line, or x, y
+and z, which are projected onto the surface; the output has x, y and z on the other surface. A
+texture is the images or the vertex colours of a mesh file of this surface, whose vertices may be
+repeated, reordered or moved. The output is the other surface with an image of its own; an .obj is
+written with an .mtl and a .png of the same name. Vertices without faces get NaN, and the label
+"???" in GIFTI or -1 elsewhere.
 """
 _LABEL_KEY_MAX = 2**31 - 1
 # sqrt(area): nearer points lie on a surface, up to rounding; farther ones are none of its own
@@ -79,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     out = arguments.out
     if out is None:
-        raise UsageError("give --out, where it goes; see abfm apply --help")
+        raise UsageError("--out is missing: the file to write; see abfm apply --help")
     outputs.check_folder(out)
     outputs.check_not_read(out, (arguments.data, arguments.labels, arguments.points))
     if arguments.texture:
@@ -89,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.by and not (arguments.data or arguments.labels):
         raise UsageError("--by is of --data and --labels; leave it out")
     if arguments.column is not None and not arguments.labels:
-        raise UsageError("--column is of --labels; of --data all columns are carried")
+        raise UsageError("--column is of --labels; of --data all columns are transferred")
     by: Literal["area", "point"] = arguments.by or "area"
     side = arguments.hemisphere or ""
     found = load_result(arguments.registration, Correspondence)

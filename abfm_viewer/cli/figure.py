@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 SUMMARY = "a figure of the paper, computed, measured and drawn"
 DESCRIPTION = """\
-Compute a figure of the paper, or all of them, anew: figure-N.png is drawn in the paper's
-arrangement (blue frames for the source, red for the target, black for the result), figure-N.json
-holds what was measured, with the bounds that it keeps or not, whether the paper's claims reproduce,
-and what colours do not show. `all` also writes index.html, a page with everything.
+Compute one or all figures of the paper: figure-N.png is drawn in the paper's arrangement (blue
+frames for the source, red for the target, black for the result); figure-N.json holds the
+measurements, whether they keep their bounds, whether the paper's claims are reproduced, and notes
+on values beyond the colours. `all` also writes index.html, a page with everything.
 
 The meshes are bundled or generated; --mesh computes the figure on another one. All figures take a
-few minutes. What they match comes by a batch first, on all cores or a cluster, into DIR/matches,
-which `abfm batch --status` tells of: whatever was killed goes on with what is missing when it is
-run again. So does one figure with --jobs, --scheduler or --scheduler-file.
+few minutes. Their matches are solved first, as a batch on all cores or a cluster, into DIR/matches,
+which `abfm batch --status` reports; run again, the command solves only missing ones. The same holds
+for one figure with --jobs, --scheduler or --scheduler-file.
 
 Examples:
   abfm figure 3 --out figures

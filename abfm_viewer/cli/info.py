@@ -20,10 +20,10 @@ from abfm_viewer.cli.progress import task_progress
 
 SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"
 DESCRIPTION = """\
-Say what a mesh is, what was repaired, and what the solver would object to (then the exit status is
-2); or what a result came to, with the steps of its path, a star before the one that it is; or what
-a map between two surfaces does, how fast and how surely a film moves, or who fits a population and
-what varies in it.
+Print what a mesh is, what was repaired, and what the solver objects to (then the exit status is 2);
+or the report of a result: of a match with the steps of its path, a star before the chosen one; of a
+map between two surfaces with its distortion; of a sequence with its speed and uncertainty; of a
+population with its outliers and its variance.
 
 Examples:
   abfm info spot.obj

@@ -26,14 +26,14 @@ from abfm_viewer.files import outputs
 
 SUMMARY = "the map of a result's flow or of a registration: as a file, against a known one"
 DESCRIPTION = """\
-Write the map of a result's flow, by the flow lines that verify a match: for every vertex the vertex
-where its value came from, or with --inverse the one where it goes. Such a file works in functions,
-permuted:map.txt(coordinate:x), and as a --truth. What the flow does to areas (J) and shapes (R)
-of faces, how many it folds, and how far from itself a vertex comes back, is always told, with a
-warning on stderr where too many are folded to trust the map.
+Write the map of a result's flow by the flow lines that verify a match: for each vertex the vertex
+from which its value comes, or with --inverse the vertex to which its value goes. Such a file works
+in functions, permuted:map.txt(coordinate:x), and as a --truth. The command also prints how the flow
+changes areas (J) and shapes (R) of faces, how many faces it folds, and how far from itself a vertex
+returns. It warns on stderr if too many faces are folded to trust the map.
 
-Of what `abfm register` wrote it is the map between both surfaces: for every vertex of B the one of
-A that lies there, which is also what a --truth holds; and how much of A is covered is told.
+For a registration it is the map between both surfaces: for each vertex of B the vertex of A that
+lies there, which a --truth also holds. The command also prints the share of A that is covered.
 
 Examples:
   abfm map match.npz --out map.txt
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     choose = adder(parser.add_mutually_exclusive_group())
     choose(
         "--carry",
-        "write these values, a row per vertex, carried along: texture coordinates, colours",
+        "transfer these values along the flow, a row per vertex: texture coordinates, colours",
         "FILE",
     )
     what = "write the flow's matrix in the first K eigenfunctions"

@@ -198,11 +198,11 @@ def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
 def load_result(path: str, *expected: type) -> Any:
     """Read a result of one of these types, and warn of what its field contradicts."""
     found = abfm.load(path, *expected)
-    warn_of_doubt(path, found)
+    warn_if_recomputed(path, found)
     return found
 
 
-def warn_of_doubt(path: str, found: object) -> None:
+def warn_if_recomputed(path: str, found: object) -> None:
     """Warn of values in a result's file that the field of its match contradicts."""
     match = getattr(found, "match", found)
     if doubt := getattr(match, "doubt", ""):

@@ -21,10 +21,10 @@ from abfm_viewer.reports.pages import population_page
 
 SUMMARY = "iteratively register subjects to a template; report the mean and the outliers"
 DESCRIPTION = f"""\
-Register each subject of a table to a template by its functions, make their mean, register to that,
-and so on until it hardly changes. The mean field is taken off, so that the template does not drift.
-Reports means and deviations, how areas vary, how much of the variance is position and how much
-value, and which subjects do not fit: these are left out of the mean.
+Register each subject of a table to a template by its functions, compute the mean, register to the
+mean, and repeat this until it hardly changes. The mean field is subtracted, so that the template
+does not drift. The report has means and deviations, the variation of areas, the variance of
+position and of value, and the outliers, which are left out of the mean.
 
 Examples:
   abfm population subjects.csv --template fsaverage.sphere.surf.gii --out pop
@@ -33,19 +33,19 @@ Examples:
 The first line of SUBJECTS.csv names its columns; paths begin at the table's folder:
   name        of the subject
   surface     its mesh file; the template itself where it is empty, or there is no such column
-  mask        how much its vertices count, not negative: a file or a function
-  landmarks   a file of points of it and of the template that belong together, as of `abfm register`
-  weight      how much it counts in the mean (1); one of weight 0 is judged, too
-  {HELD_TAG}NAME  a channel that is carried, but not registered by: its correlation with the mean of
-              the others, before and after, is its score
-  NAME        any other is a channel to register by: a file of values, or a function as text; where
-              a file has NaN, the vertex counts for nothing
-Registrations are rows of a batch in DIR, each DIR/<digest>.npz, and so is what is carried by them,
-in DIR/carried: run again, it does nothing twice.
-Written are DIR/population.npz, subjects.csv, mean.vtu, and for a GIFTI template mean.shape.gii, and
+  mask        weights of its vertices, not negative: a file or a function
+  landmarks   a file of corresponding points of it and of the template, as of `abfm register`
+  weight      its weight in the mean (1); subjects of weight 0 are also judged
+  {HELD_TAG}NAME  a channel that is transferred, but not registered by: its correlation with the
+              mean of the others, before and after, is its score
+  NAME        any other is a channel to register by: a file of values, or a function as text; a
+              vertex with NaN has no weight
+Registrations are rows of a batch in DIR, each DIR/<digest>.npz: run again, the command solves only
+missing ones.
+The output is DIR/population.npz, subjects.csv, mean.vtu, for a GIFTI template mean.shape.gii, and
 the page population.html.
 
-The exit status is 0 when the mean has come to rest; 3 when it still changed by more than --bound in
+The exit status is 0 when the mean has converged; 3 when it still changed by more than --bound in
 the last round; 4 when a subject could not be registered; 2 for bad input, of which nothing is
 solved; and 130 or 143 after Ctrl-C or SIGTERM.
 """

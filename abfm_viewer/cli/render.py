@@ -13,7 +13,7 @@ from abfm.errors import printable
 from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.options import add_up, adder, angle, positive, size, warn_of_doubt
+from abfm_viewer.cli.options import add_up, adder, angle, positive, size, warn_if_recomputed
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs
@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.fade and not arguments.streaks:
         raise UsageError("--fade is for streaks; add --streaks")
     document, known = read_document(Path(arguments.input))
-    warn_of_doubt(arguments.input, document)
+    warn_if_recomputed(arguments.input, document)
     size = ""
     if out.suffix == _PAGE:
         _write_page(arguments, document)

@@ -25,13 +25,13 @@ from abfm_viewer.reports.pages import COVERAGE_MIN, RETURN_EDGES_MAX, report_pag
 
 SUMMARY = "one page about a registration: pictures, distortion, path, warnings"
 DESCRIPTION = f"""\
-Write a page (.html) about a registration that can be printed or sent, with nothing outside it: how
-well it went, both surfaces and their functions from two sides, what the map does to a checkerboard,
-to areas and to shapes, its path from smooth to close, and its parameters. All numbers are in it,
-too, as JSON in the element with the id "facts".
+Write a page (.html) about a registration to print or send, without external files: the verdict,
+both surfaces and their functions from two sides, the effect of the map on a checkerboard, areas and
+shapes, its path from smooth to close, and its parameters. The element with the id "facts" holds all
+numbers as JSON.
 
-It warns of folded faces, of less than {100 * COVERAGE_MIN:g}% of A that is covered, and where
-5% of the vertices come back more than {RETURN_EDGES_MAX:g} edges from where they were.
+The page warns of folded faces, if less than {100 * COVERAGE_MIN:g}% of A is covered, and if 5% of
+the vertices return more than {RETURN_EDGES_MAX:g} edges from where they started.
 
 Also for results of `abfm match` and `abfm symmetric`, and for maps without functions
 (`Correspondence.save`).

@@ -109,8 +109,8 @@ class Best(NamedTuple):
         has_sigma = dict(first.entry.row.options).get("sigma", "auto") != "auto"
         if first.facts.outcome is Outcome.REGISTERED and has_sigma:
             found.append(
-                "the functions were measured, and closer than their noise is no better: "
-                "sigma auto ends where what was held out gains no more"
+                "the functions were measured, and a residual below their noise is no better: "
+                "sigma auto stops where held-out data gain no more"
             )
         return found
 
