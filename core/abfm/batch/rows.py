@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import re
+import shlex
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -40,8 +41,8 @@ class Row:
     options : mapping of str, or pairs
         Texts by column, named as the options of `abfm match` and `abfm register`: ``mesh``,
         ``source``, ``target``, ``alpha``, ...; ``a`` and ``b`` for a registration. Pairs may have
-        ``channel`` several times. Numbers and paths become texts; what is None or empty counts as
-        not given.
+        ``channel`` several times, also as source, target and weight. Numbers and paths become
+        texts; what is None or empty counts as not given.
     folder : path, optional
         Where relative paths begin; by default the current folder. If it is empty, paths stay as
         they are.
@@ -219,6 +220,8 @@ def _text(value: Any) -> str:
         return os.fspath(value).strip()
     if isinstance(value, int | float):
         return repr(value)
+    if isinstance(value, tuple):
+        return shlex.join(map(_text, value))
     raise ParameterError(f"{brief(value)} is neither text, path nor number")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-import shlex
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
@@ -238,10 +237,7 @@ class Work:
         if self.channel_weights[0] == 1:
             source, target, _ = channels.pop(0)
             pairs += [("source", source), ("target", target)]
-        pairs += [
-            ("channel", shlex.join((source, target, repr(weight))))
-            for source, target, weight in channels
-        ]
+        pairs += [("channel", channel) for channel in channels]
         pairs += [("mask-a", subject.mask), ("mask-b", mask), ("landmarks", subject.landmarks)]
         pairs.append(("initial", self.settings.initial))
         options = dict(self.settings.options)

@@ -364,6 +364,9 @@ def test_files_keep_it(usual, tmp_path):
     assert np.array_equal(found.template.faces, MESH.faces)
     assert found.phase_and_amplitude() == usual.phase_and_amplitude()
     values = found.values.copy()
+    with np.load(path) as file:
+        np.savez_compressed(tmp_path / "packed.npz", **file)
+    assert np.array_equal(load(tmp_path / "packed.npz").values, values, equal_nan=True)
     replace(usual, values=2 * values).save(path)  # its values may still be in the file before
     assert np.array_equal(found.values, values, equal_nan=True)
 

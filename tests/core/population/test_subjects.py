@@ -65,6 +65,7 @@ def test_rows_without_a_name_have_their_number(tmp_path):
         ("name,f\none,coordinate:x,3,4\n", (1, 4, 2)),
         ('name,f\n"one,coordinate:x\n', (2,)),
         ("f,mask\ncoordinate:x,nonsense\ncoordinate:x,\n", (1, "mask")),
+        ("name,f\no\u200bne,coordinate:x\ntwo,coordinate:x\n", ("subject",)),
     ],
 )
 def test_what_does_not_fit_is_told(tmp_path, text, named):
