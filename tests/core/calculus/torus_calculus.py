@@ -5,16 +5,12 @@ irregular vertices that every mesh of a sphere has. A field is given by its comp
 ``a d/du + b d/dv``, which have the Lie bracket ``[X, Y] = X(Y) - Y(X)`` componentwise.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
-from abfm.types import FloatArray
 from tests.core.fields import tangent
 from tests.shapes import torus
 
 MAJOR, MINOR = 1.0, 0.4
-Component = Callable[[FloatArray, FloatArray], FloatArray | float]
 
 
 def refined(levels, coarsest=24):

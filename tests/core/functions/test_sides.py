@@ -33,12 +33,6 @@ def warnings_of(call, *given):
     return [str(each.message) for each in caught if each.category is AbfmWarning]
 
 
-def of_gifti(folder, name, structure):
-    """Write values whose metadata alone say the side."""
-    write_values(folder / name, VALUES, structure)
-    return folder / name
-
-
 @pytest.mark.parametrize(
     ("name", "call"),
     [

@@ -201,18 +201,6 @@ def test_alike_constant_or_far_apart(course):
 
 
 @examples(5)
-@given(exponent=st.floats(-6, 6), course=st.sampled_from(COURSES[:2]))
-def test_a_constant_added_to_both_changes_no_field(exponent, course):
-    """Up to rounding ``eps |c|``; stages are of fixed length, as rounding may lengthen others."""
-    shift = np.copysign(10 ** abs(exponent), exponent)
-    course = {"stage_iterations": 1, **course}
-    plain, raised = (matched(F + c, G + c, **course) for c in (0, shift))
-    tolerance, largest = 1e-6 + 1e-8 * abs(shift), np.abs(plain.velocity).max()
-    assert np.abs(raised.velocity - plain.velocity).max() <= tolerance * largest
-    assert np.abs(raised.advected - shift - plain.advected).max() <= tolerance
-
-
-@examples(5)
 @given(exponent=st.integers(-300, 300), course=st.sampled_from(COURSES[:5]))
 def test_the_unit_of_functions_does_not_matter(exponent, course):
     """With a relative sigma, to the last bit for powers of two."""

@@ -6,9 +6,7 @@ from numpy.testing import assert_array_equal
 
 import abfm
 from abfm import Parameters, TriangleMesh
-from abfm.errors import AbfmWarning
 from abfm.functions import quoted
-from abfm.sequences import defaults
 from tests.core.fields import bump
 from tests.shapes import icosphere
 
@@ -70,12 +68,6 @@ def test_hidden_values_of_files_may_be_unknown(matched, tmp_path):
     assert_same(matched, abfm.match(MESH, spec, G, BRIEF, mask=MASK))
 
 
-def test_missing_values_are_masked(matched):
-    """A vertex without a value is as one whose mask is 0."""
-    with pytest.warns(AbfmWarning, match="no value"):
-        assert_same(matched, abfm.match(MESH, spoiled(F, "NaN"), G, BRIEF))
-
-
 def test_values_that_count_must_not_be_infinite():
     f = F.copy()
     f[np.flatnonzero(~HIDDEN)[0]] = np.inf
@@ -110,16 +102,3 @@ def test_register(kind):
         assert_same(clean.match, other.match)
         assert_array_equal(clean.functions, other.functions)
         assert clean.notes == other.notes
-
-
-@pytest.mark.parametrize("kind", ["NaN", "noise", "huge"])
-def test_sequence(kind):
-    frames = np.stack([F, bump(MESH, [0, 0.3, 0.95], 0.25), G])
-    clean, other = (
-        abfm.sequence(MESH, film, parameters=defaults(sigma=0.1), mask=MASK)
-        for film in (frames, np.stack([spoiled(frame, kind) for frame in frames]))
-    )
-    assert_array_equal(clean.velocity, other.velocity)
-    assert_array_equal(clean.frames, other.frames)
-    assert_array_equal(clean.residual, other.residual)
-    assert clean.verdicts == other.verdicts

@@ -121,13 +121,6 @@ def test_linearised_steps_over_several_meshes():
     assert match.residual < 0.4 * match.initial_residual
 
 
-def test_a_mask_comes_to_coarser_meshes():
-    """Where it is zero the target may be anything, on all of them."""
-    seen, f, g, p = SPHERE.vertices[:, 0] > -0.3, at(0), at(60), QUICK.with_values(levels=2)
-    assert abfm.match(SPHERE, f, g, p, mask=seen).residual < 0.15
-    assert abfm.match(SPHERE, f, np.where(seen, g, 7.0), p, mask=seen).residual < 0.3
-
-
 @pytest.fixture
 def control():
     return abfm.Control()
@@ -193,29 +186,6 @@ def test_cancelled_on_a_second_way_it_keeps_the_first_where_that_is_better(contr
     left = [max(step.residual, step.verified_residual) for step in match.path]
     assert begun[0].residual > 0.8 > 0.4 > match.worse_residual == min(left)
     assert {step.velocity.shape for step in match.path} == {(1, len(SMALL.faces), 3)}
-
-
-def test_cancelled_from_another_thread_also_while_paused(control):
-    reached, results = threading.Event(), []
-
-    def hold(one):
-        if one.iteration == 4:
-            control.pause()
-            reached.set()
-
-    def solve():
-        p = QUICK.with_values(levels=2)
-        results.append(matched(80, p, on_iteration=hold, control=control)[0])
-
-    thread = threading.Thread(target=solve)
-    thread.start()
-    assert reached.wait(60)
-    thread.join(0.2)
-    assert thread.is_alive()
-    control.cancel()
-    thread.join(60)
-    assert results[0].stop_reason == "cancelled"
-    assert len(results[0].energy_history) == 5
 
 
 def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_again():

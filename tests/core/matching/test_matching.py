@@ -139,13 +139,6 @@ def test_a_mask_may_come_with_the_vertices_of_the_file():
         abfm.match(mesh, f, g, FEW, mask=mask[:-2])
 
 
-def test_mask_frees_what_it_hides():
-    """Where the mask is zero the target may be anything."""
-    (f, g), hidden = pair(SPHERE), SPHERE.vertices[:, 2] > 0
-    changed = abfm.match(SPHERE, f, np.where(hidden, 7.0, g), FEW, mask=~hidden)
-    assert matched(FEW, mask=~hidden).velocity == pytest.approx(changed.velocity, abs=1e-9)
-
-
 def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
     """With many sub-steps no more are made than the few until the next checkpoint."""
     control, steps, of_first = abfm.Control(), 0, 0

@@ -262,9 +262,3 @@ def test_any_bytes_are_read_or_refused(folder, content, begin):
             told.append(str(error))
     assert len(told) >= 3  # they are one format at most
     assert all(text.isprintable() for text in told)
-
-
-def _written(folder, content):
-    path = folder / "a"
-    path.write_bytes(content)
-    return path

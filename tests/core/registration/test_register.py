@@ -441,18 +441,6 @@ def test_so_it_is_with_texts_of_files_and_is_told(tmp_path):
     )
 
 
-def test_what_a_mask_hides_is_not_mixed_with_what_counts():
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
-    f, g, mask = hills(A.vertices), hills(B.vertices), A.vertices[:, 2] < 0.6
-    problems = [
-        prepare(A, B, values, g, initial=same, mask_a=mask).problem
-        for values in (f, np.where(mask, f, -1e5))
-    ]
-    assert_allclose(problems[1].source, problems[0].source)
-    counts = problems[0].mask > 0
-    assert np.corrcoef(problems[0].source[counts, 0], g[counts])[0, 1] > 0.99
-
-
 def test_vertices_that_no_face_uses_have_values_in_files():
     loose = with_loose_vertex(B)
     values = np.arange(len(B.vertices) + 1.0)

@@ -296,18 +296,6 @@ def test_steps_are_what_they_say(found):
     assert match.path[match.step].velocity is match.fine_velocity
 
 
-def test_same_input_same_bits():
-    match, seen = registered(2)
-    again = abfm.match(carried_waves(2)[0].with_parameters(Parameters()))
-    assert_array_equal(again.energy_history, match.energy_history)
-    assert len(seen) == len(match.energy_history)
-    for one, other in zip(match.path, again.path, strict=True):
-        assert_array_equal(one.velocity, other.velocity)
-        assert [getattr(one, name) for name in NUMBERS] == [
-            getattr(other, name) for name in NUMBERS
-        ]
-
-
 @pytest.mark.parametrize("width", [0.1, 0.12])
 @pytest.mark.parametrize("changes", [{}, {"sigma": 0.3}], ids=["auto", "given"])
 def test_a_finer_mesh_never_ends_worse_and_is_made_as_often_as_asked_for(width, changes):
