@@ -81,12 +81,11 @@ def wave():
     return mesh, frames, wanted, slopes > 0.5 * np.sqrt(face_areas(mesh) @ slopes**2)
 
 
-@pytest.mark.parametrize("gamma", [0.0, 1.0])
-def test_without_it_a_wave_is_found_too_fast(wave, gamma, monkeypatch):
+def test_without_it_a_wave_is_found_too_fast(wave, monkeypatch):
     mesh, frames, wanted, told = wave
 
     def solved():
-        found = abfm.sequence(mesh, frames, parameters=defaults(sigma=0.03), gamma=gamma)
+        found = abfm.sequence(mesh, frames, parameters=defaults(sigma=0.03))
         along = (found.velocity * wanted).sum(axis=2) / (wanted**2).sum(axis=1)
         return np.median(along[:, told]) - 1, found.verified_residual.max()
 

@@ -391,7 +391,7 @@ def test_frames_far_apart_are_looked_for_whatever_the_unit_of_time(noise, step):
     turns = [[np.cos(angle * t), np.sin(angle * t), 0] for t in range(3)]
     frames = [np.exp(-((SPHERE.vertices - c) ** 2).sum(axis=1) / (2 * width**2)) for c in turns]
     frames += noise * rng.standard_normal((3, len(SPHERE.vertices)))
-    found = abfm.sequence(SPHERE, frames, step * np.arange(3))
+    found = abfm.sequence(SPHERE, frames, step * np.arange(3), FAST)
     assert found.confirmed == 2
     paths = found.paths([int(np.argmax(SPHERE.vertices @ turns[0]))])
     for point, centre in zip(paths, turns, strict=True):
