@@ -12,7 +12,8 @@ from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
 # the last one is Mesa's
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # with pytest-xdist there is a process for each core
-settings.register_profile("untimed", deadline=None)  # no test is about time, and machines are busy
+# no test is about time, and machines are busy; each run draws other examples
+settings.register_profile("untimed", deadline=None, max_examples=50)
 settings.load_profile("untimed")
 
 

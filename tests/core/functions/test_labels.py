@@ -10,7 +10,6 @@ from numpy.testing import assert_array_equal
 
 from abfm.errors import FunctionError
 from abfm.functions import function, read_labels, read_values, read_vertex_map
-from tests.core.reading.hostile import one_byte_changed
 from tests.messages import raises
 from tests.shapes import icosphere, with_loose_vertex
 
@@ -219,24 +218,3 @@ def test_a_colour_that_is_none_is_left_out_and_early_files_call_keys_index(tmp_p
     )
     labels = read_labels(tmp_path / "a.label.gii")
     assert (labels.values.tolist(), labels.names, labels.colors) == ([4, 4], {4: "a&b"}, {})
-
-
-@pytest.mark.parametrize("name", ["a.label.gii", "lh.annot"])
-def test_one_wrong_byte_gives_labels_or_is_refused_in_one_line(tmp_path, name):
-    path, few = tmp_path / name, np.arange(3)
-    if name == "lh.annot":
-        write_annotation(path, few)
-    else:
-        write_gifti(path, [few], names={1: "a"})
-    told = []
-    for changed in one_byte_changed(path.read_bytes()):
-        path.write_bytes(changed)
-        try:
-            labels = read_labels(path)
-        except FunctionError as error:
-            told.append(str(error))
-        else:
-            assert labels.values.size <= 3
-            assert labels.values.dtype == np.int64
-    assert told
-    assert all(text.isprintable() for text in told)

@@ -367,14 +367,6 @@ def test_devices_and_pipes_are_refused(tmp_path):
         check_message(match_error(tmp_path / f"{name}.npz"), kind)
 
 
-@pytest.mark.parametrize("name", ["a\nb.npz", "\x1b[31m.npz", "\u202e.npz", "x" * 200 + ".npz"])
-def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path, name):
-    (tmp_path / name).write_bytes(b"no zip")
-    with raises(ResultError) as caught:
-        load(tmp_path / name)
-    assert str(caught.value).isprintable()
-
-
 MESH = icosphere(2)
 
 

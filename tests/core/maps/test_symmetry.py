@@ -90,7 +90,7 @@ def test_the_human_has_the_mirror_that_its_file_says():
     assert detect_symmetry(HUMAN, "mirror") is found
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     turn=st.tuples(*[st.floats(-3, 3)] * 3),
     scale=st.floats(1e-3, 1e3),
@@ -108,7 +108,7 @@ def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(turn, 
     assert abs(turn.apply(before.axis) @ after.axis) == pytest.approx(1, abs=1e-9)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(level=st.floats(0, 4e-3), seed=st.integers(0, 2**20))
 def test_noise_moves_the_plane_little_and_shows_in_the_error(level, seed):
     mesh, rng = HUMAN.normalized(), np.random.default_rng(seed)

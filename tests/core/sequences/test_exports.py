@@ -21,7 +21,6 @@ from abfm.sequences import (
     export_speed,
     export_stc,
     export_tracks,
-    is_sequence,
     read_frames,
     vertex_speed,
 )
@@ -267,15 +266,6 @@ def test_what_was_not_solved_has_empty_cells(tmp_path):
 
 def cancelled_by(control):
     return lambda _: control.cancel()
-
-
-def test_a_file_is_known_as_a_sequence_and_no_match(tmp_path):
-    solved().save(tmp_path / "s.npz")
-    np.savez(tmp_path / "a.npz", frames=film())
-    assert is_sequence(tmp_path / "s.npz")
-    assert not is_sequence(tmp_path / "a.npz")
-    with raises(ResultError):
-        abfm.load(tmp_path / "s.npz", abfm.Match)
 
 
 def test_what_cannot_be_written_is_refused(tmp_path):

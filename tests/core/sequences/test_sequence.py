@@ -86,17 +86,15 @@ def test_intervals_of_different_length_get_the_same_motion():
         assert off(SPHERE, found.velocity[i], wanted, frames[frame]) < 0.12
 
 
-def test_scale_and_rotation_of_the_surface_go_with_the_fields(film, found):
+def test_units_offset_and_rotation_go_with_the_fields(film, found):
+    """Of the surface, of the values and of time; the uncertainty goes with them."""
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     other = abfm.TriangleMesh(7 * SPHERE.vertices @ turn.T + 3, SPHERE.faces)
-    there = abfm.sequence(other, film[0], parameters=FAST)
-    assert_allclose(there.velocity, 7 * found.velocity @ turn.T, rtol=1e-5, atol=1e-6)
-
-
-def test_scale_and_shift_of_the_values_do_not_matter(film, found):
-    other = abfm.sequence(SPHERE, 1e4 * film[0] - 5, parameters=FAST)
-    assert_allclose(other.velocity, found.velocity, rtol=1e-5, atol=1e-7)
+    there = abfm.sequence(other, 1e4 * film[0] - 5, 0.01 * np.arange(4), FAST)
+    assert_allclose(there.velocity, 700 * found.velocity @ turn.T, rtol=1e-5, atol=7e-5)
+    assert_allclose(there.uncertainty, 700 * found.uncertainty, rtol=1e-3)
+    assert_allclose(there.determined, found.determined, rtol=1e-3, atol=1e-6)
 
 
 def test_renumbered_vertices_give_the_same_fields(film, found):

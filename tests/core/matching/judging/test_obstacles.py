@@ -5,7 +5,7 @@ import pytest
 
 import abfm
 from abfm import Outcome, Parameters, Problem
-from abfm.matching import Cause, foreseen
+from abfm.matching import foreseen
 from tests.core.fields import bump
 from tests.messages import check_message
 from tests.shapes import icosphere
@@ -66,17 +66,3 @@ def test_rounding_is_written_as_zero():
 
 def test_landmarks_need_no_functions():
     assert foreseen(Problem(SPHERE, None, None, landmarks=[[0, 20]])) is None
-
-
-def test_values_that_a_mask_hides_are_no_obstacle():
-    mask = np.where(SPHERE.vertices[:, 0] < -0.5, 0.0, 1.0)
-    junk = np.where(mask > 0, at(30), 100.0)
-    assert foreseen(Problem(SPHERE, at(0), junk, mask=mask)) is None
-    assert foreseen(Problem(SPHERE, at(0), junk)).outcome is Outcome.IMPOSSIBLE
-
-
-def test_the_cause_of_values_names_both_ranges():
-    found = foreseen(Problem(SPHERE, at(0), 2 * at(30)))
-    assert found.numbers["residual_bound"] > 0.4
-    verdict = abfm.match(SPHERE, at(0), 2 * at(30), SHORT).verdict
-    assert verdict.cause is Cause.VALUES_DIFFER
