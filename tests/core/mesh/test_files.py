@@ -295,6 +295,8 @@ REFUSED_PLY = {
     ),
     "no end": (ply_text(b"end_header", b"comment end_header"), ("PLY",)),
     "a long word": (ply_text(b"ascii", b"a" * 10**5), ("a" * 40,)),
+    "no format": (ply_text(b"format ascii 1.0\n", b""), ("missing",)),
+    "an unknown type of a list": (ply_text(b"uchar int", b"uchar integer"), ("integer",)),
 }
 
 

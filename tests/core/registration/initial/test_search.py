@@ -198,16 +198,13 @@ def test_spheres_of_both_hemispheres():
 
 def test_handles_and_boundaries():
     """What applies is tried: of surfaces with handles no sphere is made."""
-    ring = torus(16, 10)
-    other = torus(18, 9)
+    ring, other = torus(10, 6), torus(11, 5)
     moved = TriangleMesh(2 * TURN.apply(other.vertices.copy()), other.faces)
     found = initial_map(None, MapInput(ring, moved))
     assert "embedding" not in [each.name for each in found.correspondence.candidates]
-    half = TriangleMesh(
-        BODY.vertices,
-        BODY.faces[BODY.vertices[BODY.faces, 2].mean(axis=1) > -0.3],
-        largest_component=True,
-    )
+    body = shapes.five_limbs(300)
+    upper = body.faces[body.vertices[body.faces, 2].mean(axis=1) > -0.3]
+    half = TriangleMesh(body.vertices, upper, largest_component=True)
     other = TriangleMesh(TURN.apply(half.vertices.copy()), half.faces[::-1])
     found = initial_map(None, MapInput(half, other)).correspondence
     gaps = np.linalg.norm(found.points.positions - half.vertices, axis=1)
