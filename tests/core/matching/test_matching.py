@@ -46,17 +46,16 @@ def a_quarter_apart(name, width):
     return mesh, *(f"gaussian:vertex={vertex},width={width}" for vertex in (7, target))
 
 
-@pytest.mark.parametrize(("name", "most"), [("human_A.off", 700), ("eight.off", 500)])
-def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name, most):
+def test_default_parameters_match_gaussians_a_quarter_of_the_surface_apart():
     counts = []
     for nudge in (0.0, 2e-13):  # rounding, which processors differ in, may cost a tenth more
-        match = abfm.match(*a_quarter_apart(name, 0.1 * (1 + nudge)))
+        match = abfm.match(*a_quarter_apart("eight.off", 0.1 * (1 + nudge)))
         assert match.worse_residual <= 0.05
         assert match.folded == 0
         counts.append(len(match.energy_history))
-        if counts[-1] <= most + 1:
+        if counts[-1] <= 501:
             break
-    assert min(counts) <= most + 1
+    assert min(counts) <= 501
 
 
 def test_on_finer_meshes_by_both_witnesses():
