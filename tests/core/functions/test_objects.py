@@ -14,6 +14,8 @@ import abfm
 from abfm import FunctionError, ParameterError
 from abfm.errors import AbfmWarning
 from abfm.functions import as_values
+from abfm.sequences.frames import checked
+from abfm.sequences.reading.frame_objects import frames_of
 from tests.messages import raises
 from tests.shapes import icosphere
 
@@ -159,6 +161,8 @@ def test_texts_and_paths_are_values(tmp_path):
     np.savetxt(tmp_path / "a, b.txt", X)
     assert_array_equal(as_values(BALL, tmp_path / "a, b.txt"), X)
     assert_array_equal(as_values(BALL, "coordinate:y"), Y)
+    with raises(FunctionError, "y.npy", recorded=False):
+        as_values(BALL, tmp_path / "y.npy")
     path = tmp_path / "mask.npy"
     np.save(path, 1.0 * (X > 0))
     for mask in (path, f"file:{path}"):
@@ -283,8 +287,9 @@ def image(kind, step=0, unit=None):
     ],
 )
 def test_frames_of_objects(given, times):
-    found = abfm.sequence(BALL, given, parameters=abfm.sequences.defaults(sigma=0.1))
-    assert_allclose(found.frames[:, :, 0], FRAMES, atol=1e-6)
+    read = frames_of(given, BALL)
+    found = checked(BALL, read.values, read.times, None, None)
+    assert_allclose(found.values[:, :, 0], FRAMES, atol=1e-6)
     assert_allclose(found.times, times)
 
 
@@ -304,25 +309,12 @@ def test_time_step_replaces_times(tmp_path):
 
 def test_masked_frames_of_a_list_have_no_value():
     given = [np.ma.array(frame, mask=frame > 0.5) for frame in FRAMES]
-    found = abfm.sequences.reading.frame_objects.frames_of(given, BALL)
+    found = frames_of(given, BALL)
     assert_array_equal(found.values, np.where(FRAMES > 0.5, np.nan, FRAMES))
-
-
-def test_names_of_files_are_read(tmp_path):
-    """A `Path` holds values, and any name frames."""
-    np.save(tmp_path / "x.npy", X)
-    assert_array_equal(as_values(BALL, tmp_path / "x.npy"), X)
-    assert_array_equal(abfm.Problem(BALL, tmp_path / "x.npy", Y).source[:, 0], X)
-    with raises(FunctionError, "y.npy"):
-        as_values(BALL, tmp_path / "y.npy")
-    np.save(tmp_path / "frames.npy", FRAMES)
-    for name in (tmp_path / "frames.npy", str(tmp_path / "frames.npy")):
-        found = abfm.sequences.reading.frame_objects.frames_of(name, BALL)
-        assert_array_equal(found.values, FRAMES)
 
 
 def test_square_frames_are_rows_with_a_note():
     square = np.outer(np.arange(COUNT) + 1.0, X)
-    found = abfm.sequences.reading.frame_objects.frames_of(square, BALL)
+    found = frames_of(square, BALL)
     assert_array_equal(found.values, square)
     assert "rows" in found.notes[0]
