@@ -18,7 +18,6 @@ from abfm_viewer.window import window
 from tests.shapes import icosphere
 from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened
 
-
 _RASTERIZER_DISCARD = 0x8C89  # of OpenGL
 
 

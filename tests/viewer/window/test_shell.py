@@ -322,7 +322,7 @@ import sys
 from pathlib import Path
 from abfm_viewer.window.window import open_window
 from abfm.assets import asset_path
-mesh, folder = asset_path("human_A.off"), Path(sys.argv[2])
+mesh, folder = asset_path("eight.off"), Path(sys.argv[2])
 window = open_window(mesh, "openGL3_egl", (400, 300), state_folder=folder)
 session = window.session
 while session.obstacle:
@@ -339,7 +339,7 @@ window.close()
 
 @pytest.mark.parametrize("moment", ["solver", "streaks"])
 def test_closing_in_the_middle_of_work_leaves_nothing_behind(moment, tmp_path):
-    done = python(_CLOSED, moment, str(tmp_path), timeout=60)
+    done = python(_CLOSED, moment, str(tmp_path))
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
@@ -364,7 +364,7 @@ sys.exit(status)
 @pytest.mark.parametrize(("words", "said"), [("", "a.off"), ("['b.off']", "b.off")])
 def test_the_program_ends_after_cleaning_up(words, said):
     """A caller of `main` continues."""
-    done = python(_PROGRAM.replace("{words}", words), timeout=60)
+    done = python(_PROGRAM.replace("{words}", words))
     assert (done.returncode, done.stderr) == (7, "")
     lives_on = ["taken apart"] if words else []
     assert done.stdout.splitlines() == [f"closed ['{said}']", "tidied up", *lives_on]
