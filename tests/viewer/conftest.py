@@ -1,6 +1,7 @@
 """What tests of the viewer share: a session on a sphere, and the app on an egg."""
 
 import ctypes
+import inspect
 import sys
 import time
 from dataclasses import replace
@@ -16,7 +17,7 @@ from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.shown import quantities
 from abfm_viewer.window import window
 from tests.shapes import icosphere
-from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened
+from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened, restart
 
 _RASTERIZER_DISCARD = 0x8C89  # of OpenGL
 
@@ -91,6 +92,26 @@ def gui(tmp_path, request):
         gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         yield gui
         assert not gui.errors
+
+
+@pytest.fixture
+def walk(request, monkeypatch):
+    """Take the steps of a tour: each begins with the document of the first one, perhaps with other
+    values, and names the fixtures that it needs; what it patches ends with it.
+    """
+    first = []
+
+    def take(gui, *steps, **values):
+        first.append(gui.session.document)
+        for step in steps:
+            restart(gui, replace(first[0], **values))
+            with monkeypatch.context() as patched:
+                _, *names = inspect.signature(step).parameters
+                given = {name: request.getfixturevalue(name) for name in names}
+                patches = {"monkeypatch": patched} if "monkeypatch" in given else {}
+                step(gui, **given | patches)
+
+    return take
 
 
 class Desk:

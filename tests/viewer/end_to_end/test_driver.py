@@ -13,24 +13,16 @@ from abfm_viewer.scene.surfaces import viewport
 from tests.messages import raises
 from tests.processes import python
 from tests.shapes import icosphere
-from tests.viewer.sessions import QUICK, SIZE, restart
+from tests.viewer.sessions import QUICK, SIZE
 
 ROOT = Path(__file__).parents[3]
 
 
-def test_tour_of_the_driver(gui, tmp_path, monkeypatch):
+def test_tour_of_the_driver(gui, walk):
     """Labels, sliders, sections, pictures, buttons of the mouse, and errors."""
-    document = gui.session.document
-    name_what_is_missing(gui)
-    for step in (drag_sliders, drag_with_the_right_button):
-        restart(gui, document)
-        step(gui)
-    restart(gui, document)
-    write_pictures(gui, tmp_path)
-    for step in (name_labels_that_are_there_twice, follow_a_widget_that_moves):
-        with monkeypatch.context() as patched:
-            step(gui, patched)
-    tell_the_button_from_the_tab(gui)
+    walk(gui, name_what_is_missing, drag_sliders, drag_with_the_right_button, write_pictures)
+    walk(gui, name_labels_that_are_there_twice, follow_a_widget_that_moves)
+    walk(gui, tell_the_button_from_the_tab)
 
 
 def drag_sliders(gui):

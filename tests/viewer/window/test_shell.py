@@ -20,7 +20,7 @@ from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.processes import python
 from tests.shapes import icosphere
-from tests.viewer.sessions import SIZE, restart
+from tests.viewer.sessions import SIZE
 
 SMALL = icosphere(1)
 
@@ -65,21 +65,10 @@ def idle(gui):
 # Shortcuts
 
 
-def test_tour_of_keys_and_dialogs(gui, mesh_file, tmp_path, monkeypatch, capsys):
+def test_tour_of_keys_and_dialogs(gui, walk):
     """Typing, opening by path, keys and drop, long folders, errors, and pauses between frames."""
-    document = gui.session.document
-    open_by_path_keys_and_drop(gui, mesh_file, tmp_path)
-    restart(gui, document)
-    fail_after_a_dialog(gui, mesh_file, capsys)
-    restart(gui, document)
-    use_what_is_being_typed(gui, tmp_path)
-    for bare, rest in ((None, 0.002), (0.0, 0.07)):
-        with monkeypatch.context() as patched:
-            draw_half_of_the_time(gui, patched, bare, rest)
-    with monkeypatch.context() as patched:
-        list_ten_thousand_files(gui, patched)
-    restart(gui, document)
-    type_into_boxes(gui)
+    walk(gui, open_by_path_keys_and_drop, fail_after_a_dialog, use_what_is_being_typed)
+    walk(gui, draw_half_of_the_time, list_ten_thousand_files, type_into_boxes)
 
 
 def use_what_is_being_typed(gui, tmp_path):
@@ -253,21 +242,23 @@ def test_a_damaged_copy_is_told_once(state, launched):
 # Launch
 
 
-def draw_half_of_the_time(gui, monkeypatch, bare, rest):
+def draw_half_of_the_time(gui, monkeypatch):
     """While the window waits for functions."""
-    now, slept = [100.0], []
+    for bare, rest in ((None, 0.002), (0.0, 0.07)):
+        now, slept = [100.0], []
 
-    def draw():
-        gui.session.functions.bare_since = bare
-        now[0] += 0.07
+        def draw(bare=bare, now=now):
+            gui.session.functions.bare_since = bare
+            now[0] += 0.07
 
-    clock = SimpleNamespace(perf_counter=lambda: now[0], sleep=slept.append)
-    monkeypatch.setattr(gui.window, "tick", draw)
-    monkeypatch.setattr(window, "time", clock)
-    gui.window._moved_at = now[0]
-    gui.window.frame()
-    gui.session.functions.bare_since = None
-    assert slept == [pytest.approx(rest)]
+        clock = SimpleNamespace(perf_counter=lambda now=now: now[0], sleep=slept.append)
+        with monkeypatch.context() as patched:
+            patched.setattr(gui.window, "tick", draw)
+            patched.setattr(window, "time", clock)
+            gui.window._moved_at = now[0]
+            gui.window.frame()
+        gui.session.functions.bare_since = None
+        assert slept == [pytest.approx(rest)]
 
 
 def test_the_window_is_drawn_before_the_solver_is_loaded(tmp_path):
