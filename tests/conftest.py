@@ -12,6 +12,15 @@ from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
 # the last one is Mesa's
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # with pytest-xdist there is a process for each core
+_LONGEST = (
+    "test_real_window",
+    "test_default_parameters_match",
+    "end_to_end/",
+    "core/registration/",
+    "test_far_matches",
+    "test_attack",
+)
+"""Parts of the names of tests that take 10 seconds or more, the longest first."""
 # no test is about time, and machines are busy; each run draws other examples
 settings.register_profile("untimed", deadline=None, max_examples=50)
 settings.load_profile("untimed")
@@ -27,7 +36,10 @@ def pytest_addoption(parser):
 
 def pytest_collection_modifyitems(items):
     # what takes longest is not begun last, when other processes have nothing left to do
-    items.sort(key=lambda item: "test_real_window" not in item.nodeid)
+    def rank(item):
+        return next((k for k, name in enumerate(_LONGEST) if name in item.nodeid), len(_LONGEST))
+
+    items.sort(key=rank)
 
 
 @pytest.hookimpl(wrapper=True)

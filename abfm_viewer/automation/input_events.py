@@ -57,7 +57,8 @@ class InputEvents:
 
     def drag(self, *places: Place, steps: int = 3, button: int = 0) -> None:
         """Press a button at the first place, move over the others in steps, and let go."""
-        self.move(*places[0])
+        if self.place != places[0]:
+            self.move(*places[0])
         self.press(button)
         for start, end in pairwise(places):
             for step in range(1, steps + 1):
@@ -75,9 +76,9 @@ class InputEvents:
         self._frames(2)
 
     def hold(self, modifier: str, down: bool) -> None:
+        """Press or release a modifier with the next frame."""
         for key in _MODIFIERS[modifier]:
             imgui.GetIO().AddKeyEvent(key, down)
-        self._frames(1)
 
     @contextmanager
     def holding(self, modifiers: Sequence[str]) -> Iterator[None]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import Field, asdict, dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 from abfm.errors import ParameterError, brief
@@ -246,9 +247,9 @@ class Parameters(Settings):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all parameters by name, nested ones among the others."""
-        found = asdict(self)
+        found = dict(vars(self))
         for name in NESTED:
-            found |= found.pop(name)
+            found |= vars(found.pop(name))
         return found
 
     def changed(self) -> dict[str, Any]:
@@ -391,6 +392,7 @@ NOTE = (
 """What is taken over from the table, and what is not."""
 
 
+@lru_cache(maxsize=1)
 def row_of(parameters: Parameters) -> TableRow | None:
     """Return the first row of Table 1 that these parameters follow, if any."""
     return next((row for row in TABLE_1.values() if row.holds(parameters)), None)

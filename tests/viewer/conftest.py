@@ -1,5 +1,8 @@
 """What tests of the viewer share: a session on a sphere, and the app on an egg."""
 
+import ctypes
+import inspect
+import sys
 import time
 from dataclasses import replace
 
@@ -8,12 +11,44 @@ import pytest
 from abfm_viewer.automation import Driver
 from abfm_viewer.computing.background import Jobs
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.shown import quantities
 from abfm_viewer.window import window
 from tests.shapes import icosphere
-from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened
+from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened, restart
+
+_RASTERIZER_DISCARD = 0x8C89  # of OpenGL
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _frames_without_pixels():
+    """Compute pixels only for pictures and clicks: without a graphics card they take most of the
+    time of a frame, and no test looks at those of other frames.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    opengl = ctypes.CDLL("libGL.so.1")
+
+    def between(before, after, draw):
+        def drawn(*given, **options):
+            before(_RASTERIZER_DISCARD)
+            try:
+                return draw(*given, **options)
+            finally:
+                after(_RASTERIZER_DISCARD)
+
+        return drawn
+
+    with pytest.MonkeyPatch.context() as patch:
+        frame = window.Window.tick
+        patch.setattr(window.Window, "tick", between(opengl.glEnable, opengl.glDisable, frame))
+        for name in ("screenshot_to_buffer", "pick"):
+            draw = getattr(ps, name)
+            patch.setattr(ps, name, between(opengl.glDisable, opengl.glEnable, draw))
+        yield
 
 
 @pytest.fixture(autouse=True)
@@ -57,6 +92,26 @@ def gui(tmp_path, request):
         gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         yield gui
         assert not gui.errors
+
+
+@pytest.fixture
+def walk(request, monkeypatch):
+    """Take the steps of a tour: each begins with the document of the first one, perhaps with other
+    values, and names the fixtures that it needs; what it patches ends with it.
+    """
+    first = []
+
+    def take(gui, *steps, **values):
+        first.append(gui.session.document)
+        for step in steps:
+            restart(gui, replace(first[0], **values))
+            with monkeypatch.context() as patched:
+                _, *names = inspect.signature(step).parameters
+                given = {name: request.getfixturevalue(name) for name in names}
+                patches = {"monkeypatch": patched} if "monkeypatch" in given else {}
+                step(gui, **given | patches)
+
+    return take
 
 
 class Desk:

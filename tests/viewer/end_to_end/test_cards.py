@@ -1,7 +1,6 @@
 """Tours of messages: errors with their remedies, opening, questions, and the log."""
 
 import threading
-from dataclasses import replace
 
 import numpy as np
 import polyscope.imgui as imgui
@@ -12,7 +11,7 @@ from abfm_viewer.session import session_files
 from tests.mesh_writers import off_file, off_text, write
 from tests.messages import check_message
 from tests.shapes import icosphere
-from tests.viewer.sessions import ENDLESS, SHORT, begin, match, restart
+from tests.viewer.sessions import ENDLESS, SHORT, begin, match
 
 
 @pytest.fixture
@@ -34,38 +33,18 @@ def cards(gui):
     return list(found.values())
 
 
-def test_tour_of_remedies(gui, two_spheres, tmp_path):
+def test_tour_of_remedies(gui, walk):
     """Meshes, tables and projects that cannot be read or written at first."""
-    document = gui.session.document
-    copy_the_log_and_read_the_title(gui, tmp_path)
-    restart(gui, document)
-    open_the_largest_component(gui, two_spheres)
-    for step in (
-        merge_and_clean,
-        open_another_table,
-        repair_a_bad_file,
-        retry_a_failed_save,
-        return_the_keyboard,
-        leave_mouse_and_keys,
-    ):
-        restart(gui, document)
-        step(gui, tmp_path)
+    walk(gui, copy_the_log_and_read_the_title, open_the_largest_component, merge_and_clean)
+    walk(gui, open_another_table, repair_a_bad_file, retry_a_failed_save)
+    walk(gui, return_the_keyboard, leave_mouse_and_keys)
 
 
-def test_tour_of_questions(gui, tmp_path, monkeypatch):
+def test_tour_of_questions(gui, walk):
     """Opening, closing and Escape during a run and after it."""
-    document = gui.session.document
-    with monkeypatch.context() as patched:
-        cancel_opening(gui, tmp_path, patched)
-    restart(gui, replace(document, parameters=ENDLESS))
-    begin(gui)
-    answer_during_a_run(gui, tmp_path)
-    restart(gui, replace(document, parameters=ENDLESS))
-    begin(gui)
-    show_three_cards(gui)
-    restart(gui, replace(document, parameters=SHORT))
-    match(gui)
-    save_what_was_left(gui, tmp_path)
+    walk(gui, cancel_opening)
+    walk(gui, answer_during_a_run, show_three_cards, parameters=ENDLESS)
+    walk(gui, save_what_was_left, parameters=SHORT)
 
 
 def open_the_largest_component(gui, two_spheres):
@@ -145,8 +124,9 @@ def repair_a_bad_file(gui, tmp_path):
     assert cards(gui) == [first]
 
 
-def show_three_cards(running):
-    gui, notices, done = running, running.session.notices, []
+def show_three_cards(gui):
+    notices, done = gui.session.notices, []
+    begin(gui)
     for word in ("first", "second"):  # has one card with the newest remedies
         notices.say("a problem", True, remedies={"Try again": lambda word=word: done.append(word)})
         notices.say("another", True)
@@ -278,9 +258,10 @@ def copy_the_log_and_read_the_title(gui, tmp_path):
     assert gui.window.title._now == "mine.abfm - abfm"
 
 
-def save_what_was_left(matched, tmp_path):
+def save_what_was_left(gui, tmp_path):
     """Closing asks for work that another mesh replaced."""
-    gui, found = matched, matched.session.result
+    match(gui)
+    found = gui.session.result
     gui.window.files.open(off_file(tmp_path / "b.off", icosphere(1)))
     gui.wait(lambda s: s.document.name == "b.off" and s.channels)
     gui.key("ctrl+q")
@@ -297,6 +278,7 @@ def save_what_was_left(matched, tmp_path):
 def answer_during_a_run(gui, tmp_path):
     """Every answer of the question, which changes when the run ends."""
     path, session = off_file(tmp_path / "b.off", icosphere(1)), gui.session
+    begin(gui)
 
     def drop():
         gui.window._dropped([str(path)])

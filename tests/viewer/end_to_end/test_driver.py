@@ -1,6 +1,5 @@
 """The Driver itself: labels, sliders, sections, errors, and what a process may do with it."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,42 +13,16 @@ from abfm_viewer.scene.surfaces import viewport
 from tests.messages import raises
 from tests.processes import python
 from tests.shapes import icosphere
-from tests.viewer.sessions import QUICK, SIZE, restart
+from tests.viewer.sessions import QUICK, SIZE
 
 ROOT = Path(__file__).parents[3]
 
 
-def test_the_example_of_the_documentation(tmp_path):
-    with Driver(icosphere(2), backend="openGL3_egl", size=(1200, 500)) as gui:
-        still = replace(gui.session.view, flow_after_match=False)
-        gui.session.editor.amend(parameters=QUICK, view=still)
-        gui.click("Match")
-        gui.wait(lambda s: s.solver.finished, seconds=60)
-        gui.type("alpha", "10")
-        assert gui.session.parameters.alpha == 10
-        gui.drag("time", 0.5)
-        assert gui.session.time == pytest.approx(0.5, abs=0.002)
-        gui.pick(vertex=12)
-        gui.key("space")
-        assert gui.session.player.playing
-        gui.screenshot(tmp_path / "a.png")
-    with Image.open(tmp_path / "a.png") as image:
-        assert image.size == (1200, 500)
-
-
-def test_tour_of_the_driver(gui, tmp_path, monkeypatch):
+def test_tour_of_the_driver(gui, walk):
     """Labels, sliders, sections, pictures, buttons of the mouse, and errors."""
-    document = gui.session.document
-    name_what_is_missing(gui)
-    for step in (drag_sliders, drag_with_the_right_button):
-        restart(gui, document)
-        step(gui)
-    restart(gui, document)
-    write_pictures(gui, tmp_path)
-    for step in (name_labels_that_are_there_twice, follow_a_widget_that_moves):
-        with monkeypatch.context() as patched:
-            step(gui, patched)
-    tell_the_button_from_the_tab(gui)
+    walk(gui, name_what_is_missing, drag_sliders, drag_with_the_right_button, write_pictures)
+    walk(gui, name_labels_that_are_there_twice, follow_a_widget_that_moves)
+    walk(gui, tell_the_button_from_the_tab)
 
 
 def drag_sliders(gui):
@@ -158,6 +131,7 @@ def write_pictures(gui, tmp_path):
     gui.screenshot(tmp_path / "twice.png")
     names = ("once.png", "twice.png")
     once, twice = (np.asarray(Image.open(tmp_path / name), int) for name in names)
+    assert once.shape == (*SIZE[::-1], 3)
     assert np.abs(once - twice).mean() < 0.1
     left, top, _, bottom = map(int, dict(before)["previous runs"])
     tick = once[top:bottom, left : left + bottom - top]
@@ -227,14 +201,3 @@ for size in ((1280, 800), (1000, 640)):
 """
     done = python(code, cwd=ROOT)
     assert (done.stdout, done.returncode) == ("10.0 0.5 True {}\n" * 2, 0), done.stderr
-
-
-def test_it_opens_what_the_app_opens(tmp_path, matched):
-    matched.session.result.save(tmp_path / "a.npz")
-    matched.menu("File", "Save project")
-    matched.type("file name", "b")
-    matched.wait(lambda s: not s.saves.unsaved)
-    for name in ("a.npz", "b.abfm"):
-        with Driver(tmp_path / name, size=SIZE) as again:
-            assert again.session.result.residual == matched.session.result.residual
-            assert not again.session.saves.unsaved

@@ -14,7 +14,7 @@ from abfm_viewer.document.surface_points import surface_points
 from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere
-from tests.viewer.sessions import QUICK, SIZE, match, restart
+from tests.viewer.sessions import QUICK, SIZE, match
 
 EGG, BALL = ellipsoid(3, 1.0, 0.7, 0.55), icosphere(3, 10.0)
 
@@ -65,18 +65,11 @@ def off(gui, side, vertices):
     return np.linalg.norm(on(gui, side) - mesh.vertices[list(vertices)], axis=1) / edge
 
 
-def test_tour_of_landmarks_on_two_surfaces(gui, notes, tmp_path):
+def test_tour_of_landmarks_on_two_surfaces(gui, walk):
     """Everything that can be done to them and with them."""
-    document = gui.session.document
-    place_drag_and_remove(gui)
-    restart(gui, document)
-    complete_half_a_pair(gui, notes)
-    for step in (remove_during_a_drag, zoom_over_a_landmark, close_the_second_surface):
-        restart(gui, document)
-        step(gui)
-    for step in (save_and_open_files, match_landmarks_alone):
-        restart(gui, document)
-        step(gui, tmp_path)
+    walk(gui, place_drag_and_remove, complete_half_a_pair, remove_during_a_drag)
+    walk(gui, zoom_over_a_landmark, close_the_second_surface, save_and_open_files)
+    walk(gui, match_landmarks_alone)
 
 
 def test_tour_of_landmarks_on_one_surface(tmp_path):
@@ -172,7 +165,7 @@ def complete_half_a_pair(gui, notes):
     assert session.view.tool == "nothing"
 
 
-def match_landmarks_alone(gui, folder):
+def match_landmarks_alone(gui, tmp_path):
     """They are matched, saved and opened again."""
     session = gui.session
     sources, targets = place(gui)
@@ -202,10 +195,10 @@ def match_landmarks_alone(gui, folder):
     gui.menu("File", "Save project as...")
     gui.type("file name", "pair")
     gui.wait(lambda s: not s.saves.unsaved)
-    known.save(folder / "pair.npz")
+    known.save(tmp_path / "pair.npz")
     for name in ("pair.abfm", "pair.npz"):
         before = session.document.identity
-        gui.window.files.open(folder / name)
+        gui.window.files.open(tmp_path / name)
         gui.wait(lambda s, before=before: s.document.identity is not before and not s.obstacle)
         opened = session.document
         assert opened.landmarks_alone
@@ -217,7 +210,7 @@ def match_landmarks_alone(gui, folder):
         assert off(gui, "target", targets).max() < 0.5
 
 
-def save_and_open_files(gui, folder):
+def save_and_open_files(gui, tmp_path):
     session = gui.session
     place(gui, 2)
     before = session.document.landmarks
@@ -232,7 +225,7 @@ def save_and_open_files(gui, folder):
         mesh = session.surface(side).mesh
         pairs = [[one.point(side) for one in some] for some in (before, again)]
         assert_allclose(*(surface_points(mesh, points).positions for points in pairs), atol=1e-9)
-    (folder / "wrong.csv").write_text("1,2\n3,x\n")
+    (tmp_path / "wrong.csv").write_text("1,2\n3,x\n")
     gui.click("Open landmarks...", within="Functions")
     gui.double_click("wrong.csv")
     assert session.document.landmarks == again

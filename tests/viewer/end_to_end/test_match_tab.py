@@ -11,24 +11,13 @@ from abfm import Parameters
 from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST_SIGMA, TABLE_1, TITLES
 from abfm_viewer.panels.right_panel import STEPS
 from tests.messages import check_message
-from tests.viewer.sessions import match, restart
+from tests.viewer.sessions import match
 
 
-def test_tour_of_parameters(gui, monkeypatch):
-    document = gui.session.document
-    show_five_parameters_first(gui)
-    for step in (
-        choose_sigma_or_set_it,
-        refuse_and_correct,
-        forget_errors_with_the_next_change,
-        set_presets_and_a_mask,
-        set_every_parameter,
-    ):
-        restart(gui, document)
-        step(gui)
-    restart(gui, document)
-    with monkeypatch.context() as patched:
-        explain_by_tooltips(gui, patched)
+def test_tour_of_parameters(gui, walk):
+    walk(gui, show_five_parameters_first, choose_sigma_or_set_it, refuse_and_correct)
+    walk(gui, forget_errors_with_the_next_change, set_presets_and_a_mask, set_every_parameter)
+    walk(gui, explain_by_tooltips)
 
 
 def test_tour_of_iterations(matched, tmp_path, monkeypatch):

@@ -1,6 +1,5 @@
 """Tours of the menus: every entry, the dialogs that they open, and the view of the window."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from abfm_viewer.window.menus import UI_SCALES
 from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.shapes import icosphere
-from tests.viewer.sessions import EGG, SHORT, match, restart, take_back
+from tests.viewer.sessions import EGG, SHORT, match, take_back
 
 WINDOW = (860, 600)  # in which a complete path fits
 
@@ -25,30 +24,18 @@ def sphere_file(tmp_path):
     return off_file(tmp_path / "a sphere.off", icosphere(2))
 
 
-def test_tour_of_the_file_menu(gui, tmp_path, sphere_file):
+def test_tour_of_the_file_menu(gui, walk):
     """Opening, recent files, folders, projects, and quitting."""
-    document = gui.session.document
-    open_a_mesh_and_a_recent_one(gui, sphere_file)
-    restart(gui, document)
-    walk_through_folders(gui, tmp_path, sphere_file)
-    restart(gui, replace(document, parameters=SHORT))
-    gui.window.dialogs.folder = tmp_path
-    match(gui)
-    save_and_open_a_project(gui, tmp_path)
-    restart(gui, document)
-    quit_with_unsaved_work(gui, tmp_path)
+    walk(gui, open_a_mesh_and_a_recent_one, walk_through_folders)
+    walk(gui, save_and_open_a_project, parameters=SHORT)
+    walk(gui, quit_with_unsaved_work)
 
 
-def test_tour_of_edit_view_and_help(gui, tmp_path, monkeypatch):
+def test_tour_of_edit_view_and_help(gui, walk):
     """Undo, the view, the flow after a match, and every shortcut."""
-    document = gui.session.document
-    undo_and_redo_everything(gui)
-    restart(gui, document)
-    change_the_view(gui, tmp_path)
-    restart(gui, replace(document, parameters=SHORT))
-    show_the_flow_after_a_match(gui)
-    restart(gui, document)
-    use_entries_and_shortcuts(gui, monkeypatch)
+    walk(gui, undo_and_redo_everything, change_the_view)
+    walk(gui, show_the_flow_after_a_match, parameters=SHORT)
+    walk(gui, use_entries_and_shortcuts)
 
 
 def sphere_opened(gui):
@@ -125,8 +112,10 @@ def is_project(path):
     return path.read_bytes()[:2] == b"PK"
 
 
-def save_and_open_a_project(matched, tmp_path):
-    gui, session, editor = matched, matched.session, matched.session.editor
+def save_and_open_a_project(gui, tmp_path):
+    session, editor = gui.session, gui.session.editor
+    gui.window.dialogs.folder = tmp_path
+    match(gui)
     path = tmp_path / "first.abfm"
     path.write_text("precious")
     gui.type("sigma", "0.03")

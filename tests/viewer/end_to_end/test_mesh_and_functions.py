@@ -1,4 +1,4 @@
-"""Tours of Functions: channels, families, Gaussians by widget and by mouse, vertex maps.
+"""Tours of Functions: channels, families, Gaussians by widget, vertex maps.
 
 Both sides are drawn by the same code: what the widgets do is tried on one of them.
 """
@@ -9,7 +9,7 @@ from nibabel.freesurfer import write_annot
 
 from abfm.functions import families, function, parse
 from abfm_viewer.document.gaussians import gaussians
-from tests.viewer.sessions import EGG, QUICK, match, restart, take_back
+from tests.viewer.sessions import EGG, QUICK, match, take_back
 
 
 def settled(gui):
@@ -17,25 +17,14 @@ def settled(gui):
     gui.wait(lambda s: not s.obstacle)
 
 
-def test_tour_of_channels_and_families(gui):
-    """All widgets of channels, Gaussians and families, and the mouse on both sides."""
-    document = gui.session.document
-    for step in (edit_channels_and_gaussians, rescale_an_impossible_pair, use_each_family):
-        step(gui)
-        restart(gui, document)
-    match_two_channels(gui)
-    restart(gui, document)
-    scale_a_function(gui)
-    for side in ("source", "target"):
-        restart(gui, document)
-        move_gaussians_by_mouse(gui, side)
+def test_tour_of_channels_and_families(gui, walk):
+    """All widgets of channels, Gaussians and families."""
+    walk(gui, edit_channels_and_gaussians, rescale_an_impossible_pair, use_each_family)
+    walk(gui, match_two_channels, scale_a_function)
 
 
-def test_tour_of_functions_from_files(gui, tmp_path):
-    document = gui.session.document
-    make_phases_circular(gui, tmp_path)
-    restart(gui, document)
-    open_values_and_vertex_maps(gui, tmp_path)
+def test_tour_of_functions_from_files(gui, walk):
+    walk(gui, make_phases_circular, open_values_and_vertex_maps)
 
 
 def match_two_channels(gui):
@@ -195,24 +184,6 @@ def use_each_family(gui):
         write(name, number, within=side)
     settled(gui)
     assert spec() == "gaussian:x=0.5,y=0.25,z=-0.125,width=0.2"
-
-
-def move_gaussians_by_mouse(gui, side):
-    def bump():
-        return gaussians(gui.session.active.spec(side))[0]
-
-    before = gui.session.channels
-    gui.pick(vertex=12, surface=side)
-    assert bump().vertex == (12,)
-    neighbour = int(EGG.faces[(EGG.faces == 12).any(axis=1)][0].max())
-    gui.drag_on_surface([12, neighbour], surface=side)
-    assert bump().vertex == (neighbour,)
-    width = bump().width
-    gui.wheel(2, vertex=12, surface=side)
-    assert bump().width > width
-    settled(gui)
-    take_back(gui)
-    assert gui.session.channels == before
 
 
 def open_values_and_vertex_maps(gui, tmp_path):

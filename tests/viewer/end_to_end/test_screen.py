@@ -12,7 +12,6 @@ from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import LAYOUTS, THEMES
 from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.scene import Placing
 from tests.shapes import ellipsoid
 from tests.viewer.contrast import contrast
 from tests.viewer.sessions import EGG, ENDLESS
@@ -100,26 +99,9 @@ def stray(slots, margin=0):
     return counts, int(drawn.sum())
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Nothing is drawn anew by frames, of which each takes most of a second at such sizes; call
-    it to catch up.
-    """
-    place, latest = Placing.place, []
-    monkeypatch.setattr(Placing, "place", lambda *what: latest.append(what))
-
-    def catch_up():
-        place(*latest[-1])
-        latest.clear()
-
-    return catch_up
-
-
 @pytest.mark.parametrize("size", SIZES, ids=str)
-def test_the_mouse_leaves_every_surface_in_its_slot(size, undrawn):
-    """In the largest window for the six surfaces of the automatic layout alone: drawing takes
-    seconds there.
-    """
+def test_the_mouse_leaves_every_surface_in_its_slot(size):
+    """In the largest window for the six surfaces of the automatic layout alone."""
     with Driver(PLAIN, size=size) as gui:
         down = cycle(DRAGS)
         layouts = LAYOUTS if size < LARGEST else ("automatic",)
@@ -137,7 +119,6 @@ def test_the_mouse_leaves_every_surface_in_its_slot(size, undrawn):
             gui.input.drag((x, y), (x + 0.6 * width, y + next(down) * height), steps=1)
             turned = gui.session.view.look
             assert turned.front != gui.session.surface().front
-            undrawn()
             counts, outside = stray(slots)
             assert (min(counts) > 0, outside) == (True, 0), (scale, layout)
             gui.input.move(x + width / 2, y)
@@ -145,7 +126,6 @@ def test_the_mouse_leaves_every_surface_in_its_slot(size, undrawn):
             assert gui.session.view.look.zoom == pytest.approx(1.15**NOTCHES)
             gui.input.drag((x, y), (x - width / 2, y + height), steps=1, button=button)
             assert gui.session.view.look.target is not None
-            undrawn()
             counts, outside = stray(slots, margin=1)
             assert (min(counts) > 0, outside) == (True, 0), (scale, layout)
             assert gui.session.view.look.front == turned.front

@@ -54,35 +54,22 @@ def shown(gui, slot="advected"):
     return gui.window.scene.paints[slot]
 
 
-def test_tour_of_opened_frames(gui, tmp_path, monkeypatch):
+def test_tour_of_opened_frames(gui, walk):
     """Frames by the menu, of phases, with gaps, from their side, and the sample."""
-    document = gui.session.document
-    open_by_the_menu(gui, tmp_path)
-    restart(gui, document)
-    see_the_side_that_changes(gui, tmp_path)
-    for step in (compare_phases_on_a_circle, leave_out_vertices_without_values):
-        restart(gui, document)
-        step(gui, tmp_path)
-    restart(gui, document)
-    open_the_sample(gui, monkeypatch)
+    walk(gui, open_by_the_menu, see_the_side_that_changes, compare_phases_on_a_circle)
+    walk(gui, leave_out_vertices_without_values, open_the_sample)
 
 
-def test_tour_of_frames(film, notes, tmp_path):
+def test_tour_of_frames(film, tmp_path, walk):
     """Frames that are not matched, their match, and everything that shows it."""
     show_frames_blended(film)
     go_from_frame_to_frame(film)
     hold_and_cancel_the_run(film, tmp_path)
     film.click("Match all frames")
     film.wait(lambda s: not s.running)
-    solved = film.session.document
     carry_frames_from_both_sides(film)
-    for step in (draw_tracks, follow_points_and_lines, click_on_the_plot, match_two_frames):
-        restart(film, solved)
-        step(film)
-    restart(film, solved)
-    change_parameters(film, notes)
-    restart(film, solved)
-    write_all_files(film, tmp_path)
+    walk(film, draw_tracks, follow_points_and_lines, click_on_the_plot)
+    walk(film, match_two_frames, change_parameters, write_all_files)
 
 
 def hold_and_cancel_the_run(film, tmp_path):
@@ -277,6 +264,7 @@ def carry_frames_from_both_sides(solved):
     while session.document.result is not None:
         solved.key("ctrl+z")
     assert session.editor.redo_label == "match all frames"
+    solved.key("ctrl+y")
 
 
 def change_parameters(solved, notes):

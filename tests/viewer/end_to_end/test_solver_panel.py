@@ -15,17 +15,12 @@ from tests.viewer.sessions import ENDLESS, SHORT, begin, cancel, match, restart
 WINDOW = (640, 480)  # in which no line of the verdict is cut
 
 
-def test_tour_of_runs(gui):
+def test_tour_of_runs(gui, walk):
     """Match, Pause, Resume, Cancel, restarts on changes, and a start from the current field."""
-    document = gui.session.document
-    run_to_the_end(gui)
-    restart(gui, replace(document, parameters=SHORT))
-    start_from_the_current_field(gui)
-    endless = replace(document, parameters=ENDLESS)
-    for step in (pause_and_resume, restart_on_changes, wait_without_restarts, scrub_during_a_run):
-        restart(gui, endless)
-        begin(gui, 3)
-        step(gui)
+    walk(gui, run_to_the_end)
+    walk(gui, start_from_the_current_field, parameters=SHORT)
+    walk(gui, pause_and_resume, restart_on_changes, parameters=ENDLESS)
+    walk(gui, wait_without_restarts, scrub_during_a_run, parameters=ENDLESS)
 
 
 def run_to_the_end(gui):
@@ -54,6 +49,7 @@ def start_from_the_current_field(gui):
 
 def pause_and_resume(gui):
     """By buttons and by keys; the best field of a cancelled run is continued at one click."""
+    begin(gui, 3)
     solver = gui.session.solver
     gui.click("Pause")
     assert solver.paused
@@ -82,6 +78,7 @@ def pause_and_resume(gui):
 
 def restart_on_changes(gui):
     """While it is paused and while it goes on."""
+    begin(gui, 3)
     gui.click("Pause")
     gui.type("sigma", "0.015")
     gui.click("Resume")
@@ -98,6 +95,7 @@ def restart_on_changes(gui):
 
 
 def wait_without_restarts(gui):
+    begin(gui, 3)
     gui.check("Restart on changes", False)
     gui.type("sigma", "0.015")
     gui.frames(10)
@@ -108,6 +106,7 @@ def wait_without_restarts(gui):
 
 
 def scrub_during_a_run(gui):
+    begin(gui, 3)
     gui.drag("time", 0.4)
     assert gui.session.time == pytest.approx(0.4, abs=0.01)
     shown = gui.window.shown
@@ -131,18 +130,11 @@ def far_pair(gui, width, **values):
     gui.wait(lambda s: not s.obstacle)
 
 
-def test_tour_of_the_verdict(gui, notes, monkeypatch):
+def test_tour_of_the_verdict(gui, walk):
     """What it reports of results and runs, and each of its buttons."""
-    document = gui.session.document
-    match_an_outdated_result_again(gui, notes)
+    walk(gui, match_an_outdated_result_again)
     change_parameters_by_remedies(gui)
-    with monkeypatch.context() as patched:
-        report_a_squeezed_source(gui, notes, patched)
-    restart(gui, document)
-    limit_the_distortion(gui)
-    for is_changed in (False, True):
-        restart(gui, document)
-        continue_near_the_end(gui, notes, is_changed)
+    walk(gui, report_a_squeezed_source, limit_the_distortion, continue_near_the_end)
 
 
 def match_an_outdated_result_again(gui, notes):
@@ -222,23 +214,25 @@ def limit_the_distortion(gui):
     assert session.result is before
 
 
-def continue_near_the_end(gui, notes, is_changed):
+def continue_near_the_end(gui, notes):
     """A cancelled match whose field matches already continues from this field."""
-    session = gui.session
-    match(gui)
-    session.editor.amend(parameters=replace(ENDLESS, goal=0.1))  # also after a few iterations
-    session.matching.warm = True
-    gui.click("Match")
-    gui.key("p")  # else it might end by itself
-    gui.wait(lambda s: s.matching.snapshot is not None)
-    gui.key("escape")
-    gui.wait(lambda s: s.solver.finished)
-    assert session.result.verdict.kind == "matched"
-    session.matching.warm = False
-    if is_changed:
-        session.editor.set_parameter(alpha=1.1 * session.parameters.alpha)
-    else:
-        check_message(next(text for text in dict(notes()) if "Continue" in text))
-    gui.click("Continue", within="verdict")
-    gui.wait(lambda s: s.matching.snapshot is not None)
-    assert session.matching.snapshot.iteration.residual < 0.5
+    session, document = gui.session, gui.session.document
+    for is_changed in (False, True):
+        restart(gui, document)
+        match(gui)
+        session.editor.amend(parameters=replace(ENDLESS, goal=0.1))  # also after a few iterations
+        session.matching.warm = True
+        gui.click("Match")
+        gui.key("p")  # else it might end by itself
+        gui.wait(lambda s: s.matching.snapshot is not None)
+        gui.key("escape")
+        gui.wait(lambda s: s.solver.finished)
+        assert session.result.verdict.kind == "matched"
+        session.matching.warm = False
+        if is_changed:
+            session.editor.set_parameter(alpha=1.1 * session.parameters.alpha)
+        else:
+            check_message(next(text for text in dict(notes()) if "Continue" in text))
+        gui.click("Continue", within="verdict")
+        gui.wait(lambda s: s.matching.snapshot is not None)
+        assert session.matching.snapshot.iteration.residual < 0.5

@@ -6,7 +6,6 @@ import pytest
 
 from abfm_viewer.panels import time_bar
 from tests.messages import check_message
-from tests.viewer.sessions import restart
 
 
 def shown(gui):
@@ -16,12 +15,8 @@ def shown(gui):
     return gui.window.shown.flow.advected().copy()
 
 
-def test_tour_of_the_time_bar(matched, monkeypatch):
-    document = matched.session.document
-    for step in (scrub_to_the_match_and_beyond, step_and_play):
-        step(matched)
-        restart(matched, document)
-    keep_the_track_in_sight(matched, monkeypatch)
+def test_tour_of_the_time_bar(matched, walk):
+    walk(matched, scrub_to_the_match_and_beyond, step_and_play, keep_the_track_in_sight)
 
 
 def scrub_to_the_match_and_beyond(matched):

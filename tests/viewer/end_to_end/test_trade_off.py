@@ -16,30 +16,19 @@ from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.scene.annotations import _titles
 from abfm_viewer.shown.flow_state import FlowState
 from tests.messages import check_message
-from tests.viewer.sessions import restart, stepped
+from tests.viewer.sessions import stepped
 
 WINDOW = (1000, 700)  # where the curve is seen as a whole
 
 
-def test_tour_of_the_trade_off(matched, tmp_path, monkeypatch):
+def test_tour_of_the_trade_off(matched, walk):
     """With a path of three steps."""
     gui = matched
     gui.session.editor.amend(result=stepped(gui.session.result))
     gui.window.ui.open_tab = "Match"
-    document = gui.session.document
-    for step in (choose_steps, limit_the_distortion, stop_limiting):
-        restart(gui, document)
-        step(gui)
-    for held in ((Match, "at_step"), (FlowState, "carry")):
-        restart(gui, document)
-        with monkeypatch.context() as patched:
-            dim_the_surface_until_the_step_is_shown(gui, patched, held)
-    restart(gui, document)
-    with monkeypatch.context() as patched:
-        report_save_and_export(gui, tmp_path, patched)
-    restart(gui, document)
-    gui.click("Match", within=STEPS)
-    plot_iterations_or_steps_of_a_run(gui, monkeypatch)
+    walk(gui, choose_steps, limit_the_distortion, stop_limiting, dim_until_the_step_is_known)
+    walk(gui, dim_until_the_step_is_carried, report_save_and_export)
+    walk(gui, plot_iterations_or_steps_of_a_run)
 
 
 def is_at(gui, step):
@@ -74,13 +63,20 @@ def titles(gui):
     return {name: title for name, title, _ in _titles(gui.window.scene)}
 
 
-def dim_the_surface_until_the_step_is_shown(walked, monkeypatch, held):
+def dim_until_the_step_is_known(walked, monkeypatch):
+    dim_the_surface_until_the_step_is_shown(walked, monkeypatch, Match, "at_step")
+
+
+def dim_until_the_step_is_carried(walked, monkeypatch):
+    dim_the_surface_until_the_step_is_shown(walked, monkeypatch, FlowState, "carry")
+
+
+def dim_the_surface_until_the_step_is_shown(walked, monkeypatch, owner, name):
     may_end, scene = threading.Event(), walked.window.scene
     walked.session.set_time(0.5 * walked.session.tau)
     walked.wait(lambda _: not walked.window.shown.busy and walked.window.shown.flow.settled)
     walked.frames(2)
     assert scene.behind == ()
-    owner, name = held
     compute = getattr(owner, name)
     monkeypatch.setattr(owner, name, lambda *given: may_end.wait(30) and compute(*given))
     before = walked.window.shown.flow.advected()
@@ -137,6 +133,7 @@ def report_save_and_export(walked, tmp_path, monkeypatch):
 
 def plot_iterations_or_steps_of_a_run(walked, monkeypatch):
     session = walked.session
+    walked.click("Match", within=STEPS)
     assert "trade-off plot" in walked.labels()
     walked.click("iterations")
     assert {"energy plot", "trade-off plot"} & {*walked.labels()} == {"energy plot"}

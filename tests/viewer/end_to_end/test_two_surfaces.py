@@ -17,7 +17,7 @@ from abfm_viewer.panels.right_panel import TABS
 from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere
-from tests.viewer.sessions import SHORT, SIZE, match, restart
+from tests.viewer.sessions import SHORT, SIZE, match
 
 NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.3"
 
@@ -44,19 +44,10 @@ def gui(files):
         assert not gui.errors
 
 
-def test_tour_of_two_surfaces(gui, files, notes):
+def test_tour_of_two_surfaces(gui, walk):
     """Both are opened, mapped and matched; labels of A go to B; all is saved."""
-    document, folder = gui.session.document, files["egg"].parent
-    close_and_open_b(gui, files)
-    restart(gui, document)
-    choose_the_initial_map(gui, files, notes)
-    restart(gui, document)
-    match_a_to_b(gui, notes)
-    for step in (save_and_open, show_and_carry_labels):
-        restart(gui, document)
-        step(gui, folder)
-    restart(gui, document)
-    drop_both(gui, files)
+    walk(gui, close_and_open_b, choose_the_initial_map, match_a_to_b)
+    walk(gui, save_and_open, show_and_carry_labels, drop_both)
 
 
 def close_and_open_b(gui, files):
@@ -197,7 +188,7 @@ def match_a_to_b(gui, notes):
     gui.wait(lambda s: not s.outdated)
 
 
-def save_and_open(gui, folder):
+def save_and_open(gui, tmp_path):
     """A project and a registration."""
     session = gui.session
     session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
@@ -220,7 +211,7 @@ def save_and_open(gui, folder):
     gui.key("ctrl+z")
     for name in ("pair.abfm", "pair.npz"):
         before = session.document.identity
-        gui.window.files.open(folder / name)
+        gui.window.files.open(tmp_path / name)
         gui.wait(lambda s, before=before: s.document.identity is not before and not s.obstacle)
         gui.wait(lambda _: "advected" in gui.window.scene.paints)
         opened = session.document
@@ -249,11 +240,11 @@ def test_its_tabs_fit_one_screen(files):
             assert gui.window.ui.hidden_heights[f"/{tab}"] == 0
 
 
-def show_and_carry_labels(gui, folder):
+def show_and_carry_labels(gui, tmp_path):
     session = gui.session
     on_a = session.surface("source").mesh
     keys = np.where(on_a.vertices[:, 0] > 0, 3, 8)
-    write_labels(folder / "halves.label.gii", Labels(keys, {3: "front", 8: "back"}))
+    write_labels(tmp_path / "halves.label.gii", Labels(keys, {3: "front", 8: "back"}))
     gui.choose("color by", "labels")
     gui.double_click("halves.label.gii")
     gui.wait(lambda _: gui.window.scene.paints["source"].kind == "colors")
@@ -281,14 +272,14 @@ def show_and_carry_labels(gui, folder):
     gui.click("Save carried labels...")
     gui.type("file name", "carried.label.gii")
     gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
-    found = read_labels(folder / "carried.label.gii")
+    found = read_labels(tmp_path / "carried.label.gii")
     assert_array_equal(found.values, session.registration.carry_labels(keys, "area"))
     assert found.names == {3: "front", 8: "back"}
-    save_project(folder / "p.abfm", session.document, {})
-    again = load_project(folder / "p.abfm")[0]
+    save_project(tmp_path / "p.abfm", session.document, {})
+    again = load_project(tmp_path / "p.abfm")[0]
     assert again.labels.names == table.names
     assert_array_equal(again.labels.values, table.values)
-    (folder / "few.label.gii").write_bytes(b"none")
+    (tmp_path / "few.label.gii").write_bytes(b"none")
     gui.click("Look")
     gui.click("Open labels...")
     gui.double_click("few.label.gii")

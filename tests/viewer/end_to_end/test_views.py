@@ -21,7 +21,7 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.actions import AXES, axis_front
 from tests.messages import check_message, raises
 from tests.shapes import torus
-from tests.viewer.sessions import begin, match, restart
+from tests.viewer.sessions import begin, match
 
 SURFACES = ("source", "advected", "target")
 
@@ -40,19 +40,9 @@ def picture(gui, folder):
     return np.asarray(Image.open(folder / "a.png").convert("RGB"), int)[top:bottom, left:right]
 
 
-def test_tour_of_views(gui, monkeypatch, tmp_path):
-    document = gui.session.document
-    face_the_functions(gui)
-    for visit in (turn_and_pick, reset_and_look_from_axes, see_a_finer_mesh):
-        restart(gui, document)
-        gui.key("r")
-        visit(gui)
-    for visit in (switch_wireframe_and_flat_shading, hide_and_show_surfaces):
-        restart(gui, document)
-        gui.key("r")
-        visit(gui, tmp_path)
-    restart(gui, document)
-    see_a_mesh_at_once(gui, monkeypatch, tmp_path)
+def test_tour_of_views(gui, walk):
+    walk(gui, face_the_functions, turn_and_pick, reset_and_look_from_axes, see_a_finer_mesh)
+    walk(gui, switch_wireframe_and_flat_shading, hide_and_show_surfaces, see_a_mesh_at_once)
 
 
 def test_tour_of_escape(running):

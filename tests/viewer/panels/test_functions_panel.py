@@ -8,7 +8,7 @@ from abfm_viewer.document.gaussians import gaussians
 from abfm_viewer.session import active_gaussian
 from abfm_viewer.widgets.toolkit import Ui
 from tests.messages import check_message
-from tests.viewer.sessions import EGG, opened, restart
+from tests.viewer.sessions import EGG, opened
 
 TWO = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
 
@@ -88,26 +88,14 @@ def spec(gui, side="source"):
     return gui.session.active.spec(side)
 
 
-def test_tour_of_function_texts(gui, tmp_path, monkeypatch):
+def test_tour_of_function_texts(gui, walk):
     """Refused texts, families, widgets that change the text, and vertex maps."""
-    document = gui.session.document
-    with monkeypatch.context() as patched:
-        refuse_texts(gui, patched)
-    for step in (reach_families_from_a_gaussian, change_texts_by_widgets):
-        restart(gui, document)
-        step(gui)
-    restart(gui, document)
-    keep_the_vertex_map(gui, tmp_path)
+    walk(gui, refuse_texts, reach_families_from_a_gaussian, change_texts_by_widgets)
+    walk(gui, keep_the_vertex_map)
 
 
-def test_tour_of_the_mouse_on_surfaces(gui, monkeypatch):
-    document = gui.session.document
-    drag_a_gaussian(gui)
-    restart(gui, document)
-    with monkeypatch.context() as patched:
-        turn_the_wheel_twice(gui, patched)
-    restart(gui, document)
-    place_points(gui)
+def test_tour_of_the_mouse_on_surfaces(gui, walk):
+    walk(gui, drag_a_gaussian, turn_the_wheel_twice, place_points)
 
 
 def refuse_texts(gui, monkeypatch):

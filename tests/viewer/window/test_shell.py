@@ -20,7 +20,7 @@ from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.processes import python
 from tests.shapes import icosphere
-from tests.viewer.sessions import SIZE, restart
+from tests.viewer.sessions import SIZE
 
 SMALL = icosphere(1)
 
@@ -65,21 +65,10 @@ def idle(gui):
 # Shortcuts
 
 
-def test_tour_of_keys_and_dialogs(gui, mesh_file, tmp_path, monkeypatch, capsys):
+def test_tour_of_keys_and_dialogs(gui, walk):
     """Typing, opening by path, keys and drop, long folders, errors, and pauses between frames."""
-    document = gui.session.document
-    open_by_path_keys_and_drop(gui, mesh_file, tmp_path)
-    restart(gui, document)
-    fail_after_a_dialog(gui, mesh_file, capsys)
-    restart(gui, document)
-    use_what_is_being_typed(gui, tmp_path)
-    for bare, rest in ((None, 0.002), (0.0, 0.07)):
-        with monkeypatch.context() as patched:
-            draw_half_of_the_time(gui, patched, bare, rest)
-    with monkeypatch.context() as patched:
-        list_ten_thousand_files(gui, patched)
-    restart(gui, document)
-    type_into_boxes(gui)
+    walk(gui, open_by_path_keys_and_drop, fail_after_a_dialog, use_what_is_being_typed)
+    walk(gui, draw_half_of_the_time, list_ten_thousand_files, type_into_boxes)
 
 
 def use_what_is_being_typed(gui, tmp_path):
@@ -253,21 +242,23 @@ def test_a_damaged_copy_is_told_once(state, launched):
 # Launch
 
 
-def draw_half_of_the_time(gui, monkeypatch, bare, rest):
+def draw_half_of_the_time(gui, monkeypatch):
     """While the window waits for functions."""
-    now, slept = [100.0], []
+    for bare, rest in ((None, 0.002), (0.0, 0.07)):
+        now, slept = [100.0], []
 
-    def draw():
-        gui.session.functions.bare_since = bare
-        now[0] += 0.07
+        def draw(bare=bare, now=now):
+            gui.session.functions.bare_since = bare
+            now[0] += 0.07
 
-    clock = SimpleNamespace(perf_counter=lambda: now[0], sleep=slept.append)
-    monkeypatch.setattr(gui.window, "tick", draw)
-    monkeypatch.setattr(window, "time", clock)
-    gui.window._moved_at = now[0]
-    gui.window.frame()
-    gui.session.functions.bare_since = None
-    assert slept == [pytest.approx(rest)]
+        clock = SimpleNamespace(perf_counter=lambda now=now: now[0], sleep=slept.append)
+        with monkeypatch.context() as patched:
+            patched.setattr(gui.window, "tick", draw)
+            patched.setattr(window, "time", clock)
+            gui.window._moved_at = now[0]
+            gui.window.frame()
+        gui.session.functions.bare_since = None
+        assert slept == [pytest.approx(rest)]
 
 
 def test_the_window_is_drawn_before_the_solver_is_loaded(tmp_path):
@@ -322,24 +313,24 @@ import sys
 from pathlib import Path
 from abfm_viewer.window.window import open_window
 from abfm.assets import asset_path
-mesh, folder = asset_path("human_A.off"), Path(sys.argv[2])
-window = open_window(mesh, "openGL3_egl", (400, 300), state_folder=folder)
-session = window.session
-while session.obstacle:
-    window.frame()
-session.editor.set_view("look", streaks=True)
-session.editor.set_parameter(iterations=10 if sys.argv[1] == "streaks" else 100_000, tolerance=0)
-session.match()
-streaks = window.shown.quantities._streaks
-while not (streaks.busy if sys.argv[1] == "streaks" else session.matching.snapshot):
-    window.frame()
-window.close()
+for moment, iterations in (("solver", 100_000), ("streaks", 10)):
+    window = open_window(asset_path("eight.off"), "openGL3_egl", (400, 300), Path(sys.argv[1]))
+    session = window.session
+    while session.obstacle:
+        window.frame()
+    session.editor.set_view("look", streaks=True)
+    session.editor.set_parameter(iterations=iterations, tolerance=0)
+    session.match()
+    streaks = window.shown.quantities._streaks
+    while not (streaks.busy if moment == "streaks" else session.matching.snapshot):
+        window.frame()
+    window.close()
 """
 
 
-@pytest.mark.parametrize("moment", ["solver", "streaks"])
-def test_closing_in_the_middle_of_work_leaves_nothing_behind(moment, tmp_path):
-    done = python(_CLOSED, moment, str(tmp_path), timeout=60)
+def test_closing_in_the_middle_of_work_leaves_nothing_behind(tmp_path):
+    """While the solver runs, and while streaks are computed."""
+    done = python(_CLOSED, str(tmp_path))
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
@@ -364,7 +355,7 @@ sys.exit(status)
 @pytest.mark.parametrize(("words", "said"), [("", "a.off"), ("['b.off']", "b.off")])
 def test_the_program_ends_after_cleaning_up(words, said):
     """A caller of `main` continues."""
-    done = python(_PROGRAM.replace("{words}", words), timeout=60)
+    done = python(_PROGRAM.replace("{words}", words))
     assert (done.returncode, done.stderr) == (7, "")
     lives_on = ["taken apart"] if words else []
     assert done.stdout.splitlines() == [f"closed ['{said}']", "tidied up", *lives_on]

@@ -1,6 +1,5 @@
-"""What newcomers do in their first minutes, by mouse and keyboard, each from a fresh window."""
+"""Work of an app that was killed is recovered by the next launch, and goes on."""
 
-import shutil
 import signal
 import subprocess
 import sys
@@ -9,11 +8,10 @@ from contextlib import suppress
 
 import numpy as np
 
-from abfm.assets import asset_path
 from abfm_viewer.automation import Driver
 from tests.mesh_writers import off_file
 from tests.shapes import ellipsoid, icosphere
-from tests.viewer.sessions import SIZE, begin, cancel, match
+from tests.viewer.sessions import SIZE
 
 _WORK = """
 import sys
@@ -69,31 +67,6 @@ def is_copied(state):
 
 def ready(session):
     return not session.obstacle
-
-
-def test_tour_of_a_newcomer(tmp_path):
-    """Open a mesh, match it, see the flow, and match a figure of the paper."""
-    shutil.copy(asset_path("eight.off"), tmp_path / "somebody.off")
-    with Driver(asset_path("eight.off"), size=SIZE) as gui:
-        session = gui.session
-        gui.window.dialogs.folder = tmp_path
-        gui.menu("File", "Open mesh...")
-        gui.double_click("somebody.off")
-        gui.wait(lambda s: s.document.name == "somebody.off" and ready(s))
-        match(gui)
-        gui.wait(lambda s: s.player.playing)
-        assert session.time < session.parameters.tau
-        gui.wait(lambda s: not s.player.playing)
-        assert session.time == session.parameters.tau
-        assert session.view.streaks or session.view.arrows
-        assert session.result.verdict.kind in ("matched", "nearly")
-        gui.menu("Samples", "Figure 11")
-        gui.wait(lambda s: gui.window.files.sample == "Figure 11" and ready(s))
-        begin(gui, 5)
-        cancel(gui)
-        assert not session.outdated
-        assert session.result.residual < 1
-        assert not gui.errors
 
 
 def kept(state):
