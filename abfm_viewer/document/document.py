@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from itertools import compress
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -73,13 +74,28 @@ ZOOM_MIN = 0.2
 """Zooms."""
 
 
+class Range(NamedTuple):
+    """The values that a number of a document may have in files."""
+
+    low: float
+    high: float = math.inf
+    is_above: bool = False  # more than `low`
+
+    def has(self, value: float) -> bool:
+        return self.low <= value <= self.high and not (self.is_above and value == self.low)
+
+    def __str__(self) -> str:
+        bounds = f"{self.low:g} to {self.high:g}"
+        return f"above {bounds}" if self.is_above else bounds
+
+
 @dataclass(frozen=True)
 class Channel:
     """A source and a target as specs of `abfm.functions`, and the weight of their mismatch."""
 
     source: str
     target: str
-    weight: float = 1.0
+    weight: Annotated[float, Range(0)] = 1.0
 
     @property
     def specs(self) -> tuple[str, str]:
@@ -108,7 +124,7 @@ class Landmark:
 
     source: Point | None = None
     target: Point | None = None
-    weight: float = 1.0
+    weight: Annotated[float, Range(0, is_above=True)] = 1.0
     name: str = ""  # as a file calls it
 
     def point(self, side: Side) -> Point | None:
@@ -131,7 +147,7 @@ class Look:
     """
 
     front: Front
-    zoom: float = 1.0
+    zoom: Annotated[float, Range(ZOOM_MIN, ZOOM_MAX)] = 1.0
     target: Triple | None = None
 
 
@@ -172,10 +188,14 @@ class InitialMap:
     warnings: tuple[str, ...] = ()  # why it may lead elsewhere
 
     def registration(self, match: Match) -> Registration:
-        """Return the registration of a match that began with this map."""
+        """Return the registration of a match that began with this map, made once."""
         from abfm import Registration  # with all that it loads
 
-        return Registration(self.correspondence, match, self.notes, self.functions, self.warnings)
+        found: Registration | None = vars(self).get("_registration")
+        if found is None or found.match is not match:
+            parts = self.correspondence, match, self.notes, self.functions, self.warnings
+            found = vars(self)["_registration"] = Registration(*parts)
+        return found
 
     @property
     def asked(self) -> Asked:
@@ -199,11 +219,11 @@ class View:
     """Everything that decides how the document is drawn, and nothing of what is solved."""
 
     theme: Theme = "light"
-    ui_scale: float = 1.0
+    ui_scale: Annotated[float, Range(0, 10, is_above=True)] = 1.0
     layout: Layout = "automatic"
     colormap: str = "automatic"  # by the functions' signs; or one of `appearance.colormaps.NAMES`
     isolines: bool = False
-    isoline_count: int = 12
+    isoline_count: Annotated[int, Range(1, 1000)] = 12
     color_bar: bool = True
     look: Look | None = None  # from the surface's front, fitted
     large: str = ""  # the slot that has the others' room, too
@@ -218,8 +238,9 @@ class View:
     error: bool = False
     links: bool = False  # lines from points of surface A to where they are on B
     arrows: bool = False
-    arrow_length: float = 0.12  # what the longest may have, of sqrt(area)
-    arrow_density: float = 0.5  # from few to many, 0 to 1
+    # what the longest may have, of sqrt(area)
+    arrow_length: Annotated[float, Range(0, 10, is_above=True)] = 0.12
+    arrow_density: Annotated[float, Range(0, 1)] = 0.5  # from few to many
     # of the field that is drawn, coloured and traced, or a field that belongs to it
     part: FieldPart = "whole"
     tracks: bool = False  # ways of a film's critical points
@@ -351,6 +372,7 @@ class Document:
     """Fields that are lost if they are in no file, besides the result; view and time are not."""
     exported: ClassVar[tuple[str, ...]] = ()
     """Fields that are in a file of the result."""
+    surface_count: ClassVar[int] = 1
 
     surfaces: tuple[Surface, ...]  # the only one, or A and B
     _: KW_ONLY
@@ -552,8 +574,13 @@ class Document:
     def check(self) -> None:
         """Raise a ValueError if fields do not fit together."""
 
-    def borne_out(self) -> Self:
-        """Return it with a result that was checked."""
+    @property
+    def complete_result(self) -> Any:
+        """The result with everything that its file holds."""
+        return self.result
+
+    def saved(self) -> Document:
+        """Return the document that a project of it opens as."""
         return self
 
     @property

@@ -7,7 +7,7 @@ what views ask of all of them.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -38,7 +38,7 @@ from abfm_viewer.document.film import FRAMES_A_SECOND, Film, FilmSettings, setti
 from abfm_viewer.document.surface_points import landmarks_of_match
 
 if TYPE_CHECKING:  # a document without a result does not load its type
-    from abfm import Match, Sequence
+    from abfm import Match, Registration, Sequence
 
 MEASURED_COLUMN = "measured"
 """Column of a mask that is 0 where functions have no values, and were filled in."""
@@ -148,9 +148,6 @@ class MatchDocument(Document):
         if self.bump < 0:
             raise ValueError(f"bump is {self.bump}; expected 0 or more")
 
-    def borne_out(self) -> Self:
-        return replace(self, result=self.result.borne_out()) if self.result else self
-
     def differs(self, result: Match, values: Values) -> bool:
         """Return whether a result is of another problem than this document's."""
         alone = self.landmarks_alone and result.problem.is_of_landmarks
@@ -197,6 +194,7 @@ class PairDocument(MatchDocument):
     """Two surfaces, A and B: functions of A come to B by an initial map, and are matched there."""
 
     content: ClassVar[tuple[str, ...]] = ("initial", *MatchDocument.content)
+    surface_count: ClassVar[int] = 2
 
     initial: str = field(default="", kw_only=True)
     initial_map: InitialMap | None = field(default=None, kw_only=True)
@@ -204,6 +202,11 @@ class PairDocument(MatchDocument):
     @property
     def name(self) -> str:
         return " to ".join(surface.name for surface in self.surfaces)
+
+    @property
+    def complete_result(self) -> Match | Registration | None:
+        match, initial = self.result, self.initial_map
+        return match if match is None or initial is None else initial.registration(match)
 
     def titled(self, slot: str) -> str:
         return f"{slot} on {'A' if slot == 'source' else 'B'}"
@@ -256,6 +259,10 @@ class SubjectDocument(MatchDocument):
     """A subject of a population on the template, compared with the mean of the others."""
 
     comparison: Comparison = field(kw_only=True)
+
+    def saved(self) -> MatchDocument:
+        """Return it without the population, which has a file of its own."""
+        return MatchDocument(**{one.name: getattr(self, one.name) for one in fields(MatchDocument)})
 
     @property
     def compared(self) -> Comparison | None:
@@ -398,6 +405,13 @@ class FilmDocument(Document):
 
     def check(self) -> None:
         self.settings.check()
+        for frames in (self.film.frames, self.film.phases or self.film.frames):
+            if len(frames.times) < 2 or not (frames.durations > 0).all():
+                raise ValueError("the times of the frames do not ascend")
+            if frames.mesh is not self.surface().mesh:
+                raise ValueError("the frames are on another surface")
+        if self.result is not None and len(self.result) != self.film.intervals:
+            raise ValueError(f"{len(self.result)} fields for {len(self.film)} frames")
 
     @property
     def is_complete(self) -> bool:
@@ -429,3 +443,11 @@ def document_on(surfaces: tuple[Surface, ...], **values: Any) -> MatchDocument:
     """Return a document of one surface, or of two to be registered."""
     kind = MatchDocument if len(surfaces) == 1 else PairDocument
     return kind(surfaces, **values)
+
+
+KINDS: Mapping[str, type[Document]] = {
+    "match": MatchDocument,
+    "pair": PairDocument,
+    "film": FilmDocument,
+}
+"""Kinds of documents that projects hold, by their names there."""

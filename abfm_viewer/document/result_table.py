@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 import abfm
 from abfm.outcome import Facts, Outcome
 
@@ -98,6 +100,15 @@ class ResultTable:
     title: str
     rows: tuple[ResultRow, ...]
     population: abfm.Population | None = None
+
+    def has_values(self, row: ResultRow) -> bool:
+        """Return whether a row is a subject that has values on the template."""
+        found = self.population
+        return found is not None and bool(np.isfinite(found.values[row.number]).any())
+
+    def can_show(self, row: ResultRow) -> bool:
+        """Return whether there is something of a row that surfaces can show."""
+        return row.path is not None or self.has_values(row)
 
     @property
     def columns(self) -> tuple[Name, ...]:

@@ -1,10 +1,8 @@
-"""Project files (``.abfm``): a zip with everything that is needed to go on elsewhere.
+"""Project files (``.abfm``): a zip with everything that is needed to resume elsewhere.
 
-``project.json`` holds all that is small; ``mesh/*.npy``, ``result/*.npy`` and ``runs/*/*.npy`` the
-arrays of the document, and ``known/*.npy`` the values of functions that come from other files. Of
-two surfaces ``mesh/*.npy`` is B, on which the result is, ``mesh_a/*.npy`` A, and ``initial/*.npy``
-the initial map that the result began with. Of a film ``film/*.npy`` are its frames, and
-``sequence/*.npy`` the fields between them.
+``result.npz`` is the result as its own `save` writes it, ``project.json`` the other fields of the
+document, ``view.json`` its view, and ``*.npy`` are arrays. In JSON an array and a mesh are the name
+of their members, and an object that the result has is ``result/`` and its name there.
 """
 
 from __future__ import annotations
@@ -14,11 +12,12 @@ import math
 import os
 import types
 import zipfile
-from collections.abc import Collection, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
-from enum import StrEnum
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -26,73 +25,43 @@ import abfm
 from abfm import Parameters, ResultError, TriangleMesh
 from abfm.errors import brief, one_line
 from abfm.io import results, write_atomically
-from abfm.io.results import (
-    CORRESPONDENCE_ENTRIES,
-    MATCH_ENTRIES,
-    MESH_ENTRIES,
-    Entry,
-    check_arrays,
-    mesh_of,
-)
+from abfm.io.results import MESH_ENTRIES, SEQUENCE, Entry
 from abfm.pages.colormaps import NAMES
-from abfm.pages.front import Front
 from abfm.reading import from_json
 from abfm.types import FloatArray
-from abfm_viewer.document.document import (
-    SIDES,
-    ZOOM_MAX,
-    ZOOM_MIN,
-    Document,
-    Identity,
-    InitialMap,
-    Point,
-    RunRecord,
-    Side,
-    Surface,
-    View,
-)
-from abfm_viewer.document.film import Film, FilmSettings
-from abfm_viewer.document.kinds import OF_A, FilmDocument, MatchDocument, PairDocument
+from abfm_viewer.document.document import SIDES, Document, Point, Range, RunRecord, Side, Surface
+from abfm_viewer.document.kinds import KINDS
 from abfm_viewer.document.label_map import LabelMap
 
-_FORMAT = 6
-_LARGEST_HEADER = 2 << 20  # bytes of `project.json`
-_MESH = {
-    name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces", "copies", "structure")
-}
-_RUN = {
-    "stages": Entry("integer", ("n",), may_be_empty=True, low=0),
-    "energies": Entry("real", ("n", 3), may_be_empty=True),
-}
-_COURSE = _RUN | {
-    "vertices": Entry("integer", ("n",), low=0),
-    "reaches": Entry("real", ("n",), low=0),
-}
-_RESIDUALS = {
-    name: Entry("real", ("n",), required=False, low=0) for name in ("residuals", "sigmas")
-}
-_SHARES = {"shares": Entry("real", ("n", "T"), low=0)}
-_INITIAL_ENTRIES = {  # without the meshes
-    name: entry
-    for name, entry in CORRESPONDENCE_ENTRIES.items()
-    if name.removeprefix("a_") not in MESH_ENTRIES
-}
-_FUNCTIONS = {"functions": Entry("real", ("VA", "C"), required=False)}
-_LABELS = {"values": Entry("integer", ("V",))}
-_FRAMES = {
-    name: results.SEQUENCE.entries[name]
-    for name in ("frames", "times", "mask", "channels_given", "weights")
-}
-_FIELDS = {
-    name: entry
-    for name, entry in results.SEQUENCE.entries.items()
-    if name not in (*MESH_ENTRIES, *_FRAMES, "notes")
-}
-_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name != "parameters"}
-_ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
-_VIEW_BOUNDS = {"arrow_density": (0, 1), "isoline_count": (1, 1000)}
 MEMBER = "origin.json"
 """Where a copy of unsaved work says what it is a copy of."""
+_FORMAT = 7
+_JSON_BYTES_MAX = 2 << 20  # of a member
+_RESULT = "result.npz"
+_KNOWN = Entry("real", ("V",), may_be_unknown=True)
+_ENTRIES = {
+    RunRecord.__name__: {
+        "energies": Entry("real", ("n", 3), may_be_empty=True),
+        "stages": Entry("integer", ("n",), may_be_empty=True, low=0),
+        "vertices": Entry("integer", ("v",), may_be_empty=True, low=0),
+        "reaches": Entry("real", ("v",), may_be_empty=True, low=0),
+        "shares": Entry("real", ("s", "T"), may_be_empty=True, low=0),
+        "residuals": Entry("real", ("r",), may_be_empty=True, low=0),
+        "sigmas": Entry("real", ("i",), may_be_empty=True, low=0),
+    },
+    LabelMap.__name__: {"values": Entry("integer", ("V",))},
+    "Frames": {
+        "values": SEQUENCE.entries["frames"],
+        **{name: SEQUENCE.entries[name] for name in ("times", "mask", "weights")},
+    },
+}
+"""Arrays of dataclasses by their names; V is that of the dataclass's mesh, if it has one."""
+_PARTS = ("match", "initial", "functions", "initial.a", "initial.b", "mesh", "_frames")
+"""What a result has that a document has as well."""
+# a document without a result does not load its type
+_OF_RESULT: dict[str, Any] = {
+    name: Annotated[Any, name] for name in ("Match", "Correspondence", "Sequence")
+}
 
 
 @dataclass(frozen=True)
@@ -118,39 +87,13 @@ class Origin:
 
 
 @dataclass(frozen=True)
-class _SurfaceA:
-    """What `project.json` holds of surface A of two."""
-
-    name: str
-    file_vertex_count: int
-    front: Front | None = None
-
-
-@dataclass(frozen=True)
-class _Film:
-    """What `project.json` holds of a film."""
-
-    name: str
-    unit: str
-    settings: FilmSettings
-    has_fields: bool
-    has_mask: bool
-
-
-@dataclass(frozen=True)
 class _Header:
-    """What `project.json` holds; `known` are functions with values, as their members count."""
+    """What `project.json` holds; `known` are names of arrays by the functions that they are of."""
 
-    file_vertex_count: int
+    kind: str
+    has_result: bool
     document: dict[str, Any]
-    runs: tuple[dict[str, Any], ...]
-    result: dict[str, Any] | None
-    result_has_mask: bool
-    known: tuple[str, ...]
-    surface_a: _SurfaceA | None = None
-    initial_map: dict[str, Any] | None = None
-    labels: dict[str, Any] | None = None
-    film: _Film | None = None
+    known: dict[str, str]
 
 
 def save_project(
@@ -159,130 +102,47 @@ def save_project(
     known: Mapping[str, FloatArray],
     origin: Origin | None = None,
 ) -> None:
-    """Write a project, whole or not at all; the same document gives the same bytes.
+    """Write a project, completely or not at all; the same document gives the same bytes.
 
     Known are the values (V,) of the terms that `terms_from_files` names. A copy of unsaved work
-    says of which project file it is one. A `ResultError` says why it would not open again, or
-    cannot be written.
+    names the project file that it is a copy of. A `ResultError` reports why it would not open
+    again, or cannot be written.
     """
-    surface, (arrays, others) = document.surface(), _of_surface_a(document)
-    arrays |= _mesh_arrays(surface.mesh, "mesh/")
-    runs = []
-    for number, run in enumerate(document.runs):
-        names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
-        names |= {name: _RESIDUALS[name] for name in _RESIDUALS if len(getattr(run, name))}
-        arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
-        runs.append(
-            to_plain(run, without=_COURSE | _SHARES | _RESIDUALS) | {"has_course": run.has_course}
-        )
-    result = None
-    if (match := document.match) is not None:
-        result = abfm.matching.match_arrays(match)
-        own = [name for name, part in result.items() if isinstance(part, np.ndarray)]
-        arrays |= {f"result/{name}": result.pop(name) for name in own}
-        result["parameters"] = match.parameters
-    of_film, film = _of_film(document)
-    arrays |= of_film
-    arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
-    # the surface's name is the document's in the file, and its front the view's
-    kept_apart: tuple[str, ...] = ("identity", "surfaces", "result", "runs", "initial_map")
-    kept_apart += ("labels", "comparison", "film", "settings")
-    plain = to_plain(document, without=kept_apart)
-    plain["view"] = to_plain(document.view) | {"front": surface.front}
-    content = {
-        "format_version": _FORMAT,
-        "file_vertex_count": surface.mesh.file_vertex_count,
-        "document": {"name": surface.name} | plain,
-        "runs": runs,
-        "result": result,
-        "result_has_mask": "result/mask" in arrays,
-        "known": sorted(known),
-        **others,
-        **film,
-    }
+    document, found = document.saved(), document.complete_result
+    writer = _Writer(_parts(found))
+    plain = writer.plain(document, "document")
+    view = plain.pop("view")
+    kind = next(name for name, each in KINDS.items() if each is type(document))
+    values = {spec: f"known/{number}" for number, spec in enumerate(sorted(known))}
+    writer.arrays |= {name: known[spec] for spec, name in values.items()}
+    header = {"kind": kind, "has_result": found is not None, "document": plain, "known": values}
     try:
-        text = json.dumps(content, indent=1, default=to_plain)
-        if len(text) > _LARGEST_HEADER:
-            raise ValueError(
-                f"it has {len(text)} bytes besides its arrays, and at most {_LARGEST_HEADER} can "
-                "be read"
-            )
-        _document(json.loads(text), arrays, document)
+        texts = {
+            "project.json": _text({"format_version": _FORMAT, **header}),
+            "view.json": _text(view),
+        }
+        plain, view = map(json.loads, texts.values())
+        _read(plain, view, _Reader(writer.arrays, writer.objects))
     except ValueError as error:
         raise ResultError(f"{one_line(path)} not written: {one_line(error, 400)}") from error
+    if origin is not None:
+        texts[MEMBER] = json.dumps({**vars(origin), "path": str(origin.path)})
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        archive.writestr(zipfile.ZipInfo("project.json"), text)
-        if origin is not None:
-            archive.writestr(zipfile.ZipInfo(MEMBER), json.dumps(to_plain(origin), default=str))
-        results.write_arrays(archive, arrays)
-
-
-def _of_surface_a(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what there is of surface A, the map from it and labels on it: arrays, and the rest."""
-    arrays: dict[str, Any] = {}
-    content: dict[str, Any] = {}
-    if len(document.surfaces) > 1:
-        first = document.surface("source")
-        arrays |= _mesh_arrays(first.mesh, "mesh_a/")
-        content["surface_a"] = _SurfaceA(first.name, first.mesh.file_vertex_count, first.front)
-    if (initial := document.initial_map) is not None:
-        of_map = initial.correspondence.arrays()
-        arrays |= {f"initial/{name}": of_map[name] for name in _INITIAL_ENTRIES if name in of_map}
-        if initial.functions is not None:
-            arrays["initial/functions"] = initial.functions
-        content["initial_map"] = to_plain(initial, without=("correspondence", "functions"))
-    if (labels := document.labels) is not None:
-        arrays["labels/values"] = labels.values
-        content["labels"] = to_plain(labels, without=("values",))
-    return arrays, content
-
-
-def _of_film(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what there is of a film: arrays, and the rest."""
-    if not isinstance(document, FilmDocument):
-        return {}, {}
-    film, sequence = document.film, document.result
-    frames = film.frames
-    arrays: dict[str, Any] = {
-        "film/frames": frames.values,
-        "film/times": frames.times,
-        "film/weights": frames.weights,
-        "film/channels_given": np.array(frames.channels_given),
-    }
-    has_mask, has_fields = frames.mask is not None, sequence is not None
-    if has_mask:
-        arrays["film/mask"] = frames.mask
-    if sequence is not None:
-        found = sequence.arrays()
-        arrays |= {f"sequence/{name}": found[name] for name in _FIELDS}
-    return arrays, {"film": _Film(film.name, film.unit, document.settings, has_fields, has_mask)}
-
-
-def _film(
-    header: _Film, arrays: Mapping[str, Any], mesh: TriangleMesh
-) -> tuple[Film, abfm.Sequence | None]:
-    from abfm.sequences.frames import Frames  # with all that it loads
-
-    entries = _FRAMES | {"mask": _FRAMES["mask"]._replace(required=header.has_mask)}
-    known = check_arrays(arrays, entries, "film/", V=len(mesh.vertices))
-    count = len(known["times"])
-    fits = count == len(known["frames"]) > 1 and bool((np.diff(known["times"]) > 0).all())
-    _require(fits, f"a film has {count} times that do not fit its {len(known['frames'])} frames")
-    weights, is_given = known["weights"], bool(known["channels_given"])
-    parts = known["frames"], known["times"], known.get("mask"), weights, is_given
-    film = Film(header.name, Frames(mesh, *parts, unit_of_time=header.unit))
-    if not header.has_fields:
-        return film, None
-    sizes = {"F": len(mesh.faces), "I": count - 1}
-    fields = check_arrays(arrays, _FIELDS, "sequence/", **sizes)
-    found = abfm.Sequence.of_arrays({**known, **fields}, mesh)
-    return film, replace(found, _frames=film.frames)
+        for name, text in texts.items():
+            archive.writestr(zipfile.ZipInfo(name), text)
+        results.write_arrays(archive, writer.arrays)
+        if found is not None:
+            with archive.open(zipfile.ZipInfo(_RESULT), "w", force_zip64=True) as file:
+                try:
+                    found.save(file)
+                except ResultError as error:
+                    raise ResultError(f"{one_line(path)}: {one_line(error, 400)}") from error
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
     """Read a document and its values from other files; a `ResultError` says what is wrong."""
     with results.open_archive(path, "project", "take another copy of the file") as archive:
-        if "velocity" in archive:
+        if results.is_own(archive):
             raise ResultError(
                 "a result file, not a project; open it as a result, under a name that ends in .npz"
             )
@@ -290,9 +150,12 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
             raise ValueError(
                 f"{archive.packed[0]} is compressed; expected a zip without compression"
             )
-        content = from_json(archive.read("project.json", _LARGEST_HEADER))
-        document, known = _document(content, archive)
-    return document.borne_out(), known
+        plain = from_json(archive.read("project.json", _JSON_BYTES_MAX))
+        version = plain.get("format_version") if isinstance(plain, dict) else None
+        results.check_version(version, _FORMAT)
+        view = from_json(archive.read("view.json", _JSON_BYTES_MAX))
+        found = abfm.load(archive.part(_RESULT)) if plain.get("has_result") is True else None
+        return _read(plain, view, _Reader(archive, _parts(found)))
 
 
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
@@ -318,160 +181,222 @@ def terms_from_files(spec: str) -> list[str]:
     return [str(each) for each in terms if any(map(reads_file, abfm.functions.functions_in(each)))]
 
 
-def _document(
-    content: Any, arrays: Mapping[str, Any], written: Document | None = None
-) -> tuple[Document, dict[str, FloatArray]]:
-    """Document and known values from what a file holds; meshes and the map between them are made,
-    unless what is `written` has them.
-    """
-    version = content.pop("format_version", None) if isinstance(content, dict) else None
-    results.check_version(version, _FORMAT)
-    header: _Header = from_plain(_Header, content, "project")
-    meshes, initial = _meshes(header, arrays, written)
-    mesh = meshes[-1]
-    runs = tuple(_run(number, state, arrays) for number, state in enumerate(header.runs))
-    result, plain = None, header.document
-    if header.result is not None:
-        result = _result(header.result, header.result_has_mask, arrays, mesh)
-    view = plain.get("view")
-    front = view.pop("front", None) if isinstance(view, dict) else None
-    own = {"name": plain.pop("name", None), "front": front}
-    surfaces: tuple[Surface, ...] = (from_plain(Surface, own, "project.document", mesh=mesh),)
-    if (first := header.surface_a) is not None:
-        surfaces = (Surface(meshes[0], first.name, first.front), *surfaces)
-    labels = None if header.labels is None else _labels(header.labels, arrays, meshes[0])
-    given: dict[str, Any] = {"surfaces": surfaces, "identity": Identity(), "labels": labels}
-    kind: type[Document] = MatchDocument if len(surfaces) == 1 else PairDocument
-    if header.film is not None:
-        _require(len(surfaces) == 1 and result is None, "a film is on one surface, without a match")
-        given["film"], given["result"] = _film(header.film, arrays, mesh)
-        given["settings"] = header.film.settings
-        kind = FilmDocument
-    else:
-        given |= {"result": result, "runs": runs}
-        given |= {"initial_map": initial} if kind is PairDocument else {}
-    document: Document = from_plain(kind, plain, "project.document", **given)
-    values = {
-        f"the values of {spec}": arrays[f"known/{number}"]
-        for number, spec in enumerate(header.known)
-    }
-    entries = {
-        name: Entry(
-            "real",
-            ("VA" if len(surfaces) > 1 and name.startswith(OF_A) else "V",),
-            may_be_unknown=True,
+def _parts(found: Any) -> dict[str, Any]:
+    """Return what a result has that a document has as well, by its name in files."""
+    parts = {} if found is None else {"result": found}
+    for name in _PARTS:
+        with suppress(AttributeError):
+            parts[f"result/{name}"] = attrgetter(name)(found)
+    return {name: part for name, part in parts.items() if part is not None}
+
+
+def _text(plain: Any) -> str:
+    text = json.dumps(plain, indent=1)
+    if len(text) > _JSON_BYTES_MAX:
+        raise ValueError(
+            f"it has {len(text)} bytes besides its arrays; expected at most {_JSON_BYTES_MAX}"
         )
-        for name in header.known
-    }
-    sizes = {"V": len(mesh.vertices), "VA": len(meshes[0].vertices)}
-    known = check_arrays(values, entries, "the values of ", **sizes)
+    return text
+
+
+class _Writer:
+    """Makes JSON and arrays of a document; `objects` have names already, as those of its result."""
+
+    def __init__(self, objects: dict[str, Any]) -> None:
+        self.arrays: dict[str, Any] = {}
+        self.objects = objects
+
+    def plain(self, value: Any, place: str) -> Any:
+        """Return a value for JSON, whose arrays have names that begin with a place."""
+        name = next((name for name, known in self.objects.items() if known is value), None)
+        if name is not None:
+            return name
+        if isinstance(value, np.ndarray):
+            self.arrays[place] = value
+            return place
+        if isinstance(value, TriangleMesh):
+            arrays = results.mesh_arrays(value)
+            self.arrays |= {f"{place}/{name}": array for name, array in arrays.items()}
+            self.objects[place] = value
+            return place
+        if isinstance(value, Parameters):
+            return value.to_dict()
+        if is_dataclass(value):
+            parts = {e.name: getattr(value, e.name) for e in fields(value) if e.name != "identity"}
+            return {name: self.plain(part, f"{place}/{name}") for name, part in parts.items()}
+        if isinstance(value, tuple):
+            return [self.plain(part, f"{place}/{number}") for number, part in enumerate(value)]
+        return value
+
+
+class _Reader:
+    """Makes a document of JSON and arrays, by the types of its fields.
+
+    A ValueError reports what does not fit. `objects` are those that have names already.
+    """
+
+    def __init__(self, arrays: Mapping[str, Any], objects: dict[str, Any]) -> None:
+        self._arrays, self._objects = arrays, objects
+
+    def read(self, hint: Any, value: Any, where: str) -> Any:
+        """Return what JSON was made of, for a type."""
+        origin, options = get_origin(hint), get_args(hint)
+        if origin in (Union, types.UnionType):
+            [inner] = [option for option in options if option is not type(None)]
+            return None if value is None else self.read(inner, value, where)
+        if origin is Annotated and isinstance(options[1], Range):
+            number = self.read(options[0], value, where)
+            _require(options[1].has(number), f"{where} is {number}; expected {options[1]}")
+            return number
+        is_named = isinstance(value, str) and value in self._objects and hint not in (str, Any)
+        if is_named or origin is Annotated or hint is TriangleMesh:
+            return self._object(hint, value, where)
+        if origin is tuple:
+            _expect(isinstance(value, list), where, value, "a list")
+            kinds = [options[0]] * len(value) if options[1:] == (Ellipsis,) else list(options)
+            _expect(len(kinds) == len(value), where, value, f"{len(kinds)} entries")
+            return tuple(self.read(kind, value[i], f"{where}[{i}]") for i, kind in enumerate(kinds))
+        if origin is dict or is_dataclass(hint):
+            _expect(isinstance(value, dict), where, value, "an object")
+            if origin is dict:
+                return {name: self.read(options[1], value[name], where) for name in value}
+            return Parameters.of(**value) if hint is Parameters else self._made(hint, value, where)
+        return _scalar(hint, value, where)
+
+    def array(self, entry: Entry, value: Any, where: str, sizes: dict[str, int]) -> Any:
+        """Return an array by its name."""
+        is_there = isinstance(value, str) and value in self._arrays
+        _expect(is_there, where, value, "an array that is in the file")
+        return entry.check(where, np.asarray(self._arrays[value]), sizes)
+
+    def _object(self, hint: Any, value: Any, where: str) -> Any:
+        """Return what has a name: a part of the result, or a mesh."""
+        _expect(isinstance(value, str), where, value, "a name")
+        if hint is TriangleMesh and value not in self._objects:
+            arrays = results.check_arrays(self._arrays, MESH_ENTRIES, f"{value}/")
+            self._objects[value] = results.mesh_of(arrays)
+        is_of_result = get_origin(hint) is Annotated
+        wanted = getattr(abfm, get_args(hint)[1]) if is_of_result else get_origin(hint) or hint
+        found = self._objects.get(value)
+        _expect(isinstance(found, wanted), where, value, f"the name of a {wanted.__name__}")
+        return found
+
+    def _made(self, hint: Any, value: dict[str, Any], where: str) -> Any:
+        hints = get_type_hints(hint, localns=_OF_RESULT, include_extras=True)
+        known = {each.name: each for each in fields(hint)}
+        unknown = sorted(value.keys() - known.keys())
+        _expect(not unknown, where, unknown, f"only {', '.join(known)}")
+        required = {
+            name
+            for name, e in known.items()
+            if e.default is MISSING and e.default_factory is MISSING
+        }
+        missing = sorted(required - value.keys())
+        _expect(not missing, where, value, f"also {', '.join(missing)}")
+        entries = _ENTRIES.get(hint.__name__, {})
+        sizes: dict[str, int] = {}
+        parts = {}
+        for name in (name for name in known if name in value):
+            place, part = f"{where}.{name}", value[name]
+            if name in entries and part is not None and part not in self._objects:
+                parts[name] = self.array(entries[name], part, place, sizes)
+            else:
+                parts[name] = self.read(hints[name], part, place)
+            if isinstance(parts[name], TriangleMesh):
+                sizes["V"] = len(parts[name].vertices)
+        return hint(**parts)
+
+
+def _scalar(hint: Any, value: Any, where: str) -> Any:
+    if get_origin(hint) is Literal:
+        options = get_args(hint)
+        _expect(value in options, where, value, " or ".join(map(repr, options)))
+    elif hint is float:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        _expect(is_number and math.isfinite(value), where, value, "a finite number")
+        return float(value)
+    elif hint is not Any:
+        _expect(type(value) is hint, where, value, f"a value of type {hint.__name__}")
+    return value
+
+
+def _read(plain: Any, view: Any, reader: _Reader) -> tuple[Document, dict[str, FloatArray]]:
+    """Return the document and the known values of what a file holds."""
+    plain = {name: part for name, part in plain.items() if name != "format_version"}
+    header: _Header = reader.read(_Header, plain, "project")
+    _expect(header.kind in KINDS, "project.kind", header.kind, " or ".join(KINDS))
+    content = header.document | {"view": view}
+    document: Document = reader.read(KINDS[header.kind], content, "project.document")
+    names: dict[str, Any] = dict(header.known)
+    known = {}
+    for side in SIDES:
+        sizes = {"V": len(document.surface(side).mesh.vertices)}
+        for spec, name in document.known_on(side, names).items():
+            array = reader.array(_KNOWN, name, f"the values of {spec}", sizes)
+            known[document.known_as(side, spec)] = array
     _check(document)
     return document, known
 
 
-def _meshes(
-    header: _Header, arrays: Mapping[str, Any], written: Document | None
-) -> tuple[tuple[TriangleMesh, ...], InitialMap | None]:
-    """Return the surfaces' meshes, B last, and the map between them, if there is one."""
-    parts = _mesh_parts(arrays, "mesh/", header.file_vertex_count)
-    if header.surface_a is None:
-        _require(header.initial_map is None, "there is an initial map of one surface")
-        return (written.surface().mesh if written else mesh_of(parts),), None
-    of_a = _mesh_parts(arrays, "mesh_a/", header.surface_a.file_vertex_count)
-    state = header.initial_map
-    if state is None:
-        meshes = (surface.mesh for surface in written.surfaces) if written else ()
-        return tuple(meshes) or (mesh_of(of_a), mesh_of(parts)), None
-    sizes = {"V": len(parts["vertices"]), "VA": len(of_a["vertices"])}
-    maps = check_arrays(arrays, _INITIAL_ENTRIES | _FUNCTIONS, "initial/", **sizes)
-    functions = maps.pop("functions", None)
-    if written is not None and written.initial_map is not None:
-        found = written.initial_map.correspondence
-    else:
-        from abfm.registration.correspondence import correspondence_of  # with all that it loads
-
-        of_both = parts | {f"a_{name}": part for name, part in of_a.items()} | maps
-        found = correspondence_of(of_both)
-    made = {"correspondence": found, "functions": functions}
-    initial: InitialMap = from_plain(InitialMap, state, "project.initial_map", **made)
-    return (found.a, found.b), initial
-
-
-def _labels(state: dict[str, Any], arrays: Mapping[str, Any], mesh: TriangleMesh) -> LabelMap:
-    parts = check_arrays(arrays, _LABELS, "labels/", V=len(mesh.vertices))
-    labels: LabelMap = from_plain(LabelMap, state, "project.labels", **parts)
-    counts = {len(labels.keys), len(labels.names), len(labels.colors)}
-    _require(len(counts) == 1, "labels have not as many keys, names and colours")
-    keys = np.array(labels.keys, dtype=np.int64)
-    _require(bool((np.diff(keys) > 0).all()), "the keys of labels do not ascend")
-    _require(bool(np.isin(labels.values, keys).all()), "labels have keys that are none of theirs")
-    inside = all(0 <= channel <= 1 for color in labels.colors for channel in color)
-    _require(inside, "labels have colours outside 0 to 1")
-    return labels
-
-
-def _mesh_arrays(mesh: TriangleMesh, prefix: str) -> dict[str, Any]:
-    found = results.mesh_arrays(mesh)
-    return {f"{prefix}{name}": found[name] for name in _MESH if name in found}
-
-
-def _mesh_parts(arrays: Mapping[str, Any], prefix: str, count: int) -> dict[str, Any]:
-    return {**check_arrays(arrays, _MESH, prefix), "file_vertex_count": np.array(count)}
-
-
-def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> RunRecord:
-    entries = _COURSE if state.pop("has_course", False) else _RUN
-    entries = entries | _RESIDUALS | (_SHARES if state.get("words") else {})
-    parts = check_arrays(arrays, entries, f"runs/{number}/")
-    return cast(RunRecord, from_plain(RunRecord, state, f"project.runs[{number}]", **parts))
-
-
-def _result(
-    state: dict[str, Any], has_mask: bool, arrays: Mapping[str, Any], mesh: TriangleMesh
-) -> abfm.Match:
-    known = {name: value for name, value in state.items() if value is not None}
-    entries = _RESULT | {"mask": _RESULT["mask"]._replace(required=has_mask)}
-    given = {place: arrays[place] for name in entries if (place := f"result/{name}") in arrays}
-    given |= {f"result/{name}": value for name, value in known.items()}
-    parts = check_arrays(given, entries, "result/", V=len(mesh.vertices), F=len(mesh.faces))
-    parameters = from_plain(Parameters, known.get("parameters"), "project.result.parameters")
-    return abfm.matching.match_of(mesh, parts, parameters)
-
-
 def _check(document: Document) -> None:
     """Refuse a document whose parts do not fit together, by a `ValueError` that says why."""
+    result, initial = document.result, document.initial_map
+    meshes = [surface.mesh for surface in document.surfaces]
+    count = document.surface_count
+    _require(len(meshes) == count, f"it has {len(meshes)} surfaces; expected {count}")
+    is_on = result is None or result.mesh is meshes[-1]
+    _require(is_on, "the result is on another surface")
+    if initial is not None:
+        _require(result is not None, "there is an initial map of no result")
+        ends = initial.correspondence.a, initial.correspondence.b
+        is_between = ends[0] is meshes[0] and ends[1] is meshes[-1]
+        _require(is_between, "the initial map is between other surfaces")
     for number, run in enumerate(document.runs):
-        rows = run.stages.size
-        inside = all(0 <= row <= rows for row in run.restarts)
-        _require(inside, f"run {number} of {rows} rows restarts outside them")
-        named = not run.words or run.shares.shape[1] == len(run.words)
-        _require(named, f"run {number} has {run.shares.shape[1]} shares of {len(run.words)} terms")
+        _check_run(run, f"run {number} of {run.stages.size} rows")
+    if document.labels is not None:
+        _check_labels(document.labels, document.surface("source"))
     for function in document.functions:
         terms_from_files(function.spec)
-    for weight in (channel.weight for channel in document.channels):
-        _require(0 <= weight < np.inf, f"a channel has the weight {weight}; expected 0 or more")
     _within("channel", document.channel, 0, document.channel_count - 1)
     document.check()
     _within("time", document.time, document.start or 0, document.end)
     _check_points(document, "target", *document.lines, *document.points)
-    initial = document.initial_map
     for landmark in document.landmarks + (initial.landmarks if initial else ()):
-        fits = 0 < landmark.weight < np.inf
-        _require(fits, f"a landmark has the weight {landmark.weight}; expected more than 0")
         for side in SIDES:
             if (point := landmark.point(side)) is not None:
                 _check_points(document, side, point)
-    _check_view(document.view)
-    look = document.view.look
-    _require(
-        document.initial_map is None or document.result is not None,
-        "there is an initial map of no result",
-    )
+    view, look = document.view, document.view.look
+    colormaps = ("automatic", *NAMES)
+    _expect(view.colormap in colormaps, "colormap", view.colormap, " or ".join(colormaps))
     fronts = [surface.front for surface in document.surfaces]
     for front in (*fronts, look.front if look else None):
         axes = np.eye(3)[:2] if front is None else np.array([front.direction, front.up])
         is_upright = bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
         _require(is_upright, f"front is {front}; expected two unit vectors at a right angle")
+
+
+def _check_run(run: RunRecord, name: str) -> None:
+    rows = len(run.stages)
+    inside = all(0 <= row <= rows for row in run.restarts)
+    _require(inside, f"{name} restarts outside them")
+    for part in ("vertices", "reaches", "residuals", "sigmas", "shares"):
+        count = len(getattr(run, part))
+        _require(count in (0, rows), f"{name} has {count} {part}")
+    shares = run.shares.shape[1]
+    named = not run.words or shares == len(run.words)
+    _require(named, f"{name} has {shares} shares of {len(run.words)} terms")
+
+
+def _check_labels(labels: LabelMap, surface: Surface) -> None:
+    counts = {len(labels.keys), len(labels.names), len(labels.colors)}
+    _require(len(counts) == 1, "labels have not as many keys, names and colours")
+    keys = np.array(labels.keys, dtype=np.int64)
+    _require(bool((np.diff(keys) > 0).all()), "the keys of labels do not ascend")
+    values, vertices = len(labels.values), len(surface.mesh.vertices)
+    _require(values == vertices, f"there are {values} labels; expected {vertices}")
+    _require(bool(np.isin(labels.values, keys).all()), "labels have keys that are none of theirs")
+    inside = all(0 <= channel <= 1 for color in labels.colors for channel in color)
+    _require(inside, "labels have colours outside 0 to 1")
 
 
 def _check_points(document: Document, side: Side, *points: Point) -> None:
@@ -480,19 +405,6 @@ def _check_points(document: Document, side: Side, *points: Point) -> None:
         inside = min(point.barycentric) >= -1e-9 and abs(sum(point.barycentric) - 1) <= 1e-9
         _require(0 <= point.face < F, f"a point lies on face {point.face}; expected 0 to {F - 1}")
         _require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
-
-
-def _check_view(view: View) -> None:
-    colormaps = ("automatic", *NAMES)
-    expected = " or ".join(colormaps)
-    _require(view.colormap in colormaps, f"colormap is {view.colormap!r}; expected {expected}")
-    for name, high in _ABOVE_0.items():
-        value = getattr(view, name)
-        _require(0 < value <= high, f"{name} is {value}; expected above 0 to {high:g}")
-    for name, bounds in _VIEW_BOUNDS.items():
-        _within(name, getattr(view, name), *bounds)
-    if view.look is not None:
-        _within("zoom", view.look.zoom, ZOOM_MIN, ZOOM_MAX)
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:
@@ -504,66 +416,8 @@ def _require(fits: bool, problem: str) -> None:
         raise ValueError(problem)
 
 
-def to_plain(value: Any, without: Collection[str] = ()) -> dict[str, Any]:
-    """Return the fields of a dataclass but for some; JSON writes those in it by this, too."""
-    if isinstance(value, Parameters):
-        return value.to_dict()
-    return {e.name: getattr(value, e.name) for e in fields(value) if e.name not in without}
-
-
-def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
-    """Return what JSON was made of, for a type hint; a `ValueError` says where it does not fit.
-
-    Missing fields take their defaults, and given ones are not looked for.
-    """
-    origin, options = get_origin(hint), get_args(hint)
-    if origin is Literal:
-        _expect(value in options, where, value, " or ".join(map(repr, options)))
-        return value
-    if origin in (Union, types.UnionType):
-        [inner] = [option for option in options if option is not type(None)]
-        return None if value is None else from_plain(inner, value, where)
-    if origin is tuple:
-        _expect(isinstance(value, list), where, value, "a list")
-        kinds = [options[0]] * len(value) if options[1:] == (Ellipsis,) else list(options)
-        _expect(len(kinds) == len(value), where, value, f"{len(kinds)} entries")
-        return tuple(from_plain(kind, value[i], f"{where}[{i}]") for i, kind in enumerate(kinds))
-    if origin is dict or is_dataclass(hint):
-        _expect(isinstance(value, dict), where, value, "an object")
-        if hint is Parameters:
-            return Parameters.of(**value)
-        return value if origin is dict else _dataclass(hint, value, where, given)
-    if isinstance(hint, type) and issubclass(hint, StrEnum):
-        _expect(value in list(hint), where, value, f"one of {', '.join(hint)}")
-        return hint(value)
-    if hint is float:
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        _expect(is_number and math.isfinite(value), where, value, "a finite number")
-        return float(value)
-    _expect(type(value) is hint, where, value, f"a value of type {hint.__name__}")
-    return value
-
-
-def _dataclass(hint: Any, value: dict[str, Any], where: str, given: dict[str, Any]) -> Any:
-    # a document without a result does not load its type
-    names = "Match", "Correspondence", "LabelMap", "Comparison", "Film", "Sequence"
-    unknown_here: dict[str, Any] = dict.fromkeys(names, Any)
-    hints = get_type_hints(hint, localns=unknown_here)
-    known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
-    unknown = sorted(value.keys() - known.keys())
-    _expect(not unknown, where, unknown, f"only {', '.join(known)}")
-    required = {
-        name for name, e in known.items() if e.default is MISSING and e.default_factory is MISSING
-    }
-    missing = sorted(required - value.keys())
-    _expect(not missing, where, value, f"also {', '.join(missing)}")
-    parts = {name: from_plain(hints[name], part, f"{where}.{name}") for name, part in value.items()}
-    return hint(**parts, **given)
-
-
 def _expect(fits: bool, where: str, value: Any, expected: str) -> None:
-    if not fits:
-        raise ValueError(f"{where} is {brief(value)}; expected {expected}")
+    _require(fits, f"{where} is {brief(value)}; expected {expected}")
 
 
 def _state(path: Path) -> tuple[int, int]:

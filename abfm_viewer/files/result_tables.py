@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +18,6 @@ them.
 """
 _LEDGER = "ledger"
 _NUMBERS = ("residual", "folded", "log2_area", "correlation")  # of subjects
-_POPULATION_ENTRY = "subject_weights.npy"  # what no other kind of file has
 
 
 class _FolderStamp(NamedTuple):
@@ -39,13 +36,6 @@ def place_of(path: Path) -> Path | None:
     if path.name == "rows.json" and path.parent.name == _LEDGER:
         return path.parent.parent
     return path.parent if path.name.lower() in NAMES else None
-
-
-def is_population(path: Path) -> bool:
-    """Return whether a file is one of `Population.save`, by the names of what is in it."""
-    with suppress(OSError, zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
-        return _POPULATION_ENTRY in archive.namelist()
-    return False
 
 
 class TableReader:

@@ -5,12 +5,12 @@ from typing import TypeVar
 from abfm.reading import FRAMES_ENDINGS
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document
+from abfm_viewer.files.contents import MESHES
 from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.saving.exporter import Exporter
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import (
-    MESHES,
     OTHER_FRAMES,
     OTHER_MESH,
     OTHER_SECOND,

@@ -2,55 +2,17 @@
 
 from __future__ import annotations
 
-import re
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import abfm
-from abfm import ResultError, TriangleMesh
-from abfm.reading import read_gifti
+from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Surface, View
 from abfm_viewer.document.film import Film, settings_of
 from abfm_viewer.document.kinds import MEASURED_COLUMN, FilmDocument, MatchDocument
-
-FRAME_ENDINGS = (
-    *(".npy", ".mat", ".csv", ".tsv", ".txt", ".1d", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
-    *(".func.gii", ".func.gii.gz", ".dtseries.nii", ".dscalar.nii"),
-)
-"""Endings of files that hold frames and nothing else that is opened."""
-_NUMBERED_NAME = re.compile(r"[0-9]\.vt[kup]$")  # grids of VTK; those without a number are meshes
-_POINTS = "NIFTI_INTENT_POINTSET"
-
-
-def is_named_as_frames(path: Path) -> bool:
-    """Return whether a name says that a file holds frames, and nothing else that is opened."""
-    name = path.name.lower()
-    return name.endswith(FRAME_ENDINGS) or _NUMBERED_NAME.search(name) is not None
-
-
-def is_no_surface(path: Path) -> bool:
-    """Return whether a file is of GIFTI without a surface in it, as those of frames are."""
-    if not path.name.lower().endswith((".gii", ".gii.gz")):
-        return False
-    try:
-        return all(each.intent != _POINTS for each in read_gifti(path).arrays)
-    except (OSError, ValueError):  # which reading it as a mesh tells
-        return False
-
-
-def is_result(path: Path) -> bool:
-    """Return whether a file is no .npz but of abfm's own, or damaged."""
-    if not path.name.lower().endswith(".npz"):
-        return True
-    from abfm.io import results  # with all that it loads
-
-    with suppress(ResultError), results.open_archive(path, "result", results.MEND) as archive:
-        return results.is_own(archive)
-    return True
 
 
 def read_film(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -43,15 +43,12 @@ def find_table(
     """Read a table, and its worst row that has a result; AbfmError if it is none."""
     reader = TableReader(place)
     table = reader.read()
-    is_there = table.population is not None
-    rows = table.shown("verdict", False, "")
-    row = next((row for row in rows if row.path is not None or _is_known(table, row)), None)
+    row = next(filter(table.can_show, table.shown("verdict", False, "")), None)
     if row is None:
         return FoundTable(reader, table, None, None)
-    opened = (
-        document_of_subject(table, row, what) if is_there else document_of_row(row, read_document)
-    )
-    return FoundTable(reader, table, row, opened)
+    if table.has_values(row):
+        return FoundTable(reader, table, row, document_of_subject(table, row, what))
+    return FoundTable(reader, table, row, document_of_row(row, read_document))
 
 
 def document_of_row(row: ResultRow, read_document: Callable[[Path], Opened]) -> Opened:
@@ -121,12 +118,6 @@ def _filled(mesh: abfm.TriangleMesh, values: FloatArray) -> FloatArray:
     return np.asarray(extend(mesh, np.where(known, values, 0), known))
 
 
-def _is_known(table: ResultTable, row: ResultRow) -> bool:
-    """Return whether a subject has values on the template."""
-    found = table.population
-    return found is not None and bool(np.isfinite(found.values[row.number]).any())
-
-
 class Tables:
     """Opens a table, keeps it as its folder is, and shows its rows.
 
@@ -188,9 +179,8 @@ class Tables:
     def unshown(self) -> ResultRow | None:
         """The chosen row, if it has no result, so that the surfaces show something else."""
         row = self.chosen if self.is_beside else None
-        if row is None or row.path is not None or self.table is None:
-            return None
-        return None if _is_known(self.table, row) else row
+        is_shown = row is None or self.table is None or self.table.can_show(row)
+        return None if is_shown else row
 
     @property
     def told(self) -> str:
@@ -204,13 +194,8 @@ class Tables:
         if self.is_beside:
             self._beside.add(document.identity)
 
-    def open(self, place: Path, remedies: Mapping[str, Callable[[], None]]) -> None:
-        """Open a table in the background, with the worst of its rows that has a result."""
-        what, of = f"opening {place.name}", dict(remedies)
-        self._load(Load(what, partial(self.read, place), remedies=of, source=(place, "table")))
-
     def read(self, place: Path) -> Callable[[], None]:
-        """Read a table; what is returned shows it."""
+        """Read a table; what is returned shows it with the worst of its rows that has a result."""
         found = find_table(place, self._read_document, self.compared)
         return partial(self._show_found, found)
 
@@ -265,7 +250,7 @@ class Tables:
         if table is None:
             return
         self.cursor, self.has_keys = row.key, True
-        if _is_known(table, row):
+        if table.has_values(row):
             self._open(row, partial(document_of_subject, table, row, self.compared))
         else:
             self.open_result(row)

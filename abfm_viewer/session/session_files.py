@@ -18,10 +18,8 @@ import abfm
 from abfm import AbfmError, FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.errors import SeveralArraysError, brief, one_line
-from abfm.mesh.files import MESH_ENDINGS
 from abfm.mesh.options import DEFAULT_OPTIONS, MeshOptions
 from abfm.pages.creases import drawn_mesh
-from abfm.reading import FREESURFER_SURFACES
 from abfm.types import FloatArray
 from abfm.wording import capital
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
@@ -40,18 +38,23 @@ from abfm_viewer.document.document import (
 from abfm_viewer.document.kinds import OF_A, FilmDocument, MatchDocument, PairDocument
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.document.surface_points import landmarks_of_match, points_of
-from abfm_viewer.files import result_tables
+from abfm_viewer.files.contents import (
+    FRAME_ENDINGS,
+    MESHES,
+    PROJECT,
+    RESULT,
+    Contents,
+    contents_of,
+    is_named_as_frames,
+)
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
+from abfm_viewer.files.result_tables import place_of
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.film_files import (
-    FRAME_ENDINGS,
     circular_film,
     document_of_film,
     document_of_pair,
     document_of_sequence,
-    is_named_as_frames,
-    is_no_surface,
-    is_result,
     read_film,
 )
 from abfm_viewer.session.functions import known_values
@@ -60,10 +63,6 @@ from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.result_tables import FoundTable, Tables, find_table
 from abfm_viewer.session.session import Session
 
-MESHES = (*MESH_ENDINGS, *FREESURFER_SURFACES)
-PROJECT = ".abfm"
-RESULT = ".npz"
-"""Suffixes."""
 LABELS = (
     *(".label.gii", ".gii", ".gii.gz", ".annot", ".dlabel.nii"),
     *(".npy", ".csv", ".tsv", ".txt", ".mat", ".mgh", ".mgz"),  # of whole numbers
@@ -77,6 +76,7 @@ OTHER_TABLE = "Open another table..."
 SAVING_TOPIC = "saving"
 """What cards are about."""
 Do = Callable[[], None]
+ShowMesh = Callable[[Path, TriangleMesh], None]
 Opened = tuple[Document, dict[str, FloatArray]]
 """A document, and the values of its functions from files (see `Functions`)."""
 
@@ -103,11 +103,14 @@ def open_session(
     """A session that begins with a file, or a mesh and a second one or frames, of which an `array`
     may be chosen, read now; AbfmError if it cannot be read.
     """
-    _check_alone(path)
-    is_document = path.name.lower().endswith((PROJECT, RESULT))
-    has_frames = second is not None and (
-        second.name.lower().endswith((*FRAME_ENDINGS, RESULT)) or is_no_surface(second)
-    )
+    contents = contents_of(path)
+    if contents is Contents.FRAMES:
+        raise AbfmError(
+            f"{one_line(path.name)} may hold frames, but no mesh for them: give the mesh first, as "
+            f"in: abfm-viewer MESH {one_line(path.name)}"
+        )
+    is_document = contents is Contents.DOCUMENT
+    has_frames = second is not None and contents_of(second) in (Contents.FRAMES, Contents.DOCUMENT)
     if array is not None and not has_frames:
         raise AbfmError(f"there are no frames of which an array {brief(array)} could be chosen")
     if second is not None and is_document:
@@ -126,15 +129,6 @@ def open_session(
             session.reset_history()
         return session
     return session_of(read_document(path), _origin(path.absolute()))
-
-
-def _check_alone(path: Path) -> None:
-    """Refuse frames without a mesh, which must come first."""
-    if is_named_as_frames(path) or not is_result(path):
-        raise AbfmError(
-            f"{one_line(path.name)} may hold frames, but no mesh for them: give the mesh first, as "
-            f"in: abfm-viewer MESH {one_line(path.name)}"
-        )
 
 
 def session_of(opened: Opened, origin: Origin | None = None) -> Session:
@@ -164,9 +158,9 @@ def _mesh_to_draw(path: Path, **options: Any) -> TriangleMesh:
 def find_first(path: Path) -> FoundTable | None:
     """Read a table and its worst row; None where a path is of something else."""
     path = _absolute(path)
-    is_own = path.name.lower().endswith(RESULT) and result_tables.is_population(path)
-    place = path if is_own else result_tables.place_of(path)
-    return None if place is None else find_table(place, read_document)
+    if contents_of(path) is not Contents.TABLE:
+        return None
+    return find_table(place_of(path) or path, read_document)
 
 
 def _origin(path: Path) -> Origin | None:
@@ -219,8 +213,8 @@ def document_of_result(
 
 
 def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
-    """A document that shows a registration at tau. Older files have A's functions as they came to B
-    alone: on A they are what the initial map brings back of them.
+    """A document that shows a registration at tau. Functions that are known on B alone are
+    transferred to A by the initial map.
     """
     match, initial = found.match, found.initial
     (document, on_b), back = document_of_result(match, path), initial.inverse()
@@ -299,38 +293,48 @@ class SessionFiles:
     def open(self, path: Path) -> None:
         """Open a file in the background; what is open now stays in the history."""
         path = _absolute(path)
-        if (place := result_tables.place_of(path)) is not None:
-            self._open_table(place)
-            return
-        name, known = path.name.lower(), (*MESHES, PROJECT, RESULT)
         if is_named_as_frames(path):
             self.open_frames(path)
             return
-        if not name.endswith(known):
+        place = place_of(path)
+        known = (*MESHES, PROJECT, RESULT)
+        if place is None and not path.name.lower().endswith(known):
             listed = ", ".join(
                 each for each in (*known, *FRAME_ENDINGS) if not each.endswith(".gz")
             )
             text = f"{path.name} cannot be opened: expected a file that ends in {listed}"
             self._session.notices.say(text, True, OPENING, self._offered(OTHER_MESH))
             return
-        read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
-        remedies = self._offered(OTHER_MESH, partial(self.open, path))
-        source = Origin.of(path)  # as it is now
+        remedies = self._offered(OTHER_TABLE if place else OTHER_MESH, partial(self.open, path))
+        source, path = Origin.of(path), place or path  # as it is now
         what = f"opening {path.name}"
-        self._load(Load(what, partial(read, path), remedies=remedies, source=source))
+        self._load(Load(what, partial(self._read, path), remedies=remedies, source=source))
 
-    def _open_table(self, place: Path) -> None:
-        """Open a folder of results, or a population's file, as a table beside the surfaces."""
-        remedies = self._offered(OTHER_TABLE, partial(self._open_table, place))
-        self.tables.open(place, remedies)
-        if self.state:
-            self.state.add_recent(place)
+    def _read(self, path: Path, show_mesh: ShowMesh | None = None) -> Do:
+        """Read a file as what it is; what is returned shows it."""
+        readers: dict[Contents, Callable[[Path], Do]] = {
+            Contents.TABLE: self._read_table,
+            Contents.FRAMES: partial(self._read_frames, surface=self._session.surface("source")),
+            Contents.DOCUMENT: self._read_document,
+        }
+        read_mesh = partial(self._read_mesh, show_mesh=show_mesh or self._show_mesh)
+        return readers.get(contents_of(path), read_mesh)(path)
+
+    def _read_table(self, place: Path) -> Do:
+        show_table = self.tables.read(place)
+
+        def show() -> None:
+            show_table()
+            if self.state:
+                self.state.add_recent(place)
+
+        return show
 
     def open_second(self, path: Path) -> None:
         """Open a mesh in the background as surface B, to which the present A is registered."""
         path = _absolute(path)
         remedies = self._offered(OTHER_SECOND, partial(self.open_second, path))
-        read = partial(self._read_mesh, path, self._show_second)
+        read = partial(self._read, path, self._show_second)
         what = f"opening {path.name} as second surface"
         self._load(Load(what, read, remedies=remedies, source=(Origin.of(path), "second")))
 
@@ -406,7 +410,7 @@ class SessionFiles:
 
         remedies = self._offered(OTHER_MESH, partial(self._open_both, mesh, second, then))
         what, source = f"opening {mesh.name} and {second.name}", (Origin.of(mesh), second)
-        read = partial(self._read_mesh, mesh, show)
+        read = partial(self._read, mesh, show)
         self._load(Load(what, read, remedies=remedies, source=source))
 
     def open_labels(self, path: Path) -> None:
@@ -427,13 +431,12 @@ class SessionFiles:
 
     def open_dropped(self, paths: list[Path]) -> None:
         """Open two meshes as surfaces A and B, and of other files the first."""
-        frames = [path for path in paths if is_named_as_frames(path) or not is_result(path)]
-        meshes = [path for path in paths if path.name.lower().endswith(MESHES)]
-        others = [path for path in meshes if path not in frames]
-        if len(paths) == 2 and len(frames) == len(others) == 1:
-            self._open_both(_absolute(others[0]), frames[0], self.open_frames)
+        kinds = list(map(contents_of, paths)) if len(paths) == 2 else []
+        if sorted(kinds) == [Contents.FRAMES, Contents.MESH]:
+            mesh, frames = sorted(paths, key=lambda path: contents_of(path) is Contents.FRAMES)
+            self._open_both(_absolute(mesh), frames, self.open_frames)
             return
-        if len(paths) == len(meshes) == 2:
+        if kinds == [Contents.MESH] * 2:
             first, second = map(_absolute, paths)
             self._open_both(first, second, self.open_second)
             return
@@ -587,12 +590,7 @@ class SessionFiles:
         self.tables.close()
         self._writer.shutdown()
 
-    def _read_mesh(
-        self, path: Path, show_mesh: Callable[[Path, TriangleMesh], None] | None = None
-    ) -> Do:
-        show_mesh = show_mesh or self._show_mesh
-        if is_no_surface(path):
-            return self._read_frames(path, self._session.surface("source"))
+    def _read_mesh(self, path: Path, show_mesh: ShowMesh) -> Do:
         try:
             return partial(show_mesh, path, _mesh_to_draw(path))
         except MeshError as error:
@@ -608,12 +606,7 @@ class SessionFiles:
         notice = text, True, OPENING, remedies | self._offered(OTHER_MESH)
         return partial(self._session.notices.say, *notice)
 
-    def _read_again(
-        self,
-        path: Path,
-        show_mesh: Callable[[Path, TriangleMesh], None],
-        options: Mapping[str, Any],
-    ) -> None:
+    def _read_again(self, path: Path, show_mesh: ShowMesh, options: Mapping[str, Any]) -> None:
         """Read a mesh with options."""
 
         def read() -> Do:
@@ -633,10 +626,6 @@ class SessionFiles:
         self._show(path, show, (f"{first.name} is surface A, it is surface B", *mesh.messages))
 
     def _read_document(self, path: Path) -> Do:
-        if result_tables.is_population(path):
-            return self.tables.read(path)
-        if not is_result(path):
-            return self._read_frames(path, self._session.surface("source"))
         origin = _origin(path)
         document, known = read_document(path)
 

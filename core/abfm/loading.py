@@ -7,22 +7,23 @@ from pathlib import Path
 from typing import Any
 
 from abfm.batch.kinds import KINDS
-from abfm.errors import ResultError, brief, one_line
+from abfm.errors import ResultError, brief
 from abfm.io import results
 from abfm.matching.problem import load_problem
 from abfm.population.task import PopulationTask
 from abfm.registration.files import load_correspondence
 from abfm.tasks.task import Task
+from abfm.types import File
 
 _TASKS: tuple[type[Task], ...] = (PopulationTask, *KINDS.values())
 
 
-def load(path: str | os.PathLike[str], *expected: type) -> Any:
+def load(path: File, *expected: type) -> Any:
     """Read a result or a problem from its file.
 
     Parameters
     ----------
-    path : path
+    path : path or open binary file
         A file that `save` wrote, or the folder of a population.
     *expected : type
         Types that are accepted; by default all.
@@ -43,26 +44,48 @@ def load(path: str | os.PathLike[str], *expected: type) -> Any:
         names = " or ".join(each.__name__ for each in expected)
         kind = type(found).__name__
         raise ResultError(
-            f"{one_line(path)} holds a {kind}; expected a {names} (`abfm info` describes it)"
+            f"{results.name_of(path)} holds a {kind}; expected a {names} (`abfm info` describes it)"
         )
     return found
 
 
-def _loaded(path: str | os.PathLike[str]) -> Any:
-    if Path(path).is_dir():
+def _loaded(path: File) -> Any:
+    if isinstance(path, str | os.PathLike) and Path(path).is_dir():
         return PopulationTask.file.load(path)
-    with results.open_archive(Path(path), results.RESULT.name, results.MEND) as archive:
-        names = set(archive)
-    fitting = [task for task in _TASKS if task.file.marks <= names]
-    if fitting:
-        return max(fitting, key=lambda task: len(task.file.marks)).file.load(path)
+    names = _names(path)
+    if (task := _task(names)) is not None:
+        return task.file.load(path)
     if "a_vertices" in names:
         return load_correspondence(path)
     if {"source", "target"} <= names:
         return load_problem(path)
     raise ResultError(
-        f"{one_line(path)} holds no result or problem of abfm; expected a file that save() wrote"
+        f"{results.name_of(path)} holds no result or problem of abfm; expected a file that save() "
+        "wrote"
     )
+
+
+def task_of_file(path: File) -> type[Task] | None:
+    """Return the kind of task that a file holds a result of; None for any other zip of arrays.
+
+    Raises
+    ------
+    ResultError
+        If the file is missing or damaged.
+    """
+    names = _names(path)
+    return _task(names) if "format_version" in names else None
+
+
+def _names(path: File) -> set[str]:
+    with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
+        return set(archive)
+
+
+def _task(names: set[str]) -> type[Task] | None:
+    """Return the kind of task whose result has arrays of these names."""
+    fitting = [task for task in _TASKS if task.file.marks <= names]
+    return max(fitting, key=lambda task: len(task.file.marks), default=None)
 
 
 def task_of(found: Any) -> type[Task]:

@@ -29,10 +29,10 @@ from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files import outputs
+from abfm_viewer.files.contents import RESULT
 from abfm_viewer.files.project import save_project
 
 Known = Callable[[], dict[str, FloatArray]]
-RESULT = ".npz"
 PICTURES = (".png",)
 MOVIES = tuple(outputs.FPS_MAX)
 TABLES = (".csv",)
@@ -134,8 +134,14 @@ class Exporter:
 
     def save_result(self, path: Path, found: Any, kept: Callable[[], object]) -> None:
         """Write a result by the suffix, and call ``kept`` if that is a result file."""
-        check = partial(outputs.check_result, path, abfm.loading.task_of(found))
-        self._start(path, check, partial(_written, path, partial(outputs.write, path, found), kept))
+
+        def write() -> str:
+            note = outputs.write(path, found)
+            if path.suffix == RESULT:
+                kept()
+            return note
+
+        self._start(path, partial(outputs.check_result, path, abfm.loading.task_of(found)), write)
 
     def save_table(self, path: Path, found: Any, name: str) -> None:
         """Write a table of a result by its name, see `abfm.tasks.task.Task.tables`."""
@@ -248,11 +254,3 @@ class Exporter:
                 raise AbfmError(lines[-1].removeprefix("abfm: "))
             with write_atomically(path) as temporary:
                 shutil.copyfile(drawn, temporary)
-
-
-def _written(path: Path, write: Callable[[], str], kept: Callable[[], object]) -> str:
-    """Write a file, and call ``kept`` if that is a result; return what is missing in it."""
-    note = write()
-    if path.suffix == RESULT:
-        kept()
-    return note

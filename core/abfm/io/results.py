@@ -6,7 +6,8 @@ import math
 import os
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
 from abfm.mesh.draft import NO_COPIES, FileNumbers
 from abfm.reading import Archive, from_json, open_plain
+from abfm.types import File
 from abfm.workers.control import CancelledError
 
 FORMAT_VERSION = 3
@@ -223,23 +225,37 @@ SEQUENCE = FileKind("sequence file", MESH_ENTRIES | _SEQUENCE)
 
 
 @contextmanager
-def open_archive(path: Path, what: str, cure: str) -> Iterator[Archive]:
+def open_archive(path: File, what: str, cure: str) -> Iterator[Archive]:
     """Open a zip to read from; one line, with what to do, for all that goes wrong meanwhile."""
+    name = name_of(path)
     try:
-        with open_plain(path, _LARGEST_FILE) as file:
+        with _opened(path, partial(open_plain, most=_LARGEST_FILE)) as file:
             yield Archive(file)
     except ResultError as error:
-        raise ResultError(f"{one_line(path)}: {one_line(error, _REASON_MAX)}") from error
+        raise ResultError(f"{name}: {one_line(error, _REASON_MAX)}") from error
     except OSError as error:
         reason = f"{one_line(error)}; check the path and its permissions"
-        raise ResultError(f"cannot read {one_line(path)}: {reason}") from error
+        raise ResultError(f"cannot read {name}: {reason}") from error
     # damage makes anything of the readers of zips, of JSON and of what they hold
     except Exception as error:
         is_of_python = isinstance(error, TypeError | AttributeError | IndexError | ArithmeticError)
         reason = "its parts do not fit together" if is_of_python else one_line(error, _REASON_MAX)
         raise ResultError(
-            f"{one_line(path)}: no {what} of abfm, or damaged or cut short ({reason}); {cure}"
+            f"{name}: no {what} of abfm, or damaged or cut short ({reason}); {cure}"
         ) from error
+
+
+def _opened(
+    path: File, of_path: Callable[[Path], AbstractContextManager[Any]]
+) -> AbstractContextManager[Any]:
+    """Return a file that is open, or what a function makes of its path."""
+    return of_path(path) if isinstance(path, str | os.PathLike) else nullcontext(path)
+
+
+def name_of(path: File) -> str:
+    """Return how messages call a file."""
+    known = path if isinstance(path, str | os.PathLike) else getattr(path, "name", "the result")
+    return one_line(known)
 
 
 def is_own(archive: Mapping[str, Any]) -> bool:
@@ -292,7 +308,7 @@ def check_arrays(
     return found
 
 
-def save_arrays(path: Path, arrays: Mapping[str, Any], kind: FileKind = RESULT) -> None:
+def save_arrays(path: File, arrays: Mapping[str, Any], kind: FileKind = RESULT) -> None:
     """Write the arrays of its kind and ``format_version``; the same give the same bytes.
 
     Raises
@@ -303,15 +319,15 @@ def save_arrays(path: Path, arrays: Mapping[str, Any], kind: FileKind = RESULT) 
     unknown = sorted(arrays.keys() - kind.entries.keys())
     if unknown:
         raise ResultError(
-            f"{path}: no place for {', '.join(unknown)} in a {kind.name}; expected "
+            f"{name_of(path)}: no place for {', '.join(unknown)} in a {kind.name}; expected "
             f"{', '.join(kind.entries)}"
         )
     try:
         checked = _checked(arrays, kind)
     except ValueError as error:
-        told = f"{one_line(path)} not written: {one_line(error, _REASON_MAX)}; {MEND}"
+        told = f"{name_of(path)} not written: {one_line(error, _REASON_MAX)}; {MEND}"
         raise ResultError(told) from error
-    with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+    with _opened(path, write_atomically) as file, zipfile.ZipFile(file, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})
 
 
@@ -379,7 +395,7 @@ def save_what_can_be(path: Path, found: Saved) -> str:
     return ""
 
 
-def load_arrays(path: Path, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
+def load_arrays(path: File, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
     """Read the arrays of its kind, others left out: float64, int64, bool or unicode.
 
     Raises
@@ -398,7 +414,7 @@ def load_arrays(path: Path, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
         return _checked(archive, kind)
 
 
-def loaded(path: Path, kind: FileKind, make: Callable[[dict[str, NDArray[Any]]], Made]) -> Made:
+def loaded(path: File, kind: FileKind, make: Callable[[dict[str, NDArray[Any]]], Made]) -> Made:
     """Return what is made of the arrays that a file of a kind holds.
 
     Raises
@@ -410,7 +426,7 @@ def loaded(path: Path, kind: FileKind, make: Callable[[dict[str, NDArray[Any]]],
     try:
         return make(arrays)
     except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, _REASON_MAX)}; {MEND}") from error
+        raise ResultError(f"{name_of(path)}: {one_line(error, _REASON_MAX)}; {MEND}") from error
 
 
 def _checked(arrays: Mapping[str, Any], kind: FileKind) -> dict[str, NDArray[Any]]:

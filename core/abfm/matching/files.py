@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
@@ -24,6 +23,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import times_subdivided
 from abfm.parameters import Parameters
 from abfm.reading import from_json
+from abfm.types import File
 
 
 def match_of(
@@ -63,7 +63,7 @@ def match_of(
     return Match(problem=problem, **parts | {"stop_reason": reason, "verdict": verdict})
 
 
-def load_match(path: str | os.PathLike[str]) -> Match:
+def load_match(path: File) -> Match:
     """Read a file of `Match.save`; ResultError if it is missing, damaged, or not a result.
 
     Values that disagree with the field are recomputed, with a warning in ``match.doubt``.

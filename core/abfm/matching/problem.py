@@ -43,7 +43,7 @@ from abfm.mesh.subdivision import interpolated, mean_of_children, refined, times
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import KEEPING_AREAS, Parameters
 from abfm.reading import from_json
-from abfm.types import BoolArray, FloatArray
+from abfm.types import BoolArray, File, FloatArray
 
 
 class Problem:
@@ -388,7 +388,7 @@ class Problem:
         return other
 
 
-def load_problem(path: str | os.PathLike[str]) -> Problem:
+def load_problem(path: File) -> Problem:
     """Read a file of `Problem.save`; ResultError if it is missing, damaged, or no problem."""
 
     def made(arrays: dict[str, NDArray[Any]]) -> Problem:

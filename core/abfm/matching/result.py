@@ -34,7 +34,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import mean_of_children, times_subdivided
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.parameters import Parameters
-from abfm.types import FloatArray, IntArray
+from abfm.types import File, FloatArray, IntArray
 
 _RESIDUAL_DIFFERENCE = 0.005
 """Difference up to which the residual of a file agrees with that of its field: a tenth of the usual
@@ -392,7 +392,7 @@ class Match(Display):
         """Verify that the fields carry the source to the target, see `abfm.verify`."""
         return verify(self.problem, self.fine_velocity, subdivided)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: File) -> None:
         """Write a result file (``.npz``, no pickles) atomically, or raise ResultError.
 
         It contains the functions and landmarks, and no other data terms.

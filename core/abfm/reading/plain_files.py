@@ -18,7 +18,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from io import BytesIO
+from io import BufferedReader, BytesIO, RawIOBase
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -252,7 +252,22 @@ class Archive(Mapping[str, NDArray[Any]]):
 
     def read(self, name: str, most: int | None = None) -> bytes:
         """Return the bytes of a member; damage makes any error of the zip's reader."""
-        member, most = self._zip.getinfo(name), self._most if most is None else most
+        member = self._member(name, self._most if most is None else most)
+        with self._zip.open(member) as file:
+            return file.read(member.file_size + 1)
+
+    def part(self, name: str) -> BufferedReader:
+        """Return a member that is not compressed as an open file, such as a zip in a zip."""
+        member = self._member(name, self._most)
+        if member.compress_type:
+            raise ValueError(f"{name} is compressed; expected it as it is")
+        with self._zip.open(member):
+            start = self._file.tell()
+        return BufferedReader(_Part(self._file, name, start, member.file_size))
+
+    def _member(self, name: str, most: int) -> zipfile.ZipInfo:
+        """Return a member that may be read."""
+        member = self._zip.getinfo(name)
         if member.file_size > most:
             raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
         self._left -= member.file_size
@@ -262,5 +277,30 @@ class Archive(Mapping[str, NDArray[Any]]):
             )
         if member.compress_type not in _METHODS:
             raise ValueError(f"{name} is compressed by a method other than deflate")
-        with self._zip.open(member) as file:
-            return file.read(member.file_size + 1)
+        return member
+
+
+class _Part(RawIOBase):
+    """A part of an open file, to be read like a file; the seek of zip members reads all before."""
+
+    def __init__(self, file: BinaryIO, name: str, start: int, size: int) -> None:
+        self.name = name
+        self._file, self._start, self._size, self._at = file, start, size, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = max(0, offset + (0, self._at, self._size)[whence])
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        self._file.seek(self._start + self._at)
+        count = max(0, min(len(buffer), self._size - self._at))
+        data = self._file.read(count)
+        buffer[: len(data)] = data
+        self._at += len(data)
+        return len(data)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -22,7 +21,7 @@ from abfm.maps.quality import MapAccuracy, ThereAndBack, map_accuracy, there_and
 from abfm.maps.spherical import SphereLayout, through_sphere
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray, IntArray
+from abfm.types import File, FloatArray, IntArray
 
 By: TypeAlias = Literal["point", "area"]
 _ASKED_FACES_MAX = 20_000  # faces that are asked for the coverage
@@ -282,7 +281,7 @@ class Correspondence(Display):
             "back_barycentric": self.back.barycentric,
         }
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: File) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
         results.save_arrays(path, self.arrays(), results.CORRESPONDENCE)
 

@@ -8,6 +8,7 @@ from abfm.io import results
 from abfm.matching.files import loaded_match
 from abfm.registration.correspondence import Correspondence, correspondence_of
 from abfm.registration.registration import Registration
+from abfm.types import File
 
 
 def is_correspondence(path: str | os.PathLike[str]) -> bool:
@@ -16,12 +17,12 @@ def is_correspondence(path: str | os.PathLike[str]) -> bool:
         return "a_vertices" in archive
 
 
-def load_correspondence(path: str | os.PathLike[str]) -> Correspondence:
+def load_correspondence(path: File) -> Correspondence:
     """Read a file of `Correspondence.save`; ResultError if it is missing, damaged, or none."""
     return results.loaded(path, results.CORRESPONDENCE, correspondence_of)
 
 
-def load_registration(path: str | os.PathLike[str]) -> Registration:
+def load_registration(path: File) -> Registration:
     """Read a file of `Registration.save`; ResultError if it is missing, damaged, or none.
 
     As by `abfm.load`, what the field does not bear out is recomputed, and told in

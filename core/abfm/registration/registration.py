@@ -21,7 +21,7 @@ from abfm.matching.judging.verdict import Verdict, is_registered
 from abfm.matching.result import Match, match_parts, substitutes
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.registration.correspondence import Correspondence
-from abfm.types import FloatArray
+from abfm.types import File, FloatArray
 from abfm.wording import share
 
 
@@ -201,7 +201,7 @@ class Registration(Correspondence):
             self.warnings,
         )
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: File) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError; as a
         result file it holds the match on B.
         """

@@ -23,7 +23,7 @@ from abfm.registration.task import RegistrationTask
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.preview import Preview
 from abfm.tasks.task import Given, Report, ResultFile, Task
-from abfm.types import FloatArray
+from abfm.types import File, FloatArray
 from abfm.wording import share
 from abfm.workers.progress import step
 
@@ -92,7 +92,7 @@ class SymmetricRegistration(Correspondence):
         facts = json.dumps(asdict(self.facts))
         return super().arrays() | {"asymmetry": self.asymmetry, "facts": np.array(facts)}
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: File) -> None:
         """Write a file (``.npz``, no pickles), completely or not at all, or raise ResultError."""
         results.save_arrays(path, self.arrays(), SYMMETRIC_KIND)
 
@@ -110,7 +110,7 @@ def _mean(first: PointMap, second: PointMap) -> PointMap:
     return PointMap.project(first.domain, first.codomain, middle)
 
 
-def load_symmetric(path: str | os.PathLike[str]) -> SymmetricRegistration:
+def load_symmetric(path: File) -> SymmetricRegistration:
     """Read a file of `SymmetricRegistration.save`; ResultError if it is missing or damaged."""
 
     def made(arrays: dict[str, Any]) -> SymmetricRegistration:

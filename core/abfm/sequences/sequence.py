@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -53,7 +52,7 @@ from abfm.sequences.verdicts import (
     undetermined,
     verdict_of,
 )
-from abfm.types import BoolArray, FloatArray
+from abfm.types import BoolArray, File, FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
 
@@ -287,7 +286,7 @@ class Sequence(Solution, Display):
         return self._frames.between(first, last, parameters or Parameters())
 
 
-def load_sequence(path: str | os.PathLike[str]) -> Sequence:
+def load_sequence(path: File) -> Sequence:
     """Read a file of `Sequence.save`; ResultError if it is missing, damaged, or none."""
     return results.loaded(path, results.SEQUENCE, Sequence.of_arrays)
 

@@ -20,7 +20,7 @@ from abfm.reading import from_json
 from abfm.sequences.frames import Frames
 from abfm.sequences.parameters import SequenceParameters
 from abfm.sequences.verdicts import is_unsolved
-from abfm.types import BoolArray, FloatArray
+from abfm.types import BoolArray, File, FloatArray
 
 _NUMBERS = (
     "gamma",
@@ -175,7 +175,7 @@ class Solution:
             **{name: arrays[name] for name in names},
         )
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: File) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
         results.save_arrays(path, self.arrays(), results.SEQUENCE)
 

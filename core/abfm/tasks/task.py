@@ -12,6 +12,7 @@ from abfm.outcome import Facts
 from abfm.tasks.inputs import Input
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.preview import Preview
+from abfm.types import File
 
 
 class Result(Protocol):
@@ -21,7 +22,7 @@ class Result(Protocol):
     def facts(self) -> Facts:
         """Return what every view reports of it."""
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: File) -> None:
         """Write the file, completely or not at all."""
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ import math
 import os
 import re
 import zipfile
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -14,23 +14,27 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from abfm import (
-    Match,
+    Correspondence,
     Parameters,
-    PathStep,
     Problem,
     ResultError,
     TriangleMesh,
+    load,
     match,
+    sequence,
 )
 from abfm.matching import Verdict
 from abfm.outcome import Outcome
 from abfm.pages.colormaps import NAMES
 from abfm.pages.front import Front
 from abfm.reading.labels import Labels
+from abfm.sequences import defaults
+from abfm.sequences.frames import checked
+from abfm.workers.control import Control
 from abfm_viewer.document import document as documents
 from abfm_viewer.document.document import (
     Channel,
-    Document,
+    InitialMap,
     Landmark,
     Look,
     Point,
@@ -38,12 +42,19 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
-from abfm_viewer.document.kinds import MatchDocument
+from abfm_viewer.document.film import Film, FilmSettings
+from abfm_viewer.document.kinds import (
+    FilmDocument,
+    MatchDocument,
+    PairDocument,
+    SubjectDocument,
+)
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files import project
 from abfm_viewer.files.project import Origin, load_origin, load_project, save_project
+from abfm_viewer.session.film_files import circular_film
 from tests.core.reading import hostile
-from tests.core.reading.hostile import members, npy_of, refusal, rewrite, zipped
+from tests.core.reading.hostile import members, npy_of, refusal, rewrite
 from tests.messages import check_message, raises
 from tests.processes import python
 from tests.shapes import icosphere, torus, with_loose_vertex
@@ -85,6 +96,7 @@ DOCUMENT = MatchDocument(
         RunRecord(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), (), 1.0, "cancelled at once"),
         RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "left", **ITERATES),
     ),
+    labels=LabelMap.of("a.annot", SPHERE, Labels(np.arange(42) % 2 + 1, {1: "one", 2: "two"})),
     time=1 / 3,
     lines=(Point(3, (0.25, 0.25, 0.5)), Point(79, (1.0, 0.0, 0.0))),
     points=(Point(0, (1.0, -1e-12, 1e-12)),),
@@ -110,12 +122,20 @@ def saved(tmp_path):
     return path
 
 
-def error_line(path):
-    """Why a file is not opened, and what to do."""
-    message = refusal(load_project, path)
-    advice = ("take another copy", "upgrade abfm", "solve again", "open it as", "check the path")
-    assert any(words in message for words in advice)
-    return message
+MESH_PARTS = ("vertices", "faces", "vertex_ids", "copies", "file_vertex_count", "edges")
+
+
+def parts_of(value):
+    """What is compared of a value; None if it has no parts."""
+    if isinstance(value, TriangleMesh):
+        return {name: getattr(value, name) for name in MESH_PARTS}
+    if isinstance(value, Correspondence):
+        return value.arrays()
+    if isinstance(value, tuple):
+        return dict(enumerate(value))
+    if not is_dataclass(value) or isinstance(value, Parameters | Problem):
+        return None
+    return {one.name: getattr(value, one.name) for one in fields(value) if one.name != "identity"}
 
 
 def assert_same(value, expected, where="document"):
@@ -123,20 +143,59 @@ def assert_same(value, expected, where="document"):
     assert type(value) is type(expected), where
     if isinstance(expected, np.ndarray):
         assert_array_equal(value, expected, err_msg=where, strict=True)
-    elif isinstance(expected, TriangleMesh):
-        for name in ("vertices", "faces", "vertex_ids", "copies", "file_vertex_count", "edges"):
-            assert_same(getattr(value, name), getattr(expected, name), f"{where}.{name}")
-    elif isinstance(expected, Document | Match | PathStep | RunRecord | Surface):
-        for name in (one.name for one in fields(expected) if one.name != "identity"):
-            assert_same(getattr(value, name), getattr(expected, name), f"{where}.{name}")
     elif isinstance(expected, Problem):
         assert value.digest == expected.digest, where
-    elif isinstance(expected, tuple):
-        assert len(value) == len(expected), where
-        for part, other in zip(value, expected, strict=True):
-            assert_same(part, other, where)
+    elif (parts := parts_of(expected)) is not None:
+        own = parts_of(value)
+        assert own.keys() == parts.keys(), where
+        for name, part in parts.items():
+            assert_same(own[name], part, f"{where}.{name}")
     else:
         assert value == expected or (value != value and expected != expected), where
+
+
+def pair():
+    """Two surfaces with a match that began with the map by vertex numbers."""
+    a, b = (icosphere(1, radius) for radius in (1, 2))
+    initial = Correspondence.of_same_faces(a, b)
+    found = match(b, a.vertices[:, :1], b.vertices[:, 1:2], SHORT)
+    channels, mark = (Channel("coordinate:x", "coordinate:y"),), Point(3, (1.0, 0.0, 0.0))
+    kept = InitialMap(initial, "connectivity", channels, "", ("a note",), (), False, found.source)
+    surfaces = Surface(a, "A"), Surface(b, "B")
+    return PairDocument(
+        surfaces,
+        channels,
+        SHORT,
+        landmarks=(Landmark(mark), Landmark(mark, mark, name="both")),
+        result=replace(found, path=(), step=0),
+        initial_map=replace(kept, warnings=("a warning",)),
+        initial="connectivity",
+    )
+
+
+def film(solved=True):
+    """Phases with a mask, compared by cosine and sine; of the fields the second is missing."""
+    values = np.arange(3)[:, None] + X
+    values[:, 4] = np.nan
+    phases = checked(SPHERE, values, (0.0, 0.5, 2.0), None, [2.0])
+    shown = circular_film(Film("wave", replace(phases, notes=("a note",))), 7.0)
+    control, settings = Control(), defaults(alpha=0.1, sigma=0.5, order=1)
+    found = sequence(
+        SPHERE,
+        shown.frames.values.copy(),
+        shown.times,
+        settings,
+        mask=shown.frames.mask,
+        weights=shown.frames.weights,
+        on_interval=lambda number: control.cancel(),
+        control=control,
+    )
+    assert found.solved.tolist() == [True, False]
+    result = replace(found, _frames=shown.frames) if solved else None
+    settings = FilmSettings(alpha=0.1, sigma=0.5, order=1)
+    return FilmDocument(
+        (Surface(SPHERE, "ball"),), shown, settings=settings, result=result, channel=1, time=0.75
+    )
 
 
 @pytest.mark.parametrize(
@@ -144,80 +203,86 @@ def assert_same(value, expected, where="document"):
     [
         DOCUMENT,
         MatchDocument((Surface(WHOLE, "nothing yet"),)),
-        MatchDocument((Surface(WHOLE, "no channels"),), view=View(look=None)),
         MatchDocument((Surface(MERGED, "merged"),)),
         replace(DOCUMENT, result=replace(RESULT, problem=PLAIN), runs=()),
         replace(DOCUMENT, result=replace(RESULT, verified_residual=math.nan, folded=math.nan)),
         replace(DOCUMENT, result=replace(RESULT, verdict=CANCELLED)),
         replace(DOCUMENT, chosen=0),
+        pair(),
+        replace(pair(), result=None, initial_map=None),
+        film(),
+        film(solved=False),
     ],
-    ids=lambda document: document.name.encode("ascii", "replace"),
+    ids=lambda document: f"{type(document).__name__} {document.name}".encode("ascii", "replace"),
 )
-def test_everything_comes_back(tmp_path, document):
-    known = KNOWN if document.surface().mesh is SPHERE else {}
+def test_projects_open_as_the_documents_they_were_saved_from(tmp_path, document):
+    """Also unfinished and cancelled results; a saved copy has the same bytes."""
+    known = KNOWN if document.surface().mesh is SPHERE and document.channels else {}
     save_project(tmp_path / "p.abfm", document, known)
     opened, values = load_project(tmp_path / "p.abfm")
     assert_same(opened, document)
     assert values.keys() == known.keys()
     for spec, array in known.items():
         assert_same(values[spec], array)
-
-
-def test_a_project_is_plain_numpy_and_json_and_the_same_one_the_same_bytes(saved, tmp_path):
-    with zipfile.ZipFile(saved) as archive:
-        content = json.loads(archive.read("project.json"))
-        with archive.open("result/velocity.npy") as file:
-            assert_array_equal(np.load(file, allow_pickle=False), RESULT.velocity)
-    assert content["format_version"] == 6
-    assert content["document"]["view"]["theme"] == "dark"
-    assert content["known"] == sorted(KNOWN)
-    opened, values = load_project(saved)
-    mesh = opened.surface().mesh
-    assert opened.result.mesh is mesh  # and flows, and vertices keep their numbers
-    assert_array_equal(opened.result.advect(0.5), RESULT.advect(0.5))
-    assert (len(mesh.vertices), mesh.file_vertex_count) == (42, 43)
-    assert mesh.local_vertex(6) == 5
     save_project(tmp_path / "again.abfm", opened, dict(reversed(values.items())))
-    assert (tmp_path / "again.abfm").read_bytes() == saved.read_bytes()
+    assert (tmp_path / "again.abfm").read_bytes() == (tmp_path / "p.abfm").read_bytes()
 
 
-def test_a_project_in_other_number_types_and_with_other_members_opens(saved):
-    velocity = np.asfortranarray(RESULT.velocity)
-    faces, vertices = SPHERE.faces.astype("<i4"), SPHERE.vertices.astype(">f8")
-    changed(saved, arrays={"mesh/faces": faces, "mesh/vertices": vertices})
-    changed(saved, arrays={"result/velocity": velocity, "runs/1/energies": np.ones((2, 3), int)})
+@pytest.mark.parametrize("document", [DOCUMENT, pair(), film()], ids=["match", "pair", "film"])
+def test_results_in_projects_are_result_files_on_the_surfaces(tmp_path, document):
+    """A result, its frames and its meshes are in a project once."""
+    save_project(tmp_path / "p.abfm", document, {})
+    content = members(tmp_path / "p.abfm")
+    (tmp_path / "r.npz").write_bytes(content["result.npz"])
+    document.complete_result.save(tmp_path / "own.npz")
+    own, in_project = members(tmp_path / "own.npz"), members(tmp_path / "r.npz")
+    assert in_project == own
+    assert type(load(tmp_path / "r.npz")) is type(document.complete_result)
+    assert not any(name.endswith("faces.npy") for name in content)
+    opened = load_project(tmp_path / "p.abfm")[0]
+    assert opened.result.mesh is opened.surface().mesh
+    if opened.initial_map:
+        assert opened.initial_map.correspondence.a is opened.surface("source").mesh
+    if isinstance(opened, FilmDocument):
+        assert not opened.is_outdated
+        assert opened.film.phases.mesh is opened.surface().mesh
+
+
+def test_subjects_open_without_their_population(tmp_path):
+    subject = {one.name: getattr(DOCUMENT, one.name) for one in fields(DOCUMENT)}
+    save_project(tmp_path / "p.abfm", SubjectDocument(**subject, comparison=None), KNOWN)
+    assert_same(load_project(tmp_path / "p.abfm")[0], DOCUMENT)
+
+
+def test_numbers_of_other_types_and_unknown_members_are_read(saved):
+    changed(saved, arrays={"document/runs/1/energies": np.ones((2, 3), int)})
+    changed(saved, arrays={"document/runs/2/stages": np.array([0, 1], ">i4")})
+    rewrite(saved, {"unknown.npy": b"no array", "unknown.json": b"none"})
     assert_same(load_project(saved)[0], DOCUMENT)
-    rewrite(saved, {"unknown.npy": b"no array", "runs/7/stages.npy": b"none"})
-    assert load_project(saved)[0].name == DOCUMENT.name
 
 
-def test_remedies_come_back_and_a_view_with_one_field_has_the_defaults_of_the_others(saved):
-    assert RESULT.verdict.remedies
-    changed(saved, lambda content: content["document"].update(view={"theme": "dark"}))
+def test_missing_fields_take_their_defaults(saved):
+    def cut(header, view):
+        view.clear()
+        view["theme"] = "dark"
+        del header["document"]["runs"]
+
+    changed(saved, cut)
     opened = load_project(saved)[0]
-    assert opened.view == View(theme="dark")
+    assert (opened.view, opened.runs) == (View(theme="dark"), ())
     assert opened.result.verdict == RESULT.verdict
 
 
-def test_every_term_of_a_run_has_its_share(saved):
-    changed(saved, lambda content: content["runs"][2].update(words=["one"]))
-    check_message(error_line(saved), 2, 1)
-
-
-def test_large_meshes_are_kept_as_they_are_and_once(tmp_path):
+def test_large_projects_are_not_much_larger_than_their_arrays(tmp_path):
     mesh, path = torus(250, 250), tmp_path / "p.abfm"
     velocity = np.random.default_rng(0).normal(size=(1, len(mesh.faces), 3))
     f = mesh.vertices[:, :1]
     problem = Problem(mesh, f, f, RESULT.parameters)
     result = replace(RESULT, problem=problem, advected=f, fine_velocity=velocity)
-    save_project(
-        path, MatchDocument((Surface(mesh, "large"),), result=result), {"file:x.npy": f[:, 0]}
-    )
-    held = [mesh.vertices, mesh.faces, mesh.vertex_ids, velocity, *4 * [f]]
-    assert path.stat().st_size < sum(array.nbytes for array in held) + 50_000
-    opened, known = load_project(path)
-    assert np.array_equal(opened.result.velocity, velocity)
-    assert np.array_equal(known["file:x.npy"], f[:, 0])
+    document = MatchDocument((Surface(mesh, "large"),), result=result)
+    save_project(path, document, {"file:x.npy": f[:, 0]})
+    arrays = [mesh.vertices, mesh.faces, mesh.vertex_ids, velocity, *4 * [f]]
+    assert path.stat().st_size < sum(array.nbytes for array in arrays) + 50_000
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -234,18 +299,11 @@ views = st.builds(
     View,
     theme=st.sampled_from(documents.THEMES),
     ui_scale=st.floats(0.5, 4),
-    layout=st.sampled_from(documents.LAYOUTS),
     colormap=st.sampled_from(["automatic", *NAMES]),
-    isolines=st.booleans(),
     isoline_count=st.integers(1, 100),
-    coloring=st.sampled_from(documents.COLORINGS),
     arrow_length=st.floats(0.001, 10),
-    arrow_density=st.floats(0, 1),
     look=st.none() | st.builds(Look, fronts, st.floats(0.2, 200), st.none() | vectors),
-    flat=st.booleans(),
     hidden=st.lists(st.sampled_from(["source", "error"]), unique=True).map(tuple),
-    part=st.sampled_from(documents.FIELD_PARTS),
-    tool=st.sampled_from(documents.CLICK_TOOLS),
 )
 specs = st.builds(
     "gaussian:vertex={},width={!r}".format, st.integers(0, 42), st.floats(1e-300, 1e300)
@@ -283,185 +341,190 @@ def test_any_view_channels_and_landmarks_come_back(
     assert_same(load_project(tmp_path / "p.abfm")[0], document)
 
 
-def changed(path, content=lambda content: None, arrays=(), compression=zipfile.ZIP_STORED):
-    """Write a project anew with another `project.json` and other arrays: None leaves one out,
-    bytes are put as such.
+def changed(path, content=lambda header, view: None, arrays=()):
+    """Write a project anew with other JSON and other arrays: None leaves one out, bytes are put
+    as such.
     """
-    header = json.loads(members(path)["project.json"])
-    content(header)
+    texts = {name: json.loads(members(path)[name]) for name in ("project.json", "view.json")}
+    content(*texts.values())
     others = {f"{name}.npy": array for name, array in dict(arrays).items()}
-    rewrite(path, {"project.json": json.dumps(header).encode()} | others, compression)
+    plain = {name: json.dumps(text).encode() for name, text in texts.items()}
+    rewrite(path, plain | others)
+
+
+def leaves(value, place=()):
+    """All places in JSON, of lists the first entry."""
+    parts = value.items() if isinstance(value, dict) else enumerate(value[:1])
+    for name, part in parts:
+        yield (*place, name)
+        if isinstance(part, dict | list):
+            yield from leaves(part, (*place, name))
+
+
+def put(value, place, new):
+    """Replace what is at a place."""
+    *above, last = place
+    for name in above:
+        value = value[name]
+    value[last] = new
+
+
+def error_line(path):
+    """Why a file is not opened, and what to do."""
+    message = refusal(load_project, path)
+    advice = ("take another copy", "upgrade abfm", "solve again", "open it as", "check the path")
+    assert any(words in message for words in advice)
+    return message
 
 
 V, F = len(SPHERE.vertices), len(SPHERE.faces)
-ALIKE = {"mesh/vertex_ids": np.zeros((0,), dtype=int), "mesh/vertices": np.zeros((0, 3))}
-TURNED = np.vstack([SPHERE.faces[:1, ::-1], SPHERE.faces[1:]])
 BENT = {"direction": [1, 0, 0], "up": [1, 0, 0]}
 FLAT = {"front": {"direction": [1, 0, 0], "up": [0, 1, 0]}, "zoom": 0}
-RUN, HKS = {"residual": 0, "label": "a"}, {"source": "hks", "target": "hks"}
+HKS = {"source": "hks", "target": "hks"}
+RUN = "document/runs"
+VALUES = [None, -1, 0.5, True, "x\n" * 5000, "result", "known/0", [], {}, math.inf, 10**400, [[0]]]
 
 
-def same_shape(opened):
-    assert opened[0].result.velocity.shape == (1, F, 3)
-
-
-def test_a_cut_flipped_bits_and_one_wrong_byte_of_a_header_are_noticed(saved, tmp_path):
-    whole, damaged = saved.read_bytes(), tmp_path / "damaged.abfm"
-    for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
-        damaged.write_bytes(whole[:length])
+def test_damaged_files_are_noticed(saved, tmp_path):
+    complete, damaged = saved.read_bytes(), tmp_path / "damaged.abfm"
+    for length in (0, 1, 100, len(complete) // 2, len(complete) - 1):
+        damaged.write_bytes(complete[:length])
         check_message(error_line(damaged))
-    content = members(saved)
-    for other in hostile.one_byte_changed(content["result/velocity.npy"], 128):
-        saved.write_bytes(zipped(content | {"result/velocity.npy": other}))
-        hostile.load_or_refuse(saved, load_project, same_shape)
-    saved.write_bytes(zipped(content))
+    for name, content in members(saved).items():
+        damaged.write_bytes(complete)
+        rewrite(damaged, {name: None})
+        assert name.removesuffix(".npy") in error_line(damaged)
+        rewrite(damaged, {name: content[: len(content) // 2]})
+        error_line(damaged)
     hostile.with_flipped_bits(saved, load_project, lambda opened: assert_same(opened[0], DOCUMENT))
 
 
-@pytest.mark.parametrize("member", ["project.json", "mesh/faces", "runs/1/stages", "result/mask"])
-def test_a_missing_member_is_named(saved, member):
-    changed(saved, arrays={member: None})
-    if member == "project.json":
-        saved.write_bytes(zipped({"readme.txt": b"hello"}))
-    assert member in error_line(saved)
+@pytest.mark.parametrize("document", [DOCUMENT, pair(), film()], ids=["match", "pair", "film"])
+def test_json_with_other_values_is_refused_or_makes_a_document(tmp_path, document):
+    """Each value in JSON is replaced by another one."""
+    path = tmp_path / "p.abfm"
+    save_project(path, document, KNOWN if document is DOCUMENT else {})
+    complete = path.read_bytes()
+    texts = [json.loads(members(path)[name]) for name in ("project.json", "view.json")]
+    places = [(number, place) for number, text in enumerate(texts) for place in leaves(text)]
+    refused = 0
+    for number, (text, place) in enumerate(places):
+        value = VALUES[number % len(VALUES)]
+        path.write_bytes(complete)
+        changed(path, lambda *both: put(both[text], place, value))  # noqa: B023
+        try:
+            opened, known = load_project(path)
+        except ResultError:
+            error_line(path)
+            refused += 1
+        else:
+            save_project(path, opened, known)
+    assert refused > len(places) / 2
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.ones((3, 3, 3)),
+        np.ones(2, complex),
+        np.array([None, None]),
+        np.array([np.nan, np.inf]),
+        b"",
+        b"\x93NUMPY\x09\x00",
+        npy_of("(10000000000000,)"),
+        npy_of("(-1,)"),
+        npy_of("(1,)", data=bytes(9)),
+    ],
+    ids=str,
+)
+def test_arrays_that_do_not_fit_are_refused(saved, array):
+    complete = saved.read_bytes()
+    for name in (name for name in members(saved) if name.endswith(".npy")):
+        saved.write_bytes(complete)
+        rewrite(saved, {name: array})
+        error_line(saved)
 
 
 @pytest.mark.parametrize(
     ("name", "array", "named"),
     [
-        ("mesh/vertices", SPHERE.vertices[1:], ("(41, 3)", "(42, 3)", "mesh/vertices")),
-        ("mesh/vertices", np.full((V, 3), np.nan), ("mesh/vertices",)),
-        ("mesh/faces", np.full((F, 3), V), (0, 41)),
-        ("mesh/faces", -SPHERE.faces, (0, 41)),
-        ("mesh/faces", SPHERE.faces * 1.0, ("mesh/faces", "float64")),
-        ("mesh/faces", SPHERE.faces[:0], ("(0, 3)", "mesh/faces")),
-        ("mesh/faces", SPHERE.faces[:1], ()),
-        ("mesh/faces", TURNED, ()),
-        ("mesh/faces", np.int64(3), ("mesh/faces",)),
-        ("mesh/vertex_ids", SPHERE.vertex_ids[::-1], ("vertex_ids",)),
-        ("mesh/vertex_ids", SPHERE.vertex_ids + 1, ("vertex_ids", 0, 42)),
-        ("mesh/vertex_ids", SPHERE.vertex_ids - 1, ("vertex_ids", 0, 42)),
-        (None, ALIKE, ("vertex_ids",)),
         ("known/0", X[:-1], ("(41,)", "file:x.npy", 42)),
-        ("known/0", np.full(V, np.inf), ("file:x.npy",)),
-        ("runs/0/energies", np.zeros((1, 3)), ("runs/0/energies",)),
-        ("runs/0/stages", RESULT.stages * 1.0, ("runs/0/stages", "float64")),
-        ("runs/1/vertices", np.array([12]), ("runs/1/vertices",)),
-        ("runs/1/reaches", np.array([True, False]), ("runs/1/reaches",)),
-        ("runs/1/reaches", None, ("runs/1/reaches",)),
-        ("runs/4/residuals", np.array([0.5]), ("(1,)", "runs/4/residuals", 2)),
-        ("result/velocity", np.zeros((1, F - 1, 3)), ("result/velocity",)),
-        ("result/velocity", np.zeros((2, F, 3)), (2, 1)),
-        ("result/velocity", RESULT.velocity.astype(complex), ("complex128",)),
-        ("result/mask", np.zeros(V + 1), ("result/mask",)),
-        ("result/source", X, ("result/source",)),
-        ("result/weights", np.ones(3), ("(3,)", "result/weights", 2)),
-        ("result/weights", np.float64(1), ("result/weights",)),
-        ("result/weights", np.array([None, None]), ()),
-        ("result/weights", b"", ()),
-        ("result/weights", b"\x93NUMPY\x09\x00", ()),
-        ("result/weights", npy_of("(10000000000000,)"), ()),
-        ("result/weights", npy_of("(-1,)"), ()),
-        ("result/weights", npy_of("(1,)", data=bytes(9)), ()),
-        ("result/mask", -np.ones(V), ("result/mask", -1, 0)),
-        ("result/velocity", np.full((1, F, 3), 1e300), ("velocity", "1e+300")),
-        ("result/weights", np.array([-1.0, 1.0]), ("result/weights", -1)),
-        ("result/velocity", npy_of("(1, 6442450944, 3)", data=bytes(8)), ("result/velocity",)),
-        ("mesh/faces", SPHERE.faces[~(SPHERE.faces == 3).any(axis=1)], ()),
-        ("runs/1/stages", np.array([-1, 0]), ("runs/1/stages",)),
-        ("runs/1/vertices", np.array([-1, 0]), ("runs/1/vertices",)),
-        ("runs/1/reaches", np.array([-0.5, 0]), ("runs/1/reaches",)),
+        (f"{RUN}/0/energies", np.zeros((1, 3)), ("stages", 1)),
+        (f"{RUN}/0/stages", RESULT.stages * 1.0, ("stages", "float64")),
+        (f"{RUN}/1/vertices", np.array([12]), ("reaches", 1)),
+        (f"{RUN}/1/reaches", None, ("reaches",)),
+        (f"{RUN}/2/shares", np.ones((2, 1)), (1, 2)),
+        (f"{RUN}/4/residuals", np.array([0.5]), ("residuals", 1)),
+        (f"{RUN}/1/stages", np.array([-1, 0]), ("stages",)),
+        (f"{RUN}/1/vertices", np.array([-1, 0]), ("vertices",)),
+        (f"{RUN}/1/reaches", np.array([-0.5, 0]), ("reaches",)),
     ],
 )
-def test_arrays_that_do_not_fit_are_named(saved, name, array, named):
-    changed(saved, arrays={name: array} if name else array)
+def test_arrays_with_other_sizes_or_values_are_named(saved, name, array, named):
+    changed(saved, arrays={name: array})
     check_message(error_line(saved), *named)
 
 
+def test_damaged_results_are_refused(saved):
+    """As in a file of their own; the message names the project."""
+    inner = saved.with_name("r.npz")
+    inner.write_bytes(members(saved)["result.npz"])
+    for name, array in (("advected.npy", None), ("velocity.npy", np.zeros((1, F - 1, 3)))):
+        rewrite(inner, {name: array})
+        rewrite(saved, {"result.npz": inner.read_bytes()})
+        assert name.removesuffix(".npy") in error_line(saved)
+        RESULT.save(inner)
+    ring = torus(8, 8)
+    match(ring, ring.vertices[:, 0], ring.vertices[:, 1], SHORT).save(inner)
+    rewrite(saved, {"result.npz": inner.read_bytes()})
+    check_message(error_line(saved), "file:x.npy")
+
+
 @pytest.mark.parametrize(
-    ("part", "name", "value", "named"),
+    ("name", "value", "named"),
     [
-        ("", "format_version", 7, ()),
-        ("", "format_version", 2, ()),
-        ("", "format_version", 0, ("format_version", 0)),
-        ("", "format_version", "one", ("one", "format_version")),
-        ("", "format_version", None, ("format_version",)),
-        ("", "file_vertex_count", 12, ("vertex_ids", 0, 11)),
-        ("", "file_vertex_count", 10**15, (1000000000000000, 42)),
-        ("", "runs", [RUN | {"restarts": []}] * 6, ("runs/5",)),
-        ("", "runs", [RUN | {"restarts": [99]}], ("restarts",)),
-        ("", "known", ["a", "b", "c"], ("known/2",)),
-        ("", "document", None, ("project.document",)),
-        ("", "file_vertex_count", 10**8, (100000000, V)),
-        ("", "file_vertex_count", 4 * 10**18, (4000000000000000000,)),
-        ("", "file_vertex_count", 10**30, ()),
-        ("", "file_vertex_count", -1, ("vertex_ids",)),
-        ("", "format_version", [[0] * 100] * 100, ("format_version",)),
-        ("", "x\n" * 5000, 1, ("project",)),
-        ("", "known", ["a", "b", "\n" * 5000], ("known/2",)),
-        ("document", "side", "x\n" * 5000, ("project.document.side",)),
-        ("document", "time", 10**4000, ()),
-        ("document", "bump", -(10**4000), ("bump",)),
-        ("document", "channels", [HKS | {"source": "\x1b" * 9999}], ()),
-        ("document", "channels", [HKS | {"source": "x" * 99_999}], (10000,)),
-        ("document", "parameters", {"x\n" * 5000: 1}, ("unknown",)),
-        ("result", "residual", -1, ("result/residual", -1)),
-        ("result", "folded", 2, ("result/folded", 2, 0, 1)),
-        ("result", "stop_reason", "a\nb", ()),
-        ("result", "residual", [[1]] * 1000, ("(1000, 1)", "result/residual")),
-        ("result", "residual", [[1], []], ()),
-        ("result", "residual", {"a": 1}, ("result/residual",)),
-        ("result", "verdict", ["good", "none", "", ""], ("good",)),
-        ("result", "verdict", ["missing", "none", "", ""], ("missing",)),
-        ("result", "verdict", ["matched", "luck", "", ""], ("luck",)),
-        ("result", "verdict", ["matched"], ("(1,)", "result/verdict")),
-        ("result", "verdict", None, ("result/verdict",)),
-        ("result", "remedies", [{}], ("result/remedies",)),
-        ("result", "remedies", "[{}]", ("remedies",)),
-        ("document", "name", 3, ("project.document.name", 3)),
-        ("document", "channel", 2, ("channel", 2, 0, 1)),
-        ("document", "channel", -1, ("channel", -1)),
-        ("document", "channel", True, ("document.channel",)),
-        ("document", "channel", 0.5, ("document.channel", "0.5")),
-        ("document", "bump", -1, ("bump", -1)),
-        ("document", "chosen", 1, ("chosen", 1, 0)),
-        ("document", "side", "left", ("source", "target")),
-        ("document", "channels", "many", ()),
-        ("document", "channels", [{"source": "coordinate:x"}], ()),
-        ("document", "channels", [HKS | {"source": "no:x"}], ("no",)),
-        ("document", "channels", [HKS | {"weight": -1}], ("weight", "-1.0")),
-        ("document", "mask", "(", ("(",)),
-        ("document", "time", 4.5, ("time", "4.5", 0, "4.0")),
-        ("document", "time", -1, ("time", "-1.0")),
-        ("document", "time", float("nan"), ()),
-        ("document", "time", 10**400, ()),
-        ("document", "parameters", {"alpha": -1}, ("alpha", -1)),
-        ("document", "parameters", {"beyond": 1}, ("beyond",)),
-        ("document", "lines", [{"face": F, "barycentric": [1, 0, 0]}], (80, 0, 79)),
-        ("document", "points", [{"face": -1, "barycentric": [1, 0, 0]}], (-1,)),
-        ("document", "landmarks", [{"target": {"face": F, "barycentric": [1, 0, 0]}}], (80,)),
-        ("document", "landmarks", [{"weight": 0}], ("weight", "0.0", 0)),
-        ("document", "landmark", 1, ("landmark", 1, 0)),
-        ("document", "points", [{"face": 0, "barycentric": [1, 0]}], (3,)),
-        ("document", "points", [{"face": 0, "barycentric": [1, 1, -1]}], ()),
-        ("document", "points", [{"face": 0, "barycentric": [1, 1, 1]}], ()),
-        ("document", "view", {"theme": "pink"}, ("light", "dark")),
-        ("document", "view", {"coloring": "rainbow"}, ("coloring",)),
-        ("document", "view", {"coloring": ["function"]}, ("coloring",)),
-        ("document", "view", {"colormap": "jet"}, ("colormap", "jet")),
-        ("document", "view", {"no such": 1}, ("no such",)),
-        ("document", "view", {"ui_scale": 0}, ("ui_scale", 0)),
-        ("document", "view", {"camera": None}, ("camera",)),
-        ("document", "view", {"front": BENT}, ("front",)),
-        ("document", "view", [], ("view",)),
-        ("document", "name", None, ()),
-        ("document", "view", {"look": {"front": BENT}}, ("front",)),
-        ("document", "view", {"look": FLAT}, ("zoom", "0.0")),
-        ("document", "unheard", 1, ("unheard",)),
+        ("format_version", 8, ()),
+        ("format_version", 6, (6, 7)),
+        ("kind", "sphere", ("sphere", "match", "film")),
+        ("kind", "film", ()),
+        ("has_result", False, ("result",)),
+        ("known", {"a": "known/7"}, ("known/7",)),
+        ("document.runs.0.restarts", [99], ("restarts",)),
+        ("document.parameters", {"beyond": 1}, ("beyond",)),
+        ("document.channel", 2, ("channel", 2, 0, 1)),
+        ("document.bump", -1, ("bump", -1)),
+        ("document.chosen", 1, ("chosen", 1, 0)),
+        ("document.side", "left", ("source", "target")),
+        ("document.channels", [{"source": "coordinate:x"}], ("target",)),
+        ("document.channels", [HKS | {"source": "no:x"}], ("no",)),
+        ("document.channels", [HKS | {"weight": -1}], ("weight", "-1.0")),
+        ("document.mask", "(", ("(",)),
+        ("document.time", 4.5, ("time", "4.5", 0, "4.0")),
+        pytest.param("document.time", 10**4000, (), id="many digits"),
+        ("document.lines", [{"face": F, "barycentric": [1, 0, 0]}], (80, 0, 79)),
+        ("document.points", [{"face": -1, "barycentric": [1, 0, 0]}], (-1,)),
+        ("document.points", [{"face": 0, "barycentric": [1, 1, -1]}], ()),
+        ("document.landmarks", [{"target": {"face": F, "barycentric": [1, 0, 0]}}], (80,)),
+        ("document.landmarks", [{"weight": 0}], ("weight", "0.0", 0)),
+        ("document.landmark", 1, ("landmark", 1, 0)),
+        ("document.surfaces.0.front", BENT, ("front",)),
+        ("document.labels.keys", [2, 1], ("keys",)),
+        ("document.labels.keys", [1, 3], ("labels", "keys")),
+        ("document.labels.names", ["one"], ()),
+        ("document.labels.colors", [[0, 0, 0], [0, 0, 2]], (0, 1)),
+        ("document.unheard", 1, ("unheard",)),
+        ("view.theme", "pink", ("light", "dark")),
+        ("view.colormap", "jet", ("colormap", "jet")),
+        ("view.ui_scale", 0, ("ui_scale", 0)),
+        ("view.look", {"front": BENT}, ("front",)),
+        ("view.look", FLAT, ("zoom", "0.0")),
     ],
 )
-def test_headers_that_make_no_sense_are_told_in_one_line(saved, part, name, value, named):
-    changed(saved, lambda content: (content[part] if part else content).update({name: value}))
+def test_values_outside_their_range_are_named(saved, name, value, named):
+    place = [int(part) if part.isdigit() else part for part in name.split(".")]
+    changed(saved, lambda header, view: put(header | {"view": view}, place, value))
+    if len(place) == 1:
+        changed(saved, lambda header, view: header.update({name: value}))
     check_message(error_line(saved), *named)
 
 
@@ -472,18 +535,23 @@ def test_headers_that_make_no_sense_are_told_in_one_line(saved, part, name, valu
         *("NaN", "-Infinity", '"' + "x" * 100_000, '"\\ud800"'),
     ],
 )
-def test_json_that_is_no_header_is_refused(saved, text):
-    rewrite(saved, {"project.json": text.encode("latin-1")})
-    check_message(error_line(saved))
-    assert not re.search("codec|set_int_max", error_line(saved))
+def test_other_json_is_refused(saved, text):
+    for name in ("project.json", "view.json"):
+        content = saved.read_bytes()
+        rewrite(saved, {name: text.encode("latin-1")})
+        check_message(error_line(saved))
+        assert not re.search("codec|set_int_max", error_line(saved))
+        saved.write_bytes(content)
 
 
-def test_what_is_not_an_array_is_small_and_nothing_is_unpacked_to_more_than_the_file_holds(saved):
+def test_compressed_and_large_members_are_refused(saved):
     many = replace(DOCUMENT, points=(Point(0, (1.0, 0.0, 0.0)),) * 30_000)
     with raises(ResultError):
         save_project(saved, many, KNOWN)
-    changed(saved, compression=zipfile.ZIP_DEFLATED)
+    content = saved.read_bytes()
+    rewrite(saved, {}, zipfile.ZIP_DEFLATED)
     check_message(error_line(saved))
+    saved.write_bytes(content)
     rewrite(saved, {"project.json": members(saved)["project.json"] + b" " * (2 << 20)})
     check_message(error_line(saved), "project.json")
 
@@ -513,7 +581,7 @@ def test_files_of_another_kind_are_named(tmp_path):
         ({"time": float("nan")}, {}, ("document.time", "nan")),
         ({"channel": 5}, {}, ("channel", 5)),
         ({"view": View(theme="pink")}, {}, ("theme",)),
-        ({"surfaces": (Surface(torus(8, 8), "torus"),)}, {}, ("result/source",)),
+        ({"surfaces": (Surface(torus(8, 8), "torus"),)}, {}, ("surface",)),
         ({}, {"file:x.npy": X[1:]}, ("file:x.npy",)),
         ({}, {"file:x.npy": np.full(V, np.inf)}, ()),
     ],
@@ -555,20 +623,6 @@ def test_opening_loads_no_solver_before_there_is_a_result(tmp_path):
         "print(sorted({'numba', 'scipy', 'igl', 'cholespy', 'polyscope'} & set(sys.modules)))"
     )
     assert python(code, tmp_path / "p.abfm", check=True).stdout == "[]\n"
-
-
-def test_missing_fields_take_their_defaults_and_needed_ones_are_named():
-    assert project.from_plain(View, {}, "view") == View()
-    with raises(ValueError, "target"):
-        project.from_plain(Channel, {"source": "a"}, "channel")
-    with raises(ValueError, "weight"):
-        project.from_plain(Channel, {"source": "a", "target": "b", "weight": True}, "channel")
-
-
-@given(st.lists(st.builds(Channel, st.text(), st.text(), numbers)).map(tuple))
-def test_any_text_survives_json(channels):
-    plain = json.loads(json.dumps(channels, default=project.to_plain))
-    assert project.from_plain(tuple[Channel, ...], plain, "channels") == channels
 
 
 # Files that are known from earlier: whether they are still there, and as they were
@@ -624,23 +678,3 @@ def test_copies_may_say_anything_of_their_origin(tmp_path, text):
     rewrite(path, {project.MEMBER: text.encode()})
     assert load_origin(path) is None
     assert load_project(path)[0].name == "sphere"
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "named"),
-    [
-        ("keys", [2, 1], ("keys",)),
-        ("keys", [1, 3], ("labels", "keys")),
-        ("names", ["one"], ()),
-        ("colors", [[0, 0, 0], [0, 0, 2]], (0, 1)),
-        ("colors", [[0, 0, 0], [0, 0]], (3,)),
-        ("values", 3, ()),
-    ],
-)
-def test_labels_that_do_not_fit_are_refused(tmp_path, name, value, named):
-    labels = LabelMap.of("a.annot", WHOLE, Labels(np.arange(V) % 2 + 1, {1: "one", 2: "two"}))
-    path = tmp_path / "p.abfm"
-    save_project(path, MatchDocument((Surface(WHOLE, "ball"),), labels=labels), {})
-    assert load_project(path)[0].labels.colors == labels.colors
-    changed(path, lambda content: content["labels"].update({name: value}))
-    check_message(error_line(path), *named)

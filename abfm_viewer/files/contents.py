@@ -1,0 +1,75 @@
+"""What a file is opened as, by its name, and where that does not decide by what is in it."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from enum import StrEnum
+from pathlib import Path
+
+import abfm
+from abfm import ResultError
+from abfm.mesh.files import MESH_ENDINGS
+from abfm.reading import FREESURFER_SURFACES, read_gifti
+from abfm_viewer.files.result_tables import place_of
+
+MESHES = (*MESH_ENDINGS, *FREESURFER_SURFACES)
+PROJECT = ".abfm"
+RESULT = ".npz"
+"""Suffixes."""
+FRAME_ENDINGS = (
+    *(".npy", ".mat", ".csv", ".tsv", ".txt", ".1d", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
+    *(".func.gii", ".func.gii.gz", ".dtseries.nii", ".dscalar.nii"),
+)
+"""Endings of files that hold frames and nothing else that is opened."""
+_NUMBERED_NAME = re.compile(r"[0-9]\.vt[kup]$")  # grids of VTK; those without a number are meshes
+_POINTS = "NIFTI_INTENT_POINTSET"
+
+
+def is_named_as_frames(path: Path) -> bool:
+    """Return whether a name says that a file holds frames, and nothing else that is opened."""
+    name = path.name.lower()
+    return name.endswith(FRAME_ENDINGS) or _NUMBERED_NAME.search(name) is not None
+
+
+class Contents(StrEnum):
+    """What a file is opened as."""
+
+    MESH = "mesh"
+    FRAMES = "frames"
+    DOCUMENT = "document"
+    TABLE = "table"
+    UNKNOWN = "unknown"
+
+
+def contents_of(path: Path) -> Contents:
+    """Return what a file or a folder is opened as; damaged ones as what their name says."""
+    name = path.name.lower()
+    if place_of(path) is not None:
+        return Contents.TABLE
+    if is_named_as_frames(path):
+        return Contents.FRAMES
+    if name.endswith(PROJECT):
+        return Contents.DOCUMENT
+    if name.endswith(RESULT):
+        return _contents_of_arrays(path)
+    if name.endswith((".gii", ".gii.gz")) and _is_no_surface(path):
+        return Contents.FRAMES
+    return Contents.MESH if name.endswith(MESHES) else Contents.UNKNOWN
+
+
+def _contents_of_arrays(path: Path) -> Contents:
+    with suppress(ResultError):
+        task = abfm.loading.task_of_file(path)
+        if task is None:
+            return Contents.FRAMES
+        return Contents.TABLE if task.result is abfm.Population else Contents.DOCUMENT
+    return Contents.DOCUMENT  # reading it reports the damage
+
+
+def _is_no_surface(path: Path) -> bool:
+    """Return whether a file is of GIFTI without a surface in it, as those of frames are."""
+    try:
+        return all(each.intent != _POINTS for each in read_gifti(path).arrays)
+    except (OSError, ValueError):  # which reading it as a mesh tells
+        return False
