@@ -17,8 +17,9 @@ from abfm_viewer.cli.options import add_up, adder, angle, positive, size, warn_i
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs
+from abfm_viewer.files.contents import PROJECT
+from abfm_viewer.session.documents import read_document
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
-from abfm_viewer.session.session_files import PROJECT, read_document
 
 if TYPE_CHECKING:
     from PIL import Image

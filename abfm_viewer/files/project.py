@@ -329,7 +329,7 @@ def _read(plain: Any, view: Any, reader: _Reader) -> tuple[Document, dict[str, F
     document: Document = reader.read(KINDS[header.kind], content, "project.document")
     names: dict[str, Any] = dict(header.known)
     known = {}
-    for side in SIDES:
+    for side in SIDES[-len(document.surfaces) :]:
         sizes = {"V": len(document.surface(side).mesh.vertices)}
         for spec, name in document.known_on(side, names).items():
             array = reader.array(_KNOWN, name, f"the values of {spec}", sizes)

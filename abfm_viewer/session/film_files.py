@@ -11,7 +11,7 @@ import abfm
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Surface, View
-from abfm_viewer.document.film import Film, settings_of
+from abfm_viewer.document.film import Film
 from abfm_viewer.document.kinds import MEASURED_COLUMN, FilmDocument, MatchDocument
 
 
@@ -25,11 +25,7 @@ def read_film(
 
     found = abfm.sequences.read_frames(path, mesh, array)
     frames = checked(mesh, found.values, found.times, None, None)
-    return film_of(path.name, frames), found.notes
-
-
-def film_of(name: str, frames: abfm.sequences.Frames) -> Film:
-    return Film(name, frames)
+    return Film(path.name, frames), found.notes
 
 
 def circular_film(film: Film, period: float | None) -> Film:
@@ -57,18 +53,6 @@ def document_of_film(film: Film, surface: Surface, view: View) -> FilmDocument:
     """
     seen = replace(surface, front=None)
     return FilmDocument((seen,), film, time=float(film.times[0]), view=view)
-
-
-def document_of_sequence(sequence: abfm.Sequence, path: Path) -> FilmDocument:
-    """Return a document that shows a sequence from its beginning, with tracks."""
-    return FilmDocument(
-        (Surface(sequence.mesh, path.name),),
-        film_of(path.name, sequence._frames),
-        settings=settings_of(sequence),
-        result=sequence,
-        time=float(sequence.times[0]),
-        view=View(tracks=True),
-    )
 
 
 def document_of_pair(

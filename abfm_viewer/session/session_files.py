@@ -6,38 +6,29 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
-import numpy as np
-
 import abfm
-from abfm import AbfmError, FunctionError, MeshError, TriangleMesh, load_mesh
+from abfm import AbfmError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh.options import DEFAULT_OPTIONS, MeshOptions
 from abfm.pages.creases import drawn_mesh
-from abfm.types import FloatArray
 from abfm.wording import capital
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import (
-    SIDES,
-    Channel,
     Document,
     Identity,
-    InitialMap,
-    Landmark,
-    RunRecord,
     Surface,
     View,
 )
-from abfm_viewer.document.kinds import OF_A, FilmDocument, MatchDocument, PairDocument
+from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.document.label_map import LabelMap
-from abfm_viewer.document.surface_points import landmarks_of_match, points_of
 from abfm_viewer.files.contents import (
     FRAME_ENDINGS,
     MESHES,
@@ -47,18 +38,17 @@ from abfm_viewer.files.contents import (
     contents_of,
     is_named_as_frames,
 )
-from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
+from abfm_viewer.files.project import Origin, save_project
 from abfm_viewer.files.result_tables import place_of
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.session.documents import Opened, read_document
 from abfm_viewer.session.film_files import (
     circular_film,
     document_of_film,
     document_of_pair,
-    document_of_sequence,
     read_film,
 )
 from abfm_viewer.session.functions import known_values
-from abfm_viewer.session.initial_maps import GIVEN_WORD
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.result_tables import FoundTable, Tables, find_table
 from abfm_viewer.session.session import Session
@@ -77,8 +67,6 @@ SAVING_TOPIC = "saving"
 """What cards are about."""
 Do = Callable[[], None]
 ShowMesh = Callable[[Path, TriangleMesh], None]
-Opened = tuple[Document, dict[str, FloatArray]]
-"""A document, and the values of its functions from files (see `Functions`)."""
 
 
 class Ask(Protocol):
@@ -158,105 +146,14 @@ def _mesh_to_draw(path: Path, **options: Any) -> TriangleMesh:
 def find_first(path: Path) -> FoundTable | None:
     """Read a table and its worst row; None where a path is of something else."""
     path = _absolute(path)
-    if contents_of(path) is not Contents.TABLE:
-        return None
-    return find_table(place_of(path) or path, read_document)
+    place = place_of(path)
+    if path.name.lower().endswith(RESULT) and contents_of(path) is Contents.TABLE:
+        place = path
+    return None if place is None else find_table(place, read_document)
 
 
 def _origin(path: Path) -> Origin | None:
     return Origin.of(path) if path.name.lower().endswith(PROJECT) else None
-
-
-def read_document(path: Path) -> Opened:
-    if path.name.lower().endswith(PROJECT):
-        return load_project(path)
-    documents: dict[type, Callable[[Any, Path], Opened]] = {
-        abfm.Match: document_of_result,
-        abfm.Registration: document_of_registration,
-        abfm.Sequence: lambda found, path: (document_of_sequence(found, path), {}),
-    }
-    found = abfm.load(path, *documents)
-    return documents[type(found)](found, path)
-
-
-def document_of_result(
-    match: abfm.Match, path: Path
-) -> tuple[MatchDocument, dict[str, FloatArray]]:
-    """A document that shows a result at tau; its functions are named by their own text, if that
-    needs no file, or else by the result's file.
-    """
-    known: dict[str, FloatArray] = {}
-
-    def spec(column: str, values: FloatArray, given: str = "") -> str:
-        text = given if given and _needs_no_file(given) else _column(path, column)
-        known[text] = np.array(values)
-        return text
-
-    sources, targets = (
-        [spec(f"{side} {i}", *each) for i, each in enumerate(zip(values.T, specs, strict=True))]
-        for side, values, specs in zip(
-            SIDES, (match.source, match.target), match.problem.specs, strict=True
-        )
-    )
-    document = MatchDocument(
-        (Surface(match.mesh, path.name),),
-        channels=tuple(map(Channel, sources, targets, _weights(match))),
-        landmarks=landmarks_of_match(match),
-        landmarks_alone=match.problem.is_of_landmarks,
-        parameters=match.parameters,
-        mask="" if match.mask is None else spec("mask", match.mask),
-        result=match,
-        runs=(RunRecord(match.energy_history, match.stages, (), match.residual, path.name),),
-        time=match.parameters.tau,
-    )
-    return document, known
-
-
-def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
-    """A document that shows a registration at tau. Functions that are known on B alone are
-    transferred to A by the initial map.
-    """
-    match, initial = found.match, found.initial
-    (document, on_b), back = document_of_result(match, path), initial.inverse()
-    names = [_column(path, f"source {number}") for number in range(len(document.channels))]
-    known = {name: values for name, values in on_b.items() if name not in names}
-    functions = back.carry(match.source) if found.functions is None else found.functions
-    for name, values in zip(names, functions.T, strict=True):
-        known[f"{OF_A}{name}"] = values
-    pair = Surface(initial.a, "A"), Surface(match.mesh, f"B of {path.name}")
-    landmarks: tuple[Landmark, ...] = ()
-    if (marks := match.problem.landmarks) is not None:
-        starts = points_of(back.carry_points(marks.points(match.mesh)))
-        given = zip(starts, document.landmarks, strict=True)
-        landmarks = tuple(one.placed("source", start) for start, one in given)
-    drafted = {one.name: getattr(document, one.name) for one in fields(document)}
-    drafted |= {"surfaces": pair, "landmarks": landmarks, "initial": GIVEN_WORD}
-    opened = PairDocument(**drafted)
-    kept = InitialMap(
-        initial,
-        **opened.asked._asdict(),
-        notes=found.notes,
-        functions=found.functions,
-        warnings=found.warnings,
-    )
-    return replace(opened, initial_map=kept), known
-
-
-def _weights(match: abfm.Match) -> list[float]:
-    """Return those that channels have; 1 where functions had none beside landmarks."""
-    found = match.weights.tolist()
-    return found if any(found) else [1.0] * len(found)
-
-
-def _column(path: Path, name: str) -> str:
-    return str(abfm.functions.ValuesFile(path=str(path.absolute()), column=name))
-
-
-def _needs_no_file(spec: str) -> bool:
-    try:
-        return not terms_from_files(spec)
-    except FunctionError:  # of another version
-        return False
 
 
 class SessionFiles:

@@ -23,7 +23,7 @@ from abfm.assets import asset_path
 from abfm_viewer.files import outputs
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session.session_files import document_of_result
+from abfm_viewer.session.documents import document_of_result
 from tests.attack.specimens import specimens
 from tests.attack.trial import FaultError, Trial
 from tests.mesh_writers import write

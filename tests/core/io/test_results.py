@@ -1,5 +1,6 @@
 """Result files: what was saved comes back, also of matches, and files that lie are refused."""
 
+import io
 import json
 import os
 import pickle
@@ -62,11 +63,12 @@ def saved_by_numpy(path, **changes):
 error_line = partial(refusal, load_arrays)
 
 
-@pytest.mark.parametrize("left_out", [(), ("mask",)])
-def test_everything_comes_back_exactly(path, left_out):
+@pytest.mark.parametrize(("left_out", "is_open"), [((), False), (("mask",), True)])
+def test_everything_comes_back_exactly(path, left_out, is_open):
     given = {name: value for name, value in result_arrays().items() if name not in left_out}
-    save_arrays(path, given)
-    loaded = load_arrays(path)
+    file = io.BytesIO() if is_open else path
+    save_arrays(file, given)
+    loaded = load_arrays(file)
     assert loaded.keys() == given.keys()
     for name, value in given.items():
         assert_array_equal(loaded[name], value, err_msg=name, strict=True)

@@ -273,18 +273,6 @@ def test_missing_fields_take_their_defaults(saved):
     assert opened.result.verdict == RESULT.verdict
 
 
-def test_large_projects_are_not_much_larger_than_their_arrays(tmp_path):
-    mesh, path = torus(250, 250), tmp_path / "p.abfm"
-    velocity = np.random.default_rng(0).normal(size=(1, len(mesh.faces), 3))
-    f = mesh.vertices[:, :1]
-    problem = Problem(mesh, f, f, RESULT.parameters)
-    result = replace(RESULT, problem=problem, advected=f, fine_velocity=velocity)
-    document = MatchDocument((Surface(mesh, "large"),), result=result)
-    save_project(path, document, {"file:x.npy": f[:, 0]})
-    arrays = [mesh.vertices, mesh.faces, mesh.vertex_ids, velocity, *4 * [f]]
-    assert path.stat().st_size < sum(array.nbytes for array in arrays) + 50_000
-
-
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.tuples(numbers, numbers, numbers)
 

@@ -12,7 +12,7 @@ from abfm_viewer.document.document import Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.document.result_table import ResultRow, ResultTable
 from abfm_viewer.files.result_tables import _texts
-from abfm_viewer.session.film_files import document_of_sequence
+from abfm_viewer.session.documents import document_of_sequence
 from abfm_viewer.session.result_tables import document_of_row, document_of_subject
 from tests.core.sequences.turning_film import solved
 from tests.shapes import icosphere

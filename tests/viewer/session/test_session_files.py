@@ -16,7 +16,7 @@ from abfm_viewer.document.document import Channel
 from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.files.contents import is_named_as_frames
 from abfm_viewer.files.project import load_project, save_project
-from abfm_viewer.session import session_files
+from abfm_viewer.session import documents, session_files
 from abfm_viewer.session.loading import Load, Loading
 from abfm_viewer.session.notices import Notices
 from abfm_viewer.session.session_files import find_first, open_session
@@ -598,7 +598,7 @@ def test_a_project_of_landmarks_is_consistent_with_its_field(tmp_path):
     mesh = with_thin_triangles(icosphere(2))
     pairs = np.random.default_rng(3).choice(162, (4, 2), replace=False)
     found = match(Problem(mesh, None, None, landmarks=pairs))
-    document, known = session_files.document_of_result(found, tmp_path / "found.npz")
+    document, known = documents.document_of_result(found, tmp_path / "found.npz")
     save_project(tmp_path / "found.abfm", document, known)
     opened = load_project(tmp_path / "found.abfm")[0].result
     assert opened.doubt == ""
