@@ -208,8 +208,7 @@ class _Writer:
 
     def plain(self, value: Any, place: str) -> Any:
         """Return a value for JSON, whose arrays have names that begin with a place."""
-        name = next((name for name, known in self.objects.items() if known is value), None)
-        if name is not None:
+        if (name := self._name(value)) is not None:
             return name
         if isinstance(value, np.ndarray):
             self.arrays[place] = value
@@ -227,6 +226,18 @@ class _Writer:
         if isinstance(value, tuple):
             return [self.plain(part, f"{place}/{number}") for number, part in enumerate(value)]
         return value
+
+    def _name(self, value: Any) -> str | None:
+        """Return the name of an object, or of the result's mesh if a mesh has the same content."""
+        for name, known in self.objects.items():
+            if known is value:
+                return name
+        if isinstance(value, TriangleMesh):
+            for name, known in self.objects.items():
+                is_other = isinstance(known, TriangleMesh) and name.startswith("result/")
+                if is_other and known.digest == value.digest:
+                    return name
+        return None
 
 
 class _Reader:
@@ -248,7 +259,7 @@ class _Reader:
             number = self.read(options[0], value, where)
             _require(options[1].has(number), f"{where} is {number}; expected {options[1]}")
             return number
-        is_named = isinstance(value, str) and value in self._objects and hint not in (str, Any)
+        is_named = self._has(value) and hint not in (str, Any)
         if is_named or origin is Annotated or hint is TriangleMesh:
             return self._object(hint, value, where)
         if origin is tuple:
@@ -262,6 +273,9 @@ class _Reader:
                 return {name: self.read(options[1], value[name], where) for name in value}
             return Parameters.of(**value) if hint is Parameters else self._made(hint, value, where)
         return _scalar(hint, value, where)
+
+    def _has(self, value: Any) -> bool:
+        return isinstance(value, str) and value in self._objects
 
     def array(self, entry: Entry, value: Any, where: str, sizes: dict[str, int]) -> Any:
         """Return an array by its name."""
@@ -298,7 +312,7 @@ class _Reader:
         parts = {}
         for name in (name for name in known if name in value):
             place, part = f"{where}.{name}", value[name]
-            if name in entries and part is not None and part not in self._objects:
+            if name in entries and part is not None and not self._has(part):
                 parts[name] = self.array(entries[name], part, place, sizes)
             else:
                 parts[name] = self.read(hints[name], part, place)

@@ -21,12 +21,7 @@ from abfm.pages.creases import drawn_mesh
 from abfm.wording import capital
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
-from abfm_viewer.document.document import (
-    Document,
-    Identity,
-    Surface,
-    View,
-)
+from abfm_viewer.document.document import Document, Identity, Surface, View
 from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files.contents import (
