@@ -99,6 +99,8 @@ def checked(
         raise FunctionError("there is one frame; expected at least two, to go from one to the next")
     restricted = np.moveaxis(mesh.restrict(np.moveaxis(given, 1, 0)), 0, 1)
     frames = restricted.reshape(*restricted.shape[:2], -1)
+    if np.may_share_memory(frames, given):  # which is filled in below
+        frames = frames.copy()
     of_channels = checked_weights(weights, frames.shape[2], "weights", "channel")
     warn_of_phases(mesh, frames[0].T)
     counted = of_channels > 0

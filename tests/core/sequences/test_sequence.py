@@ -25,7 +25,7 @@ from tests.core.sequences import turning_film
 from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning
 from tests.core.surfaces import last_order
 from tests.messages import check_message, raises
-from tests.shapes import icosphere, square, torus
+from tests.shapes import icosphere, square, torus, with_loose_vertex
 
 FAST = defaults(order=1, alpha=1, sigma=0.3)
 
@@ -213,6 +213,15 @@ def test_what_is_not_finite_is_not_compared(film, found):
     seen = ~hidden[SPHERE.faces].any(axis=1)
     apart = np.linalg.norm((told.velocity - found.velocity)[0, seen], axis=1)
     assert np.median(apart) < 0.05 * np.linalg.norm(found.velocity[0], axis=1).mean()
+
+
+def test_given_frames_are_not_changed():
+    """Missing values are filled in a copy, also on meshes with fewer vertices than their file."""
+    mesh = with_loose_vertex(icosphere(1))
+    given = np.arange(2.0)[:, None] + mesh.vertices[:, 0]
+    given[1, 4] = np.nan
+    given.flags.writeable = False
+    assert np.isfinite(checked(mesh, given, None, None, None).values).all()
 
 
 def test_frames_in_between(film, found):
