@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from abfm import ParameterError
 from abfm.errors import printable
@@ -147,13 +147,9 @@ def _check_movie(arguments: argparse.Namespace) -> None:
 
 
 def _write_page(arguments: argparse.Namespace, document: Document) -> None:
-    match, initial = document.match, document.initial_map
-    found: Any = document.result
-    if found is None:
+    if document.result is None:
         raise ParameterError(f"{arguments.input} holds no result to make a page of")
-    if match is not None and initial is not None:
-        found = initial.registration(match)
-    outputs.write(arguments.out, found, arguments.up)
+    outputs.write(arguments.out, document.complete_result, arguments.up)
 
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:

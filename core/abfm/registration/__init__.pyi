@@ -1,5 +1,4 @@
 from .correspondence import Correspondence as Correspondence
-from .files import is_correspondence as is_correspondence
 from .files import load_correspondence as load_correspondence
 from .files import load_registration as load_registration
 from .initial.landmark_pairs import Landmarks as Landmarks

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import os
-
 from abfm.io import results
 from abfm.matching.files import loaded_match
 from abfm.registration.correspondence import Correspondence, correspondence_of
 from abfm.registration.registration import Registration
 from abfm.types import File
-
-
-def is_correspondence(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a file holds two surfaces; ResultError if it cannot be read."""
-    with results.open_archive(path, results.CORRESPONDENCE.name, results.MEND) as archive:
-        return "a_vertices" in archive
 
 
 def load_correspondence(path: File) -> Correspondence:

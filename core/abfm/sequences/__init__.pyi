@@ -18,7 +18,6 @@ from .sequence import GAMMA as GAMMA
 from .sequence import Sequence as Sequence
 from .sequence import load_sequence as load_sequence
 from .sequence import sequence as sequence
-from .solution import is_sequence as is_sequence
 from .task import SequenceTask as SequenceTask
 from .tracking.critical_points import KINDS as KINDS
 from .tracking.critical_points import CriticalPoints as CriticalPoints

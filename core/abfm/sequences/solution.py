@@ -203,9 +203,3 @@ class Solution:
 
 def _array(of: Frames | Solution, name: str) -> dict[str, Any]:
     return {name: getattr(of, name)}
-
-
-def is_sequence(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a file is one of `Sequence.save`; ResultError if it cannot be read."""
-    with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
-        return results.is_own(archive) and "frames" in archive and "velocity" in archive

@@ -14,8 +14,9 @@ from abfm.calculus.channels import extend
 from abfm.errors import FunctionError, ResultError, SeveralArraysError
 from abfm.functions import sources as source_frames
 from abfm.io import write_stc
+from abfm.loading import task_of_file
 from abfm.reading import vtk_contents
-from abfm.sequences import is_sequence, read_frames
+from abfm.sequences import read_frames
 from abfm.sequences.reading import vtk_frames
 from tests.core.reading.hostile import npy_of
 from tests.core.reading.vtk_files import vtk_bytes
@@ -225,7 +226,7 @@ def test_lists_read_each_file_once(tmp_path, monkeypatch):
 def test_frames_and_fields_of_others_are_no_sequence(tmp_path):
     np.savez(tmp_path / "a.npz", frames=FILM, velocity=np.zeros((4, 20, 3)), vertices=MESH.vertices)
     assert_array_equal(read_frames(tmp_path / "a.npz", MESH).values, FILM)
-    assert not is_sequence(tmp_path / "a.npz")
+    assert task_of_file(tmp_path / "a.npz") is None
     with raises(ResultError):
         load(tmp_path / "a.npz")
 
