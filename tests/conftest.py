@@ -12,7 +12,7 @@ from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
 # the last one is Mesa's
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # with pytest-xdist there is a process for each core
-_LONGEST = (
+_SLOW_TEST_NAMES = (
     "test_real_window",
     "test_default_parameters_match",
     "end_to_end/",
@@ -37,7 +37,10 @@ def pytest_addoption(parser):
 def pytest_collection_modifyitems(items):
     # what takes longest is not begun last, when other processes have nothing left to do
     def rank(item):
-        return next((k for k, name in enumerate(_LONGEST) if name in item.nodeid), len(_LONGEST))
+        return next(
+            (k for k, name in enumerate(_SLOW_TEST_NAMES) if name in item.nodeid),
+            len(_SLOW_TEST_NAMES),
+        )
 
     items.sort(key=rank)
 
