@@ -7,12 +7,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 import abfm
 from abfm.outcome import Facts, Outcome
+from abfm.wording import counted
 
 Name = Literal[
     "name",
@@ -51,12 +52,6 @@ COLUMNS: Mapping[Name, Column] = {
     ),
     "reason": Column("why", "What does not fit, or why it failed."),
 }
-OF_BATCHES: tuple[Name, ...] = (
-    *("name", "verdict", "residual", "verified_residual", "folded", "log2_area", "reason"),
-)
-OF_POPULATIONS: tuple[Name, ...] = (
-    *("name", "verdict", "residual", "folded", "log2_area", "correlation", "reason"),
-)
 
 
 @dataclass(frozen=True)
@@ -94,34 +89,32 @@ class ResultRow:
 
 @dataclass(frozen=True, eq=False)
 class ResultTable:
-    """Rows, and what they are of; a population's are its subjects, in their order."""
+    """The rows of a batch."""
+
+    columns: ClassVar[tuple[Name, ...]] = (
+        *("name", "verdict", "residual", "verified_residual", "folded", "log2_area", "reason"),
+    )
+    noun: ClassVar[str] = "row"
+    has_comparisons: ClassVar[bool] = False  # of a row with the others
 
     place: Path  # that was opened: a folder, or a population's file
     title: str
     rows: tuple[ResultRow, ...]
-    population: abfm.Population | None = None
 
     def has_values(self, row: ResultRow) -> bool:
-        """Return whether a row is a subject that has values on the template."""
-        found = self.population
-        return found is not None and bool(np.isfinite(found.values[row.number]).any())
+        """Return whether a row has values on the template."""
+        return False
 
     def can_show(self, row: ResultRow) -> bool:
         """Return whether there is something of a row that surfaces can show."""
         return row.path is not None or self.has_values(row)
 
     @property
-    def columns(self) -> tuple[Name, ...]:
-        return OF_BATCHES if self.population is None else OF_POPULATIONS
-
-    @property
     def told(self) -> str:
         """The number of rows by verdict: ``9 rows: 7 matched, 2 failed``."""
         count = Counter(row.verdict for row in self.rows)
         parts = [f"{count[each]} {each}" for each in Outcome if count[each]]
-        noun = "row" if self.population is None else "subject"
-        plural = "" if len(self.rows) == 1 else "s"
-        return f"{len(self.rows)} {noun}{plural}: {', '.join(parts) or 'none'}"
+        return f"{counted(len(self.rows), self.noun)}: {', '.join(parts) or 'none'}"
 
     def find(self, key: tuple[int, str] | None) -> ResultRow | None:
         return next((row for row in self.rows if row.key == key), None)
@@ -130,13 +123,13 @@ class ResultTable:
         """Return the rows that have what is searched for, sorted by a column: as it was typed, or
         where no row has that, all its words.
 
-        Verdicts rise from the worst to the best, and rows of one verdict fall by what is left, of
-        populations rise by their correlation. Unknown numbers come last.
+        Verdicts rise from the worst to the best, and rows of one verdict are in the order of
+        `badness`. Unknown numbers come last.
         """
         search = " ".join(search.lower().split())
         found = [row for row in self.rows if row.has([search])]
         found = found or [row for row in self.rows if row.has(search.split())]
-        rows = sorted(found, key=self._badness)
+        rows = sorted(found, key=self.badness)
         if column == "verdict":
             return tuple(reversed(rows) if falls else rows)
         if not COLUMNS[column].digits:
@@ -147,12 +140,27 @@ class ResultTable:
         known.sort(key=lambda row: row.facts.number(column), reverse=falls)
         return (*known, *unknown)
 
-    def _badness(self, row: ResultRow) -> tuple[int, float, str]:
-        order = -row.verdict.rank
-        if self.population is not None:
-            # all that are good are compared by their correlation
-            order = -Outcome.NEARLY.rank if row.verdict.is_good else order
-            correlation = row.facts.number("correlation")
-            return order, -2.0 if math.isnan(correlation) else correlation, row.name
+    def badness(self, row: ResultRow) -> tuple[int, float, str]:
+        """Return what rises from the worst row to the best: its verdict, then what is left."""
         worse = row.facts.worse_residual
-        return order, 0.0 if math.isnan(worse) else -worse, row.name
+        return -row.verdict.rank, 0.0 if math.isnan(worse) else -worse, row.name
+
+
+@dataclass(frozen=True, eq=False)
+class PopulationTable(ResultTable):
+    """The subjects of a population, in their order."""
+
+    columns = (*("name", "verdict", "residual", "folded", "log2_area", "correlation", "reason"),)
+    noun = "subject"
+    has_comparisons = True
+
+    population: abfm.Population
+
+    def has_values(self, row: ResultRow) -> bool:
+        return bool(np.isfinite(self.population.values[row.number]).any())
+
+    def badness(self, row: ResultRow) -> tuple[int, float, str]:
+        """Return the same, where all that are good are compared by their correlation."""
+        rank = Outcome.NEARLY.rank if row.verdict.is_good else row.verdict.rank
+        correlation = row.facts.number("correlation")
+        return -rank, -2.0 if math.isnan(correlation) else correlation, row.name

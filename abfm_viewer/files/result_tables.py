@@ -9,7 +9,7 @@ import abfm
 from abfm import AbfmError
 from abfm.errors import one_line
 from abfm.outcome import Facts, Outcome
-from abfm_viewer.document.result_table import ResultRow, ResultTable
+from abfm_viewer.document.result_table import PopulationTable, ResultRow, ResultTable
 
 POPULATION = "population.npz"
 NAMES = (POPULATION, "subjects.csv", "summary.csv", "rows.json")
@@ -95,7 +95,7 @@ def _texts(entry: abfm.batch.LedgerEntry) -> tuple[tuple[str, str], ...]:
     return tuple(zip(sources, targets, strict=True))
 
 
-def _of_population(place: Path, path: Path) -> ResultTable:
+def _of_population(place: Path, path: Path) -> PopulationTable:
     from abfm import load
 
     found: abfm.Population = load(path)
@@ -111,7 +111,7 @@ def _of_population(place: Path, path: Path) -> ResultTable:
         texts = tuple((channel.name, channel.name) for channel in matched)
         rows.append(ResultRow(number, name, facts, own, texts))
     name = path.parent.name if path.name == POPULATION else path.name
-    return ResultTable(place, f"population {name}", tuple(rows), found)
+    return PopulationTable(place, f"population {name}", tuple(rows), found)
 
 
 def _outcome(word: str) -> Outcome:

@@ -8,6 +8,7 @@ import polyscope.imgui as imgui
 from abfm.errors import brief
 from abfm.outcome import Outcome
 from abfm.types import FloatArray
+from abfm.wording import counted
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.comparison import Compared
 from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
@@ -79,8 +80,7 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
     taken = sum(ui.text_width(label) + ui.px(26) for label in buttons)
     search = ui.text_width(_HINT) + 2 * imgui.GetStyle().FramePadding[0] + ui.px(2)
     taken += search + ui.text_width("search") + ui.px(16)
-    is_of_population = table.population is not None
-    if is_of_population:
+    if table.has_comparisons:
         taken += ui.px(_COMPARE) + ui.text_width("compareRegistration") + ui.px(50)
     ui.align()
     room = float(imgui.GetContentRegionAvail()[0]) - taken
@@ -92,7 +92,7 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
     else:
         ui.note(told, kind)
     tables.search = ui.live_text("search", tables.search, _HINT, width=search)
-    if is_of_population:
+    if table.has_comparisons:
         ui.beside_if_fits("compare", is_button=True)
         tip = "What is shown between the subject and the mean of the others."
         what = ui.combo("compare", tables.compared, _COMPARISON_TIPS, tip, width=ui.px(_COMPARE))
@@ -132,8 +132,8 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
     finally:
         imgui.EndTable()
     if none_is_found:
-        noun = "rows" if table.population is None else "subjects"
-        told = f"nothing called {brief(tables.search.strip())} among {len(table.rows)} {noun}"
+        all_rows = counted(len(table.rows), table.noun)
+        told = f"nothing called {brief(tables.search.strip())} among {all_rows}"
         ui.line(told, "ink", room=width)
 
 

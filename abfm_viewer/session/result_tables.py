@@ -18,7 +18,7 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.comparison import Compared, Comparison
 from abfm_viewer.document.document import Channel, Document, Identity, Surface
 from abfm_viewer.document.kinds import SubjectDocument
-from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow, ResultTable
+from abfm_viewer.document.result_table import COLUMNS, Name, PopulationTable, ResultRow, ResultTable
 from abfm_viewer.files.result_tables import POPULATION, TableReader
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
@@ -44,14 +44,20 @@ def find_table(
     reader = TableReader(place)
     table = reader.read()
     row = next(filter(table.can_show, table.shown("verdict", False, "")), None)
-    if row is None:
-        return FoundTable(reader, table, None, None)
-    if table.has_values(row):
-        return FoundTable(reader, table, row, document_of_subject(table, row, what))
-    return FoundTable(reader, table, row, document_of_row(row, read_document))
+    opened = None if row is None else document_of_row(table, row, what, read_document)
+    return FoundTable(reader, table, row, opened)
 
 
-def document_of_row(row: ResultRow, read_document: Callable[[Path], Opened]) -> Opened:
+def document_of_row(
+    table: ResultTable, row: ResultRow, what: Compared, read_document: Callable[[Path], Opened]
+) -> Opened:
+    """Return what is shown of a row: a subject's values on the template, or else its result."""
+    if isinstance(table, PopulationTable) and table.has_values(row):
+        return document_of_subject(table, row, what)
+    return document_of_result(row, read_document)
+
+
+def document_of_result(row: ResultRow, read_document: Callable[[Path], Opened]) -> Opened:
     """Return a row's result as its file opens, called by the row's name."""
     assert row.path is not None
     document, known = read_document(row.path)
@@ -66,12 +72,11 @@ def _called(channels: tuple[Channel, ...], texts: tuple[tuple[str, str], ...]) -
     return {spec: text for one, of in pairs for spec, text in zip(one.specs, of, strict=True)}
 
 
-def document_of_subject(table: ResultTable, row: ResultRow, what: Compared) -> Opened:
+def document_of_subject(table: PopulationTable, row: ResultRow, what: Compared) -> Opened:
     """Return a subject's functions as they were carried to the template, beside the mean of the
     others; where they are unknown they are filled in from around, and do not count.
     """
     found = table.population
-    assert found is not None
     path = table.place / POPULATION if table.place.is_dir() else table.place
     known: dict[str, FloatArray] = {}
 
@@ -245,24 +250,21 @@ class Tables:
             self.choose(row)
 
     def choose(self, row: ResultRow) -> None:
-        """Show a row's result, or say why there is none."""
-        table = self.table
-        if table is None:
+        """Show what there is of a row, or say why there is nothing."""
+        if self.table is None:
             return
         self.cursor, self.has_keys = row.key, True
-        if table.has_values(row):
-            self._open(row, partial(document_of_subject, table, row, self.compared))
-        else:
-            self.open_result(row)
+        if self.table.can_show(row):
+            given = self.table, row, self.compared, self._read_document
+            self._open(row, partial(document_of_row, *given))
+            return
+        reason = row.facts.reason or "it has not been solved yet"
+        text = f"{row.name} has no result to show: {reason}"
+        self._session.notices.say(f"{text}; {self._session.document.name} is still shown")
 
     def open_result(self, row: ResultRow) -> None:
-        """Show a row's result as its file opens: of a subject its registration."""
-        if row.path is None:
-            reason = row.facts.reason or "it has not been solved yet"
-            text = f"{row.name} has no result to show: {reason}"
-            self._session.notices.say(f"{text}; {self._session.document.name} is still shown")
-            return
-        self._open(row, partial(document_of_row, row, self._read_document))
+        """Show the result of a row that has one: of a subject its registration."""
+        self._open(row, partial(document_of_result, row, self._read_document))
 
     def compare(self, what: Compared) -> None:
         """Hold the subject that is shown, and those that are chosen later, against something."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 import abfm
-from abfm import AbfmError, Parameters, TriangleMesh
+from abfm import AbfmError, TriangleMesh
 from abfm.mesh import per_mesh
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
@@ -130,10 +130,6 @@ def vertex_tree(mesh: TriangleMesh) -> KDTree:
     return KDTree(mesh.vertices)
 
 
-def _field(found: abfm.Match | abfm.Iteration) -> FloatArray:
-    return found.fine_velocity if isinstance(found, abfm.Match) else found.velocity
-
-
 class ShownFlow(Jobs):
     """Of a session: the newest iterate's flow during a run, else the result's."""
 
@@ -157,20 +153,25 @@ class ShownFlow(Jobs):
     def state(self) -> FlowState | None:
         """The flow, the same object for the same field; None before there is any."""
         snapshot, result = self._session.snapshot, self._session.result
-        if snapshot is not None:
-            return self._of(snapshot.shown, snapshot.problem.parameters, final=False)
-        return None if result is None else self._of(result, result.parameters, final=True)
-
-    def _of(
-        self, found: abfm.Match | abfm.Iteration, parameters: Parameters, final: bool
-    ) -> FlowState:
         mesh, prepared = self._session.surface().mesh, self._session.prepared
-        problem = found.problem if isinstance(found, abfm.Match) else None
         first = prepared.initial.correspondence.points if prepared else None
-        count = len(found.fine_velocity) if isinstance(found, abfm.Match) else found.fields
-        read = partial(_field, found)
-        make = partial(FlowState, mesh, read, parameters, final, problem, count, first)
-        return self._state.get((found, first), make)
+        if snapshot is not None:
+            now = snapshot.shown
+
+            def iterate() -> FlowState:
+                parameters, count = snapshot.problem.parameters, now.fields
+                read = partial(getattr, now, "velocity")
+                return FlowState(mesh, read, parameters, False, None, count, first)
+
+            return self._state.get((now, first), iterate)
+        if result is None:
+            return None
+
+        def final() -> FlowState:
+            found, problem = result.fine_velocity, result.problem
+            return FlowState(mesh, found, result.parameters, problem=problem, initial=first)
+
+        return self._state.get((result, first), final)
 
     @property
     def time(self) -> float:

@@ -29,11 +29,11 @@ from abfm.functions.circular import warn_of_phases
 from abfm.functions.circular_channels import circular_channels
 from abfm.functions.family import texts_of
 from abfm.functions.objects import texts_or_values
-from abfm.functions.refinement import on_subdivision
 from abfm.functions.sides import warn_of_mixed_sides
 from abfm.functions.spec import files_in, function, parse
 from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints
+from abfm.matching.refinement import on_subdivision
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.data_term import DataTerm, Restriction
 from abfm.matching.terms.functions import FunctionTerm, given_mask, mask_of_known

@@ -79,7 +79,7 @@ def test_tour_of_a_population(monkeypatch):
     with Driver(icosphere(1), size=SIZE) as gui:
         gui.menu("Samples", POPULATION)
         tables, end = gui.window.files.tables, time.monotonic() + 60
-        while tables.table is None or tables.table.population is None:
+        while tables.table is None or not tables.table.has_comparisons:
             assert time.monotonic() < end, gui.session.notices.latest.text
             time.sleep(0.2)
             gui.frames(1)
@@ -298,4 +298,4 @@ def open_by_a_file_of_the_folder(opened):
     opened.click(name, "Open a batch or population")
     opened.click("Open", "Open a batch or population")
     settle(opened)
-    assert opened.window.files.tables.table.population is not None
+    assert opened.window.files.tables.table.has_comparisons
