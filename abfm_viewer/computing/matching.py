@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -137,7 +137,7 @@ class _History:
         return self._record.get(made_of, make) if iterates else None
 
 
-Then = Callable[[abfm.Match | None, RunRecord | None, ProblemSpec], object]
+Then: TypeAlias = "Callable[[abfm.Match | None, RunRecord | None, ProblemSpec], object]"
 """Takes the result of a run, failed or not, its iterates, and what it solved."""
 
 

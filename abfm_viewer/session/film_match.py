@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -26,7 +26,7 @@ _ENDED_MESSAGE = (
     "from what it found"
 )
 
-Then = Callable[[FilmDocument, abfm.Sequence | None], object]
+Then: TypeAlias = "Callable[[FilmDocument, abfm.Sequence | None], object]"
 """Takes what a run was of, and its result; None if it failed."""
 
 
