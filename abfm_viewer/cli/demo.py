@@ -16,7 +16,7 @@ from abfm_viewer.cli.options import add_report, adder
 from abfm_viewer.cli.solve import Outputs, solve
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
-from abfm_viewer.session.documents import document_of_result
+from abfm_viewer.files.documents import document_of_result
 
 SUMMARY = "the main job on a bundled mesh: a self-test that needs no screen"
 DESCRIPTION = """\

@@ -18,7 +18,7 @@ from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs
 from abfm_viewer.files.contents import PROJECT
-from abfm_viewer.session.documents import read_document
+from abfm_viewer.files.documents import read_document
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 
 if TYPE_CHECKING:

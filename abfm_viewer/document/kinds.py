@@ -44,6 +44,8 @@ MEASURED_COLUMN = "measured"
 """Column of a mask that is 0 where functions have no values, and were filled in."""
 OF_A = "A: "
 """What names of values from files begin with that are of surface A of two."""
+GIVEN_WORD = "given"
+"""The word of an initial map that came with the file of a registration."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 from abfm.reading import VALUES_ENDINGS
 from abfm.wording import sentence
-from abfm_viewer.document.kinds import PairDocument
+from abfm_viewer.document.kinds import GIVEN_WORD, PairDocument
 from abfm_viewer.files.contents import MESHES
 from abfm_viewer.panels.context import Context
-from abfm_viewer.session.initial_maps import GIVEN_WORD
 
 _MAP_TIP = (
     "Where each point of B lies on A before anything flows; the flow on B goes on from there."

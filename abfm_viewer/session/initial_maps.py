@@ -16,7 +16,7 @@ from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.computing.run import Process
 from abfm_viewer.document.document import SIDES, Asked, InitialMap, Landmark, Side
-from abfm_viewer.document.kinds import PairDocument
+from abfm_viewer.document.kinds import GIVEN_WORD, PairDocument
 from abfm_viewer.document.surface_points import paired
 from abfm_viewer.session.functions import DocumentFunctions
 
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 _FIRST_WORD = "closest"
 """The word of the map that is shown while candidates are compared."""
-GIVEN_WORD = "given"
-"""The word of a map that came with a file of a registration."""
 _WITHOUT_FUNCTIONS = ("connectivity", "closest", "file")  # words of maps that use no functions
 _WITHOUT_LANDMARKS = ("connectivity", "file")
 

@@ -33,10 +33,10 @@ from abfm_viewer.files.contents import (
     contents_of,
     is_named_as_frames,
 )
+from abfm_viewer.files.documents import Opened, read_document
 from abfm_viewer.files.project import Origin, save_project
 from abfm_viewer.files.result_tables import place_of
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session.documents import Opened, read_document
 from abfm_viewer.session.film_files import (
     circular_film,
     document_of_film,

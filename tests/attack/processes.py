@@ -21,9 +21,9 @@ import abfm
 from abfm import AbfmError, Parameters, load
 from abfm.assets import asset_path
 from abfm_viewer.files import outputs
+from abfm_viewer.files.documents import document_of_result
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session.documents import document_of_result
 from tests.attack.specimens import specimens
 from tests.attack.trial import FaultError, Trial
 from tests.mesh_writers import write

@@ -22,9 +22,9 @@ from abfm.workers import progress
 from abfm_viewer.cli import main
 from abfm_viewer.cli.options import Parser
 from abfm_viewer.errors import DrawingError
+from abfm_viewer.files.documents import document_of_result
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.pictures.sheets import DEFAULT_WIDTH
-from abfm_viewer.session.documents import document_of_result
 from benchmarks import solver
 from tests.mesh_writers import off_text
 from tests.messages import check_message, line_with

@@ -11,8 +11,8 @@ from abfm.population import Channel as PopulationChannel
 from abfm_viewer.document.document import Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.document.result_table import PopulationTable, ResultRow, ResultTable
+from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.files.result_tables import _texts
-from abfm_viewer.session.documents import document_of_sequence
 from abfm_viewer.session.result_tables import document_of_result, document_of_subject
 from tests.core.sequences.turning_film import solved
 from tests.shapes import icosphere

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from abfm_viewer.document.document import Identity, Point
-from abfm_viewer.session.documents import document_of_sequence
+from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.session.saving.exporter import Exporter
 from tests.core.sequences.turning_film import solved
 

@@ -9,7 +9,7 @@ import abfm
 from abfm import AbfmError, Parameters
 from abfm.calculus import commuting_fields, gradient, pushforward, relative_bracket, to_ambient
 from abfm.pages.colormaps import NO_VALUES, color_range, linear_table
-from abfm_viewer.session.documents import document_of_sequence
+from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.shown import quantities as quantities_module
 from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.quantities import Field, carried_gradient

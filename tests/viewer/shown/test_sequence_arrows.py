@@ -7,7 +7,7 @@ import pytest
 
 import abfm
 from abfm.sequences import defaults
-from abfm_viewer.session.documents import document_of_sequence
+from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.paint import Painter

@@ -23,11 +23,10 @@ from abfm_viewer.document.document import (
     View,
 )
 from abfm_viewer.document.film import Film, settings_of
-from abfm_viewer.document.kinds import OF_A, FilmDocument, MatchDocument, PairDocument
+from abfm_viewer.document.kinds import GIVEN_WORD, OF_A, FilmDocument, MatchDocument, PairDocument
 from abfm_viewer.document.surface_points import landmarks_of_match, points_of
 from abfm_viewer.files.contents import PROJECT
 from abfm_viewer.files.project import load_project, terms_from_files
-from abfm_viewer.session.initial_maps import GIVEN_WORD
 
 Opened = tuple[Document, dict[str, FloatArray]]
 """A document, and the values of its functions from files (see `Functions`)."""
