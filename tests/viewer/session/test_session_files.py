@@ -14,9 +14,10 @@ from abfm import AbfmError, MeshError, Parameters, Problem, load, match
 from abfm.io import export_vtu
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.files import documents
 from abfm_viewer.files.contents import is_named_as_frames
 from abfm_viewer.files.project import load_project, save_project
-from abfm_viewer.session import documents, session_files
+from abfm_viewer.session import session_files
 from abfm_viewer.session.loading import Load, Loading
 from abfm_viewer.session.notices import Notices
 from abfm_viewer.session.session_files import find_first, open_session
