@@ -12,7 +12,7 @@ from abfm.io import write_surface
 from abfm_viewer.appearance.samples import POPULATION
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.kinds import SubjectDocument
-from abfm_viewer.document.result_table import OF_BATCHES
+from abfm_viewer.document.result_table import ResultTable
 from abfm_viewer.files.project import load_project
 from abfm_viewer.panels import result_table
 from abfm_viewer.window import population_sample
@@ -170,7 +170,7 @@ def heads_of(gui):
 def leave_out_columns(opened, monkeypatch):
     """Names keep their room, and a tip has the columns without room."""
     every = heads_of(opened)
-    assert len(every) == len(OF_BATCHES)
+    assert len(every) == len(ResultTable.columns)
     wider = {"name": every["name"] + 5, "reason": every["why"]}
     monkeypatch.setattr(result_table, "_LEAST_TEXT", wider)
     heads = heads_of(opened)
