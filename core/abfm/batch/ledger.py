@@ -14,7 +14,7 @@ from zipfile import is_zipfile
 
 from abfm.batch.rows import Row
 from abfm.errors import ResultError, brief, one_line
-from abfm.io import write_atomically
+from abfm.io import remove_abandoned, write_atomically
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts, Outcome
 from abfm.reading import from_json, read_bytes
@@ -167,6 +167,11 @@ class Ledger:
             record = replace(record, reason=one_line(record.reason, _REASON_LENGTH_MAX))
         self._write(self._place(row.key), asdict(record))
         return self.entry(row)
+
+    def remove_abandoned(self) -> None:
+        """Remove what processes that have ended did not write to its end."""
+        for folder in (self.folder, self.own):
+            remove_abandoned(folder)
 
     def write_rows(self, rows: Sequence[Row], title: str) -> None:
         """Keep which rows there are, for those who ask later."""

@@ -134,6 +134,8 @@ class Workers:
                         message = f"row {one_line(entry.row.name)}: {text}"
                         warnings.warn(message, AbfmWarning, stacklevel=2)
                     on_change(entry)
+        if control.cancelled:  # workers have ended, perhaps while they wrote
+            ledger.remove_abandoned()
         # not read from the folder again, which takes long for many rows
         return [
             replace(entries[row.key], row=row)

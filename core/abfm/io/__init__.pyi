@@ -1,4 +1,5 @@
 from .atomic import check_writable as check_writable
+from .atomic import remove_abandoned as remove_abandoned
 from .atomic import remove_temporary as remove_temporary
 from .atomic import temporary_folder as temporary_folder
 from .atomic import write_atomically as write_atomically

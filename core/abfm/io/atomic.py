@@ -115,7 +115,7 @@ def _target(path: str | os.PathLike[str]) -> Path:
 @contextmanager
 def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> Iterator[Path]:
     """Make a file with a name of its own; it is removed at the end, unless it was renamed."""
-    _remove_abandoned(folder)
+    remove_abandoned(folder)
     path = folder / f"{_PREFIX}{secrets.token_hex(6)}{suffix[:_SUFFIX_LENGTH_MAX]}"
     _in_use.add(path)  # before it is there: a signal may come in between
     descriptor = None
@@ -184,8 +184,8 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
 
 
-def _remove_abandoned(folder: Path) -> None:
-    """Remove files that ended processes have left, as far as that can be known."""
+def remove_abandoned(folder: Path) -> None:
+    """Remove files that ended processes have left in a folder, as far as that can be known."""
     with suppress(OSError):
         for path in list(folder.glob(f"{_PREFIX}*")):
             with suppress(OSError):  # another process has it, or has removed it

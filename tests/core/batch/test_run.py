@@ -14,6 +14,7 @@ from abfm.batch.attempt import IMPOSSIBLE_STEP, Task, attempt
 from abfm.batch.run import ENDED_MESSAGE, seen_here
 from abfm.errors import AbfmWarning, ParameterError, ResultError
 from abfm.flow.exponential import counted_row_products
+from abfm.io.atomic import temporary_file
 from abfm.matching import task
 from abfm.outcome import Outcome
 from abfm.tasks import Monitor
@@ -401,7 +402,15 @@ def test_a_row_is_tried_three_times_at_most(tmp_path, monkeypatch):
 def test_a_run_that_is_cancelled_keeps_what_is_done(tmp_path):
     control = abfm.Control()
     rows = [pair(target=target) for target in (9, 12, 15)]
-    entries = run(rows, tmp_path, ONE, control=control, on_change=lambda entry: control.cancel())
+    with temporary_file(tmp_path, ".json") as temporary:
+        abandoned = tmp_path / "ledger" / temporary.name
+
+    def cancel(entry):
+        abandoned.touch()  # as a process that is killed while it writes leaves it
+        control.cancel()
+
+    entries = run(rows, tmp_path, ONE, control=control, on_change=cancel)
+    assert not abandoned.exists()
     assert [entry.state for entry in entries] == ["done", "missing", "missing"]
     assert run(rows, tmp_path, ONE, control=control) == entries
     assert len(results(tmp_path)) == 1
