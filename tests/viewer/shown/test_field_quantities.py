@@ -50,8 +50,11 @@ def texture(shown):
 
     def is_final():
         nonlocal found
+        # what was busy may have ended since it was asked for, with something better
+        before, was_busy = found, shown.flow.busy or shown.quantities.busy
         found = shown.quantities.texture(shown.flow.advected(), colors_of(shown.session))
-        return found is not None and not shown.flow.busy and not shown.quantities.busy
+        is_busy = was_busy or shown.flow.busy or shown.quantities.busy
+        return found is not None and found is before and not is_busy
 
     until(is_final, shown.session)
     return found
