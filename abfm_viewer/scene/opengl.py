@@ -33,6 +33,7 @@ __all__ = [
     "WINDOW",
     "Backend",
     "clear",
+    "draw_transparency",
     "ps",
     "spare_a_core",
     "start",
@@ -111,3 +112,12 @@ def clear() -> None:
     ps.set_ground_plane_mode("none")
     ps.set_automatically_compute_scene_extents(False)
     ps.set_view_projection_mode("perspective")
+    draw_transparency(False)
+
+
+def draw_transparency(is_needed: bool) -> None:
+    """Draw transparent structures as such, only while there are some: a frame then takes 8 passes.
+
+    polyscope begins with it by itself, and does not end it.
+    """
+    ps.set_transparency_mode("pretty" if is_needed else "none")

@@ -16,7 +16,7 @@ from abfm.pages.film_motion import CRITICAL_COLORS
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import Memo, same
-from abfm_viewer.scene.opengl import MATERIAL, ps
+from abfm_viewer.scene.opengl import MATERIAL, draw_transparency, ps
 from abfm_viewer.scene.surfaces import viewport
 from abfm_viewer.shown.arrows import Arrows
 from abfm_viewer.shown.eye import Eye
@@ -221,7 +221,9 @@ def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
     drawn.reset_transform()
     colors = np.where(arrows.rims[:, None], np.array(rim[:3]), np.array(ink[:3]))
     drawn.add_color_quantity(_INK, colors, defined_on="faces", enabled=True)
-    if (arrows.opacities < 1).any():
+    is_transparent = bool((arrows.opacities < 1).any())
+    draw_transparency(is_transparent)
+    if is_transparent:
         each = len(arrows.faces) // len(arrows.opacities)
         drawn.add_scalar_quantity(_OPACITY, np.repeat(arrows.opacities, each), defined_on="faces")
         drawn.set_transparency_quantity(_OPACITY)
@@ -284,6 +286,7 @@ class Overlays:
         arrows = None if field is None else quantities.arrows(field, self._scale, eye)
         if arrows is None or not len(arrows.ways):
             self._remove(_ARROWS)
+            draw_transparency(False)
             return
         if self._is_new("advected", _ARROWS, (arrows, view.theme)):
             colors = theme.palette(view.theme)
