@@ -186,11 +186,11 @@ def _on_surface(mesh: TriangleMesh, places: np.ndarray, path: str) -> SurfacePoi
     found = project_onto_surface(mesh, places)
     gaps = found.distances_from(places)
     row, gap = int(gaps.argmax()) + 1, gaps.max()
-    told = f"{gap:.3g} away from the surface, {gap / mesh.length_scale:.2g} sqrt(area)"
+    offset = f"{gap:.3g} away from the surface, {gap / mesh.length_scale:.2g} sqrt(area)"
     if gap > _DISTANCE_MAX * mesh.length_scale:
         raise FunctionError(
-            f"{path}: point {row} is {told}; expected points near it: are they in its units?"
+            f"{path}: point {row} is {offset}; expected points near it: are they in its units?"
         )
     if gap > _SURFACE_DISTANCE * mesh.length_scale:
-        print_note(f"of the points, {row} was farthest: {told}")
+        print_note(f"point {row} of the given ones is farthest: {offset}")
     return found

@@ -28,7 +28,7 @@ Kept = dict[int, Any]
 
 _ENDED_MESSAGE = "the process that computes has ended, as for want of memory; try again"
 _SPARES_MAX = 2  # a session has a process for runs, and one for initial maps
-_RECENT_PARTIALS = 20  # partial results that tell how long the next ones take
+_RECENT_PARTIALS = 20  # partial results from which the time of the next ones is estimated
 _LAST_MOMENT = 0.1  # seconds for a run to end when it is closed, before its process is ended
 _HEAD_START = 0.02  # seconds for a run to get under way, which else waits until a frame is drawn
 
@@ -180,7 +180,7 @@ class Run(Generic[Result]):
         return not self.running or not wait([self._working], seconds).not_done
 
     def collect(self) -> None:
-        """Pass on, once, the result of a run that has ended, or what is left of one that failed."""
+        """Pass the result of an ended run, or what a failed one left, to its receiver, once."""
         if self.running and self._working.done():
             self.state = RunState.FAILED if self.reason else RunState.ENDED
             found, then = self._result, self._then

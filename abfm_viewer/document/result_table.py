@@ -141,7 +141,7 @@ class ResultTable:
         return (*known, *unknown)
 
     def badness(self, row: ResultRow) -> tuple[int, float, str]:
-        """Return what rises from the worst row to the best: its verdict, then what is left."""
+        """Return a key by which rows are sorted, the worst first: by verdict, then by residual."""
         worse = row.facts.worse_residual
         return -row.verdict.rank, 0.0 if math.isnan(worse) else -worse, row.name
 
@@ -160,7 +160,7 @@ class PopulationTable(ResultTable):
         return bool(np.isfinite(self.population.values[row.number]).any())
 
     def badness(self, row: ResultRow) -> tuple[int, float, str]:
-        """Return the same, where all that are good are compared by their correlation."""
+        """Return a key by which rows are sorted; good ones are compared by correlation."""
         rank = Outcome.NEARLY.rank if row.verdict.is_good else row.verdict.rank
         correlation = row.facts.number("correlation")
         return -rank, -2.0 if math.isnan(correlation) else correlation, row.name

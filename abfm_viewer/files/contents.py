@@ -71,5 +71,5 @@ def _is_no_surface(path: Path) -> bool:
     """Return whether a file is of GIFTI without a surface in it, as those of frames are."""
     try:
         return all(each.intent != _POINTS for each in read_gifti(path).arrays)
-    except (OSError, ValueError):  # which reading it as a mesh tells
+    except (OSError, ValueError):  # which is reported when it is read as a mesh
         return False

@@ -88,7 +88,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class _Header:
-    """What `project.json` holds; `known` are names of arrays by the functions that they are of."""
+    """The content of `project.json`; `known` has the name of the array of each known function."""
 
     kind: str
     has_result: bool

@@ -133,8 +133,8 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
         imgui.EndTable()
     if none_is_found:
         all_rows = counted(len(table.rows), table.noun)
-        told = f"nothing called {brief(tables.search.strip())} among {all_rows}"
-        ui.line(told, "ink", room=width)
+        message = f"nothing called {brief(tables.search.strip())} among {all_rows}"
+        ui.line(message, "ink", room=width)
 
 
 def _whole_rows(room: float) -> float:

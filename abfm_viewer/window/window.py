@@ -38,12 +38,7 @@ from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.pacing import Resting
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import (
-    OTHER_NAME,
-    find_first,
-    open_session,
-    session_of,
-)
+from abfm_viewer.session.session_files import OTHER_NAME, find_first, open_session, session_of
 from abfm_viewer.widgets import style
 from abfm_viewer.widgets.containers import is_popup_open
 from abfm_viewer.widgets.widget_record import Rect, write_widgets

@@ -45,7 +45,10 @@ def known_functions(
     if mask is not None:
         known &= mask > 0
     if not known.any():
-        raise FunctionError(f"no vertex has finite values in all channels of {name}")
+        raise FunctionError(
+            f"no vertex has finite values in all channels of {name}; give others, or masks "
+            "that leave more vertices"
+        )
     return np.where(known, values, 0), known
 
 

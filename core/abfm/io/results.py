@@ -325,8 +325,8 @@ def save_arrays(path: File, arrays: Mapping[str, Any], kind: FileKind = RESULT) 
     try:
         checked = _checked(arrays, kind)
     except ValueError as error:
-        told = f"{name_of(path)} not written: {one_line(error, _REASON_MAX)}; {MEND}"
-        raise ResultError(told) from error
+        reason = one_line(error, _REASON_MAX)
+        raise ResultError(f"{name_of(path)} not written: {reason}; {MEND}") from error
     with _opened(path, write_atomically) as file, zipfile.ZipFile(file, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})
 

@@ -51,7 +51,7 @@ class Own(NamedTuple):
         """
         given = [text for text in texts if text]
         weight = checked_mask(mesh, mask, "it")
-        functions, known = known_functions(mesh, given, "it", weight)
+        functions, known = known_functions(mesh, given, "its functions", weight)
         own = dict(zip(given, filled(mesh, functions, known), strict=True))
         unknown = np.full(len(mesh.vertices), np.nan)
         values = np.stack([own[text] if text else unknown for text in texts], axis=1)

@@ -7,6 +7,7 @@ import os
 import re
 import zipfile
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -359,6 +360,11 @@ def put(value, place, new):
     value[last] = new
 
 
+def put_in(number, place, new, *texts):
+    """Replace what is at a place of one of the texts."""
+    put(texts[number], place, new)
+
+
 def error_line(path):
     """Why a file is not opened, and what to do."""
     message = refusal(load_project, path)
@@ -400,7 +406,7 @@ def test_json_with_other_values_is_refused_or_makes_a_document(tmp_path, documen
     for number, (text, place) in enumerate(places):
         value = VALUES[number % len(VALUES)]
         path.write_bytes(complete)
-        changed(path, lambda *both: put(both[text], place, value))  # noqa: B023
+        changed(path, partial(put_in, text, place, value))
         try:
             opened, known = load_project(path)
         except ResultError:
