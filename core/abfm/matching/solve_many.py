@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import platform
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -70,7 +71,7 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
             parcel, named[number] = pack(problem, meshes)
             meshes.update(parcel.values)
             sent = parcel._replace(values={name: meshes[name] for name in parcel.names})
-            submitted.append(executor.submit(_solve, _Task(sent, wanted)))
+            submitted.append(executor.submit(_solve, _Task(sent, wanted, _disk(folder))))
             return submitted[-1]
 
         try:
@@ -85,10 +86,25 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
 
 
 class _Task(NamedTuple):
-    """A problem as it is sent, and a file that exists while its match is wanted."""
+    """A problem as it is sent, and a file on the disk of the sender's machine that exists while its
+    match is wanted.
+    """
 
     problem: Parcel
     wanted: Path
+    disk: tuple[str, int, int]
+
+
+def _disk(folder: Path) -> tuple[str, int, int]:
+    """Return what identifies the folder of temporary files above, also after this one is deleted.
+
+    Machines with equal disks differ in their names, containers with equal names in their disks.
+    """
+    try:
+        found = folder.parent.stat()
+    except OSError:
+        return platform.node(), 0, 0
+    return platform.node(), found.st_dev, found.st_ino
 
 
 @lru_cache(maxsize=_MESHES_KEPT)
@@ -102,11 +118,11 @@ def _solve(task: _Task) -> Parcel:
     meshes = {name: _mesh(content) for name, content in task.problem.values.items()}
     problem, _ = task.problem._replace(values={}).unpack(meshes)
     control, checked = Control(), time.monotonic()
-    is_seen = os.path.exists(task.wanted)  # else on another machine, or too late
+    is_here = task.disk == _disk(task.wanted.parent)  # another machine does not see the file
 
     def check(now: Iteration) -> None:
         nonlocal checked
-        if is_seen and time.monotonic() - checked > _CHECK_SECONDS:
+        if is_here and time.monotonic() - checked > _CHECK_SECONDS:
             checked = time.monotonic()
             if not os.path.exists(task.wanted):
                 control.cancel(briefly=True)

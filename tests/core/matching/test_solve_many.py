@@ -66,6 +66,15 @@ def test_problems_under_way_stop_when_no_more_are_asked_for(executor):
     assert executor.submit(os.getpid).result(60)  # the next in the queue gets its turn
 
 
+def test_problem_that_starts_while_matches_are_closed_stops():
+    """Its first check comes after the file is deleted that says that it is wanted."""
+    with ThreadPoolExecutor(1) as executor:
+        matches = solve_many([problem(0), problem(1, ENDLESS)], executor)
+        next(matches)
+        matches.close()
+        assert executor.submit(os.getpid).result(20)
+
+
 def test_an_error_comes_in_the_place_of_its_problem(executor):
     wild = np.full((1, len(SPHERE.faces), 3), 1e12)
     matches = solve_many([problem(0), problem(1).starting_from(wild), problem(2)], executor)
