@@ -64,7 +64,10 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
     candidates = points_by_area(unit, _CANDIDATES)
     order, gaps = np.empty(_CANDIDATES, dtype=np.int64), np.empty(_CANDIDATES)
     normals = _smooth_normals(unit, candidates)
-    count = farthest_first(candidates.positions, normals, SPACING_MIN, order, gaps)
+    widest = np.argmax(np.ptp(candidates.positions, axis=0))
+    numbers = np.argsort(candidates.positions[:, widest], kind="stable")
+    places, along = candidates.positions[numbers], candidates.positions[numbers, widest]
+    count = _farthest_first(places, along, normals[numbers], numbers, SPACING_MIN, order, gaps)
     chosen = candidates[order[:count]]
     points = SurfacePoints(mesh, chosen.faces, chosen.barycentric)
     return SpreadPoints(points, gaps[:count], normals[order[:count]])
@@ -84,30 +87,46 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 
 @kernel
-def farthest_first(
-    places: FloatArray, normals: FloatArray, least: float, order: IndexArray, gaps: FloatArray
+def _farthest_first(
+    places: FloatArray,
+    along: FloatArray,
+    normals: FloatArray,
+    numbers: IndexArray,
+    least: float,
+    order: IndexArray,
+    gaps: FloatArray,
 ) -> int:
-    """Write the order in which places (n, 3) are chosen, and their gaps, down to the ``least``;
-    return how many these are.
+    """Write the order in which places (n, 3) are chosen, by their numbers (n,), and their gaps,
+    down to the ``least``; return how many these are. Number 0 is the first one.
+
+    Places are sorted by one coordinate, ``along`` (n,). No place is farther from the chosen ones
+    than the next one is, so that this one comes nearer only to places within that distance.
     """
     squares = np.full(len(places), np.inf)  # of distances to the nearest one chosen
-    chosen = 0
+    chosen = np.argmin(numbers)
     for count in range(order.size):
-        if squares[chosen] < least * least:
+        farthest_square = squares[chosen]
+        if farthest_square < least * least:
             return count
-        order[count], gaps[count] = chosen, np.sqrt(squares[chosen])
-        farthest, place, normal = 0, places[chosen], normals[chosen]
+        order[count], gaps[count] = numbers[chosen], np.sqrt(farthest_square)
         squares[chosen] = 0.0
+        for side in range(2):
+            for step in range(1, len(places) - chosen if side else chosen + 1):
+                i = chosen + step if side else chosen - step
+                if (along[i] - along[chosen]) ** 2 >= farthest_square:
+                    break
+                square, cosine = 0.0, 0.0
+                for x in range(3):
+                    square += (places[i, x] - places[chosen, x]) ** 2
+                    cosine += normals[i, x] * normals[chosen, x]
+                if square < squares[i] and cosine > _OPPOSITE_COSINE:
+                    squares[i] = square
+        chosen = 0
         for i in range(squares.size):
-            square, cosine = 0.0, 0.0
-            for x in range(3):
-                square += (places[i, x] - place[x]) ** 2
-                cosine += normals[i, x] * normal[x]
-            if square < squares[i] and cosine > _OPPOSITE_COSINE:
-                squares[i] = square
-            if squares[i] > squares[farthest]:
-                farthest = i
-        chosen = farthest
+            if squares[i] > squares[chosen] or (
+                squares[i] == squares[chosen] and numbers[i] < numbers[chosen]
+            ):
+                chosen = i
     return order.size
 
 
