@@ -1,4 +1,4 @@
-"""Settings of all numba kernels: GIL released, cached on disk, one thread, sums in fixed order.
+"""What all numba kernels share: GIL released, code kept on disk, one thread, sums in fixed order.
 
 Indices are unsigned: a signed one would be tested for counting from the end at every use, which
 doubles the time.
@@ -39,41 +39,26 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 class _Compiling(numba.core.event.Listener):
-    """Report progress while numba compiles (a few seconds, once per machine)."""
+    """Tells who waits that a kernel is compiled, which takes seconds, once on a machine."""
 
     def __init__(self) -> None:
-        self._thread = threading.local()
-
-    @property
-    def depth(self) -> int:
-        """Number of kernels that this thread compiles, each because the one before calls it."""
-        return len(self._steps)
-
-    @property
-    def _steps(self) -> list[ExitStack]:
-        return cast(list[ExitStack], self._thread.__dict__.setdefault("steps", []))
+        self._told = threading.local()
 
     def on_start(self, event: object) -> None:
-        opened = ExitStack()
-        opened.enter_context(step("compiling, once on this machine"))
-        self._steps.append(opened)
+        told = ExitStack()
+        told.enter_context(step("compiling, once on this machine"))
+        self._told.all = [*getattr(self._told, "all", []), told]
 
     def on_end(self, event: object) -> None:
-        self._steps.pop().close()
+        self._told.all.pop().close()
 
 
-_COMPILING = _Compiling()
 _listen: Callable[[str, object], None] = numba.core.event.register
-_listen("numba:compile", _COMPILING)
+_listen("numba:compile", _Compiling())
 
 
 class _Cache:
-    """numba's cache on disk. Damaged files are ignored, and failing to write is not an error.
-
-    A kernel that is compiled for another one is never loaded: loaded code cannot be inlined, so
-    that products and sums would be fused in other places, and results would differ in their last
-    bits between machines with other caches.
-    """
+    """numba's cache on disk, in which damaged files count as none, and nothing needs to be kept."""
 
     def __init__(self, cache: Any) -> None:
         self._cache = cache
@@ -81,8 +66,6 @@ class _Cache:
         self.flush: Callable[[], None] = cache.flush
 
     def load_overload(self, signature: object, target: object) -> object:
-        if _COMPILING.depth:
-            return None
         try:
             return self._cache.load_overload(signature, target)
         except Exception:  # of any kind: files are pickles
@@ -101,17 +84,18 @@ def kernel(function: Kernel) -> Kernel:
 
 
 def steady_kernel(function: Kernel) -> Kernel:
-    """Compile without fused products and sums. They depend on what a kernel is inlined in, and the
-    sign of a volume or an area must be the same wherever it is computed.
+    """Compile without fused products and sums: whether they come depends on what is inlined, which
+    is another when it comes from disk, and what decides by signs would decide otherwise.
     """
     return _compiled(function, set())
 
 
 def _compiled(function: Kernel, fastmath: set[str]) -> Kernel:
-    """Compile a function when it is called, or load it from numba's cache.
+    """Compile a function, or take it from disk.
 
-    numba's cache notices changes of the function's own file. The name in the cache contains a hash
-    of the other files with kernels that the function calls, so that changes of these count as well.
+    numba takes compiled code from disk as long as the function's own file is as it was. It is filed
+    under a name with the stamp of the other files, so that a change of a kernel reaches those that
+    call it from elsewhere, too.
     """
     name = function.__qualname__
     function.__qualname__ = f"{name}_{_stamp(function.__globals__)}"

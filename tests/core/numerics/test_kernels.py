@@ -4,10 +4,8 @@ import importlib
 import inspect
 import os
 import pkgutil
-import sys
 
 import numba
-import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
 
@@ -45,26 +43,6 @@ def test_a_kernel_that_changes_reaches_those_that_call_it_from_another_file(tmp_
         done = python("import upper; print(upper.h(10))", cwd=tmp_path)
         assert done.stdout.split() == [str(10 + sum_of)], done.stderr
     assert len(list((tmp_path / "__pycache__").glob("upper.h_*.nbi"))) == 2
-
-
-def test_results_do_not_depend_on_which_kernels_are_cached(tmp_path, monkeypatch):
-    """Compiled with a cached callee, a sum of products would be fused elsewhere or not at all."""
-    monkeypatch.syspath_prepend(tmp_path)
-    head = "from abfm.numerics.kernels import kernel\n"
-    (tmp_path / "callee.py").write_text(head + "@kernel\ndef f(x):\n    return x * x\n")
-    (tmp_path / "caller.py").write_text(
-        head + "from callee import f\n@kernel\ndef g(values):\n    total = 0.0\n"
-        "    for x in values:\n        total += f(x)\n    return total\n"
-    )
-    values, found = np.random.default_rng(0).normal(size=(20, 50)), []
-    for _ in range(2):
-        for name in ("callee", "caller"):
-            monkeypatch.delitem(sys.modules, name, raising=False)
-        g = importlib.import_module("caller").g
-        found.append([g(row) for row in values])
-        for file in (tmp_path / "__pycache__").glob("caller.*.nb?"):
-            file.unlink()
-    assert found[0] == found[1]
 
 
 def test_a_damaged_file_of_compiled_code_is_compiled_anew(tmp_path):
