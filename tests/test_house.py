@@ -247,22 +247,32 @@ def test_run_opens_the_app_or_without_a_screen_the_demo(house, tmp_path, screen,
 
 
 def test_run_installs_and_tests_the_oldest_versions_on_request(house):
-    """The environment's Python tells what it was asked for, and which versions held then."""
+    """The environment's Python prints its arguments, and whether versions are constrained."""
     programs = house / ".venv-oldest" / "bin"
     programs.mkdir(parents=True)
-    program(programs / "python", 'echo "${PIP_CONSTRAINT:+held: }$*"')
+    program(programs / "python", 'echo "${UV_CONSTRAINT:+held: }$*"')
     done = run(house / "run", "test", "--oldest", "tests/some.py")
     asked = [line for line in done.stdout.splitlines() if "-c" not in line.split()]
-    install, compiled, editable, tests = asked
-    assert install.endswith("install uv")
+    install, compiled, _, editable, tests = asked
+    assert install.endswith("uv")
     assert compiled.startswith(
-        "held: -m uv pip compile --quiet --no-header --resolution=lowest-direct --extra=app"
+        "-m uv pip compile --quiet --no-header --resolution=lowest-direct --extra=app"
     )
     versions, project = programs.parent / "oldest.txt", house / "pyproject.toml"
     assert f"--output-file={versions} {project}" in compiled
-    assert editable.startswith("held: -m pip")
+    assert editable.startswith("held: -m uv pip install")
     assert editable.endswith(f"--editable {house}[test]")
     assert tests == "held: -m pytest --numprocesses=auto --dist=worksteal tests/some.py"
+
+
+def test_run_installs_with_pip_where_uv_fails(house):
+    (house / ".venv" / "installed-test").unlink()
+    program(house / ".venv" / "bin" / "python", 'echo "$*"; [ "$2" != uv ]')
+    done = run(house / "run", "test", "tests/some.py")
+    *_, editable, tests = [line for line in done.stdout.splitlines() if "-c" not in line.split()]
+    assert editable.startswith("-m pip")
+    assert editable.endswith(f"--editable {house}[test]")
+    assert tests == "-m pytest tests/some.py"
 
 
 def test_run_test_reports_every_check_that_failed(house):
