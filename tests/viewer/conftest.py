@@ -3,7 +3,6 @@
 import ctypes
 import inspect
 import sys
-import time
 from dataclasses import replace
 
 import pytest
@@ -17,7 +16,7 @@ from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.shown import quantities
 from abfm_viewer.window import window
 from tests.shapes import icosphere
-from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened, restart
+from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened, restart, until
 
 _RASTERIZER_DISCARD = 0x8C89  # of OpenGL
 
@@ -127,11 +126,7 @@ class Desk:
 
     def wait(self, condition):
         """Update until something holds."""
-        end = time.monotonic() + 60
-        while not condition():
-            assert time.monotonic() < end, self.session.notices.latest
-            self.update()
-            time.sleep(0.002)
+        until(condition, self)
 
     def update(self):
         """What the window does in every frame."""
@@ -171,3 +166,4 @@ def coarse_streaks(monkeypatch):
     """
     for name in ("TEXELS", "_TEXELS_OF_PICTURES"):
         monkeypatch.setattr(quantities, name, 512)
+    monkeypatch.setattr("abfm_viewer.pictures.panels._TEXELS", 512)

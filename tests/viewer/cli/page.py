@@ -49,3 +49,7 @@ class Page(HTMLParser):
             self.text += data
         if ("div", "name") in self.open:
             self.names.append(data)
+
+
+def page_at(path):
+    return Page(path.read_text(encoding="utf-8"))

@@ -26,7 +26,7 @@ from abfm_viewer.reports.batches import ROWS_SHOWN_MAX
 from tests.messages import check_message, check_names, line_with
 from tests.processes import family, kill, lingering, python, words_of
 from tests.viewer.cli.batches import anew, results, start, victims, write_table, written
-from tests.viewer.cli.page import Page
+from tests.viewer.cli.page import page_at
 
 EIGHT = asset_path("eight.off")
 BRIEF = "--refine 0 --set=levels=1 --set=cooling_stages=2"
@@ -55,10 +55,6 @@ def table_of(folder):
         return list(csv.DictReader(file))
 
 
-def page_of(folder):
-    return Page((folder / "summary.html").read_text(encoding="utf-8"))
-
-
 def test_summary_has_results_and_reasons(solved):
     far, same, lost = rows = table_of(solved / "out")
     assert [row["verdict"] for row in rows] == ["not reached", "matched", "failed"]
@@ -75,7 +71,7 @@ def test_summary_has_results_and_reasons(solved):
 
 
 def test_page_has_the_worst_first_and_pictures(solved):
-    page = page_of(solved / "out")
+    page = page_at(solved / "out" / "summary.html")
     assert page.names == ["lost", "<far>", "same"]
     assert [*page.pictures] == [f"{name}: source, carried, target" for name in page.names[1:]]
     assert all(link.startswith("data:image/png") for link in page.links)
@@ -133,19 +129,17 @@ def test_all_combinations_of_options(abfm, tmp_path, monkeypatch):
     status = main([*words_of(line, t=tmp_path), *pair])
     rows = table_of(tmp_path / "out")
     assert status == (0 if all(Outcome(row["verdict"]).is_good for row in rows) else 3)
-    targets = [f"gaussian:vertex={i},width=0.4" for i in (5, 6)]
+    targets = [NEAR, NEAR.replace("5", "6")]
     wanted = [(alpha, target, "1") for alpha in ("0.1", "0.2") for target in targets]
     assert [(row["alpha"], row["target"], row["iterations"]) for row in rows] == wanted
     assert {row["channel"] for row in rows} == {"coordinate:x coordinate:x 0.5"}
     assert rows[1]["name"] == "alpha 0.1, target gaussian:vertex=6,width=0.4, iterations 1"
-    matches = [library.load(tmp_path / "out" / f"{row['digest']}.npz") for row in rows]
+    match = library.load(tmp_path / "out" / f"{rows[1]['digest']}.npz")
     settings = {"alpha": 0.1, "refine": 0, "levels": 1, "cooling_stages": 2, "iterations": 1}
-    assert matches[1].parameters == library.Parameters.of(**settings)
-    assert matches[1].weights.tolist() == [1, 0.5]
-    for row, match in zip(rows, matches, strict=True):
-        assert float(row["log2_area"]) == match.path[match.step].log2_area
-    text = page_of(tmp_path / "out").text
-    assert "no picture" in text
+    assert match.parameters == library.Parameters.of(**settings)
+    assert match.weights.tolist() == [1, 0.5]
+    assert float(rows[1]["log2_area"]) == match.path[match.step].log2_area
+    text = page_at(tmp_path / "out" / "summary.html").text
     grid = text.partition("At a glance")[2].partition("Rows")[0]
     places = [grid.index(each) for each in (*targets, "alpha 0.1", "alpha 0.2")]
     assert places == sorted(places)
@@ -154,10 +148,9 @@ def test_all_combinations_of_options(abfm, tmp_path, monkeypatch):
     assert "Best" not in text  # targets are no ways to solve one problem
     line = f"batch eight.off --source={NEAR} --target={NEAR} {BRIEF} --set=iterations=1"
     told = abfm(f"{line} --over=alpha=0.1,0.2 --out={{t}}/best --jobs=1 --no-pictures").out
-    assert re.search(r"^closest, and areas change least: alpha 0.[12]: ", told, re.MULTILINE)
+    assert "\nclosest, and areas change least: alpha 0." in told
     best = json.loads(abfm("batch --status {t}/best --json --quiet").out)["best"]
     assert best["closest"] == best["areas_change_least"]
-    assert "Best" in page_of(tmp_path / "best").text
 
 
 CURVES = "--source=curvature:mean --target=curvature:mean"
@@ -240,11 +233,11 @@ def test_machine_that_cannot_draw(solved, abfm, monkeypatch):
         patched.setattr(pictures, "row_pictures", refuse)
         told = abfm("batch --status {f}/out --quiet", f=solved, status=4)
     check_message(told.err, "OpenGL")
-    page = page_of(solved / "out")
+    page = page_at(solved / "out" / "summary.html")
     assert "cannot draw without OpenGL" in page.text
     assert page.pictures == {}
     abfm("batch --status {f}/out --quiet", f=solved, status=4)
-    assert len(page_of(solved / "out").pictures) == 2
+    assert len(page_at(solved / "out" / "summary.html").pictures) == 2
 
 
 def test_signal_ends_a_batch_and_keeps_done_rows(tmp_path):
@@ -279,17 +272,17 @@ def write_ledger(folder, rows):
 
 
 def test_page_of_many_rows_is_bounded(tmp_path, abfm):
-    write_ledger(tmp_path, 3000)
+    write_ledger(tmp_path, 1200)
     printed = json.loads(abfm("batch --status {t}/out --json --quiet", status=4).out)
-    assert printed["counts"] == {"missing": 300, "failed": 2700}
-    assert [row["name"] for row in printed["rows"]] == [f"row {i}" for i in range(3000)]
-    assert len(table_of(tmp_path / "out")) == 3000
-    page = page_of(tmp_path / "out")
+    assert printed["counts"] == {"missing": 120, "failed": 1080}
+    assert [row["name"] for row in printed["rows"]] == [f"row {i}" for i in range(1200)]
+    assert len(table_of(tmp_path / "out")) == 1200
+    page = page_at(tmp_path / "out" / "summary.html")
     assert len(page.names) == ROWS_SHOWN_MAX == 1000
     facts = json.loads(page.facts)
-    assert (facts["count"], len(facts["rows"])) == (3000, ROWS_SHOWN_MAX)
+    assert (facts["count"], len(facts["rows"])) == (1200, ROWS_SHOWN_MAX)
     assert {row["verdict"] for row in facts["rows"]} == {"failed"}
-    assert "1,000 of 3,000 rows" in page.text
+    assert "1,000 of 1,200 rows" in page.text
     assert page.links == ["summary.csv"]
     assert (tmp_path / "out" / "summary.html").stat().st_size < 1_500_000
 

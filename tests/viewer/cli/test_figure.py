@@ -60,11 +60,11 @@ def test_notes_are_in_all_outputs(small, tmp_path, abfm, monkeypatch):
     """Also of a machine that cannot draw."""
     found = ran(7)[1]
     noted = replace(found, sheet=replace(found.sheet, notes=("no map",)))
+    monkeypatch.setattr(pictures, "figure_picture", lambda *sheet: Image.new("RGB", (4, 3)))
     monkeypatch.setattr(experiments, "sought_by", lambda script: ())
     monkeypatch.setattr(experiments, "findings_of", lambda script, matches: noted)
     said = abfm("figure all --out {t} --quiet --json")
     assert json.loads(said.out)["figures"] == [described(tmp_path)]
-    said = abfm("figure all --out {t} --quiet")
     assert "no map" in described(tmp_path)["notes"]
     assert "no map" in (tmp_path / "index.html").read_text()
     check_message(line_with(said.err, "note: "), 7, "no map")

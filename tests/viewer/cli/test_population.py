@@ -19,7 +19,7 @@ from abfm_viewer.reports.pages import population_page
 from tests.messages import check_message, line_with
 from tests.processes import words_of
 from tests.shapes import icosphere
-from tests.viewer.cli.page import Page
+from tests.viewer.cli.page import Page, page_at
 
 MESH = icosphere(2)
 NAME = "<b>odd</b>"
@@ -69,11 +69,7 @@ def found(folder, told):
 
 @pytest.fixture(scope="module")
 def page(folder, told):
-    return page_at(folder / "out")
-
-
-def page_at(folder):
-    return Page((folder / "population.html").read_text(encoding="utf-8"))
+    return page_at(folder / "out" / "population.html")
 
 
 def test_json_has_the_facts_of_the_population(told, found):
@@ -164,7 +160,7 @@ def test_weights_and_landmarks(abfm, folder, monkeypatch):
     assert left["s2"] is None
     assert left["s1"] < 0.02
     assert library.load(folder / "two" / "population.npz").landmarks[0] == left["s1"]
-    page = page_at(folder / "two")
+    page = page_at(folder / "two" / "population.html")
     assert "edge, weight 0.25" in page.text
     assert f"{left['s1']:.3f}" in page.text
 
@@ -178,12 +174,12 @@ def test_running_again_solves_nothing(abfm, folder, found, monkeypatch):
     check_message(said.out.splitlines()[0], 5, 6)
     check_message(line_with(said.out, "a label"), "held out")
     check_message(line_with(said.out, NAME), "left out")
-    assert page_at(folder / "out").pictures == {}
+    assert page_at(folder / "out" / "population.html").pictures == {}
     refuse = Mock(side_effect=DrawingError("there is no screen"))
     monkeypatch.setattr(pictures, "population_pictures", refuse)
     said = abfm(f"{LINE} --bound 0.9", f=folder)  # which it keeps
     check_message(line_with(said.err, "note: "), "there is no screen")
-    assert "more rounds" not in page_at(folder / "out").text
+    assert "more rounds" not in page_at(folder / "out" / "population.html").text
 
 
 def test_registrations_of_the_last_round_are_a_batch(abfm, folder, found):

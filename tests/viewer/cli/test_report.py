@@ -21,7 +21,7 @@ from abfm_viewer.errors import DrawingError
 from tests.messages import check_message, check_names
 from tests.processes import words_of
 from tests.shapes import icosphere
-from tests.viewer.cli.page import Page
+from tests.viewer.cli.page import page_at
 
 A, B = even_sphere(400), icosphere(2)
 BRIEF = Parameters.of(iterations=60, refine=0, levels=1, sigma=1, cooling_stages=3, order=1)
@@ -55,10 +55,6 @@ def written(registered, tmp_path_factory):
 @pytest.fixture(scope="module")
 def page(written):
     return page_at(written / "r.html")
-
-
-def page_at(path):
-    return Page(path.read_text(encoding="utf-8"))
 
 
 def test_page_is_complete_and_escapes_texts(page):
@@ -212,7 +208,7 @@ def test_bad_input_leaves_no_page(words, named, written, tmp_path, abfm, monkeyp
 def test_landmarks_alone_have_pages_of_places(tmp_path, abfm):
     found = library.register(B, B, landmarks=[[0, 20], [50, 60]])
     found.save(tmp_path / "r.npz")
-    abfm("report {t}/r.npz --out={t}/r.html --width=160 --quiet")
+    abfm(f"report {{t}}/r.npz --out={{t}}/r.html {SMALL}")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "Matched: 2 landmarks within 0." in text
     assert "farthest landmark" in text

@@ -253,15 +253,15 @@ def test_help_needs_neither_its_letters_nor_a_reader():
 
 def test_closed_streams_are_no_error():
     assert shell('ABFM info "$@" >&-', EIGHT) == (0, b"", b"")
-    status, out, _ = shell('ABFM info "$@" 2>&- <&-', EIGHT)
+    status, out, _ = shell("ABFM 2>&- <&-")
     assert status == 0
-    assert b"vertices" in out
+    assert b"match" in out
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a disk that is full")
 def test_lost_output_is_reported():
     expected = b"abfm: cannot write the output: No space left on device\n"
-    assert shell('ABFM info "$@" >/dev/full', EIGHT) == (2, b"", expected)
+    assert shell("ABFM >/dev/full") == (2, b"", expected)
     assert shell("ABFM info none.off 2>/dev/full") == (2, b"", b"")
 
 

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 import abfm
 from abfm import StopReason
 from abfm.matching import Remedy, Verdict
-from abfm.matching.judging.cause import Cause
 from abfm.matching.report import advice_in_options, numbers
 from abfm.outcome import VERDICTS, Outcome, outcome_of
 from abfm.sequences.interval_words import of_interval
@@ -225,14 +224,3 @@ def test_an_interval_of_a_film_is_told_as_a_match_is(kind, left, by_lines, said)
         parameters=abfm.Parameters(),
     )
     assert of_interval(sequence, 0) == said
-
-
-def test_of_landmarks_alone_it_is_told_how_far_they_are_left():
-    mesh = SPHERE
-    found = abfm.match(abfm.Problem(mesh, None, None, landmarks=[[0, 20], [50, 60]]))
-    assert found.facts.outcome is Outcome.MATCHED
-    assert "2 landmarks" in found.facts.headline
-    farthest = float(found.landmark_errors.max())
-    assert share(farthest) in found.facts.headline
-    assert found.facts.numbers["landmark_error"] == farthest
-    assert found.verdict.cause is Cause.NONE

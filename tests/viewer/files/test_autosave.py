@@ -21,6 +21,7 @@ from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
 from tests.shapes import icosphere
+from tests.viewer.sessions import until
 
 SURFACE = Surface(icosphere(1), "sphere")
 DOCUMENT = MatchDocument((SURFACE,), (Channel("coordinate:x", "coordinate:y"),))
@@ -71,10 +72,7 @@ def offer(autosave, document, unsaved=True):
 
 def settle(autosave):
     """Wait until nothing is being written."""
-    end = time.monotonic() + 10
-    while autosave._future is not None and not autosave._future.done():
-        assert time.monotonic() < end
-        time.sleep(0.001)
+    until(lambda: autosave._future is None or autosave._future.done())
 
 
 def copied(autosave):

@@ -1,6 +1,7 @@
 """Project files: what goes in comes out, and damage is named."""
 
 import io
+import itertools
 import json
 import math
 import os
@@ -313,7 +314,7 @@ channels = st.lists(st.builds(Channel, specs, specs, numbers.map(abs))).map(tupl
 
 
 @settings(
-    deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
     view=views,
@@ -385,22 +386,22 @@ def test_damaged_files_are_noticed(saved, tmp_path):
     for length in (0, 1, 100, len(complete) // 2, len(complete) - 1):
         damaged.write_bytes(complete[:length])
         check_message(error_line(damaged))
-    for name, content in members(saved).items():
+    for name in members(saved):
         damaged.write_bytes(complete)
         rewrite(damaged, {name: None})
         assert name.removesuffix(".npy") in error_line(damaged)
-        rewrite(damaged, {name: content[: len(content) // 2]})
-        error_line(damaged)
     hostile.with_flipped_bits(saved, load_project, lambda opened: assert_same(opened[0], DOCUMENT))
 
 
 @pytest.mark.parametrize("document", [DOCUMENT, pair(), film()], ids=["match", "pair", "film"])
 def test_json_with_other_values_is_refused_or_makes_a_document(tmp_path, document):
-    """Each value in JSON is replaced by another one."""
+    """Each value in JSON is replaced by another one, those of the view once."""
     path = tmp_path / "p.abfm"
     save_project(path, document, KNOWN if document is DOCUMENT else {})
     complete = path.read_bytes()
     texts = [json.loads(members(path)[name]) for name in ("project.json", "view.json")]
+    if document is not DOCUMENT:
+        texts.pop()
     places = [(number, place) for number, text in enumerate(texts) for place in leaves(text)]
     refused = 0
     for number, (text, place) in enumerate(places):
@@ -431,11 +432,12 @@ OTHER_CONTENTS = [
 
 
 def test_arrays_that_do_not_fit_are_refused(saved):
-    """Arrays of other types, shapes and sizes, and negative ones of a run, are refused by name."""
+    """Arrays of other types, shapes and sizes, and negative ones of a run."""
     complete = saved.read_bytes()
+    contents = itertools.cycle(OTHER_CONTENTS)
     for name in (name for name in members(saved) if name.endswith(".npy")):
         array = np.load(io.BytesIO(members(saved)[name]))
-        others = [*OTHER_CONTENTS, *([array[1:]] if len(array) else [])]
+        others = [*itertools.islice(contents, 4), *([array[1:]] if len(array) else [])]
         others += [-1 - array] if array.size and re.search("stages|vert|reach|shares", name) else []
         for other in others:
             rewrite(saved, {name: other})

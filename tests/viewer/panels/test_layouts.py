@@ -25,7 +25,8 @@ from abfm_viewer.window.menus import UI_SCALES
 from tests.processes import run
 from tests.viewer.sessions import EGG, ENDLESS, stepped
 
-SIZES = ((1000, 700), (1280, 800), (2560, 1440))
+SCALES = {(1000, 700): (1.0, 2.0), (1280, 800): (1.0, 2.0), (2560, 1440): (2.0,)}
+"""Of the window, by its size; a large one has room at a scale of 1."""
 _WRITTEN = "saved /a/folder/with/a/name/that/is/long/enough/to/need/more/than/one/line/picture.png"
 _ROUNDING = 1.0  # pixels
 LONGEST = "longest"
@@ -103,7 +104,7 @@ def _recorded(method):
 
 def _layouts(gui, size, texts):
     for state in _states(gui):
-        for scale in UI_SCALES if state == LONGEST else (1.0, 2.0):
+        for scale in UI_SCALES if state == LONGEST else SCALES[size]:
             gui.session.editor.amend(view=replace(gui.session.view, ui_scale=scale))
             for tab in TABS:
                 gui.window.ui.open_tab = tab
@@ -125,7 +126,7 @@ def _layouts(gui, size, texts):
 def main():
     texts = {"lines": _recorded("line"), "notes": _recorded("note")}
     found = []
-    for size in SIZES:
+    for size in SCALES:
         with Driver(EGG, backend="openGL_mock", size=size) as gui:
             found += _layouts(gui, size, texts)
     json.dump(found, sys.stdout)

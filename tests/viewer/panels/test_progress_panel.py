@@ -2,14 +2,11 @@
 
 import threading
 
-import pytest
-
 from abfm import TriangleMesh
 from abfm.workers import progress
 from abfm.workers.progress import step
 from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.background import Latest
-from abfm_viewer.computing.run import Run
 from abfm_viewer.session.loading import Load
 from tests.viewer.sessions import SPHERE, opened, until
 
@@ -31,9 +28,8 @@ def test_a_job_tells_what_it_does_until_it_is_done():
     latest.close()
 
 
-@pytest.mark.parametrize("own_process", [False, True])
-def test_functions_tell_what_takes_long_also_from_their_process(own_process, monkeypatch):
-    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0 if own_process else 10**9)
+def test_functions_tell_what_takes_long_also_from_their_process(monkeypatch):
+    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
     mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces)  # one that has no eigenfunctions yet
     functions = evaluation.Functions(mesh)
     told = []
@@ -42,24 +38,6 @@ def test_functions_tell_what_takes_long_also_from_their_process(own_process, mon
     assert "computing eigenfunctions: 32" in [now.task for now in told if now]
     assert told[-1] is None
     functions.retire()
-
-
-def test_a_run_tells_its_steps_though_it_runs_elsewhere(monkeypatch):
-    told = []
-    tell = Run._tell
-
-    def listen(self, step):
-        told.extend([step.task] if step else [])
-        tell(self, step)
-
-    monkeypatch.setattr(Run, "_tell", listen)
-    session = opened()
-    session.match()
-    until(lambda: session.solver.finished, session)
-    assert any(task.startswith("factoring a system") for task in told)
-    assert told[-1] == "checking by flow lines"
-    assert session.solver.step is None
-    session.close()
 
 
 def test_what_is_busy_is_said_with_its_step():

@@ -13,7 +13,7 @@ from abfm_viewer.document.document import Channel
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session import editor
 from abfm_viewer.session.session import Session
-from tests.mesh_writers import off_text
+from tests.mesh_writers import off_file
 from tests.processes import children
 from tests.shapes import icosphere
 from tests.viewer.sessions import matched, ready, until
@@ -56,9 +56,9 @@ def test_other_meshes_have_no_threads(session):
     first, values = session.surface().mesh, session.values("source")
     show(session, "second")
     most = len(threads()) + 1  # one more may have been needed at a time
-    show(session, *(f"mesh {number}" for number in range(30)))
+    show(session, *(f"mesh {number}" for number in range(12)))
     until(lambda: len(threads()) <= most, session)
-    undo(session, 31, waits=False)
+    undo(session, 13, waits=False)
     assert session.surface().mesh is first
     assert session.values("source") is values  # what is shown of it is there at once
     assert session.outdated is False
@@ -83,7 +83,7 @@ def test_meshes_out_of_reach_are_released(session, tmp_path, monkeypatch):
     """With their saved states."""
     monkeypatch.setattr(editor, "UNDO_STEPS_MAX", 5)
     seen = weakref.WeakSet()
-    for number in range(12):
+    for number in range(9):
         show(session, f"mesh {number}")
         seen.add(session.surface().mesh)
         session.saves.mark(session.document, Origin.of(tmp_path / f"{number}.abfm"))
@@ -102,20 +102,20 @@ def test_results_of_undo_take_a_bounded_amount_of_memory(session, monkeypatch):
     held = vars(matched(session).result).values()
     size = sum({id(part): part.nbytes for part in held if isinstance(part, np.ndarray)}.values())
     del held
-    monkeypatch.setattr(editor, "UNDO_BYTES_MAX", 10 * size)
+    monkeypatch.setattr(editor, "UNDO_BYTES_MAX", 5 * size)
     before, seen = threads(), weakref.WeakSet()
-    for number in range(30):
+    for number in range(15):
         session.editor.set_parameter(alpha=1.0 + number)
         seen.add(matched(session).result)
         if number % 3 == 0:
             session.undo()
     gc.collect()
-    assert len(seen) <= 10 + 3
+    assert len(seen) <= 5 + 3
     steps = 0
     while session.editor.undo_label:
         session.undo()
         steps += 1
-    assert steps > 10
+    assert steps > 5
     assert set(threads()) - set(before) <= {"solver"}
 
 
@@ -152,8 +152,7 @@ def test_values_from_files_stay_with_a_mesh_that_was_left(session, tmp_path):
 
 
 def test_a_desk_forgets_which_sample_a_mesh_was(desk, tmp_path):
-    path, mesh = tmp_path / "small.off", icosphere(1)
-    path.write_text(off_text(mesh.vertices, mesh.faces))
+    path = off_file(tmp_path / "small.off", icosphere(1))
     for _ in range(3):
         desk.open(path)
         desk.session.reset_history()

@@ -50,28 +50,6 @@ def test_a_step_replaces_the_result_until_undo(walked):
     assert (again.document.chosen, again.steps.chosen) == (None, again.result.step)
 
 
-def test_the_latest_request_wins(walked, monkeypatch):
-    """A request for another match is dropped."""
-    may, at_step = threading.Event(), Match.at_step
-    monkeypatch.setattr(Match, "at_step", lambda match, n: may.wait(30) and at_step(match, n))
-    found = walked.result
-    for step in (0, 1):
-        walked.steps.show(step)
-    assert walked.steps.shown == 1
-    assert walked.busy == "computing step 2"
-    assert walked.result is found
-    may.set()
-    until(lambda: walked.result.step == 1, walked)
-    assert [step.label for step in walked.editor.past].count("show step 1 of the path") == 0
-    may.clear()
-    walked.steps.show(0)
-    walked.editor.amend(result=replace(found, path=(), step=0))
-    may.set()
-    walked.update()
-    assert not walked.busy
-    assert walked.result.path != found.path
-
-
 @pytest.fixture
 def slow(walked, monkeypatch):
     """The same, where a step takes until the event that is returned."""
@@ -79,6 +57,25 @@ def slow(walked, monkeypatch):
     monkeypatch.setattr(Match, "at_step", lambda match, n: may.wait(30) and at_step(match, n))
     yield walked, may
     may.set()
+
+
+def test_the_latest_request_wins(slow):
+    """A request for another match is dropped."""
+    session, may = slow
+    found = session.result
+    for step in (0, 1):
+        session.steps.show(step)
+    assert session.busy == "computing step 2"
+    may.set()
+    until(lambda: session.result.step == 1, session)
+    assert [step.label for step in session.editor.past].count("show step 1 of the path") == 0
+    may.clear()
+    session.steps.show(0)
+    session.editor.amend(result=replace(found, path=(), step=0))
+    may.set()
+    session.update()
+    assert not session.busy
+    assert session.result.path != found.path
 
 
 def test_a_step_wins_over_an_earlier_bound(slow, monkeypatch):

@@ -354,26 +354,6 @@ def test_ping_pong_turns_at_both_ends():
     assert next_time(player, 1.0) > 1
 
 
-def test_an_impossible_pair_is_foreseen_and_rescaled(session):
-    until(lambda: session.foreseen is None and not session.work._foreseen.busy, session)
-    session.editor.set_spec("target", "expression:5*y+3")
-    session.editor.set_spec("source", "coordinate:x")
-    ready(session)
-    until(lambda: session.foreseen, session)
-    assert session.foreseen.outcome is Outcome.IMPOSSIBLE
-    before = session.channels
-    session.rescale()
-    ready(session)
-    values = session.values("source")
-    np.testing.assert_allclose([values.min(), values.max()], [-2, 8], atol=1e-4)
-    until(lambda: not session.foreseen, session)
-    assert session.rescaled_channels() == session.channels
-    session.undo()
-    ready(session)
-    assert session.channels == before
-    until(lambda: session.foreseen, session)
-
-
 def test_a_constant_target_is_foreseen_and_not_rescaled(session):
     session.editor.set_spec("target", "expression:2")
     ready(session)

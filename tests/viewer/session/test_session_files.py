@@ -20,9 +20,9 @@ from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.session import session_files
 from abfm_viewer.session.loading import Load, Loading
 from abfm_viewer.session.notices import Notices
-from abfm_viewer.session.session_files import find_first, open_session
+from abfm_viewer.session.session_files import open_session
 from abfm_viewer.window.samples import figure_document
-from tests.mesh_writers import freesurfer_bytes, off_text
+from tests.mesh_writers import freesurfer_bytes, off_file
 from tests.messages import check_message, raises
 from tests.processes import python
 from tests.shapes import icosphere, with_thin_triangles
@@ -32,9 +32,7 @@ from tests.viewer.sessions import ENDLESS, QUICK, matched, solving, until
 @pytest.fixture
 def small(tmp_path):
     """A mesh file."""
-    path, mesh = tmp_path / "small.off", icosphere(1)
-    path.write_text(off_text(mesh.vertices, mesh.faces))
-    return path
+    return off_file(tmp_path / "small.off", icosphere(1))
 
 
 @pytest.fixture
@@ -119,8 +117,10 @@ def test_save_writes_the_file_of_the_present_document(desk, tmp_path):
         ("broken.off", b"OFF 3", ("broken.off",)),
         ("broken.abfm", b"PK", ("broken.abfm",)),
         ("broken.npz", b"PK", ("broken.npz",)),
+        ("words.csv", b"name,mesh\na,b.off\n", ("words.csv",)),
         ("missing.off", None, ()),
         ("missing.abfm", None, ()),
+        ("~no-user/m.csv", None, ("m.csv",)),
     ],
 )
 def test_what_cannot_be_opened_is_one_line_and_changes_nothing(
@@ -129,28 +129,12 @@ def test_what_cannot_be_opened_is_one_line_and_changes_nothing(
     if content is not None:
         (tmp_path / name).write_bytes(content)
     was = desk.session.document
-    desk.open(tmp_path / name)
+    path = Path(name) if name.startswith("~") else tmp_path / name
+    desk.open(path)
     assert desk.session.notices.latest.is_error
     check_message(desk.session.notices.latest.text, *named)
     assert desk.session.document is was
     assert desk.state.recent() == []
-
-
-def test_the_home_of_no_user_is_a_place_where_nothing_is(desk):
-    for path in map(Path, ("~no-user/m.off", "~no-user/m.csv")):
-        desk.open(path)
-        assert desk.session.notices.latest.is_error
-        assert path.name in desk.session.notices.latest.text
-        assert find_first(path) is None
-
-
-def test_a_surface_of_freesurfer_opens(desk, tmp_path):
-    path, mesh = tmp_path / "rh.inflated", icosphere(1)
-    path.write_bytes(freesurfer_bytes(mesh.vertices, mesh.faces))
-    desk.files.open(path)
-    desk.settle()
-    opened = desk.session.surface()
-    assert (opened.name, len(opened.mesh.faces)) == ("rh.inflated", 80)
 
 
 @pytest.mark.parametrize("suffix", ["npz", "abfm"])
@@ -250,7 +234,7 @@ def frames_of(desk):
     return desk.session.document.film.frames.values[:, :, 0]
 
 
-@pytest.mark.parametrize("name", ["f.npz", "f.csv", "f.txt", "f.npy", "f.gii"])
+@pytest.mark.parametrize("name", ["f.npz", "f.txt", "f.gii"])
 def test_every_file_of_frames_opens(desk, tmp_path, name):
     """Alone, dropped with its mesh, and from the command line."""
     mesh, path = desk.session.surface().mesh, tmp_path / name
@@ -262,12 +246,9 @@ def test_every_file_of_frames_opens(desk, tmp_path, name):
         # with names that files of abfm have, too
         others = {"vertices": mesh.vertices, "velocity": frames}
         np.savez(path, frames=frames, times=[0, 0.5, 1], **others)
-    elif name.endswith(".npy"):
-        np.save(path, frames)
     else:
-        np.savetxt(path, frames.T, delimiter="," if name.endswith("csv") else " ")
-    file = tmp_path / "mesh.off"
-    file.write_text(off_text(mesh.vertices, mesh.faces))
+        np.savetxt(path, frames.T)
+    file = off_file(tmp_path / "mesh.off", mesh)
     session = open_session(file, second=path)
     assert session.document.name == f"{name} on mesh.off"
     assert session.document.film.unit == ("s" if name.endswith(".npz") else "")
@@ -283,51 +264,28 @@ def test_every_file_of_frames_opens(desk, tmp_path, name):
             open_session(path)
 
 
-def test_grids_of_vtk_without_a_number_are_meshes(desk, tmp_path):
+def test_surfaces_of_freesurfer_and_grids_without_a_number_are_meshes(desk, tmp_path):
     sphere = icosphere(1)
     export_vtu(tmp_path / "m.vtu", sphere, {"f": sphere.vertices[:, 0]}, {})
-    desk.files.open(tmp_path / "m.vtu")
-    desk.settle()
-    np.testing.assert_array_equal(desk.session.surface().mesh.faces, sphere.faces)
+    (tmp_path / "rh.inflated").write_bytes(freesurfer_bytes(sphere.vertices, sphere.faces))
+    for name in ("m.vtu", "rh.inflated"):
+        desk.open(tmp_path / name)
+        assert desk.session.surface().name == name
+        np.testing.assert_array_equal(desk.session.surface().mesh.faces, sphere.faces)
     assert not is_named_as_frames(tmp_path / "m.vtu")
     assert is_named_as_frames(tmp_path / "wave_0001.vtu")
 
 
-def test_of_several_arrays_one_is_asked_for_or_chosen_by_words(desk, tmp_path):
+def test_one_of_several_arrays_is_chosen_by_words(desk, tmp_path):
     mesh, path = desk.session.surface().mesh, tmp_path / "two.npz"
     frames = np.random.default_rng(4).normal(size=(3, len(mesh.vertices)))
     np.savez(path, u=frames, v=-frames)
-    desk.files.open(path)
-    desk.wait(lambda: desk.questions)
-    [(title, text, answers)] = desk.questions
-    assert (title, list(answers)) == ("Which array?", ["u", "v", "Open none"])
-    check_message(text, "two.npz")
-    answers["v"]()
-    np.testing.assert_array_equal(frames_of(desk), -frames)
-    file = tmp_path / "mesh.off"
-    file.write_text(off_text(mesh.vertices, mesh.faces))
+    file = off_file(tmp_path / "mesh.off", mesh)
     session = open_session(file, second=path, array="u")
     np.testing.assert_array_equal(session.document.film.frames.values[:, :, 0], frames)
     session.close()
     with raises(AbfmError, "u", "array"):
         open_session(file, array="u")
-
-
-def test_errors_say_what_files_without_frames_are(desk, tmp_path):
-    np.savez(tmp_path / "x.npz", x=np.zeros(3))
-    (tmp_path / "words.csv").write_text("name,mesh\na,b.off\n")
-    (tmp_path / "cut.npz").write_bytes(b"PK")
-    for name, told in (
-        ("x.npz", "it is an array of shape (3,), at most one frame; expected (T, V)"),
-        ("words.csv", "where a number is expected"),
-        ("cut.npz", "damaged or cut short"),
-    ):
-        desk.session.notices.mend("opening")
-        desk.files.open(tmp_path / name)
-        desk.wait(lambda: desk.session.notices.cards)
-        [card] = desk.session.notices.cards
-        assert name in card.text
-        assert told in card.text
 
 
 def test_a_result_that_was_left_is_unsaved_until_it_is_saved(solved, small, tmp_path):
@@ -392,53 +350,32 @@ def test_a_save_does_not_cover_a_later_result(solved, small, tmp_path):
     assert results(solved) == [later]
 
 
-@pytest.mark.parametrize("what", ["mesh", "figure", "drop"])
-def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_path, what):
+def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_path):
     session = desk.session
     session.editor.amend(parameters=ENDLESS)
     solving(session)
     desk.files.open(tmp_path / "song.mp3")
     assert desk.questions == []
-    opening = {
-        "mesh": lambda: desk.files.open(small),
-        "figure": lambda: desk.files.open_made("figure 1", partial(figure_document, 1)),
-        "drop": lambda: desk.files.open_dropped([small]),
-    }[what]
-    opening()
-    [(title, text, answers, instead)] = desk.questions
-    assert title == "End the run?"
-    check_message(text, "sphere.off")
-    assert answers["Go back"] is None
-    assert instead() is None
-    for _ in range(10):
+    for opening in (
+        lambda: desk.files.open(small),
+        lambda: desk.files.open_dropped([small]),
+        lambda: desk.files.open_made("figure 1", partial(figure_document, 1)),
+    ):
+        desk.questions.clear()
+        opening()
+        [(title, text, answers, instead)] = desk.questions
+        assert title == "End the run?"
+        check_message(text, "sphere.off")
+        assert answers["Go back"] is None
+        assert instead() is None
         desk.update()
-    assert session.solver.running
-    assert session.loading.now is None
+        assert session.solver.running
+        assert session.loading.now is None
     answers["End the run"]()
     desk.wait(lambda: session.document.name != "sphere.off")
     assert [result is not None for result in results(desk)] == [True]
     session.undo()
     assert session.result.velocity.any()
-
-
-def test_a_question_about_a_run_that_has_ended_is_asked_anew(desk, small):
-    session = desk.session
-    session.editor.amend(parameters=ENDLESS)
-    solving(session)
-    desk.files.open(small)
-    [(*_, instead)] = desk.questions
-    session.cancel()
-    desk.wait(lambda: not session.running)
-    found = session.result
-    desk.questions.clear()
-    instead()()
-    [(title, text, answers)] = desk.questions
-    assert (title, list(answers)) == ("Go on?", ["Go on", "Go back"])
-    check_message(text, "sphere.off")
-    assert session.loading.now is None
-    answers["Go on"]()
-    desk.settle()
-    assert (session.document.name, results(desk)) == ("small.off", [found])
 
 
 def test_what_is_given_up_for_another_file_is_said(desk, small, tmp_path):
@@ -480,21 +417,6 @@ def test_what_is_being_set_up_ends_only_if_the_user_says_so(desk, small, is_over
     assert (desk.session.document.name == "small.off") != is_over
 
 
-def test_no_run_starts_while_another_mesh_opens(desk, small):
-    session = desk.session
-    desk.files.open(small)
-    assert session.loading.replacing == "opening small.off"
-    session.match()
-    assert not session.solver.running
-    check_message(session.notices.latest.text, "small.off")
-    session.loading.cancel()
-    assert session.loading.replacing == ""
-    desk.settle()
-    assert session.document.name == "sphere.off"
-    desk.open(small)
-    assert session.document.name == "small.off"
-
-
 class Slow:
     """A read that takes as long as the test likes, and counts how often it began and was shown."""
 
@@ -520,7 +442,6 @@ def slow():
 
 @pytest.fixture
 def quick():
-    """A read that ends at once."""
     quick = Slow()
     quick.may_go_on.set()
     return quick

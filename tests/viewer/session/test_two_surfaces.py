@@ -1,7 +1,6 @@
 """A session on two surfaces, without a window."""
 
 import threading
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from abfm_viewer.session.session import Session
 from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere
 from tests.spare_processes import spared
-from tests.viewer.sessions import QUICK, ready, until
+from tests.viewer.sessions import QUICK, matched, ready, until
 
 A, B = ellipsoid(2, 1.0, 0.7, 0.55), icosphere(2, 10.0)
 SURFACES = Surface(A, "a.off"), Surface(B, "b.off")
@@ -39,12 +38,6 @@ def pair():
     session.editor.amend(channels=(Channel(SAME, SAME),), parameters=SHORT)
     yield ready(session)
     session.close()
-
-
-def matched(session):
-    session.match()
-    until(lambda: session.solver.finished, session)
-    return session
 
 
 def test_the_result_is_of_its_map_and_of_no_other(pair):
@@ -99,21 +92,6 @@ def test_the_same_text_on_both_surfaces_is_known_for_each(pair, tmp_path):
     assert [one.name for one in opened.surfaces] == ["a.off", "b.off"]
 
 
-def test_a_project_of_two_surfaces_keeps_everything(pair, tmp_path):
-    matched(pair)
-    path = tmp_path / "p.abfm"
-    save_project(path, pair.document, {})
-    opened, _ = load_project(path)
-    assert replace(opened.initial_map, correspondence=None) == replace(
-        pair.document.initial_map, correspondence=None
-    )
-    assert opened.initial_map.is_for(opened)
-    assert_array_equal(
-        opened.initial_map.correspondence.to_vertices(),
-        pair.document.initial_map.correspondence.to_vertices(),
-    )
-
-
 NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.3"
 
 
@@ -135,12 +113,9 @@ def test_distortion_of_the_initial_map_changes_nothing(registered):
     check_message(registered.notices.log[-1].text, "0.05")
 
 
-def test_saved_registrations_have_functions_of_a(registered, tmp_path):
+def test_registrations_have_functions_of_a(registered):
     functions = registered.registration.functions
     assert_allclose(functions[:, 0], registered.values("source"))
-    save_project(tmp_path / "p.abfm", registered.document, {})
-    again = load_project(tmp_path / "p.abfm")[0]
-    assert_array_equal(again.initial_map.functions, functions)
 
 
 def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, monkeypatch):

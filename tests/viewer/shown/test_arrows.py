@@ -59,7 +59,7 @@ def test_arrows_go_with_the_field_as_far_as_it_is_fast():
 
 
 @pytest.mark.parametrize("mesh", [BALL, LIMBS], ids=["ball", "limbs"])
-@pytest.mark.parametrize("look", [LOOK, ArrowLook(1.0, 0.03)], ids=["few", "many"])
+@pytest.mark.parametrize("look", [LOOK, ArrowLook(1.0, 0.045)], ids=["few", "many"])
 def test_no_arrow_lies_over_another(mesh, look):
     arrows = arrows_of(mesh, rotation(mesh), look)
     shares = np.linspace(0, 1, 6)[:, None, None]

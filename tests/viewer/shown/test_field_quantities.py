@@ -246,10 +246,8 @@ def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monk
         assert (why in shown.quantities.error) if why else not shown.quantities.error
 
 
-# Who goes back to what was shown before, while something else is computed, sees that from then on
-
-
 def test_the_whole_field_after_one_that_commutes_was_asked_for(session, shown, held):
+    """Who goes back to what was shown before, while something else is computed, sees that."""
     begun, may_end = held(
         quantities_module, "field_part", lambda flow, segment, part: part == "commuting"
     )
@@ -268,28 +266,6 @@ def test_the_whole_field_after_one_that_commutes_was_asked_for(session, shown, h
     session.editor.set_view("part", part="commuting")
     until(lambda: shown.quantities.field() is not whole, session)
     assert not np.array_equal(shown.quantities.field().velocity, whole.velocity)
-
-
-def test_optimal_transport_at_a_time_after_another_one_was_asked_for(session, shown, held):
-    tau, transport = session.parameters.tau, shown.mass_transport
-    begun, may_end = held(
-        abfm.baselines, "optimal_transport", lambda mesh, f, g, share: share == 0.9
-    )
-
-    def values(share):
-        session.set_time(share * tau)
-        return transport.values()
-
-    until(lambda: values(0.5) is not None, session)
-    half = values(0.5)
-    until(lambda: values(0.9) is half and begun.is_set(), session)
-    assert transport.busy
-    assert values(0.5) is half
-    may_end.set()
-    until(lambda: not transport.is_at_work, session)
-    assert values(0.5) is half
-    assert not transport.busy
-    until(lambda: values(0.9) is not half, session)
 
 
 def test_speeds_of_a_film_are_in_the_unit_of_its_mesh_as_far_as_cards_know_such_numbers():

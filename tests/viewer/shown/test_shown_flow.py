@@ -194,14 +194,6 @@ def test_a_settled_time_is_exact_also_where_the_flow_was_watched_before_its_matc
         session.close()
 
 
-@pytest.mark.parametrize("share", [0.3, 1.0, 1.7])
-def test_what_does_not_change_stays_the_same_array(session, share, shown):
-    """By which the surfaces know that there is nothing to draw again."""
-    session.set_time(share * session.parameters.tau)
-    assert settle(shown) is shown.flow.advected()
-    assert settle(shown, lambda flow: flow.coordinates()) is shown.flow.coordinates()
-
-
 def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endless, watched):
     shown = watched(endless)
     solving(endless)
