@@ -65,6 +65,7 @@ def test_notes_are_in_all_outputs(small, tmp_path, abfm, monkeypatch):
     monkeypatch.setattr(experiments, "findings_of", lambda script, matches: noted)
     said = abfm("figure all --out {t} --quiet --json")
     assert json.loads(said.out)["figures"] == [described(tmp_path)]
+    said = abfm("figure all --out {t} --quiet")
     assert "no map" in described(tmp_path)["notes"]
     assert "no map" in (tmp_path / "index.html").read_text()
     check_message(line_with(said.err, "note: "), 7, "no map")
