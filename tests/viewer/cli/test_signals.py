@@ -19,6 +19,7 @@ from abfm_viewer.cli import main
 from abfm_viewer.document.document import Surface
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files.project import save_project
+from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.processes import argv, python, refused_soon
 from tests.shapes import icosphere
@@ -91,11 +92,10 @@ def test_signal_ends_the_match_and_keeps_its_best_result(tmp_path):
     assert match.residual < match.initial_residual
 
 
-def test_signal_ends_a_benchmark_with_finished_rows():
+def test_signal_ends_a_benchmark_with_finished_rows(tmp_path):
     """Nothing is raised while libraries call back into Python: they would print it and go on."""
-    process = start(
-        *["bench", "--success", "--only-given", "--meshes", EIGHT, "--jobs=1", "--json"],
-    )
+    ball = off_file(tmp_path / "ball.off", icosphere(2))
+    process = start("bench", "--success", "--only-given", "--meshes", ball, "--jobs=1", "--json")
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
     told, errors = ended(process, signal.SIGTERM)
