@@ -188,7 +188,7 @@ def test_meshes_are_merged_and_cleaned(tmp_path, abfm):
 
 
 def test_match_writes_files_and_json(tmp_path, abfm):
-    outs = [tmp_path / "m.npz", tmp_path / "m.html"]
+    outs = [tmp_path / f"m.{suffix}" for suffix in ("npz", "ply", "vtu", "csv", "html")]
     line = f"match {{eight}} {PAIR} --set=iterations=20 --refine=0 --beta=0 --json"
     line += " --set=method=linearised --set=segments=2 --path {t}/p.csv --max-distortion=1000"
     told = abfm(line, *(f"--out={path}" for path in outs), status=UNREACHED)
@@ -203,10 +203,19 @@ def test_match_writes_files_and_json(tmp_path, abfm):
     assert report["verdict"] == json.loads(json.dumps(asdict(match.verdict)))
     assert report["max_distortion"] == 1000
     assert re.search(r"^iteration 0 .*stage 1.* energy [\d.]+  residual [\d.]+$", told.err, re.M)
+    attributes = trimesh.load(outs[1], process=False).metadata["_ply_raw"]
+    assert attributes["vertex"]["data"]["advected"].ravel() == pytest.approx(match.advected[:, 0])
+    field = attributes["face"]["data"]["velocity_segment_1_2"]
+    assert field.ravel() == pytest.approx(match.velocity[1, :, 2])
+    for name in ("source", "target", "advected", "velocity_segment_0", "velocity_segment_1"):
+        assert f'Name="{name}"'.encode() in outs[2].read_bytes()
+    rows = outs[3].read_text().splitlines()
+    assert rows[0] == "iteration,stage,total,regularity,mismatch"
+    assert len(rows) == len(match.energy_history) + 1
     assert len((tmp_path / "p.csv").read_text().splitlines()) == len(match.path) + 1
-    page = outs[1].read_text(encoding="utf-8")
+    page = outs[4].read_text(encoding="utf-8")
     abfm("render {t}/m.npz --out {t}/m.html")
-    assert outs[1].read_text(encoding="utf-8") == page
+    assert outs[4].read_text(encoding="utf-8") == page
 
 
 def test_match_prints_the_outcome_and_advice(tmp_path, abfm):

@@ -58,7 +58,8 @@ def apply(abfm, registration, files):
 
 def test_registration_is_printed_and_written(files, abfm, tmp_path):
     line = f"register {PAIR} --sigma=2 {SHORT} --max-distortion=2"
-    told = abfm(f"{line} --out={{t}}/r.npz --out={{t}}/r.ply --out={{t}}/r.html", f=files)
+    words = [f"--out={tmp_path}/r.{suffix}" for suffix in ("npz", "csv", "ply", "html")]
+    told = abfm(line, *words, f=files)
     assert told.out.startswith("registered: ")
     check_message(line_with(told.err, "note: initial map"), "sphere")
     check_message(line_with(told.out, "covered"), "100.0%")
@@ -67,6 +68,7 @@ def test_registration_is_printed_and_written(files, abfm, tmp_path):
     np.testing.assert_array_equal(placed.faces, A.faces)
     found = library.load(tmp_path / "r.npz")
     np.testing.assert_allclose(placed.vertices, found.back.positions, atol=1e-5)
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "r.csv"), found.to_vertices())
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<dt>A covered</dt>" in page
     abfm("render {t}/r.npz --out {t}/r.png --size 320x240 --transparent")  # as the window shows it
