@@ -118,7 +118,7 @@ def reach_families_from_a_gaussian(gui):
     assert gaussians(spec(gui, "target"))[0].vertex == (highest,)
 
 
-def change_texts_by_widgets(gui):
+def change_texts_by_widgets(gui, tmp_path):
     """Channels of one kind have different labels."""
     gui.type("spec", "gaussian:vertex=3 + coordinate:x + gaussian:vertex=5", within="source")
     assert gui.text_of("family", within="source") == "several terms"
@@ -149,6 +149,10 @@ def change_texts_by_widgets(gui):
     assert "Browse..." not in gui.labels()
     gui.choose("family", "geodesic", within="source")
     assert spec(gui).startswith("permuted:mirror(geodesic:vertex=")
+    np.save(tmp_path / "values.npy", EGG.vertices[:, 0])
+    gui.choose("family", "file", within="source")
+    gui.double_click("values.npy")
+    assert spec(gui).startswith("permuted:mirror(file:")
     channels = (
         Channel("coordinate:x", "permuted:mirror(coordinate:x)"),
         Channel("expression:x*x+y*y+z*z+x*y*z*x", "gaussian:vertex=1 + gaussian:vertex=2"),
