@@ -54,7 +54,7 @@ def out(tmp_path):
     return folder
 
 
-def test_a_cancelled_movie_reports_progress_and_leaves_the_older_file(exporter, document, out):
+def test_cancelled_movie_reports_progress_and_leaves_older_file(exporter, document, out):
     path = out / "a.gif"
     path.write_text("older")
     exporter.movie = replace(exporter.movie, seconds=600)

@@ -264,7 +264,7 @@ def test_every_file_of_frames_opens(desk, tmp_path, name):
             open_session(path)
 
 
-def test_surfaces_of_freesurfer_and_grids_without_a_number_are_meshes(desk, tmp_path):
+def test_freesurfer_surfaces_and_single_grids_are_meshes(desk, tmp_path):
     sphere = icosphere(1)
     export_vtu(tmp_path / "m.vtu", sphere, {"f": sphere.vertices[:, 0]}, {})
     (tmp_path / "rh.inflated").write_bytes(freesurfer_bytes(sphere.vertices, sphere.faces))
