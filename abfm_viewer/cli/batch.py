@@ -133,7 +133,10 @@ def run(arguments: argparse.Namespace) -> int:
         return solve(*_swept(given, arguments), arguments)
     if given:
         name = given[0][0]
-        raise UsageError(f"--{name} is for --over; give TABLE.csv a column {name}")
+        raise UsageError(
+            f"--{name} needs --over NAME=A,B,..., which says what to vary on a mesh; a TABLE.csv "
+            f"has a column {name} instead"
+        )
     with row_progress(0, arguments.quiet, "reading"):  # some seconds, of tens of thousands of rows
         if arguments.table is None:
             title, entries = ledger.kept()

@@ -150,13 +150,14 @@ def given_texts(
 ) -> Iterator[tuple[str, str]]:
     """Yield the names and texts of the inputs that were given."""
     rare, settings = by_name(each for each in inputs if each.is_rare), dict[str, str]()
+    own = [option(name) for name in MAIN_FIELDS]
     for word in arguments.set if rare else ():
         name, sign, text = word.partition("=")
         name = option(name.strip())
-        if name in map(option, MAIN_FIELDS):
+        if name in own:
             raise UsageError(f"--set {brief(word)}: {name} has its own option, --{name}")
         if name not in rare:
-            nearest = did_you_mean(name, rare) or f"; expected one of {', '.join(rare)}"
+            nearest = did_you_mean(name, [*own, *rare]) or f"; expected one of {', '.join(rare)}"
             raise UsageError(f"--set: {brief(name)} is not known{nearest}")
         if not sign:
             raise UsageError(f"--set {brief(word)} is not NAME=VALUE")
