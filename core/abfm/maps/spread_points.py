@@ -103,7 +103,7 @@ def _farthest_first(
     than the next one is, so that this one comes nearer only to places within that distance.
     """
     squares = np.full(len(places), np.inf)  # of distances to the nearest one chosen
-    chosen = np.argmin(numbers)
+    chosen = int(np.argmin(numbers))
     for count in range(order.size):
         farthest_square = squares[chosen]
         if farthest_square < least * least:

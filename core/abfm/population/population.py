@@ -11,7 +11,7 @@ import numpy as np
 
 from abfm.calculus.operators import vertex_areas
 from abfm.display import Display
-from abfm.errors import ParameterError, brief, did_you_mean, one_line
+from abfm.errors import ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.io import results
 from abfm.io.results import Entry, FileKind
 from abfm.mesh import TriangleMesh
@@ -323,7 +323,13 @@ def load_population(path: str | os.PathLike[str]) -> Population:
     """Read a file of `Population.save`, or that in a folder of results; ResultError if it is
     missing, damaged, or none. The subjects' values and masks stay in the file.
     """
-    path = Path(path) / "population.npz" if Path(path).is_dir() else path
+    if Path(path).is_dir():
+        folder, path = path, Path(path) / "population.npz"
+        if not path.is_file():
+            raise ResultError(
+                f"{results.name_of(folder)} is a folder without population.npz; give a file of "
+                "results in it"
+            )
     return results.loaded(path, POPULATION, _population_of)
 
 

@@ -155,6 +155,8 @@ def test_a_file_that_is_no_problem_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", source=F)
     with raises(ResultError):
         abfm.load(tmp_path / "other.npz")
+    with raises(ResultError, "population.npz"):
+        abfm.load(tmp_path)  # of a batch, say
 
 
 def test_missing_values_are_masked_with_a_warning():
