@@ -165,7 +165,7 @@ def _throughput(window: Window, repeats: int) -> Report:
     session = window.session
     mesh, parameters = session.surface().mesh, session.parameters
     source, target = (
-        session.functions_of(session.document).evaluate(one.spec)
+        session.functions.of_document(session.document).evaluate(one.spec)
         for one in session.document.functions
     )
     seconds: list[float] = []

@@ -231,14 +231,8 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
 def solved(
     rows: Sequence[Row], title: str, folder: Path, arguments: argparse.Namespace
 ) -> tuple[list[LedgerEntry], int | None]:
-    """Solve the rows of a folder that have no result, with progress.
-
-    Returns
-    -------
-    entries : list of LedgerEntry
-        What is known of each row.
-    status : int or None
-        The exit status of a signal, if one came.
+    """Solve the rows of a folder that have no result, with progress; return what is known of each
+    row, and the exit status of a signal if one came.
     """
     cluster, control, ledger = options.cluster_of(arguments), Control(), Ledger(folder)
     ledger.make()
@@ -274,12 +268,8 @@ def _report(
 ) -> int:
     """Write and print the summary, and return the exit status.
 
-    Parameters
-    ----------
-    seconds : float, optional
-        That solving took, if anything was to be solved.
-    status : int, optional
-        The exit status of a run that ended early; nothing is drawn after it.
+    Solving took so many ``seconds``, if anything was to be solved. Nothing is drawn after a run
+    that ended early, with an exit ``status`` of its own.
     """
     rows, folder = list[SummaryRow](), Path(arguments.out)
     with row_progress(0, arguments.quiet, "reading") as report:

@@ -84,9 +84,9 @@ def add_folder(parser: argparse.ArgumentParser, is_required: bool = False) -> No
     add_report(add)
 
 
-def add_report(add: Callable[..., None], what: str = "the result") -> None:
+def add_report(add: Callable[..., None]) -> None:
     """Declare how a result is reported."""
-    add("--json", f"print one JSON object about {what}")
+    add("--json", "print one JSON object about the result")
     add("--quiet", "no progress")
 
 

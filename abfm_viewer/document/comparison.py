@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from abfm.types import BoolArray, FloatArray
 Compared = Literal["difference", "mean", "deviation", "areas"]
 """What is between a subject and the mean of the others."""
 _LENGTH_MAX = 24  # characters of a name in a title
-COMPARED_KINDS: tuple[Compared, ...] = get_args(Compared)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from itertools import compress
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args
 
@@ -40,7 +40,6 @@ ClickTool = Literal["nothing", "landmark", "flow line", "follow a point"]
 
 CARRIED_COLORINGS: tuple[Coloring, ...] = ("coordinates", "checker", "labels")
 """What shows where on the source's surface each point comes from."""
-COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
 SIDES: tuple[Side, ...] = get_args(Side)
 THEMES: tuple[Theme, ...] = get_args(Theme)
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
@@ -50,25 +49,6 @@ CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
 DEFAULT_PARAMETERS = Parameters()
 EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
-_PREFERENCES = (
-    "theme",
-    "ui_scale",
-    "layout",
-    "colormap",
-    "isolines",
-    "isoline_count",
-    "color_bar",
-    "wireframe",
-    "flat",
-    "finer",
-    "arrow_length",
-    "arrow_density",
-    "flow_after_match",
-    "previous_runs",
-    "trade_off",
-    "trade_off_live",
-)
-"""Attributes of a `View` that stay when another document is opened."""
 ZOOM_MAX = 200.0
 ZOOM_MIN = 0.2
 """Zooms."""
@@ -160,7 +140,8 @@ class Surface:
     front: Front | None = field(default=None, compare=False)
 
 
-class Asked(NamedTuple):
+@dataclass(frozen=True)
+class Asked:
     """What an initial map, and what is matched by it, are found for."""
 
     word: str
@@ -177,12 +158,8 @@ class InitialMap:
     """
 
     correspondence: Correspondence
-    word: str
-    channels: tuple[Channel, ...]
-    mask: str
+    asked: Asked
     notes: tuple[str, ...] = ()
-    landmarks: tuple[Landmark, ...] = ()
-    landmarks_alone: bool = False
     # A's, (V_A, C), as they are compared; None where they are known on B alone
     functions: FloatArray | None = field(default=None, compare=False)
     warnings: tuple[str, ...] = ()  # why it may lead elsewhere
@@ -196,10 +173,6 @@ class InitialMap:
             parts = self.correspondence, match, self.notes, self.functions, self.warnings
             found = vars(self)["_registration"] = Registration(*parts)
         return found
-
-    @property
-    def asked(self) -> Asked:
-        return Asked(self.word, self.channels, self.mask, self.landmarks, self.landmarks_alone)
 
     def is_for(self, document: Document) -> bool:
         """Return whether a document still has what it was found for."""
@@ -215,8 +188,8 @@ class Function:
 
 
 @dataclass(frozen=True)
-class View:
-    """Everything that decides how the document is drawn, and nothing of what is solved."""
+class ViewPreferences:
+    """What stays of a view when another document is opened."""
 
     theme: Theme = "light"
     ui_scale: Annotated[float, Range(0, 10, is_above=True)] = 1.0
@@ -225,40 +198,46 @@ class View:
     isolines: bool = False
     isoline_count: Annotated[int, Range(1, 1000)] = 12
     color_bar: bool = True
-    look: Look | None = None  # from the surface's front, fitted
-    large: str = ""  # the slot that has the others' room, too
-    hidden: tuple[str, ...] = ()  # surfaces
     wireframe: bool = False
     flat: bool = False  # each face in one shade
     # a match that was found on a finer mesh shows its functions there, without streaks
     finer: bool = False
+    # what the longest may have, of sqrt(area)
+    arrow_length: Annotated[float, Range(0, 10, is_above=True)] = 0.12
+    arrow_density: Annotated[float, Range(0, 1)] = 0.5  # from few to many
+    flow_after_match: bool = True  # whether a match that ended shows its flow and plays it
+    previous_runs: bool = True  # are in the plot of what is left
+    # whether what steps leave is plotted against what they cost, while a run goes on and after it
+    trade_off_live: bool = False
+    trade_off: bool = True
+
+
+@dataclass(frozen=True)
+class View(ViewPreferences):
+    """Everything that decides how the document is drawn, and nothing of what is solved."""
+
+    look: Look | None = None  # from the surface's front, fitted
+    large: str = ""  # the slot that has the others' room, too
+    hidden: tuple[str, ...] = ()  # surfaces
     coloring: Coloring = "function"  # of the advected surface
     blend: bool = False  # whether there is a surface for it, as for the next two
     transport: bool = False
     error: bool = False
     links: bool = False  # lines from points of surface A to where they are on B
     arrows: bool = False
-    # what the longest may have, of sqrt(area)
-    arrow_length: Annotated[float, Range(0, 10, is_above=True)] = 0.12
-    arrow_density: Annotated[float, Range(0, 1)] = 0.5  # from few to many
     # of the field that is drawn, coloured and traced, or a field that belongs to it
     part: FieldPart = "whole"
     tracks: bool = False  # ways of a film's critical points
     streaks: bool = False  # on the advected surface
     fade: bool = False  # streaks, where the field is slow
     animate: bool = False  # streaks move along the field
-    flow_after_match: bool = True  # whether a match that ended shows its flow and plays it
     tool: ClickTool = "nothing"
-    previous_runs: bool = True  # are in the plot of what is left
-    # whether what steps leave is plotted against what they cost, while a run goes on and after it
-    trade_off_live: bool = False
-    trade_off: bool = True
     speeds: bool = False  # of a film's intervals are plotted, and not what is left
 
     @property
     def preferences(self) -> View:
         """Return a view that has the user's preferences and nothing of what is shown."""
-        return View(**{name: getattr(self, name) for name in _PREFERENCES})
+        return View(**{one.name: getattr(self, one.name) for one in fields(ViewPreferences)})
 
     @property
     def surfaces(self) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 import abfm
 from abfm.outcome import Facts, Outcome
 from abfm.wording import counted
+from abfm_viewer.document.document import Document
 
 Name = Literal[
     "name",
@@ -72,6 +73,13 @@ class ResultRow:
     @property
     def verdict(self) -> Outcome:
         return self.facts.outcome
+
+    def named(self, document: Document) -> Document:
+        """Return a document called by the row's name, and its functions as the table has them."""
+        specs = [spec for channel in document.channels for spec in channel.specs]
+        texts = [text for pair in self.texts for text in pair]
+        called = dict(zip(specs, texts, strict=True)) if len(specs) == len(texts) else {}
+        return document.renamed(self.name, called)
 
     def told(self, column: Name) -> str:
         """Return what a cell says."""

@@ -63,9 +63,12 @@ def document_of_result(
             SIDES, (match.source, match.target), match.problem.specs, strict=True
         )
     )
+    weights = match.weights.tolist()
+    if not any(weights):  # functions have none beside landmarks
+        weights = [1.0] * len(weights)
     document = MatchDocument(
         (Surface(match.mesh, path.name),),
-        channels=tuple(map(Channel, sources, targets, _weights(match))),
+        channels=tuple(map(Channel, sources, targets, weights)),
         landmarks=landmarks_of_match(match),
         landmarks_alone=match.problem.is_of_landmarks,
         parameters=match.parameters,
@@ -97,13 +100,7 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
     drafted = {one.name: getattr(document, one.name) for one in fields(document)}
     drafted |= {"surfaces": pair, "landmarks": landmarks, "initial": GIVEN_WORD}
     opened = PairDocument(**drafted)
-    kept = InitialMap(
-        initial,
-        **opened.asked._asdict(),
-        notes=found.notes,
-        functions=found.functions,
-        warnings=found.warnings,
-    )
+    kept = InitialMap(initial, opened.asked, found.notes, found.functions, found.warnings)
     return replace(opened, initial_map=kept), known
 
 
@@ -117,12 +114,6 @@ def document_of_sequence(sequence: abfm.Sequence, path: Path) -> FilmDocument:
         time=float(sequence.times[0]),
         view=View(tracks=True),
     )
-
-
-def _weights(match: abfm.Match) -> list[float]:
-    """Return those that channels have; 1 where functions had none beside landmarks."""
-    found = match.weights.tolist()
-    return found if any(found) else [1.0] * len(found)
 
 
 def _column(path: Path, name: str) -> str:

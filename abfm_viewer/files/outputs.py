@@ -126,10 +126,6 @@ def write_all(
     }
     for name, path in (tables or {}).items():
         writers[path] = partial(abfm.loading.task_of(found).tables[name].write, path, found)
-    return _write_each(writers, found)
-
-
-def _write_each(writers: Mapping[Path, Callable[[], object]], found: results.Saved) -> list[str]:
     problem, kept, notes = None, False, []
     for path, write_file in writers.items():
         try:

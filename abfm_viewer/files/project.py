@@ -35,7 +35,7 @@ from abfm_viewer.document.label_map import LabelMap
 
 MEMBER = "origin.json"
 """Where a copy of unsaved work says what it is a copy of."""
-_FORMAT = 7
+_FORMAT = 8
 _JSON_BYTES_MAX = 2 << 20  # of a member
 _RESULT = "result.npz"
 _KNOWN = Entry("real", ("V",), may_be_unknown=True)
@@ -375,7 +375,7 @@ def _check(document: Document) -> None:
     document.check()
     _within("time", document.time, document.start or 0, document.end)
     _check_points(document, "target", *document.lines, *document.points)
-    for landmark in document.landmarks + (initial.landmarks if initial else ()):
+    for landmark in document.landmarks + (initial.asked.landmarks if initial else ()):
         for side in SIDES:
             if (point := landmark.point(side)) is not None:
                 _check_points(document, side, point)

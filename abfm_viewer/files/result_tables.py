@@ -102,7 +102,8 @@ def _of_population(place: Path, path: Path) -> PopulationTable:
     rows, matched = [], [channel for channel in found.channels if not channel.is_held_out]
     for number, name in enumerate(found.names):
         result = path.parent / f"{found.digests[number]}.npz"
-        verdict = _outcome(found.verdicts[number])
+        word = found.verdicts[number]
+        verdict = Outcome(word) if word in set(Outcome) else Outcome.FAILED
         is_outlier = not found.fits[number] and verdict is not Outcome.FAILED
         outcome = Outcome.OUTLIER if is_outlier else verdict
         numbers = {each: float(getattr(found, each)[number]) for each in _NUMBERS}
@@ -112,11 +113,6 @@ def _of_population(place: Path, path: Path) -> PopulationTable:
         rows.append(ResultRow(number, name, facts, own, texts))
     name = path.parent.name if path.name == POPULATION else path.name
     return PopulationTable(place, f"population {name}", tuple(rows), found)
-
-
-def _outcome(word: str) -> Outcome:
-    """Return the outcome of a subject; a word that is none, or empty, is a failure."""
-    return Outcome(word) if word in set(Outcome) else Outcome.FAILED
 
 
 def _state(place: Path) -> _FolderStamp:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -44,36 +43,29 @@ def draw(context: Context) -> None:
     if new != view:
         session.editor.set_view(f"plot the {new}", "", **{name: new == "trade-off"})
     ui.beside_if_fits("Export CSV...", is_button=True)
+    result = session.result
     if view == "trade-off":
         tip = "Write the steps of the path and their numbers to a table, when the run has ended."
-        title, file, write = "Export the path", "path.csv", partial(_write_path, session.result)
+        title, file, is_whole = "Export the path", "path.csv", not session.solver.running
     else:
         tip = "Write the three energies of each iteration of this run to a table."
-        title, file, write = "Export the energy", "energy.csv", partial(_write_energies, run)
-    is_whole = not session.solver.running if view == "trade-off" else run is not None
+        title, file, is_whole = "Export the energy", "energy.csv", run is not None
+
+    def export(path: Path) -> None:
+        """Write what was shown when the button was pressed."""
+        with session.notices.errors_shown():
+            if view == "trade-off":
+                abfm.loading.task_of(result).tables["path"].write(path, result)
+            elif run is not None:
+                abfm.io.export_energy_csv(path, run.energies, run.stages)
+            session.notices.say(f"wrote {path}")
+
     if ui.button("Export CSV...", tip, enabled=is_whole):
-        context.dialogs.save(title, (".csv",), file, partial(_export, session, write))
+        context.dialogs.save(title, (".csv",), file, export)
     if view == "trade-off":
         trade_off.draw(context, path)
     else:
         _iterations(ui, session, run, runs if live else runs[:-1])
-
-
-def _export(session: Session, write: Callable[[Path], None], path: Path) -> None:
-    """Write what was shown when the button was pressed."""
-    with session.notices.errors_shown():
-        write(path)
-        session.notices.say(f"wrote {path}")
-
-
-def _write_energies(run: RunRecord | None, file: Path) -> None:
-    if run is not None:
-        abfm.io.export_energy_csv(file, run.energies, run.stages)
-
-
-def _write_path(result: abfm.Match | None, file: Path) -> None:
-    if result is not None:
-        abfm.loading.task_of(result).tables["path"].write(file, result)
 
 
 def _iterations(

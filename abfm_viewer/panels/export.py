@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import abfm
+from abfm.wording import capital
 from abfm_viewer.document.document import Document
-from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.files import outputs
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_step
@@ -30,19 +30,41 @@ from abfm_viewer.widgets.widget_record import Range
 
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
 _OWN_SIZE = "own size"
-_REGISTRATION = (
-    "Where A and B correspond (.npz); A's faces where they lie on B (.gii, .ply); or the vertex of "
-    "A for each of B (.txt, .csv, .npy); or a page for a browser (.html)."
-)
-_SEQUENCE = (
-    "Frames and the fields between them (.npz), for ParaView (.pvd), a page that plays it (.html), "
-    "or the speed at vertices (-lh.stc or -rh.stc by the hemisphere, .gii)."
-)
-_ENDINGS = (".npz", ".pvd", "-lh.stc", "-rh.stc", ".gii", ".html")
-_TRACKS = "Critical points, a line for each in each interval (.csv)."
-_INTERVALS = "Speed, energy, what is left and the verdict of each interval (.csv)."
+_LABELS_TIP = "Labels, carried to τ, never mixed (.label.gii, .annot, or a table of keys)."
 _WIDTH_RANGE = Range(320, 7680, whole=True)
 _HEIGHT_RANGE = Range(240, 4320, whole=True)
+
+
+class _Saved(NamedTuple):
+    """An attribute of a document that is saved, what it is called, and a name of its file."""
+
+    what: str
+    tip: str
+    name: str
+    attribute: str = "result"
+    endings: tuple[str, ...] = ()  # of its file; by default the suffixes of its kind
+
+
+_MATCH = _Saved(
+    "result",
+    "The match (.npz), mesh, functions and field (.ply, .vtu), energies (.csv), or a page for a "
+    "browser (.html).",
+    "match.npz",
+)
+_REGISTRATION = _Saved(
+    "registration",
+    "Where A and B correspond (.npz); A's faces where they lie on B (.gii, .ply); or the vertex of "
+    "A for each of B (.txt, .csv, .npy); or a page for a browser (.html).",
+    "registration.npz",
+    "complete_result",
+)
+_SEQUENCE = _Saved(
+    "sequence",
+    "Frames and the fields between them (.npz), for ParaView (.pvd), a page that plays it (.html), "
+    "or the speed at vertices (-lh.stc or -rh.stc by the hemisphere, .gii).",
+    "sequence.npz",
+    endings=(".npz", ".pvd", "-lh.stc", "-rh.stc", ".gii", ".html"),
+)
 
 
 def draw(context: Context) -> None:
@@ -50,7 +72,9 @@ def draw(context: Context) -> None:
 
     def save(drawn: Callable[[Path, Document, Known], None], path: Path) -> None:
         document = session.document
-        drawn(path, document, partial(known_values, document, session.functions_of(document)))
+        drawn(
+            path, document, partial(known_values, document, session.functions.of_document(document))
+        )
 
     ask = context.dialogs.save
     # what is saved meanwhile waits its turn, as the settings do
@@ -69,100 +93,65 @@ def draw(context: Context) -> None:
 
 def draw_result(context: Context) -> None:
     """Draw the button that saves a match, and that of its labels."""
-    _draw_result(context, "The result")
+    _draw_save(context, _MATCH)
+    if context.session.document.labels is not None:
+        _draw_labels(context)
 
 
 def draw_registration(context: Context) -> None:
     """Draw the same of two surfaces, and before it the button that saves the registration."""
-    _draw_registration(context)
+    _draw_save(context, _REGISTRATION)
     context.ui.beside_if_fits("Save result...", is_button=True)
-    _draw_result(context, "What was matched on B")
-
-
-def _draw_result(context: Context, what: str) -> None:
-    ui, session = context.ui, context.session
-    later = _later(session)
-    tip = (
-        f"{what} (.npz), mesh, functions and field (.ply, .vtu), energies (.csv), or a page for a "
-        f"browser (.html).{later}"
-    )
-
-    def save(path: Path) -> None:
-        if session.result is not None:
-            context.exporter.save_result(path, session.result, _kept(session))
-
-    if ui.button("Save result...", tip, enabled=session.result is not None):
-        context.dialogs.save("Save the result", _suffixes(session.result), "match.npz", save)
-    if session.document.labels is not None:
-        _draw_labels(context, later)
-
-
-def _suffixes(found: Any) -> tuple[str, ...]:
-    """Return the suffixes of files that a result can be written to."""
-    return outputs.suffixes(abfm.loading.task_of(found))
-
-
-def _later(session: Session) -> str:
-    return "" if session.result is not None else " There is one after a match."
-
-
-def _kept(session: Session) -> Callable[[], None]:
-    return partial(session.saves.exported, session.document)
+    draw_result(context)
 
 
 def draw_film(context: Context) -> None:
     """Draw the buttons that save a film's fields and their tables."""
-    ui, session, ask = context.ui, context.session, context.dialogs.save
-    document = context.document(FilmDocument)
-    sequence = document.result
+    ui = context.ui
+    _draw_save(context, _SEQUENCE)
+    for name, table in abfm.sequences.SequenceTask.tables.items():
+
+        def save(path: Path, name: str = name) -> None:
+            if (found := context.session.document.result) is not None:
+                context.exporter.save_table(path, found, name)
+
+        label, is_there = f"Save {name}...", context.session.document.result is not None
+        ui.beside_if_fits(label, is_button=True)
+        if ui.button(label, _tip(context, f"{capital(table.help)} (.csv)."), enabled=is_there):
+            context.dialogs.save(f"Save the {name}", TABLES, f"{name}.csv", save)
+
+
+def _tip(context: Context, text: str) -> str:
+    is_there = context.session.document.result is not None
+    return text if is_there else f"{text} There is one after a match."
+
+
+def _draw_save(context: Context, saved: _Saved) -> None:
+    """Draw the button that saves a part of the document, if it is there."""
+    session = context.session
 
     def save(path: Path) -> None:
-        if sequence is not None:
-            context.exporter.save_result(path, sequence, _kept(session))
+        document = session.document
+        if (found := getattr(document, saved.attribute)) is not None:
+            kept = partial(session.saves.exported, document)
+            context.exporter.save_result(path, found, kept)
 
-    def save_table(name: str, path: Path) -> None:
-        if sequence is not None:
-            context.exporter.save_table(path, sequence, name)
-
-    is_there = sequence is not None
-    later = "" if is_there else " There are fields after a match."
-    save_tracks = partial(save_table, "tracks")
-    save_intervals = partial(save_table, "intervals")
-    for label, tip, title, suffixes, name, do in (
-        ("Save sequence...", _SEQUENCE, "Save the sequence", _ENDINGS, "sequence.npz", save),
-        ("Save tracks...", _TRACKS, "Save the tracks", TABLES, "tracks.csv", save_tracks),
-        ("Save intervals...", _INTERVALS, "Save a table", TABLES, "intervals.csv", save_intervals),
-    ):
-        if label != "Save sequence...":
-            ui.beside_if_fits(label, is_button=True)
-        if ui.button(label, f"{tip}{later}", enabled=is_there):
-            ask(title, suffixes, name, do)
+    found, tip = getattr(session.document, saved.attribute), _tip(context, saved.tip)
+    if context.ui.button(f"Save {saved.what}...", tip, enabled=found is not None):
+        endings = saved.endings or outputs.suffixes(abfm.loading.task_of(found))
+        context.dialogs.save(f"Save the {saved.what}", endings, saved.name, save)
 
 
-def _draw_registration(context: Context) -> None:
-    ui, session = context.ui, context.session
+def _draw_labels(context: Context) -> None:
+    session = context.session
 
     def save(path: Path) -> None:
-        if (found := session.registration) is not None:
-            context.exporter.save_result(path, found, _kept(session))
-
-    is_there, tip = session.result is not None, f"{_REGISTRATION}{_later(session)}"
-    if ui.button("Save registration...", tip, enabled=is_there):
-        suffixes = _suffixes(session.registration)
-        context.dialogs.save("Save the registration", suffixes, "registration.npz", save)
-
-
-def _draw_labels(context: Context, later: str) -> None:
-    ui, session = context.ui, context.session
-
-    def save(path: Path) -> None:
-        labels, result = session.document.labels, session.result
-        if labels is not None and result is not None:
-            found = session.registration or result
+        labels, found = session.document.labels, session.document.complete_result
+        if labels is not None and found is not None:
             context.exporter.save_labels(path, labels, found)
 
-    tip = f"Labels, carried to τ, never mixed (.label.gii, .annot, or a table of keys).{later}"
-    if ui.button("Save carried labels...", tip, enabled=session.result is not None):
+    is_there = session.document.result is not None
+    if context.ui.button("Save carried labels...", _tip(context, _LABELS_TIP), enabled=is_there):
         context.dialogs.save("Save carried labels", LABELS, "carried.label.gii", save)
 
 
@@ -175,7 +164,7 @@ def draw_state(context: Context) -> None:
             exporter.cancel()
     elif exporter.message:
         ui.note(exporter.message, "failure" if exporter.failed else "good")
-    if session.running:
+    if session.solver.running:
         ui.note("What is saved shows the latest result, not the run that goes on.")
 
 

@@ -131,7 +131,7 @@ def _draw_circular(ui: Ui, session: Session) -> None:
 
 def _draw_foreseen(ui: Ui, session: Session) -> None:
     """Draw, below all else that moves, why no flow can match the functions, and what to do."""
-    if (facts := session.foreseen) is None:
+    if (facts := session.work.foreseen) is None:
         return
     ui.note(sentence(facts.reason), facts.tone)
     if session.rescaled_channels() != session.channels:
@@ -235,7 +235,7 @@ class _Side:
         typed = ui.text("spec", self._spec, _SPEC)
         if typed is not None:
             self._put(typed, "spec")
-        ui.refusal("spec", otherwise=self._session.error(self._side))
+        ui.refusal("spec", otherwise=self._session.work.error(self._side))
 
     def _put(self, spec: str, label: str, bump: int | None = None) -> None:
         """Take a whole spec, or say below the label's widget why not; a drag is one step."""

@@ -15,6 +15,7 @@ _MAP_TIP = (
     "Where each point of B lies on A before anything flows; the flow on B goes on from there."
 )
 _MIRRORED_TIP = "See A in a mirror first, as between left and right."
+_STEP = "change the initial map"
 _MIRROR = "mirror"
 _FILE = "file"
 
@@ -103,16 +104,16 @@ def draw(context: Context) -> None:
     elif known.can_mirror:
         ui.beside_if_fits("mirrored")
         wanted = ui.checkbox("mirrored", mirror, _MIRRORED_TIP)
-        editor.set_initial(_joined(word, wanted, files))
+        editor.change(_STEP, initial=_joined(word, wanted, files))
 
 
 def draw_notes(context: Context) -> None:
     """Say why there is no map, or what is worth knowing of it."""
     session = context.session
-    if session.prepared is not None:
-        for note in session.prepared.initial.notes:
+    if session.work.prepared is not None:
+        for note in session.work.prepared.initial.notes:
             context.ui.note(sentence(note))
-        for warning in session.prepared.initial.warnings:
+        for warning in session.work.prepared.initial.warnings:
             context.ui.note(sentence(warning), "warning")
     elif error := session.initial_maps.error:
         context.ui.note(f"No initial map: {error}", "failure")
@@ -122,7 +123,7 @@ def _choose(context: Context, choice: _Choice, files: tuple[str, ...]) -> None:
     """Take a choice, and let the user choose its files before, one after the other."""
     missing = choice.titles[len(files) :]
     if not missing:
-        context.session.editor.set_initial(_joined(choice.word, False, files))
+        context.session.editor.change(_STEP, initial=_joined(choice.word, False, files))
         return
 
     def take(path: Path) -> None:

@@ -69,13 +69,13 @@ def _draw_list(context: Context) -> None:
         name = f"{Path(document.name).stem}_landmarks.csv"
         context.dialogs.save("Save landmarks", FILES[:1], name, lambda path: write(session, path))
     ui.beside_if_fits("landmarks alone")
-    editor.match_landmarks_alone(
-        ui.checkbox("landmarks alone", document.landmarks_alone, _ALONE_TIP)
-    )
+    alone = ui.checkbox("landmarks alone", document.landmarks_alone, _ALONE_TIP)
+    step = f"match {'landmarks alone' if alone else 'functions as well'}"
+    editor.change(step, landmarks_alone=alone)
     for number, landmark in enumerate(document.landmarks):
         label = f"{number + 1}: {_words(document, landmark, left.get(landmark))}"
         if ui.row(label, number == document.landmark)[0]:
-            editor.activate_landmark(number)
+            editor.select(landmark=number)
 
 
 def read(session: Session, path: Path) -> None:

@@ -154,7 +154,7 @@ def _error(context: Context) -> None:
         ui.note(f"No optimal transport: {transport.error}.", "failure")
     elif session.view.transport and transport.note:
         ui.note(f"{transport.note.capitalize()}.")
-    target, advected = session.compared("target"), context.shown.flow.advected()
+    target, advected = session.work.compared("target"), context.shown.flow.advected()
     if target is not None and advected is not None and session.document.has_one_field:
         difference = np.abs(target - advected)
         worst = int(np.argmax(difference))

@@ -130,7 +130,7 @@ def draw(context: Context) -> None:
             if spec is not None:
                 with ui.refusals.refusing("mask"):
                     session.editor.set_mask(spec.strip())
-            ui.refusal("mask", otherwise=session.error("mask"))
+            ui.refusal("mask", otherwise=session.work.error("mask"))
             tip = "All parameters as they are at first."
             if ui.button(
                 "Reset to defaults", tip, enabled=parameters != _DEFAULT_PARAMETERS, width=-1

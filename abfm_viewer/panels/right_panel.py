@@ -103,7 +103,7 @@ def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
     document = session.document
     own = (name for name in document.content if name not in Document.content)
     drafted = (getattr(document, name) for name in own)
-    ui.refusals.accept_after(document.identity, *drafted, document.result, session.running)
+    ui.refusals.accept_after(document.identity, *drafted, document.result, session.solver.running)
     panels = PANELS[type(document)]
     with window(ui, "panel", rect, scrolls=True):
         guarded("Solver", partial(solver.draw, draw_state=panels.state), context)

@@ -46,7 +46,7 @@ def draw(context: Context, draw_state: Callable[[Ui, Session], None]) -> None:
     if session.steps.busy:  # nothing moves under the mouse meanwhile
         height = max(height, ui.heights.get("state", 0.0))
     # nothing is reported yet that must be in view as a whole
-    fits: Fits = "exactly" if session.running else "at least"
+    fits: Fits = "exactly" if session.solver.running else "at least"
     with child(ui, "state", height, border=False, fits=fits):
         if (row := context.files.tables.unshown) is not None:
             ui.note(f"{row.name}: {row.verdict}", row.facts.tone)
@@ -84,7 +84,7 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
         tip += " It begins anew, from no motion."
     if replacing:
         tip = f"{replacing}: that takes the place of {document.name}. Wait, or cancel it."
-    ready = not (session.running or session.obstacle or replacing)
+    ready = not (session.solver.running or session.obstacle or replacing)
     if ui.button(document.match_label, tip, primary=True, enabled=ready, width=-others):
         session.match()
     ui.beside()
@@ -144,7 +144,7 @@ def draw_film(ui: Ui, session: Session) -> None:
     document, run = session.document, session.film_match
     assert isinstance(document, FilmDocument)
     film, sequence = document.film, document.result
-    if session.running:
+    if session.solver.running:
         draw_step(ui, run.step)
         found = run.found(document)
         ui.note(f"Intervals found: {found} of {film.intervals}", "ink")
@@ -178,13 +178,13 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
         _draw_before(ui, session)
     if result is not None and session.steps.busy:
         ui.note(f"Step {session.steps.shown + 1} of {len(result.path)}: computing")
-    elif result is not None and (facts := session.facts) is not None:
+    elif result is not None and (facts := session.work.facts) is not None:
         _draw_result(ui, session, result, facts)
 
 
 def _draw_before(ui: Ui, session: Session) -> None:
     """Draw what is known of a match before there is one."""
-    if (facts := session.foreseen) is not None:
+    if (facts := session.work.foreseen) is not None:
         _draw_foreseen(ui, facts)
         return
     failed = session.work.problem_told != ""
@@ -211,7 +211,7 @@ def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> 
         ui.note(sentence(facts.reason), "ink")
         for warning in facts.warnings:
             ui.note(sentence(warning), "warning")
-    elif (foreseen := session.foreseen) is not None:
+    elif (foreseen := session.work.foreseen) is not None:
         _draw_foreseen(ui, foreseen)
     else:
         ui.note("Functions or parameters changed since.", "ink")

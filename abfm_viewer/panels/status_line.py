@@ -53,7 +53,7 @@ def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) 
 def _state(context: Context) -> tuple[str, ...]:
     """Return what goes on or what the result is, and a shorter form if there is one."""
     session = context.session
-    if session.running:
+    if session.solver.running:
         return (session.work.progress,)
     # a film, with fields of its own in each interval, is played without what is still to come
     is_playing = session.player.playing and not session.document.has_one_field
@@ -63,7 +63,7 @@ def _state(context: Context) -> tuple[str, ...]:
         return ("computing streaks; each interval has them when it is played again",)
     if session.solver.failed:
         return f"the solver stopped: {session.solver.reason}", "the solver stopped"
-    if (reported := session.facts) is None:
+    if (reported := session.work.facts) is None:
         return ("ready",)
     outdated = ", outdated" if session.outdated else ""
     return f"{reported.headline}{outdated}", f"{reported.outcome}{outdated}"

@@ -90,7 +90,11 @@ def _bound(ui: Ui, session: Session) -> None:
     typed = ui.text("distortion", f"{bound.most:g}", _BOUND_TIP, width=width)
     if typed is not None:
         with ui.refusals.refusing("distortion"):
-            bound.most = _positive(typed)
+            if (number := finite(typed)) is None or not number > 0:
+                raise ParameterError(
+                    f"{typed} is no distortion; expected a number above 0, such as 1"
+                )
+            bound.most = number
     ui.beside_if_fits(LIMIT, is_button=True)
     draw_limit(ui, session)
     ui.refusal("distortion")
@@ -103,13 +107,6 @@ def draw_limit(ui: Ui, session: Session, primary: bool = False) -> None:
     tip = f"{_LOOK} The bound is {bound.most:g}."
     if ui.button(label, tip, enabled=session.result is not None, primary=primary):
         bound.stop() if bound.busy else session.limit_distortion()
-
-
-def _positive(text: str) -> float:
-    number = finite(text)
-    if number is None or not number > 0:
-        raise ParameterError(f"{text} is no distortion; expected a number above 0, such as 1")
-    return number
 
 
 def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:

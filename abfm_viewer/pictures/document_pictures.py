@@ -132,5 +132,5 @@ class DocumentRenderer:
 
     def _error(self, time: float) -> float:
         self._go_to(time)
-        target, advected = self._session.compared("target"), self._shown.flow.advected()
+        target, advected = self._session.work.compared("target"), self._shown.flow.advected()
         return 0.0 if target is None or advected is None else float(np.abs(target - advected).max())

@@ -47,13 +47,12 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 def report_page(facts: Mapping[str, Any], pictures: RegistrationPictures) -> str:
     """Return the page about a map between surfaces, or about a match."""
-    declared = FIELDS
     changed = facts.get("changed_parameters", {})
     return render(
         "report.html",
         facts=facts,
         pictures=pictures,
-        changed=[(declared[name], value) for name, value in changed.items()],
+        changed=[(FIELDS[name], value) for name, value in changed.items()],
         coverage_min=COVERAGE_MIN,
         return_edges_max=RETURN_EDGES_MAX,
     )
@@ -68,14 +67,10 @@ def population_page(
 
 def figures_page(entries: Sequence[Any]) -> str:
     """Return the page about the figures of the paper."""
-    columns = _TABLE_1_COLUMNS
-    table = [(row, _unused(row.values["method"])) for row in TABLE_1.values()]
+    rows = TABLE_1.values()
+    unused = ["substeps" if row.values["method"] == "linearised" else "segments" for row in rows]
+    table, columns = list(zip(rows, unused, strict=True)), _TABLE_1_COLUMNS
     return render("figures.html", entries=entries, table=table, columns=columns, note=NOTE)
-
-
-def _unused(method: object) -> str:
-    """Return the parameter of Table 1 that a method does not have."""
-    return "substeps" if method == "linearised" else "segments"
 
 
 def render(template: str, **values: Any) -> str:

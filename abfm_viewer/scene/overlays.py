@@ -50,6 +50,7 @@ _OFF_NORMAL = (0.1, 0.2, 0.3)
 # of sqrt(area): heads along a line, and the nodes of its ribbon
 _HEAD_DISTANCE = 0.16
 _NODE_DISTANCE = 0.008
+_CUBE = 0.15  # of the grid over which faces are spread
 # half widths of lines, radii of points
 _LINE_HALF_WIDTH = 0.0025
 _ISOLINE_HALF_WIDTH = 0.0016
@@ -105,13 +106,11 @@ def _course_at(
 
 
 @per_mesh
-def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
-    """Find the largest face in each cube of a grid, finer with the density, 0 to 1."""
+def evenly_spread(mesh: TriangleMesh) -> IntArray:
+    """Find the largest face in each cube of a grid."""
     centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
-    density = min(max(density, 0.0), 1.0)
-    side = 0.12 * (0.15 / 0.12) ** (1 - density) * 10 ** (-0.9 * density)
     by_size = np.argsort(-abfm.calculus.face_areas(mesh), kind="stable")
-    cells = np.floor(centers[by_size] / side).astype(np.int64)
+    cells = np.floor(centers[by_size] / _CUBE).astype(np.int64)
     return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
 
 

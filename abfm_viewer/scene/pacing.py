@@ -83,7 +83,7 @@ class Resting:
         if not self._is_real:
             return
         now, samples = clock.perf_counter(), self.samples
-        if moves or self._session.running or self._session.player.playing:
+        if moves or self._session.solver.running or self._session.player.playing:
             self._moved_at, samples = now, 1
         elif samples == 1 and now >= self._moved_at + STILL_SECONDS:
             width, height = ps.get_window_size()

@@ -36,7 +36,6 @@ MARK_RADIUS = 9.0
 """Of landmarks, in pixels at a scale of 1."""
 NO_VALUE = "no value"
 """What grey means, in the legend."""
-_LINKS = 0.0  # density of points with lines between surfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +56,7 @@ class Scene:
         self.view: SlotView  # known once there are names
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
-        self._shown, self._links = shown, Memo[Links]()
-        self._landmarks, self._tracks = shown.landmarks, shown.tracks
+        self._links = Memo[Links]()
         self._placing = Placing()
         self.overlays = Overlays(shown, self._placing.placed.discard)
         self.pacing = Pacing(shown.session)
@@ -201,7 +199,7 @@ class Scene:
         """Return the kinds of critical points whose ways are drawn, and `NO_VALUE` where some are
         missing.
         """
-        kinds = tuple(self._tracks.counts()) if "advected" in self.shown else ()
+        kinds = tuple(self._shown.tracks.counts()) if "advected" in self.shown else ()
         paints = [self.paints[name] for name in self.shown if name in self.paints]
         is_missing = any(paint.unknown is not None for paint in paints)
         return (*kinds, NO_VALUE) if is_missing else kinds
@@ -212,9 +210,9 @@ class Scene:
         for name in self.shown:
             side: Side = "source" if name == "source" else "target"
             is_placed = name in SIDES
-            found += self._drawn(name, side, self._landmarks.placed(side), not is_placed)
+            found += self._drawn(name, side, self._shown.landmarks.placed(side), not is_placed)
             if name == "advected":
-                found += self._drawn(name, None, self._landmarks.moved(), False)
+                found += self._drawn(name, None, self._shown.landmarks.moved(), False)
         return found
 
     def landmark_at(self, place: Place) -> DrawnMark | None:
@@ -233,16 +231,13 @@ class Scene:
         if marks is None or self._session.surface(name).mesh is not marks.mesh:
             return []
         at, axes = self.projected(name, marks.places)[:, :2], self.view_of(name).rotation
-        hidden = self._landmarks.hidden(name, side, marks, axes)
+        hidden = self._shown.landmarks.hidden(name, side, marks, axes)
         seen = _inside(at, self.view.slots[name].rect) & ~hidden
         return [
             DrawnMark(name, side, number, (float(x), float(y)), is_goal)
             for number, (x, y), is_seen in zip(marks.numbers, at, seen, strict=True)
             if is_seen
         ]
-
-    def enlarge(self, name: str) -> None:
-        self._session.editor.amend(view=replace(self._session.view, large=name))
 
     def projected(self, name: str, points: FloatArray) -> FloatArray:
         """Return places in the window and depths (P, 3) of points (P, 3) of a shown surface."""
@@ -413,7 +408,7 @@ class Links:
     @classmethod
     def between(cls, a: TriangleMesh, b: TriangleMesh, origins: FloatArray) -> Links:
         """Choose vertices of B evenly; their origins (V_B, 3) are on A."""
-        chosen = np.unique(b.faces[evenly_spread(b, _LINKS)][:, 0])
+        chosen = np.unique(b.faces[evenly_spread(b)][:, 0])
         colors = place_colors(a.vertices, origins[chosen]) ** (1 / 2.2)  # as screens have them
         return cls(origins[chosen], b.vertices[chosen], vertex_normals(b)[chosen], colors)
 

@@ -115,9 +115,11 @@ class Editor:
             self.moves += 1
 
     def change(self, label: str, merge: str = "", **values: Any) -> None:
-        """Go on to other values as one step; steps with the same `merge` key are one."""
+        """Go on to other values, if they differ, as one step; steps with the same `merge` key are
+        one.
+        """
         before = self.document
-        if any(getattr(before, name) is not value for name, value in values.items()):
+        if any(getattr(before, name) != value for name, value in values.items()):
             self.go_to(replace(before, **values), label, merge)
 
     def amend(self, **values: Any) -> None:
@@ -150,8 +152,7 @@ class Editor:
             raise FunctionError(f"weight is {weight:g}; expected a number, 0 or more")
         if weight == 0 and not any(channel.weight for channel in self._others):
             raise FunctionError("weight is 0; at least one channel needs a weight above 0")
-        if weight != active.weight:
-            self._put("change a weight", replace(active, weight=float(weight)), merge=merge)
+        self._put("change a weight", replace(active, weight=float(weight)), merge=merge)
 
     def add_channel(self) -> None:
         """Add a channel and make it active: a landmark that stays, far from others' Gaussians."""
@@ -188,19 +189,13 @@ class Editor:
         self.change("change circular", channels=tuple(channels), channel=place)
 
     def swap_channel(self) -> None:
-        if (active := self.document.active) and active.source != active.target:
+        if active := self.document.active:
             swapped = replace(active, source=active.target, target=active.source)
             self._put("swap source and target", swapped)
 
-    def select(
-        self, channel: int | None = None, side: Side | None = None, bump: int | None = None
-    ) -> None:
-        wanted = {"channel": channel, "side": side, "bump": bump}
-        values = {name: value for name, value in wanted.items() if value is not None}
-        if side is not None and side != self.draft.side and bump is None:
-            values["bump"] = 0
-        if any(getattr(self.document, name) != value for name, value in values.items()):
-            self.change("select", merge="select", **values)
+    def select(self, **values: Any) -> None:
+        """Make a channel, a side and its Gaussian (`bump`), or a landmark the active one."""
+        self.change("select", merge="select", **values)
 
     @property
     def _others(self) -> list[Channel]:
@@ -231,30 +226,21 @@ class Editor:
     def reset_parameters(self) -> None:
         self.set_parameter(label="reset the parameters", **Parameters().to_dict())
 
-    def set_initial(self, word: str) -> None:
-        """Let A's functions come to B by another map."""
-        if word != self.draft.initial:
-            self.change("change the initial map", initial=word)
-
     def set_film(self, merge: str = "", label: str = "", **values: Any) -> None:
         """Change what a film is matched with; ParameterError if a value is refused."""
         assert isinstance(self.document, FilmDocument)
         settings = replace(self.document.settings, **values)
-        if settings != self.document.settings:
-            settings.check()
-            self.change(label or f"change {', '.join(values)}", merge, settings=settings)
+        settings.check()
+        self.change(label or f"change {', '.join(values)}", merge, settings=settings)
 
     def set_mask(self, spec: str) -> None:
         """Weight the mismatch at each vertex by a function, or none; FunctionError if no spec."""
         if spec:
             abfm.functions.parse(spec)
-        if spec != self.document.mask:
-            self.change("change the mask", mask=spec)
+        self.change("change the mask", mask=spec)
 
     def set_view(self, label: str, merge: str = "", **values: Any) -> None:
-        view = replace(self.document.view, **values)
-        if view != self.document.view:
-            self.change(label, merge, view=view)
+        self.change(label, merge, view=replace(self.document.view, **values))
 
     def set_time(self, time: float) -> None:
         time = min(max(time, self.document.start), self.document.end)
@@ -285,10 +271,6 @@ class Editor:
         landmarks[number] = landmarks[number].placed(side, point)
         self.set_landmarks("move a landmark", tuple(landmarks), number, merge)
 
-    def activate_landmark(self, number: int) -> None:
-        if number != self.draft.landmark:
-            self.change("select", merge="select", landmark=number)
-
     def remove_landmark(self) -> None:
         """Remove the active one."""
         landmarks, number = self.document.landmarks, self.draft.landmark
@@ -300,11 +282,6 @@ class Editor:
     ) -> None:
         if landmarks != self.document.landmarks:
             self.change(label, merge, landmarks=landmarks, landmark=active)
-
-    def match_landmarks_alone(self, alone: bool) -> None:
-        if alone != self.draft.landmarks_alone:
-            label = f"match {'landmarks alone' if alone else 'functions as well'}"
-            self.change(label, landmarks_alone=alone)
 
 
 def _large_parts(document: Document) -> dict[int, int]:

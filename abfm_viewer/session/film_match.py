@@ -73,7 +73,8 @@ class FilmMatch:
 
     def found(self, document: FilmDocument) -> int:
         """Return how many fields a run of the document has found."""
-        return len(self._fields) if self._is_of(document) else 0
+        is_of_run = self.began is not None and self.began.film is document.film
+        return len(self._fields) if is_of_run else 0
 
     def fast(self, document: FilmDocument) -> float:
         """Return what counts as fast in any of the fields that a run of the document has found, 0
@@ -128,9 +129,6 @@ class FilmMatch:
             return np.asarray(np.sqrt(np.array(squares)))
 
         return self._speeds.get((film, *fields), measure)
-
-    def _is_of(self, document: FilmDocument) -> bool:
-        return self.began is not None and self.began.film is document.film
 
     def _end(self, document: FilmDocument, then: Then, found: abfm.Sequence | None) -> None:
         self.began, self._fields = None, {}

@@ -44,8 +44,7 @@ class _MapChoice(NamedTuple):
 
     a: TriangleMesh
     b: TriangleMesh
-    by: str | abfm.Correspondence
-    warnings: tuple[str, ...] = ()  # of a map
+    by: str | InitialMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,14 +101,15 @@ class InitialMaps:
         a, b = (surface.mesh for surface in document.surfaces)
         wanted = (a, b), document.initial
         if given is None:
-            return self._prepared.value if self._is_about(wanted) else None
+            key = self._prepared.key
+            is_about = isinstance(key, tuple) and same(key[0], wanted)
+            return self._prepared.value if is_about else None
         if not same(wanted, self._wanted):
             self._wanted = wanted
             self._control.cancel()
             self._control = Control()
-        way = _MapChoice(a, b, document.initial)
-        if document.initial == GIVEN_WORD and kept is not None:
-            way = _MapChoice(a, b, kept.correspondence, kept.warnings)
+        given_map = kept if document.initial == GIVEN_WORD else None
+        way = _MapChoice(a, b, given_map or document.initial)
         asked = document.asked
         found = self._prepared.newest(
             wanted, self._prepare, self._control, self._maps, way, given, asked
@@ -155,10 +155,6 @@ class InitialMaps:
         source, target = sides
         return _ChannelValues(source, target, mask, document.weights, document.pairs)
 
-    def _is_about(self, wanted: object) -> bool:
-        key = self._prepared.key
-        return isinstance(key, tuple) and same(key[0], wanted)
-
     def _prepare(
         self,
         control: Control,
@@ -183,13 +179,7 @@ class InitialMaps:
         notes, usual = (*initial.notes, *found.notes), found.problem.parameters
         if maps is self._first_maps:
             notes = (f"the map {_FIRST_WORD} is shown while candidates are compared", *notes)
-        made = InitialMap(
-            found.initial,
-            **asked._asdict(),
-            notes=notes,
-            functions=found.functions,
-            warnings=initial.warnings,
-        )
+        made = InitialMap(found.initial, asked, notes, found.functions, initial.warnings)
         return PreparedMap(made, found.problem, usual)
 
     def _map(self, maps: Memo[Initial], way: _MapChoice, given: _ChannelValues) -> Initial:
@@ -197,7 +187,7 @@ class InitialMaps:
         from abfm.registration.initial.given import Initial, MapInput
 
         if not isinstance(way.by, str):
-            return Initial(way.by, warnings=way.warnings)
+            return Initial(way.by.correspondence, warnings=way.by.warnings)
         about = MapInput(way.a, way.b, landmarks=paired(way.a, way.b, given.landmarks))
         if counts := any(given.weights):
             f, g = np.stack(given.source), np.stack(given.target)

@@ -19,16 +19,18 @@ OPENING = "opening"
 class Load:
     """Something to be read in a thread; what `read` returns shows it.
 
-    `what` is such as "opening camel.off". What `replaces` the document keeps matches from starting;
-    `remedies` are offered if it fails. Two of the same `source`, unless that is None, are the same.
+    `what` is such as "opening camel.off". If it fails, `remedies` are offered, and what is called
+    `other` in the window. What `replaces` the document keeps matches from starting. Two of the same
+    `source`, unless that is None, are the same.
     """
 
     what: str
     read: Callable[[], Callable[[], None]]
+    other: str = ""
+    source: object = None
     replaces: bool = True
     takes_long: bool = False  # so that nothing takes its place unasked
     remedies: WaysOut = field(default_factory=dict)
-    source: object = None
     started: float = field(default_factory=time.perf_counter, init=False)
 
     @property

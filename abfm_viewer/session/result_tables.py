@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
-from weakref import WeakKeyDictionary, WeakSet
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -19,11 +19,11 @@ from abfm_viewer.document.comparison import Compared, Comparison
 from abfm_viewer.document.document import Channel, Document, Identity, Surface
 from abfm_viewer.document.kinds import SubjectDocument
 from abfm_viewer.document.result_table import COLUMNS, Name, PopulationTable, ResultRow, ResultTable
+from abfm_viewer.files.documents import Opened, read_document
 from abfm_viewer.files.result_tables import POPULATION, TableReader
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
 
-Opened = tuple[Document, dict[str, FloatArray]]
 Key = tuple[int, str]
 _SECONDS = 2.0  # after which a table is looked at again
 
@@ -37,39 +37,27 @@ class FoundTable(NamedTuple):
     opened: Opened | None
 
 
-def find_table(
-    place: Path, read_document: Callable[[Path], Opened], what: Compared = "difference"
-) -> FoundTable:
+def find_table(place: Path, what: Compared = "difference") -> FoundTable:
     """Read a table, and its worst row that has a result; AbfmError if it is none."""
     reader = TableReader(place)
     table = reader.read()
     row = next(filter(table.can_show, table.shown("verdict", False, "")), None)
-    opened = None if row is None else document_of_row(table, row, what, read_document)
+    opened = None if row is None else document_of_row(table, row, what)
     return FoundTable(reader, table, row, opened)
 
 
-def document_of_row(
-    table: ResultTable, row: ResultRow, what: Compared, read_document: Callable[[Path], Opened]
-) -> Opened:
+def document_of_row(table: ResultTable, row: ResultRow, what: Compared) -> Opened:
     """Return what is shown of a row: a subject's values on the template, or else its result."""
     if isinstance(table, PopulationTable) and table.has_values(row):
         return document_of_subject(table, row, what)
-    return document_of_result(row, read_document)
+    return document_of_result(row)
 
 
-def document_of_result(row: ResultRow, read_document: Callable[[Path], Opened]) -> Opened:
+def document_of_result(row: ResultRow) -> Opened:
     """Return a row's result as its file opens, called by the row's name."""
     assert row.path is not None
     document, known = read_document(row.path)
-    return document.renamed(row.name, _called(document.channels, row.texts)), known
-
-
-def _called(channels: tuple[Channel, ...], texts: tuple[tuple[str, str], ...]) -> dict[str, str]:
-    """Return how functions are called, by their specs, where the table says so of each."""
-    if len(channels) != len(texts):
-        return {}
-    pairs = zip(channels, texts, strict=True)
-    return {spec: text for one, of in pairs for spec, text in zip(one.specs, of, strict=True)}
+    return row.named(document), known
 
 
 def document_of_subject(table: PopulationTable, row: ResultRow, what: Compared) -> Opened:
@@ -130,29 +118,24 @@ class Tables:
     the row that was chosen; `has_keys` whether Up and Down move it.
     """
 
-    def __init__(
-        self,
-        session: Session,
-        load: Callable[[Load], None],
-        read_document: Callable[[Path], Opened],
-    ) -> None:
+    def __init__(self, session: Session, load: Callable[[Load], None]) -> None:
         self.table: ResultTable | None = None
         self.column: Name = "verdict"
         self.falls = False
         self.search = ""
         self.compared: Compared = "difference"
         self.cursor: Key | None = None
-        self.has_keys = self.is_new = False
+        self.has_keys = False
         self.scrolls = False  # whether the cursor's row must come into view
-        self._session, self._load, self._read_document = session, load, read_document
+        self._session, self._load = session, load
         self._jobs = Jobs(session.at_once)
         self._latest: Latest[ResultTable] = self._jobs.latest()
         self._reader: TableReader | None = None
         self._looks, self._next = 0, 0.0
         self._rows: Memo[tuple[ResultRow, ...]] = Memo()
-        self._keys: WeakKeyDictionary[Identity, tuple[Path, Key]] = WeakKeyDictionary()
+        # of documents that a table is beside: its place, and which row they are of
+        self._rows_of: WeakKeyDictionary[Identity, tuple[Path, Key | None]] = WeakKeyDictionary()
         self._seen: Identity | None = None
-        self._beside: WeakSet[Identity] = WeakSet()  # of documents that the table is beside
 
     @property
     def rows(self) -> tuple[ResultRow, ...]:
@@ -174,11 +157,8 @@ class Tables:
     @property
     def is_beside(self) -> bool:
         """Whether the table is of what the surfaces show, and not of another document."""
-        if self.table is None:
-            return False
-        shown = self._session.document.identity
-        place, _ = self._keys.get(shown, (None, None))
-        return shown in self._beside or place == self.table.place
+        place, _ = self._rows_of.get(self._session.document.identity, (None, None))
+        return self.table is not None and place == self.table.place
 
     @property
     def unshown(self) -> ResultRow | None:
@@ -196,13 +176,12 @@ class Tables:
 
     def stay_beside(self, document: Document) -> None:
         """Keep the table beside what was made of the document that it is beside."""
-        if self.is_beside:
-            self._beside.add(document.identity)
+        if self.table is not None and self.is_beside:
+            self._rows_of[document.identity] = self.table.place, None
 
     def read(self, place: Path) -> Callable[[], None]:
         """Read a table; what is returned shows it with the worst of its rows that has a result."""
-        found = find_table(place, self._read_document, self.compared)
-        return partial(self._show_found, found)
+        return partial(self._show_found, find_table(place, self.compared))
 
     def _show_found(self, found: FoundTable) -> None:
         if found.row is not None and found.opened is not None:
@@ -219,9 +198,7 @@ class Tables:
         self.scrolls = self.has_keys = True
         self._next = clock.perf_counter() + _SECONDS
         self._seen = self._session.document.identity
-        self._beside = WeakSet([self._seen])
-        if found.row is not None:
-            self._keys[self._seen] = found.table.place, found.row.key
+        self._rows_of[self._seen] = found.table.place, self.cursor
 
     def close_table(self) -> None:
         """Take the table away; what the surfaces show stays."""
@@ -255,8 +232,7 @@ class Tables:
             return
         self.cursor, self.has_keys = row.key, True
         if self.table.can_show(row):
-            given = self.table, row, self.compared, self._read_document
-            self._open(row, partial(document_of_row, *given))
+            self._open(row, partial(document_of_row, self.table, row, self.compared))
             return
         reason = row.facts.reason or "it has not been solved yet"
         text = f"{row.name} has no result to show: {reason}"
@@ -264,7 +240,7 @@ class Tables:
 
     def open_result(self, row: ResultRow) -> None:
         """Show the result of a row that has one: of a subject its registration."""
-        self._open(row, partial(document_of_result, row, self._read_document))
+        self._open(row, partial(document_of_result, row))
 
     def compare(self, what: Compared) -> None:
         """Hold the subject that is shown, and those that are chosen later, against something."""
@@ -281,13 +257,11 @@ class Tables:
         if (shown := self._session.document.identity) is not self._seen:
             self._seen = shown
             self.has_keys = self.has_keys and self.is_beside
-            place, key = self._keys.get(shown, (None, None))
-            self.cursor = key if place == self.table.place else None
+            self.cursor = self._key_of(shown)
             self.scrolls = True
-        elif self._session.loading.now is None and self.unshown is None:
-            place, key = self._keys.get(shown, (None, None))
-            if place == self.table.place and self.cursor is not None:  # else nobody chose one
-                self.cursor = key  # though another one was chosen, which was not opened after all
+        elif self._session.loading.now is None and self.unshown is None and self.cursor is not None:
+            # another one may have been chosen, which was not opened after all
+            self.cursor = self._key_of(shown) or self.cursor
         if clock.perf_counter() >= self._next and not self._latest.busy:
             self._looks, self._next = self._looks + 1, clock.perf_counter() + _SECONDS
         if self._looks:
@@ -299,15 +273,16 @@ class Tables:
     def close(self) -> None:
         self._jobs.close()
 
+    def _key_of(self, shown: Identity) -> Key | None:
+        """Return which row of the table a document is of."""
+        place, key = self._rows_of.get(shown, (None, None))
+        return key if self.table is not None and place == self.table.place else None
+
     def _open(self, row: ResultRow, make: Callable[[], Opened]) -> None:
         table = self.table
         assert table is not None
-
-        def read() -> Callable[[], None]:
-            return partial(self._show, table, row, make())
-
-        remedies = {"Try again": partial(self._open, row, make)}
-        self._load(Load(f"opening {row.name}", read, remedies=remedies))
+        show = partial(self._show, table, row)
+        self._load(Load(f"opening {row.name}", lambda: partial(show, make())))
 
     def _show(self, table: ResultTable, row: ResultRow, opened: Opened) -> None:
         """Show a row's document, as the one before was looked at where it is on the same mesh."""
@@ -324,8 +299,7 @@ class Tables:
             view = document.view_of_result(view)
         session.restore(replace(document, view=view), known, None)
         self._seen = session.document.identity
-        self._beside.add(self._seen)
-        self._keys[self._seen] = table.place, row.key
+        self._rows_of[self._seen] = table.place, row.key
         self.cursor = row.key
         reason = f", {row.facts.reason}" if row.facts.reason else ""
         session.notices.say(f"{row.name}: {row.verdict}{reason}")

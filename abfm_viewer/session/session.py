@@ -13,7 +13,6 @@ from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers import progress
 from abfm.workers.progress import said
-from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.matching import Snapshot
 from abfm_viewer.document.document import (
     SIDES,
@@ -34,7 +33,6 @@ from abfm_viewer.document.kinds import (
 from abfm_viewer.document.rescaling import rescaled
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Step
-from abfm_viewer.session.initial_maps import PreparedMap
 from abfm_viewer.session.notices import RUN
 from abfm_viewer.session.parts import Parts
 from abfm_viewer.session.work import FilmWork, MatchRun, MatchWork, PairWork, Work
@@ -93,19 +91,6 @@ class Session(Parts):
         """The shown time in the flow that is shown."""
         return self.document.flow_time
 
-    @property
-    def tau(self) -> float:
-        """How long the flow that is shown takes."""
-        return self.document.tau
-
-    @property
-    def running(self) -> bool:
-        return self.solver.running
-
-    def cancel(self) -> None:
-        """End the run with what it has found."""
-        self.solver.cancel()
-
     def set_time(self, time: float) -> None:
         self.player.playing = False
         self.editor.set_time(time)
@@ -138,7 +123,7 @@ class Session(Parts):
         self._stop_changes()
         before = self.document
         if to and to[-1].document.identity is not before.identity:
-            if self.running:
+            if self.solver.running:
                 text = f"that would leave {before.name}, which is being matched"
                 self.notices.say(f"{text}: cancel the run first", True, RUN)
                 return
@@ -185,8 +170,8 @@ class Session(Parts):
         self._go_to(document, origin, saved)
 
     def _go_to(self, document: Document, origin: Origin | None, saved: bool) -> None:
-        self.cancel()
-        if not self.running:
+        self.solver.cancel()
+        if not self.solver.running:
             self.solver.forget()
         self.film_match.pair = None
         self.saves.leave(self.document)
@@ -200,37 +185,11 @@ class Session(Parts):
         self.editor.forget_steps()
         self.saves.reset()
 
-    def functions_of(self, document: Document) -> Evaluators:
-        return self.functions.of_document(document)
-
     def values(self, side: Side) -> FloatArray | None:
         """The active channel's function of a side on its surface, (V,), if it is known; of a film
         the frame before or after the shown time.
         """
         return self.work.values(side)
-
-    @property
-    def prepared(self) -> PreparedMap | None:
-        """What is matched on surface B of two, as far as it is known by now."""
-        return self.work.prepared
-
-    @property
-    def registration(self) -> abfm.Registration | None:
-        """The result with the initial map that it began with, where there are two surfaces."""
-        return self.work.registration
-
-    @property
-    def facts(self) -> abfm.Facts | None:
-        """What is reported of the result."""
-        return self.work.facts
-
-    def compared(self, side: Side) -> FloatArray | None:
-        """The same as a flow carries or meets it, (V,), on B where there are two surfaces."""
-        return self.work.compared(side)
-
-    def error(self, of: Side | Literal["mask"]) -> str:
-        """Say why the active channel's source or target, or the mask, has no values."""
-        return self.work.error(of)
 
     @property
     def busy(self) -> str:
@@ -250,13 +209,6 @@ class Session(Parts):
         return self.work.obstacle
 
     @property
-    def foreseen(self) -> abfm.Facts | None:
-        """What is known of a match before it is solved; None if nothing prevents it, or before
-        that is known.
-        """
-        return self.work.foreseen
-
-    @property
     def outdated(self) -> bool:
         return self.work.outdated
 
@@ -274,7 +226,7 @@ class Session(Parts):
 
         Unless it is given, the solver is set to whether it `goes_on` from the present field.
         """
-        if self.running:
+        if self.solver.running:
             return
         if opening := self.loading.replacing:
             text = f"no match yet: {opening}; it takes the place of {self.document.name}"
@@ -290,7 +242,7 @@ class Session(Parts):
 
     def recover_film(self) -> None:
         """Show what an earlier run of the film has found, unless a run is under way."""
-        if not self.running:
+        if not self.solver.running:
             self._film.recover()
 
     def remedy(self, remedy: abfm.matching.Remedy) -> None:

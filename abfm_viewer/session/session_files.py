@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import abfm
@@ -18,10 +18,12 @@ from abfm.assets import asset_path
 from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh.options import DEFAULT_OPTIONS, MeshOptions
 from abfm.pages.creases import drawn_mesh
+from abfm.types import FloatArray
 from abfm.wording import capital
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import Document, Identity, Surface, View
+from abfm_viewer.document.film import Film
 from abfm_viewer.document.kinds import FilmDocument
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files.contents import (
@@ -62,19 +64,8 @@ SAVING_TOPIC = "saving"
 """What cards are about."""
 Do = Callable[[], None]
 ShowMesh = Callable[[Path, TriangleMesh], None]
-
-
-class Ask(Protocol):
-    """Puts a question to the user, as `Dialogs.ask` does."""
-
-    def __call__(
-        self,
-        title: str,
-        text: str,
-        buttons: Mapping[str, Do | None],
-        instead: Callable[[], Do | None] = ...,
-        /,
-    ) -> None: ...
+Ask = Callable[..., None]
+"""Puts a question to the user, as `Dialogs.ask` does."""
 
 
 def open_session(
@@ -92,26 +83,25 @@ def open_session(
             f"{one_line(path.name)} may hold frames, but no mesh for them: give the mesh first, as "
             f"in: abfm-viewer MESH {one_line(path.name)}"
         )
-    is_document = contents is Contents.DOCUMENT
     has_frames = second is not None and contents_of(second) in (Contents.FRAMES, Contents.DOCUMENT)
     if array is not None and not has_frames:
         raise AbfmError(f"there are no frames of which an array {brief(array)} could be chosen")
-    if second is not None and is_document:
-        raise AbfmError(f"{path.name} is no mesh; give two meshes, or one project or result")
-    if not is_document:
-        session = Session(load_mesh(path, **options.given), path.name)
-        if second is not None and has_frames:
-            film, notes = read_film(second, session.surface().mesh, array)
-            shown = document_of_film(film, session.surface(), session.view)
-            session.restore(shown, {}, None)
-            session.reset_history()
-            session.notices.say("; ".join(notes))
-        elif second is not None:
-            other = load_mesh(second, **options.given)
-            session.set_surfaces(*session.document.surfaces, Surface(other, second.name))
-            session.reset_history()
+    if contents is Contents.DOCUMENT:
+        if second is not None:
+            raise AbfmError(f"{path.name} is no mesh; give two meshes, or one project or result")
+        return session_of(read_document(path), _origin(path.absolute()))
+    session = Session(load_mesh(path, **options.given), path.name)
+    if second is None:
         return session
-    return session_of(read_document(path), _origin(path.absolute()))
+    if has_frames:
+        film, notes = read_film(second, session.surface().mesh, array)
+        session.restore(document_of_film(film, session.surface(), session.view), {}, None)
+        session.notices.say("; ".join(notes))
+    else:
+        other = load_mesh(second, **options.given)
+        session.set_surfaces(*session.document.surfaces, Surface(other, second.name))
+    session.reset_history()
+    return session
 
 
 def session_of(opened: Opened, origin: Origin | None = None) -> Session:
@@ -130,21 +120,13 @@ def _absolute(path: Path) -> Path:
     return Path(os.path.expanduser(path)).absolute()
 
 
-def _mesh_to_draw(path: Path, **options: Any) -> TriangleMesh:
-    """Read a mesh, and compute what the frame loop would wait for."""
-    mesh = load_mesh(path, **options)
-    drawn_mesh(mesh)
-    _ = mesh.genus, mesh.is_inside_out
-    return mesh
-
-
 def find_first(path: Path) -> FoundTable | None:
     """Read a table and its worst row; None where a path is of something else."""
     path = _absolute(path)
     place = place_of(path)
     if path.name.lower().endswith(RESULT) and contents_of(path) is Contents.TABLE:
         place = path
-    return None if place is None else find_table(place, read_document)
+    return None if place is None else find_table(place)
 
 
 def _origin(path: Path) -> Origin | None:
@@ -170,7 +152,7 @@ class SessionFiles:
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self.waiting: Load | None = None
         self.ways_out: dict[str, Do] = {}
-        self.tables = Tables(session, self._load, read_document)
+        self.tables = Tables(session, self._load)
 
     @property
     def sample(self) -> str:
@@ -195,18 +177,17 @@ class SessionFiles:
                 each for each in (*known, *FRAME_ENDINGS) if not each.endswith(".gz")
             )
             text = f"{path.name} cannot be opened: expected a file that ends in {listed}"
-            self._session.notices.say(text, True, OPENING, self._offered(OTHER_MESH))
+            self._session.notices.say(text, True, OPENING, self._way_out(OTHER_MESH))
             return
-        remedies = self._offered(OTHER_TABLE if place else OTHER_MESH, partial(self.open, path))
         source, path = Origin.of(path), place or path  # as it is now
-        what = f"opening {path.name}"
-        self._load(Load(what, partial(self._read, path), remedies=remedies, source=source))
+        read, other = partial(self._read, path), OTHER_TABLE if place else OTHER_MESH
+        self._load(Load(f"opening {path.name}", read, other, source))
 
     def _read(self, path: Path, show_mesh: ShowMesh | None = None) -> Do:
         """Read a file as what it is; what is returned shows it."""
         readers: dict[Contents, Callable[[Path], Do]] = {
             Contents.TABLE: self._read_table,
-            Contents.FRAMES: partial(self._read_frames, surface=self._session.surface("source")),
+            Contents.FRAMES: self._read_frames,
             Contents.DOCUMENT: self._read_document,
         }
         read_mesh = partial(self._read_mesh, show_mesh=show_mesh or self._show_mesh)
@@ -225,23 +206,22 @@ class SessionFiles:
     def open_second(self, path: Path) -> None:
         """Open a mesh in the background as surface B, to which the present A is registered."""
         path = _absolute(path)
-        remedies = self._offered(OTHER_SECOND, partial(self.open_second, path))
-        read = partial(self._read, path, self._show_second)
-        what = f"opening {path.name} as second surface"
-        self._load(Load(what, read, remedies=remedies, source=(Origin.of(path), "second")))
+        read, source = partial(self._read, path, self._show_second), (Origin.of(path), "second")
+        self._load(Load(f"opening {path.name} as second surface", read, OTHER_SECOND, source))
 
     def open_frames(self, path: Path, array: str | None = None) -> None:
         """Open frames in the background, on the mesh that is open, or surface A; of several arrays
         that which is chosen.
         """
-        path, surface = _absolute(path), self._session.surface("source")
-        remedies = self._offered(OTHER_FRAMES, partial(self.open_frames, path, array))
-        what, source = f"opening {path.name}", (Origin.of(path), surface.mesh.digest, array)
-        read = partial(self._read_frames, path, surface, array)
-        self._load(Load(what, read, remedies=remedies, source=source))
+        path, mesh = _absolute(path), self._session.surface("source").mesh
+        read, source = (
+            partial(self._read_frames, path, array),
+            (Origin.of(path), mesh.digest, array),
+        )
+        self._load(Load(f"opening {path.name}", read, OTHER_FRAMES, source))
 
-    def _read_frames(self, path: Path, surface: Surface, array: str | None = None) -> Do:
-        session = self._session
+    def _read_frames(self, path: Path, array: str | None = None) -> Do:
+        session, surface = self._session, self._session.surface("source")
         try:
             film, notes = read_film(path, surface.mesh, array)
         except SeveralArraysError as error:
@@ -267,20 +247,16 @@ class SessionFiles:
 
     def set_circular(self, document: FilmDocument, period: float | None) -> None:
         """Compare phases by cosine and sine in the film that is open, or as numbers again."""
-        session, film = self._session, document.film
+        film = document.film
 
-        def make() -> Do:
-            made = circular_film(film, period)
+        def show(made: Film) -> None:
+            now = self._session.document
+            if isinstance(now, FilmDocument) and now.film is film:
+                change = self._session.editor.change
+                change("change circular", film=made, result=None, channel=0)
 
-            def show() -> None:
-                now = session.document
-                if isinstance(now, FilmDocument) and now.film is film:
-                    change = session.editor.change
-                    change("change circular", film=made, result=None, channel=0)
-
-            return show
-
-        self._load(Load("computing cosine and sine" if period else "restoring phases", make))
+        what = "computing cosine and sine" if period else "restoring phases"
+        self._load(Load(what, lambda: partial(show, circular_film(film, period))))
 
     def match_frames(self, document: FilmDocument, first: int, last: int) -> None:
         """Make a match of its own of two frames of the film that is open."""
@@ -300,10 +276,8 @@ class SessionFiles:
             self._show_mesh(path, found)
             then(second)
 
-        remedies = self._offered(OTHER_MESH, partial(self._open_both, mesh, second, then))
-        what, source = f"opening {mesh.name} and {second.name}", (Origin.of(mesh), second)
-        read = partial(self._read, mesh, show)
-        self._load(Load(what, read, remedies=remedies, source=source))
+        read, source = partial(self._read, mesh, show), (Origin.of(mesh), second)
+        self._load(Load(f"opening {mesh.name} and {second.name}", read, OTHER_MESH, source))
 
     def open_labels(self, path: Path) -> None:
         """Take the labels of a file for the source's surface."""
@@ -314,12 +288,6 @@ class SessionFiles:
             found = LabelMap.of(path.name, mesh, labels)
             session.editor.change(f"open {path.name}", labels=found)
             session.editor.amend(view=replace(session.view, coloring="labels"))
-
-    def close_second(self) -> None:
-        """Go back to surface A alone."""
-        first = self._session.surface("source")
-        close = partial(self._session.set_surfaces, first)
-        self.when_free("closing the second surface", close)
 
     def open_dropped(self, paths: list[Path]) -> None:
         """Open two meshes as surfaces A and B, and of other files the first."""
@@ -340,20 +308,14 @@ class SessionFiles:
     def open_made(self, name: str, make: Callable[[View], Opened]) -> None:
         """Open a sample that is made in the background, ready to match."""
 
-        def read() -> Do:
-            document, known = make(self._session.view)
-            ready = f"press {document.match_label}"
-            ready = "press Play, its field is given" if document.result else ready
+        def show(document: Document, known: dict[str, FloatArray]) -> None:
+            self._session.restore(document, known, None)
+            self._samples[document.identity] = name if name == document.name else capital(name)
+            given = "press Play, its field is given"
+            ready = given if document.result else f"press {document.match_label}"
+            self._session.notices.say(f"{name} is ready: {ready}")
 
-            def show() -> None:
-                self._session.restore(document, known, None)
-                self._samples[document.identity] = name if name == document.name else capital(name)
-                self._session.notices.say(f"{name} is ready: {ready}")
-
-            return show
-
-        remedies = self._offered("", partial(self.open_made, name, make))
-        self._load(Load(f"setting up {name}", read, remedies=remedies))
+        self._load(Load(f"setting up {name}", lambda: partial(show, *make(self._session.view))))
 
     def open_made_table(self, name: str, make: Callable[[Path], Path]) -> None:
         """Open a sample that is made in the background, in a folder that is kept, as a table."""
@@ -362,21 +324,20 @@ class SessionFiles:
         root = self.state.path if self.state else Path(tempfile.mkdtemp())
         folder = root / "samples" / version("abfm") / "sample"
 
+        def show(show_table: Do) -> None:
+            show_table()
+            self._samples[self._session.document.identity] = name
+
         def read() -> Do:
-            show_table = self.tables.read(make(folder))
+            return partial(show, self.tables.read(make(folder)))
 
-            def show() -> None:
-                show_table()
-                self._samples[self._session.document.identity] = name
-
-            return show
-
-        remedies = self._offered("", partial(self.open_made_table, name, make))
-        what = f"setting up {name.lower()}"
-        self._load(Load(what, read, takes_long=True, remedies=remedies))
+        self._load(Load(f"setting up {name.lower()}", read, takes_long=True))
 
     def _load(self, load: Load) -> None:
-        self.when_free(load.what, partial(self._session.loading.begin, load))
+        """Read something when nothing is in the way; if that fails, offer to try it again."""
+        remedies = {"Try again": partial(self._load, load)} | self._way_out(load.other)
+        begin = partial(self._session.loading.begin, replace(load, remedies=remedies))
+        self.when_free(load.what, begin)
 
     def when_free(self, what: str, do: Do) -> None:
         """Do something that takes the document's place; a run is ended only if the user says so."""
@@ -384,7 +345,7 @@ class SessionFiles:
         if now is not None and now.takes_long:
             self._ask_to_give_up(now, what, do)
             return
-        if not self._session.running:
+        if not self._session.solver.running:
             do()
             return
         text = (
@@ -394,7 +355,7 @@ class SessionFiles:
         answers = {"End the run": partial(self.end_run, what, do), "Go back": None}
 
         def instead() -> Do | None:
-            return None if self._session.running else partial(self._do_after_run, what, do)
+            return None if self._session.solver.running else partial(self._do_after_run, what, do)
 
         self._ask("End the run?", text, answers, instead)
 
@@ -427,7 +388,7 @@ class SessionFiles:
         self._ask("Go on?", text, {"Go on": do, "Go back": None})
 
     def end_run(self, what: str, then: Do) -> None:
-        self._session.cancel()
+        self._session.solver.cancel()
         self.waiting = Load(what, lambda: then)
 
     def stop_waiting(self) -> None:
@@ -437,7 +398,7 @@ class SessionFiles:
         """Write the project, or another document, in the background; then do something."""
         session, notices = self._session, self._session.notices
         document = document or session.document
-        functions, left = session.functions_of(document), session.saves.left(document)
+        functions, left = session.functions.of_document(document), session.saves.left(document)
         actions = [then] if then else []
         notices.say(f"saving {path.name} ...")
 
@@ -453,7 +414,8 @@ class SessionFiles:
 
         def end() -> None:
             if error := future.exception():
-                remedies = self._offered(OTHER_NAME, partial(self.save, path, go_on, document))
+                again = {"Try again": partial(self.save, path, go_on, document)}
+                remedies = again | self._way_out(OTHER_NAME)
                 notices.say(f"not saved: {error_line(error)}", True, SAVING_TOPIC, remedies)
                 return
             notices.mend(SAVING_TOPIC)
@@ -471,7 +433,7 @@ class SessionFiles:
     def update(self) -> None:
         """Take in which files were written, and that a run has ended: call once per frame."""
         self.tables.update()
-        if self.waiting is not None and not self._session.running:
+        if self.waiting is not None and not self._session.solver.running:
             waiting, self.waiting = self.waiting, None
             waiting.read()()
         while self._writing and self._writing[0][0].done():
@@ -482,30 +444,30 @@ class SessionFiles:
         self.tables.close()
         self._writer.shutdown()
 
-    def _read_mesh(self, path: Path, show_mesh: ShowMesh) -> Do:
+    def _read_mesh(self, path: Path, show_mesh: ShowMesh, **options: Any) -> Do:
+        """Read a mesh, and compute what the frame loop would wait for; one that is refused is
+        offered in other ways.
+        """
         try:
-            return partial(show_mesh, path, _mesh_to_draw(path))
+            mesh = load_mesh(path, **options)
         except MeshError as error:
-            if not error.remedies:
+            if options or not error.remedies:
                 raise
             text = f"{path.name}: {error.problem}. " + "; ".join(
                 f'"{each.button}" keeps {each.keeps}' for each in error.remedies
             )
+            what, read = f"opening {path.name}", partial(self._read_mesh, path, show_mesh)
             remedies: dict[str, Do] = {
-                each.button: partial(self._read_again, path, show_mesh, each.options)
+                each.button: partial(
+                    self._load, Load(what, partial(read, **each.options), OTHER_MESH)
+                )
                 for each in error.remedies
             }
-        notice = text, True, OPENING, remedies | self._offered(OTHER_MESH)
-        return partial(self._session.notices.say, *notice)
-
-    def _read_again(self, path: Path, show_mesh: ShowMesh, options: Mapping[str, Any]) -> None:
-        """Read a mesh with options."""
-
-        def read() -> Do:
-            return partial(show_mesh, path, _mesh_to_draw(path, **options))
-
-        remedies = self._offered(OTHER_MESH)
-        self._load(Load(f"opening {path.name}", read, remedies=remedies))
+            notice = text, True, OPENING, remedies | self._way_out(OTHER_MESH)
+            return partial(self._session.notices.say, *notice)
+        drawn_mesh(mesh)
+        _ = mesh.genus, mesh.is_inside_out
+        return partial(show_mesh, path, mesh)
 
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), mesh.messages)
@@ -532,9 +494,8 @@ class SessionFiles:
         doubt = document.match.doubt if document.match else ""
         return partial(self._show, path, restore, doubt=doubt)
 
-    def _offered(self, label: str, again: Do | None = None) -> dict[str, Do]:
-        first = {"Try again": again} if again else {}
-        return first | ({label: self.ways_out[label]} if label in self.ways_out else {})
+    def _way_out(self, label: str) -> dict[str, Do]:
+        return {label: self.ways_out[label]} if label in self.ways_out else {}
 
     def _show(self, path: Path, show: Do, messages: tuple[str, ...] = (), doubt: str = "") -> None:
         left, unsaved = self._session.document.name, self._session.saves.unsaved

@@ -13,7 +13,7 @@ from abfm import Parameters
 from abfm.types import FloatArray
 from abfm.wording import counted
 from abfm.workers.progress import Step
-from abfm_viewer.computing.background import Latest, Memo
+from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.matching import ProblemSpec, Snapshot
 from abfm_viewer.document.document import Document, Identity, Point, RunRecord, Side, View
@@ -145,13 +145,10 @@ class Work(ABC):
         return None
 
     @property
-    def registration(self) -> abfm.Registration | None:
-        """The result with the initial map that it began with, of two surfaces."""
-        return None
-
-    @property
     def foreseen(self) -> abfm.Facts | None:
-        """What is known of a match before it is solved, if something prevents it."""
+        """What is known of a match before it is solved; None if nothing prevents it, or before
+        that is known.
+        """
         return None
 
     @property
@@ -322,7 +319,6 @@ class PairWork(MatchWork):
 
     def __init__(self, parts: Parts, run: MatchRun) -> None:
         super().__init__(parts, run)
-        self._registration: Memo[abfm.Registration] = Memo()
         self._facts: Latest[abfm.Facts] = parts.jobs.latest()
 
     @property
@@ -336,19 +332,12 @@ class PairWork(MatchWork):
         return self.parts.initial_maps.prepared(self.document)
 
     @property
-    def registration(self) -> abfm.Registration | None:
-        result, initial = self.document.result, self.document.initial_map
-        if result is None or initial is None:
-            return None
-        return self._registration.get((result, initial), lambda: initial.registration(result))
-
-    @property
     def facts(self) -> abfm.Facts | None:
         """What is reported of the match on B, marked as incomplete, until the complete map is
         measured.
         """
-        result, found = self.document.result, self.registration
-        if result is None or found is None:
+        result, found = self.document.result, self.document.complete_result
+        if result is None or found is None or found is result:
             return super().facts
         facts = self._facts.ask(found, lambda: found.facts)
         return facts or replace(result.facts, is_complete=False)

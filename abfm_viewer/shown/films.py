@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class FilmFlow(ShownFlow):
         """Return the function at the shown time, and compute the next interval in advance."""
         document, session = _film(self._session), self._session
         columns, channel = document.film.columns, document.channel
-        interval, share = document.interval, min(session.time / session.tau, 1.0)
+        interval, share = document.interval, min(session.time / session.document.tau, 1.0)
         ends = columns[interval][channel], columns[interval + 1][channel]
         found = self._between.at(self.state, *ends, share)
         self.is_behind = self._between.is_behind
@@ -111,7 +112,7 @@ class FilmQuantities(FieldQuantities):
             return None
         if self._session.film_match.found(document):
             return None
-        return self._determined.newest(document.film, _determined, document.result)
+        return self._determined.newest(document.film, attrgetter("determined"), document.result)
 
     def fast(self, field: Field) -> float | None:
         """Return what speed counts as fast in any interval; None before that is known. It only
@@ -174,10 +175,6 @@ class FilmQuantities(FieldQuantities):
 def _part_of_interval(flow: FlowState, segment: int, part: FieldPart, unit: str) -> Field:
     assert not callable(flow.found)
     return replace(field_part(flow, segment, part), of=flow.found, part=part, unit=unit)
-
-
-def _determined(sequence: abfm.Sequence) -> FloatArray:
-    return sequence.determined
 
 
 def _key_of(field: Field, look: tuple[bool, bool]) -> tuple[object, ...]:

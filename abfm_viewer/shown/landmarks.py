@@ -118,7 +118,7 @@ class ShownLandmarks(Jobs):
 
     def _on_target(self, landmarks: tuple[Landmark, ...]) -> abfm.maps.SurfacePoints | None:
         """Return where those of the source start on the target's surface."""
-        document, prepared = self._session.document, self._session.prepared
+        document, prepared = self._session.document, self._session.work.prepared
         initial = prepared.initial.correspondence if prepared else None
         if initial is None and document.surface("source") is not document.surface():
             return None

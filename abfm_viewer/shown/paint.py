@@ -64,9 +64,9 @@ class Painter:
         """Return what a surface shows now; None while nothing is known."""
         session = self._session
         side = next((side for side in SIDES if side == name), None)
-        if side and session.error(side):
+        if side and session.work.error(side):
             return self._without_values(name)
-        source, target = session.compared("source"), session.compared("target")
+        source, target = session.work.compared("source"), session.work.compared("target")
         if source is None or target is None:
             return self._before_the_map(name)
         own = session.values("source") if target is session.values("target") else source
@@ -111,11 +111,11 @@ class Painter:
             places = session.surface(side).mesh.vertices
             if (paint := self._carried(side, places, title)) is not None:
                 return paint
-        if side == "target" or session.compared(side) is session.values(side):
+        if side == "target" or session.work.compared(side) is session.values(side):
             return self._function(side, values, title, colors)
         if (own := session.values(side)) is None:  # what came to B by an earlier one is on B
             return None
-        if session.compared("target") is session.values("target"):
+        if session.work.compared("target") is session.values("target"):
             return self._function(side, own, title, colors)
         made_of = (own, *self._look)
         colors = self._range_on_a.get(made_of, lambda: self._own_range(own))
@@ -137,8 +137,9 @@ class Painter:
     def _bar(self) -> str:
         """What colours of functions are called: of two surfaces, B's may be in another unit."""
         session = self._session
-        is_own = session.compared("target") is session.values("target")
-        return "function" if is_own or session.compared("target") is None else _DEVIATIONS_TITLE
+        target = session.work.compared("target")
+        is_own = target is None or target is session.values("target")
+        return "function" if is_own else _DEVIATIONS_TITLE
 
     def _function(
         self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = ""
@@ -309,7 +310,7 @@ class Painter:
         return self._kept["advected"].get(of, make)
 
     def _blend(self, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
-        tau = self._session.tau
+        tau = self._session.document.tau
         time, unknown = min(self._session.time, tau), self._unknown("linear blend")
 
         def make() -> Paint:
@@ -344,7 +345,7 @@ class Painter:
 
     def _extrapolated(self, title: str, is_behind: bool = False) -> str:
         """A title, which says so where the time shown is one that no target was given for."""
-        tau = self._session.tau
+        tau = self._session.document.tau
         is_beyond = self._session.time > (1 + 1e-9) * tau
         return _labelled(f"{title}, extrapolated" if is_beyond else title, is_behind)
 

@@ -219,7 +219,7 @@ class FieldQuantities(Jobs):
         if flow is None:
             return None
         if part == "carried gradient":
-            source = self._session.compared("source")
+            source = self._session.work.compared("source")
             if source is None:
                 return None
             return self._field.newest(flow.mesh, carried_gradient, flow, source, time)
@@ -270,7 +270,7 @@ class FieldQuantities(Jobs):
         known = self._quality.value
         if known is not None and not (self.at_once or self.flow.settled):
             return known if len(known.distortion.flipped) == len(flow.mesh.faces) else None
-        return self._quality.newest(flow.mesh, _quality, flow, time)
+        return self._quality.newest(flow.mesh, lambda *of: flow.flow.map_quality(time), flow, time)
 
     def distortion(self) -> abfm.maps.Distortion | None:
         """Measure what the map does to faces; while the time moves by their corners alone."""
@@ -340,7 +340,7 @@ class FieldQuantities(Jobs):
 
     def starts(self, paths: Sequence[abfm.flow.FlowLine]) -> FloatArray:
         """Return where points that are followed start on the source's surface, (P, 3)."""
-        prepared = self._session.prepared
+        prepared = self._session.work.prepared
         if prepared is None:
             return np.array([path.positions[0] for path in paths])
         faces, weights = zip(*((path.faces[0], path.barycentric[0]) for path in paths), strict=True)
@@ -359,7 +359,7 @@ class MassTransport(Latest[FloatArray]):
     @property
     def note(self) -> str:
         """Say what transport leaves out of the functions; nothing if nothing."""
-        found = [self._session.compared(side) for side in SIDES]
+        found = [self._session.work.compared(side) for side in SIDES]
         known = [values for values in found if values is not None]
         least = min((float(values.min()) for values in known), default=0.0)
         if least >= 0 or len(known) < len(found) or self.error:
@@ -369,14 +369,10 @@ class MassTransport(Latest[FloatArray]):
     def values(self) -> FloatArray | None:
         """The interpolation (V,); None before there is any, or where there cannot be."""
         session = self._session
-        source, target = session.compared("source"), session.compared("target")
+        source, target = session.work.compared("source"), session.work.compared("target")
         if source is None or target is None:
             return None
         problem = (session.surface().mesh, source, target)
-        share = min(session.time / session.tau, 1.0)
+        share = min(session.time / session.document.tau, 1.0)
         transport = partial(abfm.baselines.optimal_transport, sharpen=True)
         return self.newest(problem, transport, *problem, share)
-
-
-def _quality(flow: FlowState, time: float) -> abfm.maps.FlowMapQuality:
-    return flow.flow.map_quality(time)

@@ -48,7 +48,7 @@ class Shown:
         step of its path that was chosen.
         """
         session = self.session
-        if session.running or session.result is None or session.outdated:
+        if session.solver.running or session.result is None or session.outdated:
             return False
         waits = session.player.playing and session.player.held
         of_earlier = self.flow.is_behind or self.quantities.is_behind

@@ -46,11 +46,7 @@ class Span:
         return blended(self.frames, float(np.interp(time, self.times, np.arange(len(self.times)))))
 
 
-def pushed(state: FlowState, function: FloatArray, times: FloatArray) -> FloatArray:
-    return state.carry(function, times)
-
-
-def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Span:
+def span(state: FlowState, function: FloatArray, carry: Carrying = FlowState.carry) -> Span:
     """A function over the whole time bar, or up to tau where the flow overflows beyond."""
     wanted = _TIMES if state.final else _TIMES_WHILE_SOLVING
     count = int(np.clip(_SPAN_NUMBERS_MAX // function.size, 9, wanted)) // 2 * 2 + 1
@@ -69,7 +65,7 @@ def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Sp
 class Carried:
     """A function at the shown time, the same array for the same; `behind` if of another."""
 
-    def __init__(self, jobs: Jobs, carry: Carrying = pushed) -> None:
+    def __init__(self, jobs: Jobs, carry: Carrying = FlowState.carry) -> None:
         self._carry = carry
         self._span: Latest[Span] = jobs.latest()
         self._exact: Latest[FloatArray] = jobs.latest()
@@ -153,7 +149,7 @@ class ShownFlow(Jobs):
     def state(self) -> FlowState | None:
         """The flow, the same object for the same field; None before there is any."""
         snapshot, result = self._session.snapshot, self._session.result
-        mesh, prepared = self._session.surface().mesh, self._session.prepared
+        mesh, prepared = self._session.surface().mesh, self._session.work.prepared
         first = prepared.initial.correspondence.points if prepared else None
         if snapshot is not None:
             now = snapshot.shown
@@ -177,7 +173,7 @@ class ShownFlow(Jobs):
     def time(self) -> float:
         """The shown time in the time of the flow (they differ after tau was changed)."""
         flow, time = self.state, self._session.time
-        return time if flow is None else time * flow.parameters.tau / self._session.tau
+        return time if flow is None else time * flow.parameters.tau / self._session.document.tau
 
     def advected(self) -> FloatArray | None:
         """The active channel's source at the shown time, (V,), on B where there are two surfaces;
@@ -185,7 +181,7 @@ class ShownFlow(Jobs):
         """
         session, flow = self._session, self.state
         self.is_behind = False
-        source = session.compared("source")
+        source = session.work.compared("source")
         if source is None or flow is None:
             return source
         time, tau, channel = self.time, flow.parameters.tau, session.document.channel
@@ -262,7 +258,7 @@ class ShownFlow(Jobs):
         surface = self._session.surface()
         if self._session.surface("source") is surface:
             return surface.mesh.vertices
-        if (prepared := self._session.prepared) is None:
+        if (prepared := self._session.work.prepared) is None:
             return None
         first = prepared.initial.correspondence.points
         return self._places.get((first,), lambda: first.positions)
@@ -278,7 +274,7 @@ class ShownFlow(Jobs):
     def is_ready(self) -> bool:
         """Return whether what the view carries along is known at all times of the flow."""
         session, state = self._session, self.state
-        source, places = session.compared("source"), self._origins
+        source, places = session.work.compared("source"), self._origins
         if state is None or source is None or places is None or not state.final:
             return True
         of_places = session.view.coloring in CARRIED_COLORINGS

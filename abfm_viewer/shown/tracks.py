@@ -44,6 +44,6 @@ class ShownTracks(Jobs):
         """Return where they are at the shown time, (P, 3) by kind."""
         document, places = self._session.document, dict[str, list[FloatArray]]()
         for way in self.ways():
-            if (place := way.at(document.time, self._session.tau / 2)) is not None:
+            if (place := way.at(document.time, self._session.document.tau / 2)) is not None:
                 places.setdefault(way.kind, []).append(place)
         return {kind: np.array(found) for kind, found in places.items()}

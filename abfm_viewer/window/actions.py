@@ -88,7 +88,7 @@ def axis_front(axis: str) -> Front:
 
 def what_would_be_lost(session: Session) -> str:
     """Say of each document what is in no file, for the question before closing."""
-    said, running = [], session.running
+    said, running = [], session.solver.running
     if running:
         name = session.document.name
         said.append(f"{name} is being matched; the best field so far is in no file.")
@@ -227,7 +227,7 @@ class Actions:
         self._files.stop_waiting()
         if self._files.saving:
             self._files.when_saved(self._quit)
-        elif not (self._session.saves.unsaved_documents or self._session.running):
+        elif not (self._session.saves.unsaved_documents or self._session.solver.running):
             self._close()
         elif not self._dialogs.is_asking(_QUIT):
             answers = {"Save": self._save_and_close, "Don't save": self._close, "Go back": None}
@@ -298,7 +298,7 @@ class Actions:
         elif view.large in view.shown_surfaces and len(view.shown_surfaces) > 1:
             self._session.editor.amend(view=replace(view, large=""))
         else:
-            self._session.cancel()
+            self._session.solver.cancel()
 
     def _along(self, count: int) -> None:
         if self._files.tables.has_keys:

@@ -1,5 +1,6 @@
 """The menu bar."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,8 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
     ui.tip("A function on the mesh that is open, at several times: all frames are matched.")
     has_second = len(context.session.document.surfaces) > 1
     if menu_item(ui, "Close second surface", enabled=has_second):
-        context.files.close_second()
+        close = partial(context.session.set_surfaces, context.session.surface("source"))
+        context.files.when_free("closing the second surface", close)
     if menu_item(ui, "Open landmarks..."):
         landmarks.open_file(context)
 

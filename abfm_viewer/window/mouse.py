@@ -70,7 +70,7 @@ class Mouse:
             ours = True
         elif scene.names:  # what began over them may go on outside
             self._turn(scene, place, over)
-            self._enlarge(scene, place, over)
+            self._enlarge(session, scene, place, over)
             self._move(scene, over, free)
             if over and io.MouseWheel:
                 scene.see(scene.view.zoomed(self.over, place, _ZOOM_FACTOR**io.MouseWheel))
@@ -90,13 +90,14 @@ class Mouse:
             scene.see(scene.view.turned(turned.surface, turned.place, place))
         self._turned = replace(turned, place=place)
 
-    def _enlarge(self, scene: Scene, place: Place, over: bool) -> None:
+    def _enlarge(self, session: Session, scene: Scene, place: Place, over: bool) -> None:
         """Show the surface that was clicked on twice large, or all again."""
         if over and imgui.IsMouseClicked(0):
             self._clicked_twice = place if imgui.IsMouseDoubleClicked(0) else None
         if over and imgui.IsMouseReleased(0) and self._clicked_twice is not None:
             if math.dist(place, self._clicked_twice) <= _CLICK_PIXELS_MAX:
-                scene.enlarge("" if len(scene.shown) < len(scene.names) else self.over)
+                large = "" if len(scene.shown) < len(scene.names) else self.over
+                session.editor.amend(view=replace(session.view, large=large))
             self._clicked_twice = None
 
     def _move(self, scene: Scene, over: bool, free: bool) -> None:
@@ -142,7 +143,7 @@ class Mouse:
             mark = scene.landmark_at(place)
             if mark is not None and imgui.IsMouseClicked(0):
                 session.editor.seal()
-                session.editor.activate_landmark(mark.number)
+                session.editor.select(landmark=mark.number)
                 self._dragged, self._pressed_at = mark, None
                 self._landmarks = session.document.landmarks
             return mark is not None

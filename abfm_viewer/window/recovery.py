@@ -97,7 +97,10 @@ class Recoveries:
             unsaved[present.identity] = present
         for identity in {*self._autosaves, *unsaved}:
             document, autosave = unsaved.get(identity, present), self._autosave(identity)
-            functions, origin = session.functions_of(document), session.saves.origin(document)
+            functions, origin = (
+                session.functions.of_document(document),
+                session.saves.origin(document),
+            )
             if document is present and running is not None:
                 content = partial(self._content_of_run, document, running, functions)
                 autosave.offer((document, running), content, True, origin)
@@ -121,7 +124,7 @@ class Recoveries:
         session, kept = self._session, set()
         if keep_unsaved:
             kept = {document.identity for document in session.saves.unsaved_documents}
-            if session.running:
+            if session.solver.running:
                 kept.add(session.document.identity)
         for identity, autosave in self._autosaves.items():
             autosave.close()

@@ -349,7 +349,7 @@ class Window(Context):
         self._document = session.document
         by_hand = tuple(io.MouseDelta) != (0, 0) or io.MouseWheel != 0 or imgui.IsAnyMouseDown()
         moving = session.view.streaks and session.view.animate
-        working = session.running or self.shown.busy != "" or moving
+        working = session.solver.running or self.shown.busy != "" or moving
         return changed or by_hand or imgui.IsAnyItemActive() or working
 
     def _dropped(self, files: list[str]) -> None:

@@ -147,8 +147,8 @@ def restart(gui, document=None):
     """Begin the next step of a tour with a document, by default the present one, as if it had just
     been opened.
     """
-    gui.session.cancel()
-    gui.wait(lambda s: not s.running)
+    gui.session.solver.cancel()
+    gui.wait(lambda s: not s.solver.running)
     for card in gui.session.notices.cards:
         gui.session.notices.dismiss(card)
     document = document or gui.session.document

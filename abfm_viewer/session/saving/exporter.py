@@ -66,7 +66,7 @@ class MovieSettings:
 
 class _Export(NamedTuple):
     path: Path
-    check: Callable[[], object]  # refuses the path
+    suffixes: tuple[str, ...]  # of which it must have one
     write: Callable[[], object]  # returns what is missing in the file, and why
 
 
@@ -94,7 +94,7 @@ class Exporter:
         self._control = Control()
         self._lock = threading.Lock()
         self._waiting: list[_Export] = []
-        self._is_running = False
+        self.running = False
 
     @property
     def step(self) -> Step:
@@ -105,17 +105,9 @@ class Exporter:
             return replace(told, task=f"{task}: {told.task}")
         return Step(task, done=self.progress or None, began=self._began)
 
-    @property
-    def running(self) -> bool:
-        return self._is_running
-
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
         words = [*self.picture.words(), *(["--transparent"] if self.picture.transparent else [])]
-        self._start(
-            path,
-            partial(outputs.check, path, PICTURES),
-            partial(self._render, path, document, known, words),
-        )
+        self._start(path, PICTURES, partial(self._render, path, document, known, words))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
         movie, start, whole = self.movie, document.start, document.last - document.start
@@ -126,27 +118,25 @@ class Exporter:
         times = [f"--from={begin}", f"--to={end}"]
         rate = [f"--seconds={movie.seconds}", f"--fps={movie.fps}"]
         words = [*self.picture.words(), *rate, *times, f"--turntable={movie.turntable}"]
-        self._start(
-            path,
-            partial(outputs.check, path, MOVIES),
-            partial(self._render, path, document, known, words),
-        )
+        self._start(path, MOVIES, partial(self._render, path, document, known, words))
 
     def save_result(self, path: Path, found: Any, kept: Callable[[], object]) -> None:
         """Write a result by the suffix, and call ``kept`` if that is a result file."""
+        task = abfm.loading.task_of(found)
 
         def write() -> str:
+            outputs.check_result(path, task)
             note = outputs.write(path, found)
             if path.suffix == RESULT:
                 kept()
             return note
 
-        self._start(path, partial(outputs.check_result, path, abfm.loading.task_of(found)), write)
+        self._start(path, outputs.suffixes(task), write)
 
     def save_table(self, path: Path, found: Any, name: str) -> None:
         """Write a table of a result by its name, see `abfm.tasks.task.Task.tables`."""
         table = abfm.loading.task_of(found).tables[name]
-        self._start(path, partial(outputs.check, path, TABLES), partial(table.write, path, found))
+        self._start(path, TABLES, partial(table.write, path, found))
 
     def save_labels(
         self, path: Path, labels: LabelMap, found: abfm.Correspondence | abfm.Match
@@ -158,7 +148,7 @@ class Exporter:
             carried = way.b.on_file(way.carry_labels(labels.values, "area"), NO_LABEL)
             abfm.io.write_labels(path, labels.labels(carried), way.b.structure)
 
-        self._start(path, partial(outputs.check, path, LABELS), write)
+        self._start(path, LABELS, write)
 
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""
@@ -177,15 +167,15 @@ class Exporter:
         self.cancel()
         self.wait()
 
-    def _start(self, path: Path, check: Callable[[], object], write: Callable[[], object]) -> None:
+    def _start(self, path: Path, suffixes: tuple[str, ...], write: Callable[[], object]) -> None:
         """Write a file, or have it written after those that are under way."""
         with self._lock:
-            export = _Export(path, check, write)
+            export = _Export(path, suffixes, write)
             if self.running:
                 self._waiting.append(export)
             else:
                 self._begin(export)
-                self._is_running = True
+                self.running = True
                 self._work = THREADS.submit(self._write_all, export)
 
     def _begin(self, export: _Export) -> None:
@@ -199,14 +189,14 @@ class Exporter:
             self._write(export)
             with self._lock:
                 if not self._waiting:
-                    self._is_running = False
+                    self.running = False
                     return
                 export = self._waiting.pop(0)
                 self._begin(export)
 
     def _write(self, export: _Export) -> None:
         try:
-            export.check()
+            outputs.check(export.path, export.suffixes)
             with telling(self._tell), controlled(self._control):
                 note = export.write()
             self.progress, self.message = 1.0, f"saved {export.path}{f'; {note}' if note else ''}"

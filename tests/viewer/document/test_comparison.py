@@ -1,10 +1,11 @@
 """What a subject of a population is held against: its words, and where nothing is known."""
 
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 
-from abfm_viewer.document.comparison import COMPARED_KINDS, Comparison
+from abfm_viewer.document.comparison import Compared, Comparison
 
 VALUES = np.arange(10.0).reshape(2, 5, 1)
 VALUES[0, 3] = np.nan
@@ -29,7 +30,7 @@ def test_long_names_leave_room_for_the_words_after_them():
     assert long.title("source") == "sub-001_ses-baseline_..., carried"
     assert long.title("advected") == "sub-001_ses-baseline_... less the mean"
     assert long.name.endswith("fsaverage")
-    assert {comparison(what=what).title("error") for what in COMPARED_KINDS} == {"error"}
+    assert {comparison(what=what).title("error") for what in get_args(Compared)} == {"error"}
 
 
 def test_what_is_not_known_is_told_of_each_slot():

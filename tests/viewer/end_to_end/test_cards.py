@@ -288,7 +288,7 @@ def answer_during_a_run(gui, tmp_path):
     gui.click("Go back", within="End the run?")
     assert session.solver.running
     drop()
-    session.cancel()
+    session.solver.cancel()
     gui.wait(lambda _: gui.window.dialogs.is_asking("Go on?"))
     assert not gui.window.dialogs.is_asking("End the run?")
     gui.click("Go back", within="Go on?")
@@ -297,7 +297,7 @@ def answer_during_a_run(gui, tmp_path):
         begin(gui)
         drop()
         if answer == "Go on":
-            session.cancel()
+            session.solver.cancel()
         gui.click(answer, within=question)
         gui.wait(lambda s: s.document.name == "b.off")
         gui.key("ctrl+z")

@@ -125,7 +125,7 @@ def resume_after_a_killed_process(gui):
     for label in ("Continue", "Match again"):
         solving(gui.session)
         gui.session.matching.unfinished(
-            gui.session.matching.snapshot, gui.session.functions_of(gui.session.document)
+            gui.session.matching.snapshot, gui.session.functions.of_document(gui.session.document)
         )
         kept = gui.session.matching._best.shown
         os.kill(gui.session.solver.process._worker.pid, signal.SIGKILL)

@@ -121,7 +121,7 @@ def test_a_film_goes_on_after_the_app_was_killed(tmp_path):
     assert 0 < count < 239
     with Driver(icosphere(1), size=SIZE, state=state) as gui:
         gui.click("Recover")
-        gui.wait(lambda s: s.document.result is not None and not s.running)
+        gui.wait(lambda s: s.document.result is not None and not s.solver.running)
         sequence = gui.session.document.result
         assert gui.session.document.name == "wave.npy on egg.off"
         assert np.count_nonzero(sequence.solved) == count
@@ -132,7 +132,7 @@ def test_a_film_goes_on_after_the_app_was_killed(tmp_path):
         gui.wait(lambda s: s.film_match.found(s.document) > count)
         assert not gui.session.film_match.step.task.startswith("choosing")
         gui.click("Cancel")
-        gui.wait(lambda s: not s.running)
+        gui.wait(lambda s: not s.solver.running)
         assert np.count_nonzero(gui.session.document.result.solved) > count
         assert not gui.errors
     assert not any(state.glob("autosave-*"))

@@ -191,7 +191,7 @@ def match_landmarks_alone(gui, tmp_path):
     gui.drag("time", 0)
     gui.wait(lambda _: farthest() > 0.05)
     assert not session.outdated
-    known, document = session.registration, session.document
+    known, document = session.document.complete_result, session.document
     gui.menu("File", "Save project as...")
     gui.type("file name", "pair")
     gui.wait(lambda s: not s.saves.unsaved)

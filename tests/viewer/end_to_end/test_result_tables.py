@@ -265,7 +265,7 @@ def show_the_outlier(opened, monkeypatch):
     assert session.document.titled("source") == "subject 1, carried"
     opened.click("Registration")
     settle(opened)
-    assert session.registration is not None
+    assert session.document.complete_result is not None
     assert tables.chosen.name == "subject 1"
     assert opened.errors == {}
 

@@ -64,7 +64,7 @@ def test_a_figure_is_ready_to_match(samples, figure, monkeypatch):
     session = samples.session
     np.testing.assert_array_equal(session.surface().mesh.vertices, problem.mesh.vertices)
     assert session.parameters == problem.parameters
-    functions = session.functions_of(session.document)
+    functions = session.functions.of_document(session.document)
     for side in ("source", "target"):
         values = [functions.evaluate(channel.spec(side)) for channel in session.channels]
         np.testing.assert_allclose(np.stack(values, axis=1), getattr(problem, side), atol=1e-12)
@@ -109,7 +109,7 @@ def test_a_pair_of_shapes_opens_ready_to_match(samples):
     for mesh, slot in ((a, "source"), (b, "target")):
         np.testing.assert_array_equal(samples.session.surface(slot).mesh.vertices, mesh.vertices)
     # in its own unit, so that colours are those of A
-    assert samples.session.compared("target") is samples.session.values("target")
+    assert samples.session.work.compared("target") is samples.session.values("target")
     assert not samples.session.saves.unsaved
     assert [w.label for w in opened_menu(samples) if w.text == "checked"] == [PAIR]
     samples.key("esc")
@@ -120,7 +120,7 @@ def test_both_cortices_open_ready_to_match(samples, monkeypatch):
     samples.menu("Samples", CORTEX)
     wait(samples, lambda s: s.document.name == "left cortex to right cortex" and not s.obstacle)
     session = samples.session
-    left, right = session.compared("source"), session.compared("target")
+    left, right = session.work.compared("source"), session.work.compared("target")
     # one rotation in a mirror, and not where it lies
     assert np.corrcoef(left, right)[0, 1] > 0.85
     assert np.corrcoef(session.values("source"), right)[0, 1] < 0.5

@@ -45,7 +45,7 @@ def film(gui, tmp_path):
 
 
 def settled(gui):
-    gui.wait(lambda s: not (s.running or gui.window.shown.busy))
+    gui.wait(lambda s: not (s.solver.running or gui.window.shown.busy))
     gui.frames(3)
 
 
@@ -66,7 +66,7 @@ def test_tour_of_frames(film, tmp_path, walk):
     go_from_frame_to_frame(film)
     hold_and_cancel_the_run(film, tmp_path)
     film.click("Match all frames")
-    film.wait(lambda s: not s.running)
+    film.wait(lambda s: not s.solver.running)
     carry_frames_from_both_sides(film)
     walk(film, draw_tracks, follow_points_and_lines, click_on_the_plot)
     walk(film, match_two_frames, change_parameters, write_all_files)
@@ -84,7 +84,7 @@ def hold_and_cancel_the_run(film, tmp_path):
     film.click("Resume")
     assert not film.session.solver.paused
     film.click("Cancel")
-    film.wait(lambda s: not s.running)
+    film.wait(lambda s: not s.solver.running)
     restart(film, document)
 
 
@@ -133,7 +133,7 @@ def compare_phases_on_a_circle(gui, tmp_path):
     expected = abfm.sequence(EGG, phases, 0.5 * np.arange(COUNT), GIVEN.parameters, circular=360)
     gui.session.editor.set_film(alpha=1.0, order=1, sigma=0.1)
     gui.click("Match all frames")
-    gui.wait(lambda s: not s.running)
+    gui.wait(lambda s: not s.solver.running)
     np.testing.assert_allclose(gui.session.document.result.velocity, expected.velocity)
 
     np.save(tmp_path / "wave.npy", FRAMES)

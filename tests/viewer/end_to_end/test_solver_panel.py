@@ -171,8 +171,8 @@ def change_parameters_by_remedies(gui):
         gui.click(label, within="verdict")
         assert gui.session.solver.running
         assert gui.session.parameters == result.parameters.with_values(**parameters)
-        gui.session.cancel()  # it may have ended by now
-        gui.wait(lambda s: not s.running)
+        gui.session.solver.cancel()  # it may have ended by now
+        gui.wait(lambda s: not s.solver.running)
 
 
 def report_a_squeezed_source(gui, notes, monkeypatch):

@@ -73,7 +73,7 @@ def dim_until_the_step_is_carried(walked, monkeypatch):
 
 def dim_the_surface_until_the_step_is_shown(walked, monkeypatch, owner, name):
     may_end, scene = threading.Event(), walked.window.scene
-    walked.session.set_time(0.5 * walked.session.tau)
+    walked.session.set_time(0.5 * walked.session.document.tau)
     walked.wait(lambda _: not walked.window.shown.busy and walked.window.shown.flow.settled)
     walked.frames(2)
     assert scene.behind == ()

@@ -111,7 +111,7 @@ def choose_the_initial_map(gui, files, notes):
     gui.wait(lambda s: not s.obstacle)
     gui.choose("color by", "checker")
     on_b = gui.window.shown.flow.coordinates()
-    assert_array_equal(on_b, session.prepared.initial.correspondence.points.positions)
+    assert_array_equal(on_b, session.work.prepared.initial.correspondence.points.positions)
     gui.frames(2)
     assert gui.window.scene.paints["advected"].title == "checker of A, on B"
     gui.check("lines from A to B")
@@ -131,12 +131,12 @@ def choose_the_initial_map(gui, files, notes):
     gui.choose("initial map", "map from a file...")
     gui.double_click("map.txt")
     gui.wait(lambda s: not s.obstacle)
-    assert_array_equal(session.prepared.initial.correspondence.to_vertices(), opposite)
+    assert_array_equal(session.work.prepared.initial.correspondence.to_vertices(), opposite)
     gui.choose("initial map", "ends of limbs")
     gui.wait(lambda s: "ends of limbs" in s.obstacle)
     gui.choose("initial map", "automatic")
     gui.wait(lambda s: not s.obstacle)
-    assert session.prepared.initial.correspondence.to_vertices()[1] == 1
+    assert session.work.prepared.initial.correspondence.to_vertices()[1] == 1
     gui.choose("initial map", "spheres from files...")  # and ways that take their time
     for title in ("Open the sphere of A", "Open the sphere of B"):
         gui.double_click(ball.name, title)
@@ -194,7 +194,7 @@ def save_and_open(gui, tmp_path):
     session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
     gui.wait(lambda s: not s.obstacle)
     match(gui)
-    saved, known = session.document, session.registration
+    saved, known = session.document, session.document.complete_result
     gui.menu("File", "Save project as...")
     gui.type("file name", "pair")
     gui.wait(lambda s: not s.saves.unsaved)
@@ -219,9 +219,9 @@ def save_and_open(gui, tmp_path):
         for slot in ("source", "target"):
             meshes = opened.surface(slot).mesh, saved.surface(slot).mesh
             assert_array_equal(*(mesh.vertices for mesh in meshes))
-        places = (one.points.positions for one in (session.registration, known))
+        places = (one.points.positions for one in (session.document.complete_result, known))
         assert_allclose(*places, atol=1e-9)
-        again = session.prepared.initial.correspondence
+        again = session.work.prepared.initial.correspondence
         assert_array_equal(again.to_vertices(), known.initial.to_vertices())
         if name == "pair.abfm":
             assert (opened.channels, opened.initial) == (saved.channels, "connectivity")
@@ -259,7 +259,7 @@ def show_and_carry_labels(gui, tmp_path):
     gui.wait(lambda _: (paints["advected"].values == table.linear_colors(keys)).all())
     match(gui)
     gui.drag("time", session.parameters.tau)
-    expected = session.registration.carry_labels(keys)
+    expected = session.document.complete_result.carry_labels(keys)
     shown = table.linear_colors(expected)
 
     def are_shown():
@@ -273,7 +273,7 @@ def show_and_carry_labels(gui, tmp_path):
     gui.type("file name", "carried.label.gii")
     gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
     found = read_labels(tmp_path / "carried.label.gii")
-    assert_array_equal(found.values, session.registration.carry_labels(keys, "area"))
+    assert_array_equal(found.values, session.document.complete_result.carry_labels(keys, "area"))
     assert found.names == {3: "front", 8: "back"}
     save_project(tmp_path / "p.abfm", session.document, {})
     again = load_project(tmp_path / "p.abfm")[0]

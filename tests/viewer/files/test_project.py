@@ -36,6 +36,7 @@ from abfm.sequences.frames import checked
 from abfm.workers.control import Control
 from abfm_viewer.document import document as documents
 from abfm_viewer.document.document import (
+    Asked,
     Channel,
     InitialMap,
     Landmark,
@@ -163,7 +164,9 @@ def pair():
     initial = Correspondence.of_same_faces(a, b)
     found = match(b, a.vertices[:, :1], b.vertices[:, 1:2], SHORT)
     channels, mark = (Channel("coordinate:x", "coordinate:y"),), Point(3, (1.0, 0.0, 0.0))
-    kept = InitialMap(initial, "connectivity", channels, "", ("a note",), (), False, found.source)
+    kept = InitialMap(
+        initial, Asked("connectivity", channels, "", (), False), ("a note",), found.source
+    )
     surfaces = Surface(a, "A"), Surface(b, "B")
     return PairDocument(
         surfaces,
@@ -465,8 +468,8 @@ def test_damaged_results_are_refused(saved):
 @pytest.mark.parametrize(
     ("name", "value", "named"),
     [
-        ("format_version", 8, ()),
-        ("format_version", 6, (6, 7)),
+        ("format_version", 9, ()),
+        ("format_version", 7, (7, 8)),
         ("kind", "sphere", ("sphere", "match", "film")),
         ("kind", "film", ()),
         ("has_result", False, ("result",)),

@@ -102,7 +102,7 @@ def reach_families_from_a_gaussian(gui):
     gui.click("Remove Gaussian", within="target")
     assert gui.session.document.bump == 0
     gui.type("spec", "gaussian:vertex=4242", within="target")
-    gui.wait(lambda s: s.error("target"))
+    gui.wait(lambda s: s.work.error("target"))
     gui.click("Add Gaussian", within="target")
     check_message(next(reason for reason in refusals(gui) if "4242" in reason))
     gui.choose("family", "geodesic", within="target")

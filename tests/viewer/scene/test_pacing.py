@@ -61,7 +61,8 @@ def test_where_surfaces_are_drawn_within_a_frame_nothing_waits(paced):
 @pytest.fixture
 def window(monkeypatch):
     """A window whose clock we turn; `samples` are those that polyscope was told, in their order."""
-    session = SimpleNamespace(running=False, player=SimpleNamespace(playing=False))
+    solver, player = SimpleNamespace(running=False), SimpleNamespace(playing=False)
+    session = SimpleNamespace(solver=solver, player=player)
     found = SimpleNamespace(session=session, samples=[], time=0.0, size=(1280, 800))
     fake = SimpleNamespace(set_SSAA_factor=found.samples.append, get_window_size=lambda: found.size)
     monkeypatch.setattr(pacing, "ps", fake)
@@ -90,7 +91,7 @@ def test_one_frame_is_drawn_anew_when_nothing_moved_for_a_while_until_something_
 
 @pytest.mark.parametrize("what", ["running", "playing"])
 def test_it_never_happens_during_a_run_nor_while_time_moves(window, what):
-    setattr(window.session if what == "running" else window.session.player, what, True)
+    setattr(window.session.solver if what == "running" else window.session.player, what, True)
     for _ in range(5):
         window.frame(STILL_SECONDS)
     assert window.samples == []

@@ -85,11 +85,9 @@ COARSE = icosphere(3)
 
 
 def test_faces_are_spread_and_the_largest_of_their_places():
-    faces = [overlays.evenly_spread(COARSE, density) for density in (0.0, 0.5, 1.0)]
-    assert len(faces[0]) < len(faces[1]) < len(faces[2])
-    for chosen in faces:
-        assert len(np.unique(chosen)) == len(chosen)
-        assert face_areas(COARSE)[chosen].mean() >= face_areas(COARSE).mean()
+    chosen = overlays.evenly_spread(COARSE)
+    assert len(np.unique(chosen)) == len(chosen) < len(COARSE.faces) / 2
+    assert face_areas(COARSE)[chosen].mean() >= face_areas(COARSE).mean()
 
 
 def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge():

@@ -142,8 +142,8 @@ def cancelled(session, when):
     """Cancel a run at a condition, and return the sequence and the report."""
     session.match()
     until(lambda: when(session), session)
-    session.cancel()
-    until(lambda: not session.running, session)
+    session.solver.cancel()
+    until(lambda: not session.solver.running, session)
     return session.document.result, session.notices.latest.text
 
 
@@ -181,7 +181,7 @@ def test_chosen_settings_are_shown_and_stay_automatic(session):
     few = replace(DOCUMENT.film, frames=checked(SPHERE, FRAMES[:5], None, None, None))
     session.restore(replace(DOCUMENT, film=few, settings=FilmSettings()), {}, None)
     session.match()
-    until(lambda: not session.running, session)
+    until(lambda: not session.solver.running, session)
     document = session.document
     used = document.result.parameters
     assert used.automatic == ("alpha", "order")

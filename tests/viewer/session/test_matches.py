@@ -131,7 +131,7 @@ def test_unknown_functions_do_not_end_a_run(endless):
     solver, matching = solving(endless).solver, endless.matching
     problem = matching.problem
     endless.editor.set_spec("source", "file:missing.npy")
-    until(lambda: endless.error("source"), endless)
+    until(lambda: endless.work.error("source"), endless)
     assert (solver.running, matching.problem) == (True, problem)
     end_run(endless)
     assert not solver.failed, solver.reason

@@ -13,7 +13,7 @@ from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.document.result_table import PopulationTable, ResultRow, ResultTable
 from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.files.result_tables import _texts
-from abfm_viewer.session.result_tables import document_of_result, document_of_subject
+from abfm_viewer.session.result_tables import document_of_subject
 from tests.core.sequences.turning_film import solved
 from tests.shapes import icosphere
 
@@ -23,7 +23,7 @@ _MATCHED = Facts(Outcome.MATCHED, "matched")
 def test_a_film_is_called_by_its_row():
     path = Path("85b823f4.npz")
     row = ResultRow(0, "f1", _MATCHED, path)
-    document, _ = document_of_result(row, lambda path: (document_of_sequence(solved(), path), {}))
+    document = row.named(document_of_sequence(solved(), path))
     assert document.name == "f1"
     assert not document.is_outdated
 
@@ -35,10 +35,9 @@ def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
     assert _texts(Ledger(tmp_path).entry(Row("f", {"mesh": "a.off", "frames": "f.npy"}))) == ()
     row = ResultRow(0, "r", _MATCHED, Path("e11a.npz"), texts)
     opened = MatchDocument((Surface(icosphere(1), "e11a.npz"),), (Channel("one", "two"),))
-    document, _ = document_of_result(row, lambda _: (opened, {}))
-    assert document.called == {"one": "curvature:mean", "two": "file:b.npy"}
+    assert row.named(opened).called == {"one": "curvature:mean", "two": "file:b.npy"}
     two = replace(row, texts=(*texts, *texts))  # of another number of channels
-    assert document_of_result(two, lambda _: (opened, {}))[0].called == {}
+    assert two.named(opened).called == {}
 
 
 def test_what_is_searched_for_is_a_phrase_or_words():

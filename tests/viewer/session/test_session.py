@@ -44,14 +44,14 @@ def test_functions_that_cannot_be_evaluated_stand_in_the_way(session):
     assert "computed" in session.obstacle
     until(lambda: "computed" not in session.obstacle, session)
     assert "100000" in session.obstacle
-    assert session.error("source") in session.obstacle
+    assert session.work.error("source") in session.obstacle
     session.match()
     assert not session.solver.running
     assert session.notices.latest.is_error
     session.undo()
     ready(session)
     session.editor.set_mask("indicator:vertex=100000,radius=1")
-    until(lambda: session.error("mask"), session)
+    until(lambda: session.work.error("mask"), session)
     assert session.obstacle
     with pytest.raises(FunctionError):
         session.editor.set_mask("no such family:")
@@ -357,6 +357,6 @@ def test_ping_pong_turns_at_both_ends():
 def test_a_constant_target_is_foreseen_and_not_rescaled(session):
     session.editor.set_spec("target", "expression:2")
     ready(session)
-    until(lambda: session.foreseen, session)
-    assert session.foreseen.outcome is Outcome.IMPOSSIBLE
+    until(lambda: session.work.foreseen, session)
+    assert session.work.foreseen.outcome is Outcome.IMPOSSIBLE
     assert session.rescaled_channels() == session.channels

@@ -42,14 +42,14 @@ def pair():
 
 def test_the_result_is_of_its_map_and_of_no_other(pair):
     matched(pair)
-    assert pair.document.initial_map.correspondence is pair.prepared.initial.correspondence
+    assert pair.document.initial_map.correspondence is pair.work.prepared.initial.correspondence
     assert_array_equal(pair.result.mesh.vertices, B.vertices)
     assert not pair.outdated
-    pair.editor.set_initial("closest")
+    pair.editor.change("change the initial map", initial="closest")
     until(lambda: pair.outdated, pair)
     pair.undo()
     until(lambda: not pair.outdated, pair)
-    assert pair.registration.points.domain is B
+    assert pair.document.complete_result.points.domain is B
 
 
 def test_measured_functions_are_matched_in_standard_deviations(pair):
@@ -57,10 +57,10 @@ def test_measured_functions_are_matched_in_standard_deviations(pair):
     rough = "sin(40*x)*sin(50*y)*sin(60*z)"
     pair.editor.set_spec("target", f"expression:100+7*{rough}")
     pair.editor.set_spec("source", f"expression:{rough}")
-    until(lambda: not pair.obstacle and pair.prepared.usual == MEASURED_PARAMETERS, pair)
-    until(lambda: pair.compared("target") is not None, pair)
+    until(lambda: not pair.obstacle and pair.work.prepared.usual == MEASURED_PARAMETERS, pair)
+    until(lambda: pair.work.compared("target") is not None, pair)
     areas = abfm.calculus.vertex_areas(B)
-    apart = pair.compared("target") - np.average(pair.compared("target"), weights=areas)
+    apart = pair.work.compared("target") - np.average(pair.work.compared("target"), weights=areas)
     assert np.average(apart**2, weights=areas) == pytest.approx(1)
     pair.match()
     assert pair.parameters == MEASURED_PARAMETERS
@@ -78,7 +78,7 @@ def test_the_same_text_on_both_surfaces_is_known_for_each(pair, tmp_path):
     ready(pair)
     assert_array_equal(pair.values("source"), on_a)
     assert_array_equal(pair.values("target"), on_b)
-    known = known_values(pair.document, pair.functions_of(pair.document))
+    known = known_values(pair.document, pair.functions.of_document(pair.document))
     save_project(tmp_path / "p.abfm", pair.document, known)
     opened, again = load_project(tmp_path / "p.abfm")
     assert again.keys() == known.keys()
@@ -109,13 +109,13 @@ def test_distortion_of_the_initial_map_changes_nothing(registered):
 
 
 def test_registrations_have_functions_of_a(registered):
-    functions = registered.registration.functions
+    functions = registered.document.complete_result.functions
     assert_allclose(functions[:, 0], registered.values("source"))
 
 
 def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, monkeypatch):
     prepare, may_go_on = abfm.registration.prepare, threading.Event()
-    pair.editor.set_initial("connectivity")
+    pair.editor.change("change the initial map", initial="connectivity")
     ready(pair)
 
     def late(*given, **named):

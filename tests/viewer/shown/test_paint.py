@@ -1,6 +1,7 @@
 """What surfaces show, decided without drawing."""
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from abfm import TriangleMesh, baselines
 from abfm.baselines import linear_blend, optimal_transport
 from abfm.mesh.subdivision import subdivided
 from abfm.reading.labels import Labels
-from abfm_viewer.document.document import COLORINGS
+from abfm_viewer.document.document import Coloring
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import Painter, _most
@@ -106,7 +107,7 @@ def test_a_paint_is_the_same_object_until_what_it_shows_changes(session, painter
     assert painter.paint("target").colors.colormap == "viridis"
 
 
-@pytest.mark.parametrize("coloring", COLORINGS)
+@pytest.mark.parametrize("coloring", get_args(Coloring))
 @pytest.mark.parametrize("share", [0.4, 1.0])
 def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, share, shown, painter):
     show(session, coloring=coloring, blend=True, transport=True, error=True)
@@ -198,7 +199,7 @@ def test_coordinates_are_colours_between_the_ends_of_the_mesh(session, shown):
 def test_a_side_without_values_shows_none_and_the_other_one_stays(session, painter):
     target = painter.paint("target").values
     session.editor.set_spec("source", "eigenfunction:100000")
-    until(lambda: session.error("source"), session)
+    until(lambda: session.work.error("source"), session)
     bare = painter.paint("source")
     assert bare.title == "source: no values"
     assert bare.colors is None
