@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
 
 import abfm
 from abfm import AbfmError
@@ -18,13 +17,6 @@ them.
 """
 _LEDGER = "ledger"
 _NUMBERS = ("residual", "folded", "log2_area", "correlation")  # of subjects
-
-
-class _FolderStamp(NamedTuple):
-    """What was last changed (ns) in a folder of results, or of a population's file."""
-
-    place: Path
-    changed: tuple[int, ...]
 
 
 def place_of(path: Path) -> Path | None:
@@ -43,21 +35,17 @@ class TableReader:
 
     def __init__(self, place: Path) -> None:
         self.place = place
-        self._state: _FolderStamp | None = None
+        self._stamps: list[int] = []
         self._table: ResultTable | None = None
         self._known: dict[Path, ResultRow] = {}
 
     def read(self, anew: bool = True) -> ResultTable:
-        """Return the table, the same object where nothing has changed unless it is read `anew`.
-
-        Raises
-        ------
-        ResultError
-            If there is none, or it is damaged.
+        """Return the table, the same object where nothing has changed unless it is read `anew`; a
+        ResultError reports that there is none, or that it is damaged.
         """
-        state = _state(self.place)
-        if self._table is None or anew or state != self._state:
-            self._table, self._state = self._read(), state
+        stamps = _stamps(self.place)
+        if self._table is None or anew or stamps != self._stamps:
+            self._table, self._stamps = self._read(), stamps
         return self._table
 
     def _read(self) -> ResultTable:
@@ -115,13 +103,15 @@ def _of_population(place: Path, path: Path) -> PopulationTable:
     return PopulationTable(place, f"population {name}", tuple(rows), found)
 
 
-def _state(place: Path) -> _FolderStamp:
-    """Return what tells whether a table has changed; what is written takes a file's place."""
+def _stamps(place: Path) -> list[int]:
+    """Return when files that tell whether a table has changed were modified (ns); what is written
+    takes a file's place.
+    """
     looked_at = (place, place / POPULATION, place / _LEDGER, place / _LEDGER / "rows.json")
-    changed = []
+    stamps = []
     for path in looked_at if place.is_dir() else (place,):
         try:
-            changed.append(path.stat().st_mtime_ns)
+            stamps.append(path.stat().st_mtime_ns)
         except OSError:
-            changed.append(0)
-    return _FolderStamp(place, tuple(changed))
+            stamps.append(0)
+    return stamps

@@ -25,20 +25,9 @@ if sys.platform == "linux":
         raise DrawingError(
             f"cannot draw without OpenGL ({_error}); type: sudo apt-get install libegl1 libgl1"
         ) from None
-import polyscope as ps
+import polyscope
 
-__all__ = [
-    "MATERIAL",
-    "OFFSCREEN_BACKEND",
-    "WINDOW",
-    "Backend",
-    "clear",
-    "draw_transparency",
-    "ps",
-    "spare_a_core",
-    "start",
-]
-
+ps = polyscope
 Backend = Literal["auto", "openGL3_glfw", "openGL3_egl", "openGL_mock"]
 WINDOW: Backend = "openGL3_glfw"
 OFFSCREEN_BACKEND: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"

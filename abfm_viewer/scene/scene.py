@@ -293,7 +293,7 @@ class Scene:
         functions = [session.values(side) for side in on_it]
         known = [values for values in functions if values is not None]
         if len(known) < len(functions):
-            if session.channels and not session.functions.problem(session.document):
+            if session.channels and not session.work.problem_told:
                 return None
             known = []
         front = session.document.front(slot, *known)

@@ -10,8 +10,7 @@ from functools import partial
 import abfm
 from abfm import AbfmError, TriangleMesh
 from abfm.types import FloatArray
-from abfm.workers.progress import Step
-from abfm_viewer.computing.background import Jobs, Latest, Memo, same
+from abfm_viewer.computing.background import Memo
 from abfm_viewer.computing.evaluation import Evaluated, Evaluators, Functions
 from abfm_viewer.document.document import SIDES, Document, Function, Side
 from abfm_viewer.document.kinds import MatchDocument
@@ -25,16 +24,12 @@ class DocumentFunctions:
     for its first functions; None if it has some.
     """
 
-    def __init__(self, jobs: Jobs) -> None:
+    def __init__(self, at_once: bool) -> None:
         self.bare_since: float | None = None
-        self._at_once = jobs.at_once
+        self._at_once = at_once
         self._by_mesh: dict[TriangleMesh, Functions] = {}
-        self._defaults: Latest[tuple[str, str]] = jobs.latest()
         self._evaluated: dict[Functions, Evaluated] = {}
-        self._is_outdated = Memo[bool]()
         self._period = Memo["float | None"]()
-        self._compared: abfm.Match | None = None
-        self._answer = False
 
     def of(self, mesh: TriangleMesh) -> Functions:
         if mesh not in self._by_mesh:
@@ -49,19 +44,6 @@ class DocumentFunctions:
         if mesh in self._by_mesh:
             self._by_mesh[mesh].let_go()
         self._by_mesh[mesh] = Functions(mesh, known, self._at_once)
-
-    def defaults(self, document: Document) -> tuple[tuple[str, str] | None, str]:
-        """Specs of a source and a target, None before they are known, and why there are none.
-
-        Of two surfaces each gets what would be its source alone.
-        """
-        meshes = tuple(surface.mesh for surface in document.surfaces)
-        found = self._defaults.ask(meshes, partial(self._default_pair, meshes))
-        return found, self._defaults.error if same(self._defaults.key, meshes) else ""
-
-    def _default_pair(self, meshes: tuple[TriangleMesh, ...]) -> tuple[str, str]:
-        found = [self.of(mesh).defaults() for mesh in meshes]
-        return found[0] if len(found) == 1 else (found[0][0], found[1][0])
 
     def update(self, document: Document) -> None:
         """Evaluate what the document asks for, or take in what was: call once per frame."""
@@ -98,55 +80,6 @@ class DocumentFunctions:
     def error(self, function: Function) -> str:
         found = self._found(function)
         return found if isinstance(found, str) else ""
-
-    def problem(self, document: Document) -> str:
-        errors = ((one.spec, self.error(one)) for one in document.functions)
-        return next((f"{spec}: {error}" for spec, error in errors if error), "")
-
-    def obstacle(self, document: MatchDocument) -> str:
-        """Say why functions keep a match of the document from starting; nothing if they do not."""
-        if not document.channels:
-            return "a source and a target for this mesh are being chosen"
-        if problem := self.problem(document):
-            return problem
-        if any(self.values(function) is None for function in document.functions):
-            return "the functions are being computed"
-        mask = self.values(document.mask_function)
-        if mask is not None and (mask.min() < 0 or not mask.any()):
-            return "the mask must not be negative, nor zero everywhere"
-        has_weight = any(channel.weight for channel in document.channels)
-        return "" if has_weight or document.is_of_landmarks else "all channels have the weight 0"
-
-    def outdated(self, document: MatchDocument) -> bool:
-        """Tell whether the result was found for another problem; False without a result.
-
-        While new values are being computed, the answer is the one before. Of two surfaces the
-        result is of what its initial map was found for.
-        """
-        if (result := document.result) is None:
-            return False
-        values = [self.values(function) for function in document.functions]
-
-        def compare() -> bool:
-            is_known = self.problem(document) or all(one is not None for one in values)
-            if result is not self._compared or is_known:
-                self._compared, self._answer = result, document.differs(result, self.values)
-            return self._answer
-
-        problem = document.parameters, document.asked
-        return self._is_outdated.get((result, problem, document.initial_map, *values), compare)
-
-    def step(self, document: Document) -> Step | None:
-        if not document.channels:
-            return self._defaults.step
-        steps = (self.of(surface.mesh).step for surface in document.surfaces)
-        return next((step for step in steps if step), None)
-
-    def busy(self, document: Document) -> str:
-        if not document.channels and not self._defaults.error:
-            return "choosing functions"
-        is_busy = any(self.of(surface.mesh).busy for surface in document.surfaces)
-        return "computing functions" if is_busy else ""
 
     def keep(self, at_work: Collection[TriangleMesh], in_reach: Collection[TriangleMesh]) -> None:
         """Let go of meshes out of reach, and of others what was computed but is not shown there.

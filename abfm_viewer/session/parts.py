@@ -29,7 +29,7 @@ class Parts:
         self.jobs = Jobs(at_once)
         self.at_once = at_once
         self.editor = Editor(MatchDocument((Surface(mesh, name),)))
-        self.functions = DocumentFunctions(self.jobs)
+        self.functions = DocumentFunctions(at_once)
         self._process = Process()  # of initial maps
         of_maps = None if at_once else self._process
         self.initial_maps = InitialMaps(self.jobs, self.functions, of_maps)

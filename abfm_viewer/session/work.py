@@ -13,8 +13,8 @@ from abfm import Parameters
 from abfm.types import FloatArray
 from abfm.wording import counted
 from abfm.workers.progress import Step
-from abfm_viewer.computing.background import Latest
-from abfm_viewer.computing.evaluation import Evaluators
+from abfm_viewer.computing.background import Latest, Memo, same
+from abfm_viewer.computing.evaluation import Evaluators, Functions
 from abfm_viewer.computing.matching import ProblemSpec, Snapshot
 from abfm_viewer.document.document import Document, Identity, Point, RunRecord, Side, View
 from abfm_viewer.document.film import FRAMES_A_SECOND
@@ -206,8 +206,11 @@ class MatchWork(Work):
     def __init__(self, parts: Parts, run: MatchRun) -> None:
         super().__init__(parts)
         self._run = run
+        self._defaults: Latest[tuple[str, str]] = parts.jobs.latest()
         self._coarse_meshes: Latest[None] = parts.jobs.latest()
         self._foreseen: Latest[abfm.Facts | None] = parts.jobs.latest()
+        self._is_outdated = Memo[bool]()
+        self._compared: tuple[abfm.Match | None, bool] = None, False  # a result, and its answer
 
     @property
     def document(self) -> MatchDocument:
@@ -217,7 +220,24 @@ class MatchWork(Work):
 
     @property
     def outdated(self) -> bool:
-        return self.parts.functions.outdated(self.document)
+        """Whether the result was found for another problem; False without a result.
+
+        While new values are being computed, the answer is the one before. Of two surfaces the
+        result is of what its initial map was found for.
+        """
+        document, known = self.document, self.parts.functions.values
+        if (result := document.result) is None:
+            return False
+        values = [known(function) for function in document.functions]
+
+        def compare() -> bool:
+            is_known = self._unknown or all(one is not None for one in values)
+            if result is not self._compared[0] or is_known:
+                self._compared = result, document.differs(result, known)
+            return self._compared[1]
+
+        problem = document.parameters, document.asked
+        return self._is_outdated.get((result, problem, document.initial_map, *values), compare)
 
     def values(self, side: Side) -> FloatArray | None:
         if self.document.active is None:
@@ -231,12 +251,21 @@ class MatchWork(Work):
         return functions.error(document.function(of)) if document.active else ""
 
     @property
+    def _evaluating(self) -> list[Functions]:
+        return [self.parts.functions.of(surface.mesh) for surface in self.document.surfaces]
+
+    @property
     def busy(self) -> str:
-        return self.parts.functions.busy(self.document)
+        if not self.document.channels and not self._defaults.error:
+            return "choosing functions"
+        is_busy = any(functions.busy for functions in self._evaluating)
+        return "computing functions" if is_busy else ""
 
     @property
     def step(self) -> Step | None:
-        return self.parts.functions.step(self.document)
+        if not self.document.channels:
+            return self._defaults.step
+        return next((each.step for each in self._evaluating if each.step), None)
 
     @property
     def progress(self) -> str:
@@ -249,11 +278,28 @@ class MatchWork(Work):
 
     @property
     def obstacle(self) -> str:
-        return self.parts.functions.obstacle(self.document)
+        document, known = self.document, self.parts.functions.values
+        if not document.channels:
+            return "a source and a target for this mesh are being chosen"
+        if unknown := self._unknown:
+            return unknown
+        if any(known(function) is None for function in document.functions):
+            return "the functions are being computed"
+        mask = known(document.mask_function)
+        if mask is not None and (mask.min() < 0 or not mask.any()):
+            return "the mask must not be negative, nor zero everywhere"
+        has_weight = any(channel.weight for channel in document.channels)
+        return "" if has_weight or document.is_of_landmarks else "all channels have the weight 0"
 
     @property
     def problem_told(self) -> str:
-        return self.parts.functions.problem(self.document)
+        return self._unknown
+
+    @property
+    def _unknown(self) -> str:
+        """Say which function has no values, and why; nothing if all have some, or will."""
+        errors = ((one.spec, self.parts.functions.error(one)) for one in self.document.functions)
+        return next((f"{spec}: {error}" for spec, error in errors if error), "")
 
     @property
     def problem(self) -> ProblemSpec:
@@ -278,7 +324,16 @@ class MatchWork(Work):
         return self._foreseen.newest(spec.mesh, _foreseen, *given)
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:
-        return self.parts.functions.defaults(self.document)
+        """Of two surfaces each gets what would be its source alone."""
+        evaluating = self._evaluating
+        meshes = tuple(functions.mesh for functions in evaluating)
+
+        def choose() -> tuple[str, str]:
+            (source, target), *second = [functions.defaults() for functions in evaluating]
+            return source, second[0][0] if second else target
+
+        found = self._defaults.ask(meshes, choose)
+        return found, self._defaults.error if same(self._defaults.key, meshes) else ""
 
     def start(self, goes_on: bool | None) -> None:
         parts = self.parts
