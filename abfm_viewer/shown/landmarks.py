@@ -16,12 +16,13 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import SIDES, Landmark, Side
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.flow_state import FlowState
-from abfm_viewer.shown.hidden_points import are_hidden
 from abfm_viewer.shown.ribbons import outward
 from abfm_viewer.shown.shown_flow import ShownFlow
 
 _TIMES = 41  # tau is one of them
+_DEPTH_TOLERANCE = 0.01  # of sqrt(area): what is less far behind a face lies on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,18 @@ class Marks:
     def at(cls, points: abfm.maps.SurfacePoints, numbers: tuple[int, ...]) -> Marks:
         normals = abfm.calculus.face_normals(points.mesh)[points.faces]
         return cls(points.mesh, numbers, points.positions, outward(points.mesh) * normals)
+
+    def hidden(self, axes: FloatArray) -> BoolArray:
+        """Tell which have a part of the surface before them, (P,), or look away where it has no
+        boundary, in parallel projection; axes (3, 3) are what is right, up, and towards the viewer.
+        """
+        mesh, cosines = self.mesh, self.normals @ axes[2]
+        cosines = cosines if mesh.is_closed else np.abs(cosines)
+        hidden = np.asarray(cosines <= 0)
+        surface, places = mesh.vertices / mesh.length_scale, self.places / mesh.length_scale
+        given = (surface, mesh.faces), places[~hidden], cosines[~hidden]
+        hidden[~hidden] = Eye(axes).hides(*given, _DEPTH_TOLERANCE)
+        return hidden
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +93,9 @@ class ShownLandmarks(Jobs):
         """Tell which marks in a slot are hidden, (P,), seen by axes (3, 3); lately those of an
         earlier view.
         """
-        made_of = marks.mesh, marks.places, marks.normals
         kept = self._axes[slot, side].get((axes.tobytes(),), lambda: axes)
         about = marks.mesh, marks.numbers
-        found = self._hidden[slot, side].newest(about, are_hidden, *made_of, kept)
+        found = self._hidden[slot, side].newest(about, Marks.hidden, marks, kept)
         return np.zeros(len(marks.numbers), dtype=bool) if found is None else found
 
     def placed(self, side: Side) -> Marks | None:

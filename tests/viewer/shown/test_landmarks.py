@@ -1,4 +1,4 @@
-"""Points that other parts of a surface hide."""
+"""Landmarks that other parts of a surface hide."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,16 @@ from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from abfm.calculus import face_normals
-from abfm_viewer.shown.hidden_points import are_hidden
+from abfm_viewer.shown.landmarks import Marks
 from tests.shapes import icosphere, torus
 
 SPHERE, RING = icosphere(3), torus(60, 30)
 FROM_X = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # to the right, up, and towards the viewer
 FROM_Z = np.eye(3)
+
+
+def are_hidden(mesh, places, normals, axes):
+    return Marks(mesh, tuple(range(len(places))), places, normals).hidden(axes)
 
 
 @pytest.mark.parametrize("seed", range(4))
