@@ -78,11 +78,12 @@ def _draw_meshes(
         context.open_mesh()
     ui.beside()
     ui.align()
-    place = landmarks.button_label(document)
+    place = "Stop placing" if document.view.tool == "landmark" else "Place landmarks"
     room = ui.room_beside(place)
     ui.line(first, "ink", tips[0], room)
     ui.at_right_end(place)
-    landmarks.draw_button(context)
+    if ui.button(place, landmarks.PLACE_TIP):
+        context.session.editor.switch_placing()
     ui.line(*second, tips[1])
     for surface in document.surfaces:
         for message in surface.mesh.messages:
@@ -321,10 +322,8 @@ class _Side:
             self._put(str(permuted(path=chosen)), "vertex map")
 
     def _choose_values(self, family: type[functions.Family], file: functions.Parameter) -> None:
-        def read(path: str) -> functions.Spec:
-            return self._mapped(family(**{file.name: path}))
-
-        self._choose("Open values at the vertices", file, read)
+        title, name = "Open values at the vertices", file.name
+        self._choose(title, file, lambda path: self._mapped(family(**{name: path})))
 
     def _choose(
         self, title: str, file: functions.Parameter, function: Callable[[str], functions.Spec]

@@ -12,9 +12,7 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 
 FILES = (".csv", ".txt", ".vts")
-_PLACE = "Place landmarks"
-_STOP = "Stop placing"
-_LANDMARKS_TIP = (
+PLACE_TIP = (
     "Points of both surfaces that belong together: the flow takes each one to its partner. Click "
     "on one surface, then on its partner on the other; drag to move (M)."
 )
@@ -22,16 +20,6 @@ _ALONE_TIP = "Match nothing but the landmarks; the functions are carried along."
 _OPEN_TIP = "Pairs from a file: vertices of both surfaces, or their coordinates, a line each."
 _SAVE = "Write the pairs to a .csv file, as coordinates on both surfaces."
 _REMOVE = "Remove the chosen landmark from both surfaces (Delete)."
-
-
-def button_label(document: Document) -> str:
-    return _STOP if document.view.tool == "landmark" else _PLACE
-
-
-def draw_button(context: Context) -> None:
-    """Draw the button that lets clicks place landmarks, or not any more."""
-    if context.ui.button(button_label(context.session.document), _LANDMARKS_TIP):
-        context.session.editor.switch_placing()
 
 
 def draw(context: Context) -> None:

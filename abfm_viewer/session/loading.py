@@ -20,15 +20,13 @@ class Load:
     """Something to be read in a thread; what `read` returns shows it.
 
     `what` is such as "opening camel.off". If it fails, `remedies` are offered, and what is called
-    `other` in the window. What `replaces` the document keeps matches from starting. Two of the same
-    `source`, unless that is None, are the same.
+    `other` in the window. Two of the same `source`, unless that is None, are the same.
     """
 
     what: str
     read: Callable[[], Callable[[], None]]
     other: str = ""
     source: object = None
-    replaces: bool = True
     takes_long: bool = False  # so that nothing takes its place unasked
     remedies: WaysOut = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter, init=False)
@@ -63,7 +61,7 @@ class Loading:
     @property
     def replacing(self) -> str:
         """Say what is about to take the document's place, so that a match would be lost."""
-        return self.now.what if self.now and self.now.replaces else ""
+        return self.now.what if self.now else ""
 
     @property
     def step(self) -> Step | None:

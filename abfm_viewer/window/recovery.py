@@ -11,6 +11,7 @@ from typing import Any
 
 from abfm import AbfmError
 from abfm.types import FloatArray
+from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.matching import Snapshot
 from abfm_viewer.dialogs import Dialogs
@@ -20,7 +21,6 @@ from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
 from abfm_viewer.files.project import Origin, load_origin, load_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.functions import known_values
-from abfm_viewer.session.loading import Load
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
 
@@ -76,8 +76,8 @@ class Recoveries:
         self._autosaves: dict[Identity, Autosave] = {}
         self._numbers = itertools.count()
         self._recoveries: list[Recovery] | None = None
-        self._reading: tuple[Load, Recovery] | None = None
-        self._asks_later = False  # when what took the place of reading a copy is there
+        self._reading: Recovery | None = None
+        self._reader: Latest[Callable[[], None]] = Latest()
         self._reported = ""
         self._autosave(session.document.identity)
         session.film_match.beside = lambda document: self._autosave(document.identity).path
@@ -87,7 +87,8 @@ class Recoveries:
         if self._recoveries is None:
             self._recoveries = recoverable(self._state)
             self._ask_next()
-        self._mind_reading(self._recoveries)
+        if self._reading is not None:
+            self._take_read(self._reading)
         present, running = session.document, session.snapshot
         if running and not running.shown.iteration:  # before its first step
             running = None
@@ -122,6 +123,7 @@ class Recoveries:
     def close(self, keep_unsaved: bool) -> None:
         """Finish writing; a copy of unsaved work stays only if it is to be recovered."""
         session, kept = self._session, set()
+        self._reader.close()
         if keep_unsaved:
             kept = {document.identity for document in session.saves.unsaved_documents}
             if session.solver.running:
@@ -150,22 +152,17 @@ class Recoveries:
 
     def _ask_next(self) -> None:
         if self._recoveries:
-            recovery = self._recoveries.pop(0)
-            load = Load("reading unsaved work", partial(self._read, recovery), replaces=False)
-            self._reading = load, recovery
-            self._session.loading.begin(load)
+            self._reading = self._recoveries.pop(0)
 
-    def _mind_reading(self, recoveries: list[Recovery]) -> None:
-        """Offer a copy though something else was opened meanwhile, unless reading was cancelled."""
-        loading = self._session.loading.now
-        if self._reading is not None and loading is not self._reading[0]:
-            if loading is not None:
-                recoveries.insert(0, self._reading[1])
-                self._asks_later = True
+    def _take_read(self, recovery: Recovery) -> None:
+        """Ask about a copy when it has been read."""
+        ask = self._reader.ask(recovery, partial(self._read, recovery))
+        if ask is not None:
             self._reading = None
-        if self._asks_later and loading is None:
-            self._asks_later = False
-            self._ask_next()
+            ask()
+        elif not self._reader.busy:
+            self._reading = None
+            self._session.notices.say(self._reader.error, is_error=True)
 
     def _read(self, recovery: Recovery) -> Callable[[], None]:
         try:

@@ -128,7 +128,7 @@ def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, monkeypatch):
     pair.update()
     spec = pair.work.problem
     assert len(spec.landmarks) == 1
-    assert spec.initial.landmarks == ()  # so that its result is outdated
+    assert spec.initial.asked.landmarks == ()  # so that its result is outdated
     assert not spec.initial.is_for(pair.document)
     may_go_on.set()
     ready(pair)
