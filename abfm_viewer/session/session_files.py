@@ -214,10 +214,8 @@ class SessionFiles:
         that which is chosen.
         """
         path, mesh = _absolute(path), self._session.surface("source").mesh
-        read, source = (
-            partial(self._read_frames, path, array),
-            (Origin.of(path), mesh.digest, array),
-        )
+        source = Origin.of(path), mesh.digest, array
+        read = partial(self._read_frames, path, array)
         self._load(Load(f"opening {path.name}", read, OTHER_FRAMES, source))
 
     def _read_frames(self, path: Path, array: str | None = None) -> Do:

@@ -98,10 +98,8 @@ class Recoveries:
             unsaved[present.identity] = present
         for identity in {*self._autosaves, *unsaved}:
             document, autosave = unsaved.get(identity, present), self._autosave(identity)
-            functions, origin = (
-                session.functions.of_document(document),
-                session.saves.origin(document),
-            )
+            functions = session.functions.of_document(document)
+            origin = session.saves.origin(document)
             if document is present and running is not None:
                 content = partial(self._content_of_run, document, running, functions)
                 autosave.offer((document, running), content, True, origin)
