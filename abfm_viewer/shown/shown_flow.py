@@ -46,7 +46,11 @@ class Span:
         return blended(self.frames, float(np.interp(time, self.times, np.arange(len(self.times)))))
 
 
-def span(state: FlowState, function: FloatArray, carry: Carrying = FlowState.carry) -> Span:
+def pushed(state: FlowState, function: FloatArray, times: FloatArray) -> FloatArray:
+    return state.carry(function, times)
+
+
+def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Span:
     """A function over the whole time bar, or up to tau where the flow overflows beyond."""
     wanted = _TIMES if state.final else _TIMES_WHILE_SOLVING
     count = int(np.clip(_SPAN_NUMBERS_MAX // function.size, 9, wanted)) // 2 * 2 + 1
@@ -65,7 +69,7 @@ def span(state: FlowState, function: FloatArray, carry: Carrying = FlowState.car
 class Carried:
     """A function at the shown time, the same array for the same; `behind` if of another."""
 
-    def __init__(self, jobs: Jobs, carry: Carrying = FlowState.carry) -> None:
+    def __init__(self, jobs: Jobs, carry: Carrying = pushed) -> None:
         self._carry = carry
         self._span: Latest[Span] = jobs.latest()
         self._exact: Latest[FloatArray] = jobs.latest()
