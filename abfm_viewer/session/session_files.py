@@ -326,10 +326,9 @@ class SessionFiles:
             show_table()
             self._samples[self._session.document.identity] = name
 
-        def read() -> Do:
-            return partial(show, self.tables.read(make(folder)))
-
-        self._load(Load(f"setting up {name.lower()}", read, takes_long=True))
+        read = self.tables.read
+        what = f"setting up {name.lower()}"
+        self._load(Load(what, lambda: partial(show, read(make(folder))), takes_long=True))
 
     def _load(self, load: Load) -> None:
         """Read something when nothing is in the way; if that fails, offer to try it again."""

@@ -70,11 +70,8 @@ class InBetween:
         self.is_behind = flow is not None and found is None
         if found is not None:
             return self._shown.get((found, share), partial(blended, found, share * (_TIMES - 1)))
-
-        def blend() -> FloatArray:
-            return (1 - share) * before + share * after
-
-        return self._shown.get((before, after, share), blend)
+        made_of = before, after, share
+        return self._shown.get(made_of, lambda: (1 - share) * before + share * after)
 
     def prepare(self, flow: FlowState, before: FloatArray, after: FloatArray) -> None:
         """Compute another interval, if nothing else is computed."""

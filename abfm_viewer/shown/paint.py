@@ -127,11 +127,8 @@ class Painter:
 
     def _without_values(self, name: str) -> Paint:
         count, title = len(self._session.surface(name).mesh.vertices), f"{name}: no values"
-
-        def make() -> Paint:
-            return Paint("colors", np.full((count, 3), NO_VALUES), title)
-
-        return self._kept[name].get((count, title), make)
+        shown = self._kept[name].get
+        return shown((count, title), lambda: Paint("colors", np.full((count, 3), NO_VALUES), title))
 
     @property
     def _bar(self) -> str:
@@ -164,10 +161,7 @@ class Painter:
         mesh, values = found
         title = self._session.document.titled(name)
         title = title if is_side else self._extrapolated(title, flow.is_behind)
-
-        def make() -> Paint:
-            return Paint("vertex values", values, title, colors, self._bar, mesh=mesh)
-
+        make = partial(Paint, "vertex values", values, title, colors, self._bar, mesh=mesh)
         return self._kept[name].get((mesh, values, title, colors), make)
 
     def _plain(self, advected: FloatArray, colors: ColorRange) -> Paint:
@@ -262,11 +256,9 @@ class Painter:
         values = self._shown.flow.labels() if is_carried else labels.values
         if values is None:
             return None
-
-        def make() -> Paint:
-            return Paint("colors", labels.linear_colors(values), title)
-
-        return self._kept[name].get((values, labels, title), make)
+        shown = self._kept[name].get
+        made_of = values, labels, title
+        return shown(made_of, lambda: Paint("colors", labels.linear_colors(values), title))
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         unknown = self._unknown("carried")

@@ -156,22 +156,15 @@ class ShownFlow(Jobs):
         mesh, prepared = self._session.surface().mesh, self._session.work.prepared
         first = prepared.initial.correspondence.points if prepared else None
         if snapshot is not None:
-            now = snapshot.shown
-
-            def iterate() -> FlowState:
-                parameters, count = snapshot.problem.parameters, now.fields
-                read = partial(getattr, now, "velocity")
-                return FlowState(mesh, read, parameters, False, None, count, first)
-
-            return self._state.get((now, first), iterate)
+            now, parameters = snapshot.shown, snapshot.problem.parameters
+            read = partial(getattr, now, "velocity")
+            given = mesh, read, parameters, False, None, now.fields, first
+            return self._state.get((now, first), partial(FlowState, *given))
         if result is None:
             return None
-
-        def final() -> FlowState:
-            found, problem = result.fine_velocity, result.problem
-            return FlowState(mesh, found, result.parameters, problem=problem, initial=first)
-
-        return self._state.get((result, first), final)
+        of, problem = (mesh, result.fine_velocity, result.parameters), result.problem
+        make = partial(FlowState, *of, problem=problem, initial=first)
+        return self._state.get((result, first), make)
 
     @property
     def time(self) -> float:

@@ -279,11 +279,8 @@ class Actions:
         name = (origin.path if origin else Path(document.name)).with_suffix(PROJECT).name
         is_present = document.identity is self._session.document.identity
         title = "Save the project" if is_present else f"Save the project of {document.name}"
-
-        def save(path: Path) -> None:
-            self._files.save(path, then, document)
-
-        self._dialogs.save(title, (PROJECT,), name, save)
+        save = self._files.save
+        self._dialogs.save(title, (PROJECT,), name, lambda path: save(path, then, document))
 
     # Solver, time and view
 
