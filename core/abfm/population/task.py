@@ -33,8 +33,7 @@ from abfm.tasks.inputs import (
     weight_input,
 )
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.preview import Preview
-from abfm.tasks.task import Export, Given, Report, ResultFile, Table, Task
+from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task
 
 ROUNDS_MAX = 1000
 _MEAN = "template and mean"

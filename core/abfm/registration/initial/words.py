@@ -18,10 +18,9 @@ from abfm.mesh.files import READERS, read_contents
 from abfm.registration.correspondence import Candidate, Correspondence
 from abfm.registration.initial.alignment import KINDS, closest_after_alignment
 from abfm.registration.initial.connectivity import same_connectivity
-from abfm.registration.initial.given import Initial, MapInput
+from abfm.registration.initial.given import Initial, MapInput, made_continuous
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.searching.search import searched
-from abfm.registration.initial.torn import made_continuous
 from abfm.registration.initial.turned_spheres import (
     LANDMARKS_MIN,
     best_of_spheres,
