@@ -35,7 +35,7 @@ from abfm.sequences.between.left_out import LeftOut, left_out
 from abfm.sequences.frames import Frames, checked, interval_parameters
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
-from abfm.sequences.reading.frame_objects import frames_of
+from abfm.sequences.reading.reading_frames import frames_of
 from abfm.sequences.solution import Solution
 from abfm.sequences.solving.choosing import SIGMA_MAX, SIGMA_MIN
 from abfm.sequences.solving.solve import Said, SequenceSolver
