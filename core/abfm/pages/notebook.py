@@ -20,11 +20,11 @@ from abfm.outcome import Facts
 from abfm.pages.colormaps import color_range
 from abfm.pages.front import best_front
 from abfm.pages.html import environment
-from abfm.pages.of_populations import population_page
 from abfm.pages.of_results import (
     correspondence_headline,
     correspondence_page,
     match_page,
+    population_page,
     registration_page,
 )
 from abfm.pages.of_sequences import Labels, sequence_page
