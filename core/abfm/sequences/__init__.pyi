@@ -11,7 +11,6 @@ from .parameters import TAKEN_NAMES as TAKEN_NAMES
 from .parameters import SequenceParameters as SequenceParameters
 from .parameters import defaults as defaults
 from .reading.frames_file import FramesFile as FramesFile
-from .reading.reading_frames import ENDINGS as ENDINGS
 from .reading.reading_frames import read_frames as read_frames
 from .report import of_interval as of_interval
 from .sequence import GAMMA as GAMMA

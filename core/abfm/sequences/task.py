@@ -14,6 +14,7 @@ from abfm.matching.judging.verdict import Verdict
 from abfm.matching.terms.functions import given_mask
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
+from abfm.reading import FRAMES_ENDINGS
 from abfm.sequences import report
 from abfm.sequences.exports import (
     check_pvd,
@@ -25,7 +26,7 @@ from abfm.sequences.exports import (
 )
 from abfm.sequences.parameters import CHOSEN_NAMES, TAKEN_NAMES, defaults
 from abfm.sequences.reading.frames_file import FramesFile
-from abfm.sequences.reading.reading_frames import ENDINGS, read_frames
+from abfm.sequences.reading.reading_frames import read_frames
 from abfm.sequences.sequence import GAMMA, GAMMA_MAX, Sequence, load_sequence, sequence
 from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import NUMBERS, facts_of_intervals
@@ -138,7 +139,9 @@ class SequenceTask(Task):
     needs: ClassVar = ("frames", "mesh")
     inputs: ClassVar = (
         file_input("mesh", MESH_FORMATS, "MESH", is_argument=True),
-        file_input("frames", f"the frames: {', '.join(ENDINGS)}", "FRAMES", is_argument=True),
+        file_input(
+            "frames", f"the frames: {', '.join(FRAMES_ENDINGS)}", "FRAMES", is_argument=True
+        ),
         number_input(
             "dt",
             "seconds between two frames, whatever the file says (default: as in the file, or 1)",

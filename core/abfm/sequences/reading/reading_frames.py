@@ -20,14 +20,13 @@ from abfm.functions.value_files import (
 )
 from abfm.mesh import TriangleMesh
 from abfm.mesh.objects import has
-from abfm.reading import FRAMES_ENDINGS, Format, counts_of, open_file
+from abfm.reading import Format, counts_of, open_file
 from abfm.sequences.reading.frames_file import FramesFile, by_frames, frames_of_columns
 from abfm.sequences.reading.vtk_frames import vtk_frames
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError
 
 _OF_VTK = (Format.COLLECTION, Format.SERIES, Format.VTK_XML, Format.VTK_LEGACY)
-ENDINGS = FRAMES_ENDINGS
 
 
 def read_frames(
