@@ -15,8 +15,7 @@ from abfm import ResultError, TriangleMesh
 from abfm.io.sheets import Panel, Sheet, Up, Values
 from abfm.pages.colormaps import ColorRange, color_range
 from abfm.pages.front import Front, best_front, triple
-from abfm.tasks.preview import Preview
-from abfm.tasks.task import Task
+from abfm.tasks.task import Preview, Task
 from abfm.types import FloatArray
 from abfm_viewer.pictures.panels import panel_pictures
 from abfm_viewer.scene.surfaces import Camera, fitted

@@ -11,7 +11,7 @@ from abfm.errors import ResultError, brief
 from abfm.io import results
 from abfm.matching.problem import load_problem
 from abfm.population.task import PopulationTask
-from abfm.registration.files import load_correspondence
+from abfm.registration.correspondence import load_correspondence
 from abfm.tasks.task import Task
 from abfm.types import File
 

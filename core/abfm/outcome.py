@@ -46,11 +46,6 @@ class Outcome(StrEnum):
         return self in (Outcome.MATCHED, Outcome.REGISTERED, Outcome.NEARLY)
 
     @property
-    def is_verdict(self) -> bool:
-        """Return whether a match can have this outcome."""
-        return self.rank <= Outcome.IMPOSSIBLE.rank
-
-    @property
     def rank(self) -> int:
         """Return the place in the order from the best (0) to the worst."""
         return list(Outcome).index(self)
@@ -65,7 +60,7 @@ class Outcome(StrEnum):
         return "good" if self.is_good else "failure"
 
 
-VERDICTS = tuple(outcome for outcome in Outcome if outcome.is_verdict)
+VERDICTS = tuple(outcome for outcome in Outcome if outcome.rank <= Outcome.IMPOSSIBLE.rank)
 """The outcomes of a match."""
 RESIDUAL_NEARLY = 0.15
 """Largest residual of functions that nearly match."""

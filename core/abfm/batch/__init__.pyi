@@ -1,5 +1,5 @@
+from .attempt import Cost as Cost
 from .cluster import Cluster as Cluster
-from .cost import Cost as Cost
 from .kinds import KINDS as KINDS
 from .kinds import kind_of as kind_of
 from .ledger import Ledger as Ledger

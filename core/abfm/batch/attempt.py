@@ -6,21 +6,21 @@ import dataclasses
 import os
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol, Self
 
-from abfm.batch.cost import Cost
 from abfm.batch.ledger import Ledger, Record
 from abfm.batch.rows import Row, own_version
 from abfm.errors import AbfmError, AbfmWarning, ResultError, one_line
 from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
+from abfm.matching.solving.record import Iteration
 from abfm.outcome import Outcome
 from abfm.sequences import remove_unfinished
-from abfm.tasks.monitor import Monitor
+from abfm.tasks.monitor import Monitor, ignore
 from abfm.tasks.task import Task as Solvable
 from abfm.workers.control import CancelledError, Control, checkpoint, present_control
 from abfm.workers.progress import step
@@ -63,6 +63,30 @@ class Answer:
     result: bytes | None = None  # of the file, where the folder is not seen
     value: Any = None  # of a computation
     is_blind: bool = False  # files are not seen: the task is to be sent again, with their contents
+
+
+@dataclass
+class Cost:
+    """The cost of a match, measured while it is solved; None is unknown."""
+
+    evaluations: int | None = None  # of energy and gradient, up to the last iterate
+    seconds_to_goal: float | None = None  # until the residual on the mesh itself was the goal
+
+    def watch(self, goal: float | None) -> Callable[[Iteration], object]:
+        """Return a function to call after every iteration of a match with a goal; None for tasks
+        that have none.
+        """
+        if goal is None:
+            return ignore
+        began = time.monotonic()
+
+        def measure(now: Iteration) -> None:
+            self.evaluations = now.evaluations
+            is_reached = now.level == now.levels - 1 and now.residual <= goal
+            if is_reached and self.seconds_to_goal is None:
+                self.seconds_to_goal = time.monotonic() - began
+
+        return measure
 
 
 def attempt(task: Task) -> Answer:

@@ -14,7 +14,7 @@ from zipfile import is_zipfile
 
 from abfm.batch.rows import Row
 from abfm.errors import ResultError, brief, one_line
-from abfm.io import remove_abandoned, write_atomically
+from abfm.io import remove_abandoned, write_whole, writing_in
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts, Outcome
 from abfm.reading import from_json, read_bytes
@@ -115,17 +115,11 @@ class Ledger:
     def make(self) -> str:
         """Make the folder, if it is not there, and return what tells it from others."""
         path = self.own / "identity"
-        try:
+        with writing_in(self.folder):
             self.own.mkdir(parents=True, exist_ok=True)
             if not path.exists():
-                with write_atomically(path) as temporary:
-                    temporary.write_text(secrets.token_hex(16))
+                write_whole(path, secrets.token_hex(16))
             return path.read_text()
-        except OSError as error:
-            raise ResultError(
-                f"cannot write in {one_line(self.folder)}: {one_line(error)}; choose a folder "
-                "that is writable and has space left"
-            ) from error
 
     def is_seen(self, identity: str) -> bool:
         """Tell whether this is, here, the same folder, and may be written to."""
@@ -146,8 +140,7 @@ class Ledger:
     def write_result(self, digest: str, content: bytes) -> None:
         """Write a result that came as bytes, if it is not there."""
         if not self.has(digest):
-            with write_atomically(self.result(digest)) as temporary:
-                temporary.write_bytes(content)
+            write_whole(self.result(digest), content)
 
     def entry(self, row: Row) -> LedgerEntry:
         """Return what is known of a row."""
@@ -242,8 +235,7 @@ class Ledger:
         return replace(record, reason=reason, expected=expected, warning=warning)
 
     def _write(self, path: Path, content: object) -> None:
-        with write_atomically(path) as temporary:
-            temporary.write_text(json.dumps(content), encoding="utf-8")
+        write_whole(path, json.dumps(content))
 
 
 def _row_and_key(entry: Any) -> tuple[Row, str]:

@@ -1,7 +1,7 @@
 """The flow of given fields: functions carried along it, and the maps that it makes."""
 
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,7 @@ from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection, Discretisation
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow_lines import fields_in_a_row
-from abfm.flow.flow_maps import carrying, flow_maps
-from abfm.maps.distortion import Distortion
+from abfm.maps.distortion import Distortion, Map
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import FlowMapQuality, ThereAndBack, there_and_back
@@ -24,6 +23,31 @@ from abfm.mesh.subdivision import interpolated, mean_of_children, refined
 from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.parameters import CHOICES, Method
 from abfm.types import FloatArray
+
+
+def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterator[PointMap]:
+    """Map vertices to where their values came from at each of the times (T,), or, ``inverse``, to
+    where they go; at negative times the other way round.
+
+    What goes ahead, or back along a single field, goes on from the time before, if that is less.
+    """
+    mesh, points = lines.mesh, None
+    from_time, went_ahead = 0.0, False
+    for time in times.tolist():
+        ahead, until = inverse != (time < 0), abs(time)
+        goes_on = went_ahead is ahead and from_time <= until
+        if not goes_on or not (ahead or len(lines.fields) == 1):
+            points, from_time = None, 0.0
+        begin, end = (from_time, until) if ahead else (until, from_time)
+        points = lines.between(points, begin, end)
+        from_time, went_ahead = until, ahead
+        yield PointMap.of_points(mesh, points, carrying(lines, time, inverse))
+
+
+def carrying(lines: ContinuousFlow, time: float, inverse: bool) -> Map:
+    """Return what takes points where `flow_maps` takes vertices."""
+    ahead = inverse != (time < 0)
+    return partial(lines.destinations if ahead else lines.origins, t=abs(time))
 
 
 class Flow:

@@ -8,8 +8,7 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.reading import Columns
 from abfm.types import FloatArray, IntArray
-from abfm.workers.control import checkpoint
-from abfm.workers.progress import step
+from abfm.workers.progress import stepped
 
 _FSAVERAGE = 163_842  # vertices, of which the first ones are those of its coarser copies
 _COARSER_COPIES = {
@@ -67,9 +66,6 @@ def _interpolated(mesh: TriangleMesh, film: FloatArray, rows: IntArray) -> Float
     rows_of_unknown = sparse.csr_array(laplacian[~known] @ inverse_areas @ laplacian)
     solve = factor(sparse.csr_array(rows_of_unknown[:, ~known]))
     beside = sparse.csr_array(rows_of_unknown[:, known])
-    with step("interpolating between sources") as tell:
-        for k, frame in enumerate(values):
-            checkpoint()
-            frame[~known] = solve(-(beside @ frame[known]))
-            tell((k + 1) / len(values))
+    for frame in stepped("interpolating between sources", values):
+        frame[~known] = solve(-(beside @ frame[known]))
     return values

@@ -166,15 +166,13 @@ def read_column(
         return found.table()[:, found.number_of(column)]
 
 
-def read_map_table(
-    path: str | os.PathLike[str], domain: TriangleMesh, what: str = "map"
-) -> FloatArray:
+def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatArray:
     """Read a table (n, C) of places of the vertices of a mesh elsewhere, in the file's own rows.
 
     Columns are never taken for numbers of the vertices themselves, but GIFTI's node indices and a
     first column without a name, as pandas writes, are.
     """
-    with reported(path, what):
+    with reported(path, "map"):
         counts = counts_of(domain)
         request = request_for(domain)._replace(whole=True)
         found = columns_of(open_file(path), request).of_values()

@@ -4,6 +4,7 @@ from .atomic import remove_temporary as remove_temporary
 from .atomic import temporary_folder as temporary_folder
 from .atomic import write_atomically as write_atomically
 from .atomic import write_whole as write_whole
+from .atomic import writing_in as writing_in
 from .bids_names import BidsName as BidsName
 from .bids_names import bids_name as bids_name
 from .bids_names import parse_bids_name as parse_bids_name
@@ -15,6 +16,7 @@ from .brain_files import write_values as write_values
 from .exports import export_energy_csv as export_energy_csv
 from .exports import export_ply as export_ply
 from .exports import export_vtu as export_vtu
+from .exports import write_csv as write_csv
 from .results import FORMAT_VERSION as FORMAT_VERSION
 from .results import load_arrays as load_arrays
 from .results import save_arrays as save_arrays
@@ -23,7 +25,6 @@ from .source_estimates import even_step as even_step
 from .source_estimates import write_stc as write_stc
 from .surface_images import from_surface_image as from_surface_image
 from .surface_images import to_surface_image as to_surface_image
-from .tables import write_csv as write_csv
 from .textured import TEXTURED_ENDINGS as TEXTURED_ENDINGS
 from .textured import textured_files as textured_files
 from .textured import write_textured as write_textured

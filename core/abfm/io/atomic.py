@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from abfm.errors import ResultError
+from abfm.errors import ResultError, one_line
 
 if sys.platform != "win32":
     import fcntl
@@ -83,6 +83,18 @@ def check_writable(path: str | os.PathLike[str]) -> None:
             pass
         if target.exists() and not os.access(target, os.W_OK):
             raise PermissionError(None, "no permission to replace it")
+
+
+@contextmanager
+def writing_in(folder: str | os.PathLike[str]) -> Iterator[None]:
+    """Raise a ResultError where the operating system refuses to write in a folder."""
+    try:
+        yield
+    except OSError as error:
+        raise ResultError(
+            f"cannot write in {one_line(folder)}: {one_line(error)}; choose a folder that is "
+            "writable and has space left"
+        ) from error
 
 
 @contextmanager

@@ -1,8 +1,6 @@
 from .bounded import SHARE as SHARE
 from .bounded import bounded as bounded
 from .bounded import check_bound as check_bound
-from .files import load_match as load_match
-from .files import match_of as match_of
 from .judging.cause import Cause as Cause
 from .judging.facts import LOG2_AREA_GOOD as LOG2_AREA_GOOD
 from .judging.obstacles import foreseen as foreseen
@@ -20,7 +18,7 @@ from .problem import load_problem as load_problem
 from .report import numbers as numbers
 from .report import plain as plain
 from .result import Match as Match
-from .result import match_arrays as match_arrays
+from .result import load_match as load_match
 from .solvability import peaks as peaks
 from .solvability import resolution as resolution
 from .solve_many import solve_many as solve_many

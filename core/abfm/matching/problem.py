@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import extend_all
 from abfm.errors import (
+    AbfmError,
     AbfmWarning,
     FunctionError,
     MeshError,
@@ -28,12 +29,13 @@ from abfm.flow.continuous_flow import on_children
 from abfm.functions.circular import warn_of_phases
 from abfm.functions.circular_channels import circular_channels
 from abfm.functions.family import texts_of
+from abfm.functions.files import Permuted, ValuesFile
+from abfm.functions.local_shape import Curvature
 from abfm.functions.objects import texts_or_values
 from abfm.functions.sides import warn_of_mixed_sides
-from abfm.functions.spec import files_in, function, parse
+from abfm.functions.spec import files_in, function, functions_in, parse
 from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints
-from abfm.matching.refinement import on_subdivision
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.data_term import DataTerm, Restriction
 from abfm.matching.terms.functions import FunctionTerm, given_mask, mask_of_known
@@ -44,6 +46,10 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import KEEPING_AREAS, Parameters
 from abfm.reading import from_json
 from abfm.types import BoolArray, File, FloatArray
+
+_DIFFERENCE_MAX = 0.5
+"""Of its norm: what differs by more at the vertices that stay is another function, such as another
+one with the same eigenvalue; coarse distances are off by a tenth."""
 
 
 class Problem:
@@ -237,11 +243,7 @@ class Problem:
         and stay as they are there.
         """
         own = self.functions
-        return self._with_functions(
-            FunctionTerm(
-                own.mesh, own.source.T, own.target.T, mask, own.weights, approximate=own.approximate
-            )
-        )
+        return self._with_functions(own.with_values(own.mesh, own.source, own.target, mask))
 
     def _with_functions(self, functions: FunctionTerm) -> Problem:
         return self._with(terms=(functions, *self.terms[1:]), functions=functions)
@@ -269,19 +271,14 @@ class Problem:
     def _subdivided(self) -> Problem:
         mesh, fine, own = self.mesh, refined(self.mesh, 1), self.functions
         source, target = (
-            np.stack([on_subdivision(mesh, *pair) for pair in zip(values, specs, strict=True)], 1)
+            np.stack([on_subdivision(mesh, *pair) for pair in zip(values, specs, strict=True)])
             for values, specs in zip((own.source, own.target), self.specs, strict=True)
         )
         mask = None if own.mask is None else mask_on_children(mesh, own.mask)
         if mask is not None:
-            source, target = (
-                extend_all(fine, np.ascontiguousarray(values.T), mask > 0).T
-                for values in (source, target)
-            )
+            source, target = (extend_all(fine, each, mask > 0) for each in (source, target))
         unit = fine.normalized()
-        functions = FunctionTerm(
-            unit, source, target, mask, own.weights, approximate=own.approximate
-        )
+        functions = own.with_values(unit, source, target, mask)
         functions.function_size = own.function_size
         others = [term.restricted(_Finer(mesh, fine)) for term in self.terms[1:]]
         if None in others:
@@ -392,16 +389,14 @@ def load_problem(path: File) -> Problem:
     """Read a file of `Problem.save`; ResultError if it is missing, damaged, or no problem."""
 
     def made(arrays: dict[str, NDArray[Any]]) -> Problem:
-        parameters = Parameters.of(**from_json(str(arrays.pop("parameters"))))
-        return problem_of(results.mesh_of(arrays), arrays, parameters)
+        return problem_of(results.mesh_of(arrays), arrays)
 
     return results.loaded(path, results.PROBLEM, made)
 
 
-def problem_of(
-    mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]], parameters: Parameters
-) -> Problem:
+def problem_of(mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]]) -> Problem:
     """Return the problem of such arrays; functions may have values that are refused today."""
+    parameters = Parameters.of(**from_json(str(arrays["parameters"])))
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
     marks = [arrays[name] for name in results.LANDMARK_ENTRIES if name in arrays]
     functions = FunctionTerm(
@@ -536,3 +531,27 @@ def _read_only(array: FloatArray) -> FloatArray:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def on_subdivision(mesh: TriangleMesh, values: FloatArray, spec: str = "") -> FloatArray:
+    """Return a function (V,) on the subdivided mesh, (V + E,): by its spec, if it has one that
+    means the same there, else interpolated.
+    """
+    fine = refined(mesh, 1)
+    if spec and _is_meaningful(spec):
+        try:
+            anew = function(fine, spec)
+        except AbfmError:
+            return interpolated(mesh, values)
+        if np.linalg.norm(anew[: len(values)] - values) <= _DIFFERENCE_MAX * np.linalg.norm(values):
+            return anew
+    return interpolated(mesh, values)
+
+
+def _is_meaningful(spec: str) -> bool:
+    """Return whether it needs no file, and no curvature, which is 0 at middles of flat edges."""
+    try:
+        parts = functions_in(parse(spec))
+    except AbfmError:
+        return False
+    return not any(isinstance(part, ValuesFile | Permuted | Curvature) for part in parts)

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.display import Display
-from abfm.errors import AbfmError
+from abfm.errors import AbfmError, one_line
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.distortion import Bound, Distortion
@@ -26,14 +26,15 @@ from abfm.matching.judging.remedies import Remedy
 from abfm.matching.judging.verdict import Evidence, Verdict, judge
 from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.path import PathStep, choice_words, path_arrays
-from abfm.matching.problem import Problem
+from abfm.matching.path import PathStep, choice_words, path_arrays, path_of
+from abfm.matching.problem import Problem, problem_of
 from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import StopReason
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import mean_of_children, times_subdivided
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.parameters import Parameters
+from abfm.reading import from_json
 from abfm.types import File, FloatArray, IntArray
 
 _RESIDUAL_DIFFERENCE = 0.005
@@ -397,16 +398,16 @@ class Match(Display):
 
         It contains the functions and landmarks, and no other data terms.
         """
-        results.save_arrays(path, results.mesh_arrays(self.mesh) | match_arrays(self))
+        results.save_arrays(path, results.made(self._parts()))
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Write the valid parts of a match that `save` refuses, at least its field; return the
         missing ones and why, a line each, or raise ResultError.
         """
-        parts: dict[str, Callable[[], Mapping[str, Any]]] = {
-            "the mesh": partial(results.mesh_arrays, self.mesh)
-        }
-        return results.save_parts(path, parts | match_parts(self), substitutes(self))
+        return results.save_parts(path, self._parts(), substitutes(self))
+
+    def _parts(self) -> results.Parts:
+        return {"the mesh": partial(results.mesh_arrays, self.mesh), **match_parts(self)}
 
 
 def _carried(problem: Problem, velocity: FloatArray) -> FloatArray:
@@ -415,13 +416,11 @@ def _carried(problem: Problem, velocity: FloatArray) -> FloatArray:
     return Flow(problem.mesh, velocity, p.tau, p.paper.method).push(problem.source)
 
 
-def match_arrays(match: Match) -> dict[str, Any]:
-    """Return the arrays of a match's file except its mesh; unknown values are left out."""
-    return results.made(match_parts(match))
-
-
 def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
-    """Return the parts of `match_arrays`; any except the fields may fail."""
+    """Return the parts of a match's file except its mesh; any except the fields may fail, and
+    unknown values are left out.
+    """
+    problem, remedies, marks = match.problem, match.verdict.remedies, match.problem.landmarks
     grouped = {
         "the fields": ("velocity", "fine_velocity") if match.refined else ("velocity",),
         "the energies": ("energy_history", "stages"),
@@ -438,14 +437,18 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
     parts |= {
         "parameters": lambda: {"parameters": json.dumps(match.parameters.to_dict())},
         "verdict": lambda: {"verdict": match.verdict.texts},
-        "remedies": partial(_remedies_array, match.verdict.remedies),
-        "approximate": lambda: {"approximate": True} if match.problem.functions.approximate else {},
+        "remedies": lambda: (
+            {"remedies": json.dumps([asdict(each) for each in remedies])} if remedies else {}
+        ),
+        "approximate": lambda: {"approximate": True} if problem.functions.approximate else {},
         "bound": lambda: {} if match.bound is None else {"bound": np.array(match.bound, float)},
         "the fields": partial(_known, match, grouped["the fields"]),
         "the energies": partial(_known, match, grouped["the energies"]),
         "the path": lambda: path_arrays(match.path, match.step, match.mesh),
-        "the functions' texts": match.problem.spec_arrays,
-        "the landmarks": partial(_landmark_arrays, match),
+        "the functions' texts": problem.spec_arrays,
+        "the landmarks": lambda: (
+            {} if marks is None else {**marks.arrays(), **_known(match, ("landmark_errors",))}
+        ),
     }
     return parts
 
@@ -480,10 +483,65 @@ def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _remedies_array(remedies: tuple[Remedy, ...]) -> dict[str, Any]:
-    return {"remedies": json.dumps([asdict(remedy) for remedy in remedies])} if remedies else {}
+def load_match(path: File) -> Match:
+    """Read a file of `Match.save`; ResultError if it is missing, damaged, or not a result.
+
+    Values that disagree with the field are recomputed, with a warning in ``match.doubt``.
+    """
+
+    def made(arrays: results.Arrays) -> Match:
+        return match_of(results.mesh_of(arrays), arrays)
+
+    return results.loaded(path, results.RESULT, made).borne_out()
 
 
-def _landmark_arrays(match: Match) -> dict[str, Any]:
-    marks = match.problem.landmarks
-    return {} if marks is None else {**marks.arrays(), **_known(match, ("landmark_errors",))}
+def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
+    """Return the match of a file's arrays; any error if they do not fit."""
+    problem, velocity = problem_of(mesh, arrays), arrays["velocity"]
+    segments, fine = problem.parameters.solver.segments, arrays.get("fine_velocity", velocity)
+    if segments not in (0, len(velocity)):
+        raise ValueError(f"{len(velocity)} fields, but parameters say {segments}")
+    times_subdivided(fine.shape[1], mesh)
+    fastest = np.abs(fine).max()
+    if fastest > results.SIZE_MAX * mesh.length_scale:
+        raise ValueError(
+            f"velocity has the value {fastest:.3g}; expected up to {results.SIZE_MAX:g} length "
+            "scales of the mesh"
+        )
+    has_path = any(name.startswith("path_") for name in arrays)
+    path, step = path_of(arrays, fine, mesh) if has_path else ((), 0)
+    remedies = _remedies(str(arrays.get("remedies", "[]")))
+    return Match(
+        problem=problem,
+        fine_velocity=fine,
+        advected=arrays["advected"],
+        energy_history=arrays["energy_history"],
+        stages=arrays["stages"],
+        residual=float(arrays["residual"]),
+        verified_residual=float(arrays.get("verified_residual", math.nan)),
+        folded=float(arrays.get("folded", math.nan)),
+        stop_reason=StopReason(str(arrays["stop_reason"])),
+        verdict=Verdict.of_texts(arrays["verdict"].tolist(), remedies),
+        path=path,
+        step=step,
+        bound=Bound.of(arrays["bound"]) if "bound" in arrays else None,
+    )
+
+
+def _remedies(text: str) -> tuple[Remedy, ...]:
+    """Return the remedies of `match_parts`."""
+    try:
+        found = tuple(Remedy(**remedy) for remedy in from_json(text))
+    except AbfmError:
+        raise
+    except (TypeError, ValueError) as error:
+        names = ", ".join(field.name for field in fields(Remedy))
+        raise ValueError(
+            f"the remedies are {one_line(text, 60)!r}; expected a list in JSON of what has {names}"
+        ) from error
+    kinds = {"label": str, "words": str, "parameters": dict, "goes_on": bool}
+    for remedy in found:
+        for name, kind in kinds.items():
+            if not isinstance(getattr(remedy, name), kind):
+                raise ValueError(f"the {name} of a remedy is no {kind.__name__}")
+    return found

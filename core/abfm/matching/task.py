@@ -18,14 +18,13 @@ from abfm.functions import families
 from abfm.io import export_energy_csv, export_ply, export_vtu, results, write_csv
 from abfm.matching import report
 from abfm.matching.bounded import bounded
-from abfm.matching.files import load_match
 from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
 from abfm.matching.judging.obstacles import foreseen
 from abfm.matching.judging.verdict import Verdict
 from abfm.matching.match import match
 from abfm.matching.path import NUMBERS, path_table
 from abfm.matching.problem import Problem, load_problem
-from abfm.matching.result import Match
+from abfm.matching.result import Match, load_match
 from abfm.outcome import Facts, worse_residual
 from abfm.parameters import Parameters
 from abfm.tasks.inputs import (
@@ -34,18 +33,23 @@ from abfm.tasks.inputs import (
     channel_inputs,
     channels,
     file_input,
+    mesh_notes,
+    mesh_of,
     number_input,
     parameter_inputs,
     parameters_in,
     weight_input,
 )
-from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.preview import Preview, preview_of
-from abfm.tasks.task import Export, Given, Report, ResultFile, Table, Task
+from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task, preview_of
 from abfm.types import FloatArray, IntArray
 
-_RESIDUALS = {"residual", "verified_residual", "folded"}
+_RESIDUALS = ("residual", "verified_residual", "folded")
+_DISTORTIONS = ("log2_area", "log2_area_95")
+_REPORTED = (
+    *(*_RESIDUALS, "verdict", "registration_verdict"),
+    *("warnings", "path_steps", "path_step"),
+)
 
 MAX_DISTORTION = number_input(
     "max-distortion",
@@ -66,20 +70,16 @@ def facts_of_file(path: Path) -> Facts:
     ResultError
         If the file is missing or damaged, or holds values that no match has.
     """
-    entries = results.RESULT.entries
+    entries = results.REGISTRATION.entries
     with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
-        numbers = dict.fromkeys(_RESIDUALS, math.nan)
-        for name in _RESIDUALS & archive.keys():
-            numbers[name] = float(entries[name].check(name, archive[name], {}))
+        found = results.check_arrays(archive, {name: entries[name] for name in _REPORTED})
         # of a registration, which may be worse than that of its match
-        name = "registration_verdict" if "registration_verdict" in archive else "verdict"
-        texts = entries["verdict"].check(name, archive[name], {})
-        warnings = list[str]()
-        if "warnings" in archive:
-            entry = results.REGISTRATION.entries["warnings"]
-            warnings = entry.check("warnings", archive["warnings"], {}).tolist()
-        verdict = Verdict.of_texts(texts.tolist())
-        numbers |= _distortion(archive)
+        verdict = Verdict.of_texts(found.get("registration_verdict", found["verdict"]).tolist())
+        numbers = {name: float(found.get(name, math.nan)) for name in _RESIDUALS}
+        if "path_steps" in found and "path_step" in found:
+            step = found["path_steps"][int(found["path_step"])]
+            numbers |= {name: float(step[NUMBERS.index(name)]) for name in _DISTORTIONS}
+        warnings = found["warnings"].tolist() if "warnings" in found else []
     worse = worse_residual(numbers["residual"], numbers["verified_residual"])
     return Facts(
         verdict.kind,
@@ -98,16 +98,6 @@ def preview(path: Path) -> Preview:
     """Return the first pair of functions of a match, or of the match on B of a registration."""
     names = ("source", "advected", "target")
     return preview_of(path, results.RESULT, lambda arrays: [arrays[name][:, 0] for name in names])
-
-
-def _distortion(archive: Mapping[str, Any]) -> dict[str, float]:
-    """Return how much the step of the path that the match is changes areas; empty if unknown."""
-    if "path_steps" not in archive or "path_step" not in archive:
-        return {}
-    entries = results.RESULT.entries
-    steps = entries["path_steps"].check("path_steps", archive["path_steps"], {})
-    step = int(entries["path_step"].check("path_step", archive["path_step"], {}))
-    return {name: float(steps[step][NUMBERS.index(name)]) for name in ("log2_area", "log2_area_95")}
 
 
 def _export_arrays(export: Callable[..., None], path: Path, found: Match) -> None:

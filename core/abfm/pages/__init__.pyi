@@ -1,14 +1,11 @@
 from .colormaps import color_range as color_range
 from .front import best_front as best_front
 from .notebook import page_of as page_of
-from .of_populations import population_page as population_page
 from .of_results import correspondence_page as correspondence_page
 from .of_results import match_page as match_page
+from .of_results import population_page as population_page
 from .of_results import registration_page as registration_page
-from .of_sequences import Filmed as Filmed
 from .of_sequences import Labels as Labels
-from .of_sequences import SequenceTexts as SequenceTexts
-from .of_sequences import film_page as film_page
 from .of_sequences import sequence_page as sequence_page
 from .page import Clock as Clock
 from .page import Layer as Layer

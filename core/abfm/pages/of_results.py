@@ -1,4 +1,4 @@
-"""Pages of matches, of registrations and of maps between surfaces."""
+"""Pages of matches, registrations, maps between surfaces, and populations."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from abfm.errors import AbfmError
+from abfm.errors import AbfmError, one_line
 from abfm.flow import flow_lines
 from abfm.maps import SurfacePoints, spread_points
 from abfm.matching import Match
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
-from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.colormaps import ColorRange, color_range, typical_range, without_extremes
 from abfm.pages.front import best_front
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Ways
 from abfm.pages.registered import (
@@ -22,6 +22,7 @@ from abfm.pages.registered import (
     fronts,
     functions_on_a,
 )
+from abfm.population import Population
 from abfm.registration import Correspondence, Registration
 from abfm.types import FloatArray
 from abfm.wording import capital, share
@@ -39,6 +40,7 @@ _MARK: Color = (0.04, 0.56, 0.42)
 _TARGET_COLOR: Color = (0.7, 0.12, 0.12)
 _OF_MAP = "log2_area", "folded"
 _ALL_TIMES = (-1e30, 1e30)
+_NAME_LENGTH_MAX = 60  # characters of a channel
 
 
 def match_page(match: Match, title: str, up: str | None = None, share: float = 1.0) -> Page:
@@ -131,6 +133,42 @@ def correspondence_page(found: Correspondence, title: str, up: str | None = None
 def correspondence_headline(found: Correspondence) -> str:
     """Return the surfaces of a map and their sizes."""
     return f"surface A, {_sized(found.a)}, and surface B, {_sized(found.b)}"
+
+
+def population_page(found: Population, title: str, up: str | None = None) -> Page:
+    """Return the page of a population: its means by the initial maps and registered, and the
+    deviation, on the template; ``up`` is the axis that points upwards.
+    """
+    front = best_front(found.template, up=up)
+    titles = "mean by the initial maps", "mean", "deviation"
+    layers = list(
+        zip(
+            *(_layers(found, c) for c in range(min(len(found.channels), MOST_CHANNELS))),
+            strict=True,
+        )
+    )
+    panels = [
+        Panel(name, found.template, of_channels, front)
+        for name, of_channels in zip(titles, layers, strict=True)
+    ]
+    notes = []
+    if (count := len(found.channels)) > MOST_CHANNELS:
+        notes.append(f"these are the first {MOST_CHANNELS} of {count} channels")
+    facts = found.facts
+    return Page(title, facts.headline, panels, tone=facts.tone, notes=[*facts.notes, *notes])
+
+
+def _layers(found: Population, c: int) -> list[Layer]:
+    """Return the two means of a channel, in one range of colours, and its deviation."""
+    means, deviation = (found.plain_mean(c), found.mean(c)), found.deviation(c)
+    name = one_line(found.channels[c].name, _NAME_LENGTH_MAX)
+    of_means = typical_range(*means)
+    largest = max(without_extremes(deviation), default=0.0)
+    of_deviation = ColorRange("abfm sequential", 0.0, float(largest) or 1.0)
+    return [
+        *(Layer(name, each, of_means) for each in means),
+        Layer(name, deviation, of_deviation),
+    ]
 
 
 def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, ColorRange]]:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
@@ -15,18 +14,15 @@ from abfm.calculus import face_normals
 from abfm.calculus.operators import vertex_areas
 from abfm.flow import flow_lines, straight_ways, vectors_at
 from abfm.maps import SurfacePoints, spread_points
-from abfm.mesh import TriangleMesh
-from abfm.outcome import Tone
 from abfm.pages.colormaps import ColorRange, color_range
 from abfm.pages.film_motion import CRITICAL_COLORS, OPACITY_MIN, fast_in, ways_of
 from abfm.pages.front import best_front, changes_in_time
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 from abfm.pages.registered import MOST_CHANNELS
-from abfm.sequences.interval_words import motion_between, of_interval, uncertainty
-from abfm.types import BoolArray, FloatArray
+from abfm.sequences.report import motion_between, of_interval, uncertainty
+from abfm.types import FloatArray
 from abfm.wording import share
-from abfm.workers.control import checkpoint
-from abfm.workers.progress import step
+from abfm.workers.progress import stepped
 
 VALUES_MAX = 4_000_000
 """Values in all keys of all functions; a value is two bytes of a page."""
@@ -49,24 +45,6 @@ _COLOR_PERCENTILE = 99.5  # at the ends of the colours
 _INK: Color = (0.11, 0.13, 0.17)
 
 
-class Filmed(Protocol):
-    """What a page needs of a film, such as a sequence."""
-
-    @property
-    def mesh(self) -> TriangleMesh: ...
-
-    @property
-    def times(self) -> FloatArray:
-        """Times of the frames, (T,)."""
-
-    @property
-    def frames(self) -> FloatArray:
-        """The frames, (T, V) or (T, V, C)."""
-
-    def at(self, t: float) -> FloatArray:
-        """Return the frame at a time, (V,) or (V, C), between two frames carried from both."""
-
-
 @dataclass(frozen=True)
 class Labels:
     """Names of channels, the unit of values and that of times, the axis that is up, and how many of
@@ -80,21 +58,6 @@ class Labels:
     share: float = 1.0
 
 
-@dataclass(frozen=True)
-class SequenceTexts:
-    """What is said of a film: of all of it, and of each interval with its tone; layers that may be
-    chosen besides its channels; notes; and where values are missing, (V,), which is grey.
-    """
-
-    headline: str = ""
-    tone: Tone = "ink"
-    intervals: Sequence[tuple[str, Tone]] = ()
-    facts: Mapping[str, str] = field(default_factory=dict)
-    layers: Sequence[Layer] = ()
-    notes: Sequence[str] = ()
-    unknown: BoolArray | None = None
-
-
 def sequence_page(
     sequence: sequences.Sequence,
     title: str,
@@ -102,87 +65,67 @@ def sequence_page(
 ) -> Page:
     """Return the page of a sequence: its frames and what is carried between them, what each
     interval came to, arrows of its field, path lines, critical points on their tracks, and
-    divergence and curl.
+    divergence and curl, with a time bar over real time.
     """
     labels = labels or Labels()
-    facts, middles = sequence.facts, sequence.middles
+    mesh, facts, times = sequence.mesh, sequence.facts, sequence.times.tolist()
+    layers, notes = frame_layers(sequence, labels)
+    front = best_front(mesh, up=labels.up, changes=changes_in_time(layers[0].values[:, :, None]))
     unit = f"1/{labels.unit_of_time}" if labels.unit_of_time else ""
-    parts = {"divergence": sequence.divergence, "curl": sequence.curl}
-    told = SequenceTexts(
-        facts.headline,
-        facts.tone,
-        [(of_interval(sequence, i), v.kind.tone) for i, v in enumerate(sequence.verdicts)],
-        {
-            "median speed": _speed(sequence, labels),
-            **({"uncertainty": uncertainty(sequence)} if sequence.solved.any() else {}),
-            "frames in between": motion_between(sequence),
-            "solved with": sequence.settings,
-        },
-        [_layer(name, values, middles, unit, labels.share) for name, values in parts.items()],
-        [
-            *([] if facts.tone == "good" else [facts.reason]),
-            _about_arrows(sequence, labels),
-            *_about_mask(sequence),
-            *sequence.notes,
-        ],
-        sequence.unknown,
-    )
+    layers += [
+        _layer(name, values, sequence.middles, unit, labels.share)
+        for name, values in (("divergence", sequence.divergence), ("curl", sequence.curl))
+    ]
     lines = [_path_lines(sequence)] if labels.share == 1 else []  # which are hidden at first
     ways = [_arrows(sequence, labels.share), *lines, *_tracks(sequence)]
-    return film_page(sequence, title, told, ways, labels)
+    spans = [
+        Span(start, end, f"interval {i + 1}: {of_interval(sequence, i)}", verdict.kind.tone)
+        for i, ((start, end), verdict) in enumerate(
+            zip(pairwise(times), sequence.verdicts, strict=True)
+        )
+    ]
+    told = {
+        "median speed": _speed(sequence, labels),
+        **({"uncertainty": uncertainty(sequence)} if sequence.solved.any() else {}),
+        "frames in between": motion_between(sequence),
+        "solved with": sequence.settings,
+    }
+    notes += [
+        *([] if facts.tone == "good" else [facts.reason]),
+        _about_arrows(sequence, labels),
+        *_about_mask(sequence),
+        *sequence.notes,
+    ]
+    about = f"A film of {len(times)} frames on a surface of {len(mesh.vertices):,} vertices"
+    panel, clock = Panel("", mesh, layers, front, ways), clock_of(times, labels, spans)
+    return Page(title, facts.headline, [panel], clock, facts.tone, about, told, notes)
 
 
-def film_page(
-    film: Filmed,
-    title: str,
-    told: SequenceTexts,
-    ways: Sequence[Ways] = (),
-    labels: Labels | None = None,
-) -> Page:
-    """Return the page of any film: its surface, with a time bar over real time.
+def frame_layers(sequence: sequences.Sequence, labels: Labels) -> tuple[list[Layer], list[str]]:
+    """Return a layer of each channel of the frames, and notes.
 
     Of frames so many that the page would be too large one of two, three, ... is shown, and that is
     told; else, where there is room, keys are put between them.
     """
-    labels = labels or Labels()
-    mesh, times = film.mesh, np.asarray(film.times, dtype=float)
-    keys, frames, thinned = _keys(film, times, labels.share)
-    if told.unknown is not None:
-        frames = np.where(told.unknown[:, None], np.nan, frames)
-    count = frames.shape[2]
+    keys, frames, thinned = _keys(sequence, labels.share)
+    if sequence.unknown is not None:
+        frames = np.where(sequence.unknown[:, None], np.nan, frames)
+    count, given = frames.shape[2], sequence.frames.shape[2]
     usual = ["function"] if count == 1 else [f"function {c + 1}" for c in range(count)]
     layers = [
         Layer(name, frames[:, :, c], color_range(frames[:, :, c]), keys, labels.unit)
         for c, name in enumerate([*labels.names, *usual[len(labels.names) :]][:count])
     ]
-    front = best_front(mesh, up=labels.up, changes=changes_in_time(frames[:, :, :1]))
-    spans = [
-        Span(start, end, f"interval {number}: {text}", tone)
-        for number, ((start, end), (text, tone)) in enumerate(
-            zip(pairwise(times.tolist()), told.intervals, strict=False), 1
-        )
-    ]
-    seconds = min(max(PLAY_SECONDS_PER_FRAME * len(times), PLAY_SECONDS_MIN), PLAY_SECONDS_MAX)
-    ticks = times.tolist()
-    clock = None
-    if len(times) > 1:
-        clock = Clock(ticks[0], ticks[-1], seconds, labels.unit_of_time, ticks=ticks, spans=spans)
-    count_of_frames = f"{len(times)} frame{'s' if clock else ''}"
-    about = f"A film of {count_of_frames} on a surface of {len(mesh.vertices):,} vertices"
-    panel = Panel("", mesh, [*layers, *told.layers], front, ways)
     notes = [thinned] if thinned else []
-    if (given := np.asarray(film.frames).reshape(*film.frames.shape[:2], -1).shape[2]) > count:
+    if given > count:
         notes.append(f"these are the first {count} of {given} channels")
-    return Page(
-        title,
-        told.headline,
-        [panel],
-        clock,
-        told.tone,
-        about,
-        told.facts,
-        [*notes, *told.notes],
-    )
+    return layers, notes
+
+
+def clock_of(times: Sequence[float], labels: Labels, spans: Sequence[Span] = ()) -> Clock:
+    """Return the clock of frames at ascending times."""
+    seconds = min(max(PLAY_SECONDS_PER_FRAME * len(times), PLAY_SECONDS_MIN), PLAY_SECONDS_MAX)
+    return Clock(times[0], times[-1], seconds, labels.unit_of_time, ticks=times, spans=spans)
 
 
 def _layer(name: str, values: FloatArray, times: FloatArray, unit: str, share: float) -> Layer:
@@ -230,22 +173,19 @@ def _arrows(sequence: sequences.Sequence, share: float) -> Ways:
     longest = _ARROW_LENGTH_MAX * mesh.length_scale * min(float(spread.gaps[count - 1]), 0.2)
     normals_of_faces = face_normals(mesh)
     parts: list[tuple[FloatArray, ...]] = []
-    with step("arrows") as tell:
-        for number, velocity in enumerate(sequence.velocity):
-            checkpoint()
-            vectors = vectors_at(mesh, velocity, points) / fast
-            opacities = sequence.determined[number][points.faces]
-            speed = np.linalg.norm(vectors, axis=1)
-            vectors *= (longest * np.minimum(1.0, 1 / np.maximum(speed, 1e-300)))[:, None]
-            seen, tips = (speed > _ARROW_SPEED_MIN) & (opacities > OPACITY_MIN), []
-            for side in (-0.5, 0.5):
-                found, inside = straight_ways(mesh, points, side * vectors)
-                turned = (normals_of_faces[found.faces] * normals).sum(axis=1)
-                seen &= inside & (turned > _ARROW_COSINE_MIN)
-                tips.append(found.positions)
-            spans = np.broadcast_to(times[number : number + 2], (count, 2))
-            parts.append(tuple(each[seen] for each in (*tips, spans, normals, opacities)))
-            tell((number + 1) / len(sequence))
+    for number, velocity in enumerate(stepped("arrows", sequence.velocity)):
+        vectors = vectors_at(mesh, velocity, points) / fast
+        opacities = sequence.determined[number][points.faces]
+        speed = np.linalg.norm(vectors, axis=1)
+        vectors *= (longest * np.minimum(1.0, 1 / np.maximum(speed, 1e-300)))[:, None]
+        seen, tips = (speed > _ARROW_SPEED_MIN) & (opacities > OPACITY_MIN), []
+        for side in (-0.5, 0.5):
+            found, inside = straight_ways(mesh, points, side * vectors)
+            turned = (normals_of_faces[found.faces] * normals).sum(axis=1)
+            seen &= inside & (turned > _ARROW_COSINE_MIN)
+            tips.append(found.positions)
+        spans = np.broadcast_to(times[number : number + 2], (count, 2))
+        parts.append(tuple(each[seen] for each in (*tips, spans, normals, opacities)))
     starts, ends, spans, *of_pieces = (np.concatenate(each) for each in zip(*parts, strict=True))
     ways = Ways("arrows", starts, ends, spans, _INK, disc=0.0, line=0.0, arrow=2.0)
     return replace(ways, normals=of_pieces[0], opacities=of_pieces[1])
@@ -282,23 +222,19 @@ def _path_lines(sequence: sequences.Sequence) -> Ways:
     ages = np.arange(len(seeds.faces)) % _PATH_INTERVALS
     faces, barycentric = seeds.faces, seeds.barycentric
     starts, ends, spans = [], [], []
-    with step("path lines") as tell:
-        for number, (velocity, (begin, end)) in enumerate(
-            zip(sequence.velocity, pairwise(times), strict=True)
-        ):
-            checkpoint()
-            here = SurfacePoints(mesh, faces, barycentric)
-            # a fifth of the time that the continuous flow takes, which has more to prepare
-            lines = flow_lines(mesh, velocity, here, end - begin)
-            starts.append(here.positions)
-            ends.append(np.array([line.positions[-1] for line in lines]))
-            spans.append(np.tile([begin, end], (len(ages), 1)))
-            ages = ages + 1
-            is_old = ages % _PATH_INTERVALS == 0
-            faces = np.where(is_old, seeds.faces, [line.faces[-1] for line in lines])
-            last = np.array([line.barycentric[-1] for line in lines])
-            barycentric = np.where(is_old[:, None], seeds.barycentric, last)
-            tell((number + 1) / len(sequence))
+    intervals = list(zip(sequence.velocity, pairwise(times), strict=True))
+    for velocity, (begin, end) in stepped("path lines", intervals):
+        here = SurfacePoints(mesh, faces, barycentric)
+        # a fifth of the time that the continuous flow takes, which has more to prepare
+        lines = flow_lines(mesh, velocity, here, end - begin)
+        starts.append(here.positions)
+        ends.append(np.array([line.positions[-1] for line in lines]))
+        spans.append(np.tile([begin, end], (len(ages), 1)))
+        ages = ages + 1
+        is_old = ages % _PATH_INTERVALS == 0
+        faces = np.where(is_old, seeds.faces, [line.faces[-1] for line in lines])
+        last = np.array([line.barycentric[-1] for line in lines])
+        barycentric = np.where(is_old[:, None], seeds.barycentric, last)
     tail = _PATH_INTERVALS / 2 * float(np.ptp(times)) / len(sequence)
     pieces = np.concatenate(starts), np.concatenate(ends), np.concatenate(spans)
     return Ways(
@@ -306,10 +242,9 @@ def _path_lines(sequence: sequences.Sequence) -> Ways:
     )
 
 
-def _keys(film: Filmed, times: FloatArray, share: float) -> tuple[FloatArray, FloatArray, str]:
+def _keys(sequence: sequences.Sequence, share: float) -> tuple[FloatArray, FloatArray, str]:
     """Return times and values (T', V, C) of the page, and what is to be said of them."""
-    frames = np.asarray(film.frames)
-    frames = frames.reshape(*frames.shape[:2], -1)[:, :, :MOST_CHANNELS]
+    times, frames = sequence.times, sequence.frames[:, :, :MOST_CHANNELS]
     most = max(int(share * VALUES_MAX) // (frames.shape[1] * frames.shape[2]), 2)
     if most < len(times):
         every = -(-(len(times) - 1) // (most - 1))
@@ -321,14 +256,11 @@ def _keys(film: Filmed, times: FloatArray, share: float) -> tuple[FloatArray, Fl
         )
     between = min(max((most - 1) // max(len(times) - 1, 1), 1), _KEYS_PER_INTERVAL_MAX)
     keys, values = [times[0]], [frames[0]]
-    with step("carrying frames") as tell:
-        for number, (start, end) in enumerate(pairwise(times), 1):
-            checkpoint()
-            for part in range(1, between):
-                keys.append(start + part / between * (end - start))
-                carried = np.asarray(film.at(float(keys[-1])))
-                values.append(carried.reshape(frames.shape[1], -1)[:, :MOST_CHANNELS])
-            keys.append(end)
-            values.append(frames[number])
-            tell(number / (len(times) - 1))
+    for number, (start, end) in enumerate(stepped("carrying frames", [*pairwise(times)]), 1):
+        for part in range(1, between):
+            keys.append(start + part / between * (end - start))
+            carried = sequence.at(float(keys[-1]))
+            values.append(carried.reshape(frames.shape[1], -1)[:, :MOST_CHANNELS])
+        keys.append(end)
+        values.append(frames[number])
     return np.array(keys), np.stack(values), ""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import ParameterError
-from abfm.io import write_atomically
+from abfm.io import write_whole
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Tone
 from abfm.pages.colormaps import ColorRange, gradient, table
@@ -191,8 +191,7 @@ class Page:
         """Write the page, whole or not at all, or raise a `ResultError`."""
         with step("writing the page"):
             text = self.html()
-        with write_atomically(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_whole(path, text)
 
 
 class _PageData:

@@ -12,7 +12,6 @@ from abfm.batch.ledger import LedgerEntry
 from abfm.errors import ParameterError, ResultError, brief, one_line, printable
 from abfm.io import check_values_name
 from abfm.matching.task import MAX_DISTORTION
-from abfm.outcome import Facts
 from abfm.parameters import Parameters
 from abfm.population import report
 from abfm.population.population import Population, load_population
@@ -33,8 +32,7 @@ from abfm.tasks.inputs import (
     weight_input,
 )
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.preview import Preview
-from abfm.tasks.task import Export, Given, Report, ResultFile, Table, Task
+from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task
 
 ROUNDS_MAX = 1000
 _MEAN = "template and mean"
@@ -69,10 +67,6 @@ def _rounds(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= ROUNDS_MAX:
         raise ParameterError(f"{brief(text)} is not a whole number from 1 to {ROUNDS_MAX}")
     return int(text)
-
-
-def _facts_of_file(path: Path) -> Facts:
-    return load_population(path).facts
 
 
 def _preview(path: Path) -> Preview:
@@ -154,7 +148,10 @@ class PopulationTask(Task):
     )
     result: ClassVar = Population
     file: ClassVar = ResultFile(
-        frozenset({"subject_weights", "template_mask"}), load_population, _facts_of_file, _preview
+        frozenset({"subject_weights", "template_mask"}),
+        load_population,
+        lambda path: load_population(path).facts,
+        _preview,
     )
     preview_labels: ClassVar = ("mean", "deviation")
     exports: ClassVar = {

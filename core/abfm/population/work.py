@@ -19,7 +19,7 @@ from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.functions import quoted
 from abfm.functions.known import filled, known_functions
-from abfm.io.atomic import write_atomically
+from abfm.io import write_atomically, writing_in
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh, load_mesh
 from abfm.mesh.options import read_flag
 from abfm.parameters import Parameters
@@ -33,11 +33,10 @@ from abfm.population.on_template import (
     displacement_in,
 )
 from abfm.population.population import Population
-from abfm.population.round import Round, Stack
+from abfm.population.round import Round, Stack, Target
 from abfm.population.settings import Settings
 from abfm.population.statistics import Moments, Others, Shares, phase_and_amplitude
 from abfm.population.subjects import Cohort, Subject
-from abfm.population.target import Target
 from abfm.reading import side_of
 from abfm.sequences.noise import noise
 from abfm.tasks.inputs import MESH_INPUTS, absolute, mesh_options
@@ -473,13 +472,8 @@ class Work:
     def _targets(self) -> Path:
         """Return the folder of what registrations read, which is made if it is not there."""
         folder = self.folder / _TARGETS
-        try:
+        with writing_in(self.folder):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ResultError(
-                f"cannot write in {one_line(self.folder)}: {one_line(error)}; choose a folder that "
-                "is writable and has space left"
-            ) from error
         return folder
 
 

@@ -46,7 +46,6 @@ from .plain_files import open_plain as open_plain
 from .plain_files import read_bytes as read_bytes
 from .plain_files import referenced_file as referenced_file
 from .source_estimates import read_stc as read_stc
-from .strips import triangles_of_strips as triangles_of_strips
 from .text_tables import read_numbers as read_numbers
 from .text_tables import rows_of as rows_of
 from .vtk import vtk_contents as vtk_contents
@@ -54,6 +53,7 @@ from .vtk_file import PointData as PointData
 from .vtk_file import Polygons as Polygons
 from .vtk_file import VtkFile as VtkFile
 from .vtk_file import polygons_of_cells as polygons_of_cells
+from .vtk_file import triangles_of_strips as triangles_of_strips
 from .vtk_xml import read_collection as read_collection
 from .words import Words as Words
 from .words import number as number

@@ -1,6 +1,5 @@
 from .correspondence import Correspondence as Correspondence
-from .files import load_correspondence as load_correspondence
-from .files import load_registration as load_registration
+from .correspondence import load_correspondence as load_correspondence
 from .initial.landmark_pairs import Landmarks as Landmarks
 from .initial.landmark_pairs import read_landmarks as read_landmarks
 from .register import MEASURED_PARAMETERS as MEASURED_PARAMETERS
@@ -9,5 +8,6 @@ from .register import prepare as prepare
 from .register import register as register
 from .register import within as within
 from .registration import Registration as Registration
+from .registration import load_registration as load_registration
 from .textures import Texture as Texture
 from .textures import carry_texture as carry_texture

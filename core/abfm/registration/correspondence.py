@@ -317,6 +317,11 @@ def correspondence_of(arrays: results.Arrays) -> Correspondence:
     return _between(results.mesh_of(arrays, "a_"), results.mesh_of(arrays), arrays)
 
 
+def load_correspondence(path: File) -> Correspondence:
+    """Read a file of `Correspondence.save`; ResultError if it is missing, damaged, or none."""
+    return results.loaded(path, results.CORRESPONDENCE, correspondence_of)
+
+
 def _between(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Correspondence:
     names, costs = (arrays[key].tolist() if key in arrays else [] for key in _CANDIDATES)
     candidates = tuple(Candidate(*each) for each in zip(names, costs, strict=True))

@@ -18,9 +18,9 @@ from abfm.maps.spherical import is_sphere
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.facts import known_numbers
 from abfm.matching.judging.verdict import Verdict, is_registered
-from abfm.matching.result import Match, match_parts, substitutes
+from abfm.matching.result import Match, match_of, match_parts, substitutes
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
-from abfm.registration.correspondence import Correspondence
+from abfm.registration.correspondence import Correspondence, correspondence_of
 from abfm.types import File, FloatArray
 from abfm.wording import share
 
@@ -212,3 +212,22 @@ class Registration(Correspondence):
         return results.save_parts(
             path, self._parts(), substitutes(self.match), results.REGISTRATION
         )
+
+
+def load_registration(path: File) -> Registration:
+    """Read a file of `Registration.save`; ResultError if it is missing, damaged, or none.
+
+    As by `abfm.load`, what the field does not bear out is recomputed, and told in
+    ``match.doubt``.
+    """
+
+    def made(arrays: results.Arrays) -> Registration:
+        initial = correspondence_of(arrays)
+        notes, warnings = (
+            tuple(arrays[name].tolist()) if name in arrays else () for name in ("notes", "warnings")
+        )
+        match, functions = match_of(initial.b, arrays), arrays.get("a_functions")
+        return Registration(initial, match, notes, functions, warnings)
+
+    found = results.loaded(path, results.REGISTRATION, made)
+    return found.matched_by(found.match.borne_out())

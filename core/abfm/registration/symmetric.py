@@ -21,8 +21,7 @@ from abfm.registration.correspondence import Correspondence, correspondence_of
 from abfm.registration.registration import Registration
 from abfm.registration.task import RegistrationTask
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.preview import Preview
-from abfm.tasks.task import Given, Report, ResultFile, Task
+from abfm.tasks.task import Given, Preview, Report, ResultFile, Task
 from abfm.types import File, FloatArray
 from abfm.wording import share
 from abfm.workers.progress import step

@@ -17,10 +17,9 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.options import read_flag
 from abfm.parameters import Parameters, as_option
 from abfm.registration import report
-from abfm.registration.files import load_registration
 from abfm.registration.initial import WORDS, read_landmarks, word_of
 from abfm.registration.register import MEASURED_PARAMETERS, prepare
-from abfm.registration.registration import Registration
+from abfm.registration.registration import Registration, load_registration
 from abfm.tasks.inputs import (
     MESH_FORMATS,
     MESH_INPUTS,
@@ -29,11 +28,12 @@ from abfm.tasks.inputs import (
     channel_inputs,
     channels,
     file_input,
+    mesh_notes,
+    mesh_of,
     parameter_inputs,
     parameters_in,
     weight_input,
 )
-from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Given, Report, ResultFile, Task
 from abfm.types import IntArray

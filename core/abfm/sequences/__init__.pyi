@@ -6,14 +6,13 @@ from .exports import export_stc as export_stc
 from .exports import export_tracks as export_tracks
 from .exports import vertex_speed as vertex_speed
 from .frames import Frames as Frames
-from .interval_words import of_interval as of_interval
 from .parameters import CHOSEN_NAMES as CHOSEN_NAMES
 from .parameters import TAKEN_NAMES as TAKEN_NAMES
 from .parameters import SequenceParameters as SequenceParameters
 from .parameters import defaults as defaults
 from .reading.frames_file import FramesFile as FramesFile
-from .reading.reading_frames import ENDINGS as ENDINGS
 from .reading.reading_frames import read_frames as read_frames
+from .report import of_interval as of_interval
 from .sequence import GAMMA as GAMMA
 from .sequence import Sequence as Sequence
 from .sequence import load_sequence as load_sequence

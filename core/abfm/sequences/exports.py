@@ -17,17 +17,16 @@ from abfm.io import (
     check_writable,
     export_vtu,
     temporary_folder,
-    write_atomically,
     write_csv,
     write_stc,
     write_values,
+    write_whole,
 )
 from abfm.reading import read_collection
 from abfm.sequences.sequence import Sequence
 from abfm.types import FloatArray
 from abfm.wording import counted
-from abfm.workers.control import checkpoint
-from abfm.workers.progress import step
+from abfm.workers.progress import stepped
 
 _TRACKS = ["track", "kind", "index", "time", "x", "y", "z", "face", "divergence", "curl"]
 _INTERVALS = [
@@ -107,8 +106,7 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
         "</Collection>",
         "</VTKFile>",
     ]
-    with write_atomically(path) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    write_whole(path, "".join(f"{line}\n" for line in lines))
     for name in older.difference(written):
         with suppress(OSError):
             (folder / name).unlink()
@@ -129,30 +127,24 @@ def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
     rows = []
     carried, unknown = sequence.frames[0], sequence.unknown
     measured = {} if unknown is None else {"measured": (~unknown).astype(np.uint8)}
-    with step("writing frames") as tell:
-        for k, time in enumerate(sequence.times.tolist()):
-            checkpoint()
-            i = min(k, len(sequence) - 1)
-            points = {
-                **measured,
-                "frame": _columns(sequence.frames[k]),
-                "carried": _columns(carried),
-                "divergence": sequence.divergence[i],
-                "curl": sequence.curl[i],
-            }
-            file = f"{name}_{k:04}.vtu"
-            cells = {
-                name: getattr(sequence, name)[i]
-                for name in ("velocity", "uncertainty", "determined")
-            }
-            export_vtu(folder / file, sequence.mesh, points, cells)
-            rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{name}/{file}")}/>')
-            if k < len(sequence):
-                duration = float(sequence.times[k + 1]) - time
-                carried = Flow(sequence.mesh, sequence.velocity[k], duration).push(
-                    sequence.frames[k]
-                )
-            tell((k + 1) / len(sequence.times))
+    for k, time in enumerate(stepped("writing frames", sequence.times.tolist())):
+        i = min(k, len(sequence) - 1)
+        points = {
+            **measured,
+            "frame": _columns(sequence.frames[k]),
+            "carried": _columns(carried),
+            "divergence": sequence.divergence[i],
+            "curl": sequence.curl[i],
+        }
+        file = f"{name}_{k:04}.vtu"
+        cells = {
+            name: getattr(sequence, name)[i] for name in ("velocity", "uncertainty", "determined")
+        }
+        export_vtu(folder / file, sequence.mesh, points, cells)
+        rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{name}/{file}")}/>')
+        if k < len(sequence):
+            duration = float(sequence.times[k + 1]) - time
+            carried = Flow(sequence.mesh, sequence.velocity[k], duration).push(sequence.frames[k])
     return rows
 
 

@@ -24,8 +24,7 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.sequences.parameters import SequenceParameters
 from abfm.types import BoolArray, FloatArray
-from abfm.workers.control import checkpoint
-from abfm.workers.progress import step
+from abfm.workers.progress import stepped
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,11 +164,8 @@ def _fill_in(mesh: TriangleMesh, frames: FloatArray, seen: BoolArray, counted: B
             film[:] = 0.0
         elif not known.all():
             fill = of_seen if counts else extension(mesh, known)
-            with step("filling in what is not compared") as tell:
-                for k, frame in enumerate(film):
-                    checkpoint()
-                    frame[:] = fill(frame)
-                    tell((k + 1) / len(film))
+            for frame in stepped("filling in what is not compared", film):
+                frame[:] = fill(frame)
 
 
 def _times(given: ArrayLike | None, count: int) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import asdict
 from typing import Any
@@ -9,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from abfm.calculus.operators import face_areas, gradient
-from abfm.matching.judging.facts import finite
-from abfm.sequences.interval_words import motion_between, uncertainty
+from abfm.matching.judging.facts import finite, headline_of
+from abfm.outcome import worse_residual
 from abfm.sequences.sequence import Sequence
 from abfm.sequences.tracking.critical_points import KINDS
 from abfm.sequences.verdicts import is_unsolved
 from abfm.types import BoolArray, FloatArray
-from abfm.wording import counted
+from abfm.wording import counted, share
 
 TRACK_INTERVALS_MIN = 3
 EPISODES_SHOWN_MAX = 8
@@ -116,3 +117,37 @@ def _steep(sequence: Sequence) -> BoolArray:
 def _tracks(sequence: Sequence) -> dict[str, int]:
     counts = Counter(track.kind for track in sequence.tracks(TRACK_INTERVALS_MIN))
     return {kind: counts[kind] for kind in KINDS}
+
+
+def of_interval(sequence: Sequence, interval: int) -> str:
+    """Return the headline of an interval of a sequence, such as ``matched to 0.7%``."""
+    residual = worse_residual(
+        float(sequence.residual[interval]), float(sequence.verified_residual[interval])
+    )
+    return headline_of(sequence.verdicts[interval].kind, residual, sequence.parameters.goal)
+
+
+def motion_between(sequence: Sequence) -> str:
+    """Return how much of the motion is in frames between two: ``97% of the motion``, and why."""
+    found = sequence.motion_share
+    if math.isnan(found):
+        why = (
+            "two frames have none between them to leave out"
+            if len(sequence) < 2
+            else "left-out frames do not show whether it is right"
+        )
+        return f"the motion if it is confirmed, else the linear blend, as {why}"
+    if found == 0:
+        why = "noise hides the motion" if sequence.has_motion else "left-out frames show no motion"
+        return f"the linear blend, as {why}"
+    return f"{share(found)} of the motion, by left-out frames"
+
+
+def uncertainty(sequence: Sequence) -> str:
+    """Return the median standard error of the fields, and how much of them frames determine."""
+    solved = sequence.solved
+    error = float(np.median(sequence.speed_uncertainty[solved]))
+    if not math.isfinite(error):
+        return "infinite, as the frames determine no motion"
+    found = float(np.median(sequence.speed_determined[solved]))
+    return f"median {error:.3g}; the frames determine {share(found)} of the field"

@@ -35,7 +35,7 @@ from abfm.sequences.between.left_out import LeftOut, left_out
 from abfm.sequences.frames import Frames, checked, interval_parameters
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
-from abfm.sequences.reading.frame_objects import frames_of
+from abfm.sequences.reading.reading_frames import frames_of
 from abfm.sequences.solution import Solution
 from abfm.sequences.solving.choosing import SIGMA_MAX, SIGMA_MIN
 from abfm.sequences.solving.solve import Said, SequenceSolver
@@ -54,11 +54,11 @@ from abfm.sequences.verdicts import (
 )
 from abfm.types import BoolArray, File, FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
-from abfm.workers.progress import step
+from abfm.workers.progress import step, stepped
 
 GAMMA = 1.0
 """How much neighbouring fields are held together unless that is given."""
-_GAMMA_MAX = 1e6  # gamma
+GAMMA_MAX = 1e6
 _THREADS = 2  # that walk along flow lines: the rest is one thread's work
 
 
@@ -229,13 +229,8 @@ class Sequence(Solution, Display):
 
     @cached_property
     def _critical(self) -> list[CriticalPoints]:
-        found = []
-        with step("finding critical points") as tell:
-            for i, field in enumerate(self.velocity):
-                checkpoint()
-                found.append(critical_points(self.mesh, field))
-                tell((i + 1) / len(self))
-        return found
+        fields = stepped("finding critical points", self.velocity)
+        return [critical_points(self.mesh, field) for field in fields]
 
     def critical_points(self, interval: int) -> CriticalPoints:
         """Return sources, sinks, spirals and saddles of an interval's field."""
@@ -495,6 +490,6 @@ def _refuse_extremes(film: Frames, given: SequenceParameters) -> None:
 
 
 def _checked_gamma(gamma: float) -> float:
-    if not (is_finite_number(gamma) and 0 <= gamma <= _GAMMA_MAX):
-        raise ParameterError(f"gamma is {brief(gamma)}; expected 0 to {_GAMMA_MAX:g}")
+    if not (is_finite_number(gamma) and 0 <= gamma <= GAMMA_MAX):
+        raise ParameterError(f"gamma is {brief(gamma)}; expected 0 to {GAMMA_MAX:g}")
     return float(gamma)

@@ -141,18 +141,15 @@ class Solution:
         return parts
 
     @classmethod
-    def of_arrays(cls, arrays: results.Arrays, mesh: TriangleMesh | None = None) -> Self:
-        """Return what has these arrays, on their mesh, or the same one that is there; ValueError if
-        they do not fit.
-        """
+    def of_arrays(cls, arrays: results.Arrays) -> Self:
+        """Return what has these arrays; ValueError if they do not fit."""
         if not (np.diff(arrays["times"]) > 0).all():
             raise ValueError("times do not ascend")
         fields, frames = (len(arrays[name]) for name in ("velocity", "times"))
         if fields != frames - 1:
             raise ValueError(f"{fields} fields for {frames} frames; expected one less")
-        mesh = mesh or results.mesh_of(arrays)
         film = Frames(
-            mesh,
+            results.mesh_of(arrays),
             arrays["frames"],
             arrays["times"],
             arrays.get("mask"),

@@ -14,6 +14,7 @@ from abfm.matching.judging.verdict import Verdict
 from abfm.matching.terms.functions import given_mask
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
+from abfm.reading import FRAMES_ENDINGS
 from abfm.sequences import report
 from abfm.sequences.exports import (
     check_pvd,
@@ -25,8 +26,8 @@ from abfm.sequences.exports import (
 )
 from abfm.sequences.parameters import CHOSEN_NAMES, TAKEN_NAMES, defaults
 from abfm.sequences.reading.frames_file import FramesFile
-from abfm.sequences.reading.reading_frames import ENDINGS, read_frames
-from abfm.sequences.sequence import GAMMA, Sequence, load_sequence, sequence
+from abfm.sequences.reading.reading_frames import read_frames
+from abfm.sequences.sequence import GAMMA, GAMMA_MAX, Sequence, load_sequence, sequence
 from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import NUMBERS, facts_of_intervals
 from abfm.tasks.inputs import (
@@ -35,20 +36,19 @@ from abfm.tasks.inputs import (
     MESH_INPUTS,
     Input,
     file_input,
+    mesh_notes,
+    mesh_of,
     number_input,
     parameter_inputs,
     parameters_in,
     read_number,
     weight_input,
 )
-from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.preview import Preview, preview_of
-from abfm.tasks.task import Export, Given, Report, ResultFile, Table, Task
+from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task, preview_of
 from abfm.types import FloatArray
 
 SECONDS_MAX = 86400.0
-GAMMA_MAX = 1e6
 _FRAMES = "frames"
 _DEFAULTS = {name: getattr(defaults(), name) for name in TAKEN_NAMES} | dict.fromkeys(CHOSEN_NAMES)
 _PARAMETER_HELP = {
@@ -70,12 +70,9 @@ def _weights(text: str) -> list[float]:
 
 def _facts_of_file(path: Path) -> Facts:
     """Return the facts that the file of a sequence holds, as `abfm.Sequence.facts`."""
-    entries = results.SEQUENCE.entries
+    entries = {name: results.SEQUENCE.entries[name] for name in ("verdicts", *NUMBERS)}
     with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
-        sizes = dict[str, int]()
-        texts, *numbers = (
-            entries[name].check(name, archive[name], sizes) for name in ("verdicts", *NUMBERS)
-        )
+        texts, *numbers = results.check_arrays(archive, entries).values()
         return facts_of_intervals(list(map(Verdict.of_texts, texts.tolist())), *numbers)
 
 
@@ -142,7 +139,9 @@ class SequenceTask(Task):
     needs: ClassVar = ("frames", "mesh")
     inputs: ClassVar = (
         file_input("mesh", MESH_FORMATS, "MESH", is_argument=True),
-        file_input("frames", f"the frames: {', '.join(ENDINGS)}", "FRAMES", is_argument=True),
+        file_input(
+            "frames", f"the frames: {', '.join(FRAMES_ENDINGS)}", "FRAMES", is_argument=True
+        ),
         number_input(
             "dt",
             "seconds between two frames, whatever the file says (default: as in the file, or 1)",

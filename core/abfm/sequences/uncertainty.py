@@ -35,16 +35,15 @@ from abfm.calculus.operators import (
     face_areas,
     face_frames,
     gradient,
+    smoothed,
     vertex_areas,
 )
-from abfm.calculus.smoothing import smoothed
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.flow import Flow
 from abfm.sequences.frames import sigma_of
 from abfm.sequences.solution import Solution
 from abfm.types import FloatArray, IntArray
-from abfm.workers.control import checkpoint
-from abfm.workers.progress import step
+from abfm.workers.progress import stepped
 
 _WAVE_NUMBERS = 200
 _PRECISIONS = np.concatenate([[0.0], np.geomspace(1e-8, 1e14, 221)])
@@ -124,11 +123,8 @@ def _of_data(sequence: Solution, solved: IntArray) -> tuple[FloatArray, FloatArr
     mesh = sequence.mesh.normalized()
     areas = vertex_areas(mesh)
     tensors = np.empty((len(solved), len(areas), len(_PAIRS)))
-    with step("uncertainty") as report:
-        for row, i in enumerate(solved.tolist()):
-            checkpoint()
-            tensors[row] = _slopes(sequence, i)
-            report((row + 1) / len(solved))
+    for row, i in enumerate(stepped("uncertainty", solved.tolist())):
+        tensors[row] = _slopes(sequence, i)
     scale = sigma_of(sequence._frames, sequence.parameters, sequence.sigma, 1.0)
     tensors /= scale**2
     mean = float(np.einsum("v,ivt->", areas, tensors[..., :3])) / 2 / len(solved)

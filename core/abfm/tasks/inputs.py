@@ -15,9 +15,9 @@ from abfm.errors import FunctionError, ParameterError, brief
 from abfm.functions import Circular, Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
 from abfm.functions.circular import checked_period
 from abfm.functions.circular_channels import split_channels
+from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.options import MERGE, MeshOptions, read_flag
-from abfm.parameters import CHOICES, FIELDS, MAIN_FIELDS, Parameters, is_whole, option
-from abfm.reading.parameters import hint, parameter_reader
+from abfm.parameters import CHOICES, FIELDS, MAIN_FIELDS, Parameters, checked, is_whole, option
 from abfm.reading.text_tables import parse_number
 
 MESH_FORMATS = (
@@ -25,6 +25,37 @@ MESH_FORMATS = (
     "also compressed (.gz)"
 )
 Rename = Callable[[str], str]
+_MESHES_KEPT = 3
+
+
+def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
+    """Return what turns a text into the value of a parameter, or raises a ParameterError.
+
+    If it is optional, "auto" is None.
+    """
+    entry = FIELDS[name]
+    noun = f"a {'whole ' * is_whole(entry)}number{', nor auto' * is_optional}"
+
+    @lru_cache(maxsize=1000)  # of a column's cells, most are alike
+    def read(text: str) -> Any:
+        value: Any = text
+        if is_optional and text == "auto":
+            return None
+        if name not in CHOICES:
+            try:
+                value = int(text) if is_whole(entry) else parse_number(text)
+            except ValueError:
+                raise ParameterError(f"{brief(text)} is not {noun}{hint(text)}") from None
+        return checked(entry, value)
+
+    return read
+
+
+def hint(text: str) -> str:
+    """Return how to write a number, for a text with a comma."""
+    return ": write a decimal point, and no signs between thousands" if "," in text else ""
+
+
 """A function from the name of a file to another name of it."""
 
 
@@ -210,10 +241,10 @@ def file_input(name: str, help: str, metavar: str = "FILE", **settings: Any) -> 
     return Input(name=name, help=help, metavar=metavar, renamed=_renamed_file, **settings)
 
 
-def function_input(name: str, help: str, group: str = "functions") -> Input:
+def function_input(name: str, help: str) -> Input:
     """Return the input of a function, see `abfm.function`."""
     return Input(
-        name=name, help=help, read=_spec, metavar="SPEC", group=group, renamed=renamed_spec
+        name=name, help=help, read=_spec, metavar="SPEC", group="functions", renamed=renamed_spec
     )
 
 
@@ -286,3 +317,23 @@ def mesh_options(values: Mapping[str, Any]) -> MeshOptions:
 def absolute(folder: str) -> Rename:
     """Return a function that makes names of files absolute which begin at a folder."""
     return lambda path: os.fspath(Path(folder, Path(os.path.expanduser(path))))
+
+
+def mesh_of(path: str, values: Mapping[str, Any]) -> TriangleMesh:
+    """Read a mesh with the options among values by name, unless this process has it already."""
+    try:
+        status = os.stat(path)
+        changed = status.st_size, status.st_mtime_ns
+    except (OSError, ValueError):
+        changed = 0, 0  # reading it reports why
+    return _loaded(path, changed, mesh_options(values))
+
+
+@lru_cache(maxsize=_MESHES_KEPT)
+def _loaded(path: str, changed: tuple[int, int], options: MeshOptions) -> TriangleMesh:
+    return load_mesh(path, **options.given)
+
+
+def mesh_notes(*meshes: TriangleMesh) -> list[str]:
+    """Return what was repaired in meshes, one line each."""
+    return [message for mesh in meshes for message in mesh.messages]

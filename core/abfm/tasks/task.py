@@ -8,11 +8,38 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
+from abfm.errors import ResultError, one_line
+from abfm.io import results
+from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
 from abfm.tasks.inputs import Input
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.preview import Preview
-from abfm.types import File
+from abfm.types import File, FloatArray
+
+
+class Preview(NamedTuple):
+    """Functions (V,) on a surface that a small picture of a result shows."""
+
+    mesh: TriangleMesh
+    functions: list[FloatArray]
+
+
+def preview_of(
+    path: Path, file: results.FileKind, functions: Callable[..., list[FloatArray]]
+) -> Preview:
+    """Return the functions that are made of the arrays of a file, and its surface.
+
+    Raises
+    ------
+    ResultError
+        If the file is missing or damaged.
+    """
+    arrays = results.load_arrays(path, file)
+    try:
+        mesh = results.mesh_of(arrays)
+    except ValueError as error:
+        raise ResultError(f"{one_line(path)}: {one_line(error)}; {results.MEND}") from error
+    return Preview(mesh, functions(arrays))
 
 
 class Result(Protocol):

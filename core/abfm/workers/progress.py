@@ -12,10 +12,15 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+from abfm.workers.control import checkpoint
+
+Item = TypeVar("Item")
 
 # smaller works than this share of the largest one measured tell nothing about large ones
 _WORK_SHARE_MIN = 0.25
@@ -137,6 +142,15 @@ def step(
     finally:
         _outer.reset(inner)
         tell(outer)
+
+
+def stepped(task: str, items: Collection[Item]) -> Iterator[Item]:
+    """Yield items as the work of a step, after a checkpoint each, and report the share done."""
+    with step(task) as done:
+        for count, item in enumerate(items, 1):
+            checkpoint()
+            yield item
+            done(count / len(items))
 
 
 def _learn(task: str, rate: float, work: float) -> None:

@@ -15,7 +15,7 @@ from abfm import FunctionError, ParameterError
 from abfm.errors import AbfmWarning
 from abfm.functions import as_values
 from abfm.sequences.frames import checked
-from abfm.sequences.reading.frame_objects import frames_of
+from abfm.sequences.reading.reading_frames import frames_of
 from tests.messages import raises
 from tests.shapes import icosphere
 

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm import MatchingEnergy, Parameters, PathStep, ResultError, load, match
 from abfm.io import load_arrays, save_arrays
 from abfm.matching import path_table
-from abfm.matching.files import loaded_match
 from abfm.matching.path import COLUMNS, as_kept
+from abfm.matching.result import match_of
 from abfm.matching.solving.measures import measured
 from tests.core.fields import bump
 from tests.messages import check_message
@@ -114,7 +114,7 @@ def test_any_path_saves_and_loads_equal(seed, found, tmp_path):
     one = replace(found, fine_velocity=steps[own].velocity, path=tuple(steps), step=own)
     one.save(path := tmp_path / "m.npz")
     arrays = load_arrays(path)
-    loaded = loaded_match(MESH, arrays)
+    loaded = match_of(MESH, arrays)
     assert loaded.step == own
     for number, (given, read) in enumerate(zip(steps, loaded.path, strict=True)):
         same = given.velocity if number == own else as_kept(given.velocity, MESH)

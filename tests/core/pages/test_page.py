@@ -17,15 +17,13 @@ from abfm.pages import (
     Layer,
     Page,
     Panel,
-    SequenceTexts,
     Span,
     Ways,
-    film_page,
     match_page,
 )
 from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front
-from abfm.pages.of_sequences import PART_VALUES_MAX, VALUES_MAX
+from abfm.pages.of_sequences import PART_VALUES_MAX, VALUES_MAX, frame_layers
 from abfm.pages.packing import Store, quantised
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
@@ -149,6 +147,8 @@ def test_frames_and_times_that_do_not_fit_are_refused():
 class Film:
     """A wave that turns, known at all times."""
 
+    unknown = None
+
     def __init__(self, mesh, count):
         self.mesh, self.times, self.asked = mesh, np.linspace(2.0, 3.0, count), []
         self.frames = np.stack([self.exact(t) for t in self.times])[:, :, None]
@@ -164,33 +164,21 @@ class Film:
 
 def test_page_of_a_film_has_carried_keys_between_its_frames():
     film = Film(icosphere(2), 6)
-    told, labels = (
-        SequenceTexts("5 of 5", "good", [("matched", "good")] * 5),
-        Labels(["potential"], "mV"),
-    )
-    page = film_page(film, "wave", told, labels=labels)
-    layer, *others = page.panels[0].layers
-    assert not others
+    [layer], notes = frame_layers(film, Labels(["potential"], "mV"))
+    assert not notes
     assert (layer.name, layer.unit) == ("potential", "mV")
     np.testing.assert_allclose(layer.times, np.linspace(2, 3, 21), rtol=1e-12)
     np.testing.assert_allclose(layer.values, [film.exact(t) for t in layer.times], atol=1e-12)
     assert not set(film.asked) & set(film.times)
-    assert page.clock.ticks == film.times.tolist()
-    assert [span.text for span in page.clock.spans] == [
-        f"interval {i}: matched" for i in range(1, 6)
-    ]
-    assert "6 frames on a surface of 162 vertices" in page.html()
 
 
 def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
     monkeypatch.setattr("abfm.pages.of_sequences.VALUES_MAX", 5 * 42)
     film = Film(icosphere(1), 12)
-    page = film_page(film, "wave", SequenceTexts())
-    layer = page.panels[0].layers[0]
+    [layer], [note] = frame_layers(film, Labels())
     assert len(layer.times) <= 5
     assert (layer.times[0], layer.times[-1]) == (2.0, 3.0)
     np.testing.assert_allclose(layer.values, [film.exact(t) for t in layer.times], atol=1e-12)
-    (note,) = page.notes
     check_message(note, 3, len(layer.times))
     assert film.asked == []
 

@@ -10,9 +10,9 @@ import pytest
 import abfm
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
-from abfm.pages import Labels, SequenceTexts, film_page, sequence_page
+from abfm.pages import Labels, Page, Panel, best_front, sequence_page
 from abfm.pages.film_motion import OPACITY_MIN, fast_in
-from abfm.pages.of_sequences import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN
+from abfm.pages.of_sequences import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN, clock_of, frame_layers
 from tests.messages import check_message
 from tests.shapes import icosphere
 
@@ -127,6 +127,7 @@ def test_every_interval_is_told_on_the_bar(sequence, page):
     for number, (span, verdict) in enumerate(zip(spans, sequence.verdicts, strict=True), 1):
         check_message(span.text, f"interval {number}", verdict.kind)
     json.dumps(page.clock.ticks)
+    assert f"{COUNT} frames on a surface of {len(sequence.mesh.vertices)} vertices" in page.about
     assert "a bump" in page.html()
 
 
@@ -155,46 +156,37 @@ def test_a_film_in_which_nothing_moves_says_so():
 
 
 class Film:
-    """A film of what nobody solved, blended between frames."""
+    """Two frames of what nobody solved, blended between them."""
 
-    mesh = icosphere(2)
+    mesh, times, unknown = icosphere(2), np.array([0.0, 1.0]), None
 
-    def __init__(self, times, frames):
-        self.times, self.frames = np.array(times), frames
+    def __init__(self, frames):
+        self.frames = frames.reshape(*frames.shape[:2], -1)
 
     def at(self, t):
         return np.mean(self.frames, axis=0)
 
 
-def test_a_film_of_one_frame_stands_still():
-    mesh = Film.mesh
-    page = film_page(Film([3.0], mesh.vertices[None, :, 0]), "a frame", SequenceTexts())
-    assert page.clock is None
-    check_message(page.about, 1)
-    assert "a frame" in page.html()
-
-
-def test_values_that_are_missing_change_neither_colours_nor_the_front():
+def test_values_that_are_missing_change_no_colours():
     frames = np.stack([Film.mesh.vertices[:, 0], Film.mesh.vertices[:, 1]])
-    whole = film_page(Film([0.0, 1.0], frames), "a film", SequenceTexts())
     holes = frames.copy()
     holes[:, np.abs(frames).max(axis=0) < 0.3] = np.nan
     holes[1, np.argmin(np.abs(frames[1]))] = np.inf
-    page = film_page(Film([0.0, 1.0], holes), "a film", SequenceTexts())
-    assert page.panels[0].layers[0].colors == whole.panels[0].layers[0].colors
-    assert np.isnan(page.panels[0].layers[0].values).any()
+    [whole], [layer], [nothing] = (
+        frame_layers(Film(each), Labels())[0]
+        for each in (frames, holes, np.full_like(frames, np.nan))
+    )
+    assert layer.colors == whole.colors
+    assert np.isnan(layer.values).any()
+    page = Page("t", "h", [Panel("", Film.mesh, [layer], best_front(Film.mesh))])
     assert "NaN" not in page.html().split('id="page"')[1].split("</script>")[0]
-    nothing = film_page(Film([0.0, 1.0], np.full_like(frames, np.nan)), "a film", SequenceTexts())
-    assert nothing.panels[0].layers[0].colors.low < nothing.panels[0].layers[0].colors.high
+    assert nothing.colors.low < nothing.colors.high
 
 
 def test_channels_beyond_the_first_four_are_told():
     frames = np.stack([Film.mesh.vertices] * 2)
     for times, told in ((1, []), (2, ["these are the first 4 of 6 channels"])):
-        page = film_page(
-            Film([0.0, 1.0], np.tile(frames, (1, 1, times))), "a film", SequenceTexts()
-        )
-        assert list(page.notes) == told
+        assert frame_layers(Film(np.tile(frames, (1, 1, times))), Labels())[1] == told
 
 
 @pytest.mark.parametrize(
@@ -202,9 +194,8 @@ def test_channels_beyond_the_first_four_are_told():
 )
 def test_play_seconds(frames, seconds):
     """A page plays for 0.15 s a frame, between 4 s and 30 s."""
-    film = Film(np.arange(float(frames)), np.tile(Film.mesh.vertices[:, 0], (frames, 1)))
     assert (PLAY_SECONDS_MIN, PLAY_SECONDS_MAX) == (4.0, 30.0)
-    assert film_page(film, "a film", SequenceTexts()).clock.seconds == pytest.approx(seconds)
+    assert clock_of(list(range(frames)), Labels()).seconds == pytest.approx(seconds)
 
 
 def test_page_of_half_confirmed_sequence_is_not_red(sequence):

@@ -11,7 +11,8 @@ import abfm
 from abfm import Parameters
 from abfm.numerics.factoring_apart import factoring_apart
 from abfm.workers import progress
-from abfm.workers.progress import Step, rounded, said, step, telling
+from abfm.workers.control import CancelledError, Control, controlled
+from abfm.workers.progress import Step, rounded, said, step, stepped, telling
 from tests.mesh_writers import off_file
 from tests.shapes import icosphere
 
@@ -92,6 +93,22 @@ def test_a_counted_step_goes_from_0_to_1_and_never_back():
     shares = [now.done for now in told if now.done is not None]
     assert shares == sorted(shares)
     assert (shares[0], shares[-1], end) == (0, 1, None)
+
+
+def test_a_stepped_loop_is_counted_cancelled_and_ended():
+    def work(stop):
+        with telling(told.append), controlled(control):
+            for item in stepped("walking", range(4)):
+                seen.append(item)
+                stop(item)
+
+    told, seen, control = [], [], Control()
+    work(lambda item: None)
+    assert seen == [0, 1, 2, 3]
+    assert [now and now.done for now in told] == [None, 0.25, 0.5, 0.75, 1.0, None]
+    with pytest.raises(CancelledError):
+        work(lambda item: control.cancel())
+    assert (seen[4:], told[-1]) == ([0], None)
 
 
 def test_a_step_inside_another_one_is_told_until_it_ends_and_measures_nothing_if_it_fails():

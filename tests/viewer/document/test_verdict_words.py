@@ -15,7 +15,7 @@ from abfm import StopReason
 from abfm.matching import Remedy, Verdict
 from abfm.matching.report import advice_in_options, numbers
 from abfm.outcome import VERDICTS, Outcome, outcome_of
-from abfm.sequences.interval_words import of_interval
+from abfm.sequences.report import of_interval
 from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.solve import status_of
 from abfm_viewer.document import verdict_words

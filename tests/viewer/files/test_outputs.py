@@ -65,12 +65,12 @@ def refuse(*_):
     raise TypeError("a part cannot be made")
 
 
-PARTS = ["path_arrays", "_remedies_array", "_landmark_arrays"]
+PARTS = ["result.path_arrays", "problem.Problem.spec_arrays"]
 
 
 @pytest.mark.parametrize("part", PARTS)
 def test_a_result_is_saved_without_a_part_that_fails(part, match, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["abfm.matching.result"], part, refuse)
+    monkeypatch.setattr(f"abfm.matching.{part}", refuse)
     [note] = outputs.write_all([tmp_path / "m.npz", tmp_path / "m.csv"], match)
     assert "a part cannot be made" in note
     assert "m.npz" in note

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from abfm.maps.distortion import Bound
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.verdict import Evidence, Verdict, sentence_of_bound
 from abfm.matching.solving.record import StopReason
@@ -52,10 +51,15 @@ class Report:
     def facts(self) -> Facts:
         evidence, verdict = self.evidence, self.verdict
         is_given = evidence.stop_reason is StopReason.GIVEN
+        headline, reason, bound = self._headline(), self._reason(), evidence.bound
+        if bound is not None and bound.is_kept:
+            headline += f", within distortion {bound.max_distortion:g}"
+            if verdict.cause is not Cause.BOUNDED:
+                reason += f"; {sentence_of_bound(bound)}"
         return Facts(
             verdict.kind,
-            self._headline() + _within_words(self.evidence.bound),
-            self._reason() + self._of_bound(),
+            headline,
+            reason,
             "" if is_given else self._advice(),
             self._numbers(),
             self._warnings(),
@@ -92,12 +96,6 @@ class Report:
     def _areas(self) -> str:
         log2 = self.evidence.log2_area
         return "" if math.isnan(log2) else f", areas change by a factor of {factor(log2)}"
-
-    def _of_bound(self) -> str:
-        bound = self.evidence.bound
-        if bound is None or not bound.is_kept or self.verdict.cause is Cause.BOUNDED:
-            return ""
-        return f"; {sentence_of_bound(bound)}"
 
     def _landmarks(self) -> str:
         errors = self._errors
@@ -147,12 +145,21 @@ class Report:
         }
         if evidence.landmarks is not None:
             numbers["landmark_error"] = float(self._errors.max())
-        return known_numbers(numbers | _bound_numbers(evidence.bound))
+        if (bound := evidence.bound) is not None:
+            numbers |= {
+                "max_distortion": bound.max_distortion,
+                "share_within": bound.share,
+                "distortion_99": bound.largest,
+            }
+        return known_numbers(numbers)
 
     def _warnings(self) -> tuple[str, ...]:
         found = [self.doubt] if self.doubt else []
-        bound = _bound_warnings(self.evidence.bound)
-        return (*found, *bound, *distortion_warnings(self.verdict.kind, self.log2_area_95))
+        if (bound := self.evidence.bound) is not None and not bound.is_kept:
+            within = f"{100 * bound.share:.1f}% of the faces are within it"
+            exceeded = f"the distortion exceeds the bound {bound.max_distortion:g}"
+            found.append(f"{exceeded}: {within}, {counted(bound.folded, 'face')} folded")
+        return (*found, *distortion_warnings(self.verdict.kind, self.log2_area_95))
 
 
 def headline_of(outcome: Outcome, residual: float, goal: float = Parameters.goal) -> str:
@@ -164,31 +171,6 @@ def headline_of(outcome: Outcome, residual: float, goal: float = Parameters.goal
         return str(outcome)
     joined = f" to {share(residual)}" if outcome is Outcome.MATCHED else f": {share(residual)} left"
     return f"{outcome}{joined}"
-
-
-def _bound_numbers(bound: Bound | None) -> dict[str, float]:
-    """Return the numbers of facts of a field that was sought within a bound of distortion."""
-    if bound is None:
-        return {}
-    return {
-        "max_distortion": bound.max_distortion,
-        "share_within": bound.share,
-        "distortion_99": bound.largest,
-    }
-
-
-def _bound_warnings(bound: Bound | None) -> tuple[str, ...]:
-    """Return the warning of a map that exceeds the bound within which it was sought."""
-    if bound is None or bound.is_kept:
-        return ()
-    within = f"{100 * bound.share:.1f}% of the faces are within it"
-    folded = f"{counted(bound.folded, 'face')} folded"
-    return (f"the distortion exceeds the bound {bound.max_distortion:g}: {within}, {folded}",)
-
-
-def _within_words(bound: Bound | None) -> str:
-    """Return the end of a headline that names a bound of distortion."""
-    return f", within distortion {bound.max_distortion:g}" if bound and bound.is_kept else ""
 
 
 def distortion_warnings(outcome: Outcome, log2_area_95: float) -> tuple[str, ...]:

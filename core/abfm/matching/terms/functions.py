@@ -143,8 +143,7 @@ class FunctionTerm:
         if mask is not None and not mask.any():
             return None
         coarse = restriction.coarse.normalized()
-        f, g = average(self.source), average(self.target)
-        found = FunctionTerm(coarse, f.T, g.T, mask, self.weights, approximate=self.approximate)
+        found = self.with_values(coarse, average(self.source), average(self.target), mask)
         found.function_size = self.function_size
         return found
 
@@ -156,6 +155,13 @@ class FunctionTerm:
         if self.approximate:
             found["approximate"] = np.array(True)
         return found | {"weights": self.weights}
+
+    def with_values(
+        self, mesh: TriangleMesh, source: FloatArray, target: FloatArray, mask: FloatArray | None
+    ) -> FunctionTerm:
+        """Return a term of other functions (C, V), on another mesh, with the same weights."""
+        alike = self.approximate
+        return FunctionTerm(mesh, source.T, target.T, mask, self.weights, approximate=alike)
 
     def on(self, mesh: TriangleMesh) -> FunctionTerm:
         """Return the same functions on this mesh in other units, such as the fields' own."""

@@ -1,16 +1,20 @@
-"""glTF scenes, as text (.gltf, with its buffers in it or beside it) and binary (.glb)."""
+"""glTF scenes, as text (.gltf, with its buffers in it or beside it) and binary (.glb).
+
+Vertices are where they are shown: morphed by weights, and moved by a node or by the joints of a
+skin. Format: sections 3.7.2.2 (morph targets) and 3.7.3 (skins) of glTF 2.0.
+"""
 
 from typing import Any
 
 import numpy as np
 
 from abfm.mesh.readers.contents import FileContents, merge_by_position
-from abfm.mesh.readers.gltf_document import PARTS_MAX, Document, Part
-from abfm.mesh.readers.gltf_json import of
-from abfm.mesh.readers.gltf_shapes import shaped
+from abfm.mesh.readers.gltf_document import PARTS_MAX, Document, Part, numbers_of, of
 from abfm.mesh.topology import edges_of_faces
 from abfm.reading import Opened
 from abfm.types import FloatArray
+
+_AT_A_TIME = 1 << 14  # vertices that joints move
 
 
 def read_gltf(opened: Opened) -> FileContents:
@@ -78,3 +82,73 @@ def joined(parts: list[Part]) -> FileContents:
 def _boundary_length(contents: FileContents) -> int:
     _, face_edges = edges_of_faces(contents.faces, len(contents.vertices))
     return int(np.sum(np.bincount(face_edges.ravel()) == 1))
+
+
+def shaped(
+    document: Document, part: Part, node: dict[str, Any], matrix: FloatArray
+) -> tuple[FloatArray, bool]:
+    """Return the vertices (n, 3) of a part as a node shows them, and whether they are mirrored.
+
+    A ValueError reports what cannot be applied. Skins place vertices themselves, and ignore the
+    transformation of the node.
+    """
+    points = _morphed(document, part, node)
+    if (skin := of(node, "skin", int, None)) is not None:
+        return _skinned(document, part, points, skin)
+    is_mirrored = bool(np.linalg.det(matrix[:3, :3]) < 0)
+    if np.array_equal(matrix, np.eye(4)):
+        return points, is_mirrored
+    return (matrix @ np.column_stack([points, np.ones(len(points))]).T).T[:, :3], is_mirrored
+
+
+def _morphed(document: Document, part: Part, node: dict[str, Any]) -> FloatArray:
+    """Return the vertices with the shifts of all targets, times their weights."""
+    targets = of(part.primitive, "targets", list, [])
+    mesh = document.entry("meshes", of(node, "mesh", int, None))
+    holder = node if "weights" in node else mesh
+    if not targets or "weights" not in holder:
+        return part.points
+    points = part.points
+    weights = numbers_of(holder, "weights", len(targets), "mesh with as many morph targets")
+    for weight, target in zip(weights.tolist(), targets, strict=True):
+        position = of(target, "POSITION", int, None)
+        if weight != 0 and position is not None:
+            document.count(len(points))
+            shift = document.at_vertices(part, position, "VEC3", as_shares=False)
+            points = points + weight * shift
+    return points
+
+
+def _skinned(
+    document: Document, part: Part, points: FloatArray, skin: int
+) -> tuple[FloatArray, bool]:
+    """Return the vertices where joints carry them, each weighted."""
+    matrices = document.joint_matrices(skin)
+    attributes = of(part.primitive, "attributes", dict, {})
+    joints, weights = [], []
+    for k in range(len(attributes)):
+        of_set = [of(attributes, f"{name}_{k}", int, None) for name in ("JOINTS", "WEIGHTS")]
+        if None in of_set:
+            break
+        joints.append(document.numbers(of_set[0], "VEC4").astype(np.int64))
+        weights.append(document.at_vertices(part, of_set[1], "VEC4"))
+    if not joints:
+        raise ValueError("a mesh has a skin, but neither JOINTS_0 nor WEIGHTS_0")
+    joint, weight = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
+    if joint.shape != weight.shape:
+        raise ValueError(f"a mesh has {len(joint)} joints for {len(weight)} vertices")
+    document.count(joint.shape[0] * len(joints))
+    if not 0 <= joint.min(initial=0) <= joint.max(initial=0) < max(len(matrices), 1):
+        raise ValueError(f"a vertex names joint {joint.max()} of {len(matrices)} of skin {skin}")
+    sums = weight.sum(axis=1)
+    if not (sums > 0).all():
+        raise ValueError(f"vertex {np.argmin(sums > 0)} of a mesh with skin {skin} has no weights")
+    weight = weight / sums[:, None]
+    places = np.column_stack([points, np.ones(len(points))])
+    moved = np.empty_like(points)
+    for start in range(0, len(points), _AT_A_TIME):
+        some = slice(start, start + _AT_A_TIME)
+        blended = np.einsum("vk,vkij->vij", weight[some], matrices[joint[some], :3])
+        moved[some] = np.einsum("vij,vj->vi", blended, places[some])
+    turns = np.sum(weight * np.linalg.det(matrices[:, :3, :3])[joint])
+    return moved, bool(turns < 0)

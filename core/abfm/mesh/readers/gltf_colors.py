@@ -6,8 +6,7 @@ import numpy as np
 
 from abfm.mesh.readers.colored import ColoredFaces, Material, Wrap
 from abfm.mesh.readers.gltf import joined, placed_parts
-from abfm.mesh.readers.gltf_document import Document, Part
-from abfm.mesh.readers.gltf_json import numbers_of, of
+from abfm.mesh.readers.gltf_document import Document, Part, numbers_of, of
 from abfm.reading import Opened
 from abfm.types import FloatArray
 

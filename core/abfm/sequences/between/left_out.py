@@ -15,8 +15,7 @@ from abfm.sequences.between.in_between import in_between
 from abfm.sequences.frames import Frames
 from abfm.sequences.solving.solve import SequenceSolver
 from abfm.types import FloatArray
-from abfm.workers.control import checkpoint
-from abfm.workers.progress import step
+from abfm.workers.progress import stepped
 
 _LEFT_OUT_FRAMES_MAX = 3
 _SHARE_OF_A_MOTION = 0.5
@@ -60,17 +59,13 @@ def left_out(solver: SequenceSolver) -> LeftOut:
     product = square = variance = 0.0
     # products of what the field found, and those of the two intervals, change of the frame at once
     fields = np.zeros((3, 3))
-    with step("leaving out frames") as report:
-        middles = _middles(solver)
-        for number, middle in enumerate(middles):
-            checkpoint()
-            try:
-                found = _evidence(solver, middle)
-            except AdvectionError:
-                continue
-            product, square = product + found.product, square + found.square
-            variance, fields = variance + found.variance, fields + found.fields
-            report((number + 1) / len(middles))
+    for middle in stepped("leaving out frames", _middles(solver)):
+        try:
+            found = _evidence(solver, middle)
+        except AdvectionError:
+            continue
+        product, square = product + found.product, square + found.square
+        variance, fields = variance + found.variance, fields + found.fields
     if not square > 0:
         return LeftOut()
     of_mean = float(fields[1:, 1:].sum()) / 4

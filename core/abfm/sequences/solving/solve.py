@@ -22,7 +22,7 @@ from abfm.sequences.solving.defect import defect
 from abfm.sequences.solving.interval import FieldPoint, Interval, Neighbour
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
-from abfm.workers.progress import step
+from abfm.workers.progress import step, stepped
 
 _SHARE_MAX = 0.2  # of what differed at first: where more is left, it is looked for further away
 _ENERGY_SHARE_MAX = 0.5  # of the energy
@@ -151,10 +151,8 @@ class SequenceSolver:
         """Sweep back and forth until the energy of all, by flow lines, hardly falls."""
         count = len(self.fields)
         if not self.swept:
-            with step("asking flow lines") as tell:
-                for i in range(count):
-                    self._ask_flow_lines(i)
-                    tell((i + 1) / count)
+            for i in stepped("asking flow lines", range(count)):
+                self._ask_flow_lines(i)
             self.before = self.total()
         with step("smoothing in time") as tell:
             while self.swept < _SWEEPS * count:
