@@ -15,6 +15,7 @@ import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cache, partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -62,6 +63,7 @@ _PARTS = ("match", "initial", "functions", "initial.a", "initial.b", "mesh", "_f
 _OF_RESULT: dict[str, Any] = {
     name: Annotated[Any, name] for name in ("Match", "Correspondence", "Sequence")
 }
+_hints = cache(partial(get_type_hints, localns=_OF_RESULT, include_extras=True))
 
 
 @dataclass(frozen=True)
@@ -296,7 +298,7 @@ class _Reader:
         return found
 
     def _made(self, hint: Any, value: dict[str, Any], where: str) -> Any:
-        hints = get_type_hints(hint, localns=_OF_RESULT, include_extras=True)
+        hints = _hints(hint)
         known = {each.name: each for each in fields(hint)}
         unknown = sorted(value.keys() - known.keys())
         _expect(not unknown, where, unknown, f"only {', '.join(known)}")
@@ -431,7 +433,8 @@ def _require(fits: bool, problem: str) -> None:
 
 
 def _expect(fits: bool, where: str, value: Any, expected: str) -> None:
-    _require(fits, f"{where} is {brief(value)}; expected {expected}")
+    if not fits:
+        raise ValueError(f"{where} is {brief(value)}; expected {expected}")
 
 
 def _state(path: Path) -> tuple[int, int]:

@@ -327,7 +327,6 @@ sys.exit(main())
     ("place", "name", "line"),
     [
         ("abfm.batch.table", "_row", "{t}/table.csv --out={t}/new --jobs=1"),
-        ("abfm.batch.ledger:Ledger", "_read", "{t}/table.csv --out={t}/out --jobs=1"),
         ("abfm.batch.ledger:Ledger", "record", "{t}/table.csv --out={t}/new --jobs=1"),
         ("abfm_viewer.reports.pages", "cut", "--status {t}/out"),
     ],

@@ -108,14 +108,14 @@ def _layouts(gui, size, texts):
             gui.session.editor.amend(view=replace(gui.session.view, ui_scale=scale))
             for tab in TABS:
                 gui.window.ui.open_tab = tab
-                gui.frames(3)
+                gui.frames(2)
                 for written in texts.values():
                     written.clear()
                 gui.frames(1)
                 assert not gui.errors
                 layout = {"state": state, "scale": scale, "tab": tab, "size": size}
                 widgets = [
-                    asdict(w) | {"text_width": imgui.CalcTextSize(w.shown or w.label)[0]}
+                    vars(w) | {"text_width": imgui.CalcTextSize(w.shown or w.label)[0]}
                     for w in gui.window.ui.widgets
                 ]
                 hidden, parts = dict(gui.window.ui.hidden_heights), asdict(gui.window.parts)
@@ -129,7 +129,7 @@ def main():
     for size in SCALES:
         with Driver(EGG, backend="openGL_mock", size=size) as gui:
             found += _layouts(gui, size, texts)
-    json.dump(found, sys.stdout)
+    json.dump(found, sys.stdout, default=vars)
 
 
 # What must hold

@@ -318,7 +318,7 @@ def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, lay
     rect = tuple(end / SMALLER for end in areas(size, MENU * scale, scale).scene)
     scene.name_height, scene.room_below = NAME * scale / SMALLER, BARS * scale / SMALLER
     ps.set_window_size(*(length // SMALLER for length in size))
-    for rotation in rotations(25):
+    for rotation in rotations(12):
         session.editor.amend(view=replace(view, look=Look(front(rotation))))
         scene.update(rect)
         pixels = ps.screenshot_to_buffer(transparent_bg=False)[..., :3].astype(int)
