@@ -62,15 +62,13 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
     """
     unit = mesh.normalized()
     candidates = points_by_area(unit, _CANDIDATES)
-    order, gaps = np.empty(_CANDIDATES, dtype=np.int64), np.empty(_CANDIDATES)
     normals = _smooth_normals(unit, candidates)
-    widest = np.argmax(np.ptp(candidates.positions, axis=0))
+    widest = int(np.argmax(np.ptp(candidates.positions, axis=0)))
     numbers = np.argsort(candidates.positions[:, widest], kind="stable")
-    places, along = candidates.positions[numbers], candidates.positions[numbers, widest]
-    count = _farthest_first(places, along, normals[numbers], numbers, SPACING_MIN, order, gaps)
-    chosen = candidates[order[:count]]
+    order, gaps = _farthest_first(candidates.positions[numbers], widest, normals[numbers], numbers)
+    chosen = candidates[order]
     points = SurfacePoints(mesh, chosen.faces, chosen.barycentric)
-    return SpreadPoints(points, gaps[:count], normals[order[:count]])
+    return SpreadPoints(points, gaps, normals[order])
 
 
 def _smooth_normals(mesh: TriangleMesh, points: SurfacePoints) -> FloatArray:
@@ -88,32 +86,27 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 @kernel
 def _farthest_first(
-    places: FloatArray,
-    along: FloatArray,
-    normals: FloatArray,
-    numbers: IndexArray,
-    least: float,
-    order: IndexArray,
-    gaps: FloatArray,
-) -> int:
-    """Write the order in which places (n, 3) are chosen, by their numbers (n,), and their gaps,
-    down to the ``least``; return how many these are. Number 0 is the first one.
+    places: FloatArray, axis: int, normals: FloatArray, numbers: IndexArray
+) -> tuple[IndexArray, FloatArray]:
+    """Return the order (m,) in which places (n, 3) are chosen, by their numbers (n,), and their
+    gaps (m,), down to `SPACING_MIN`. Number 0 is the first one.
 
-    Places are sorted by one coordinate, ``along`` (n,). No place is farther from the chosen ones
+    Places are sorted by their coordinate along an axis. No place is farther from the chosen ones
     than the next one is, so that this one comes nearer only to places within that distance.
     """
+    order, gaps = np.empty(len(places), dtype=np.int64), np.empty(len(places))
     squares = np.full(len(places), np.inf)  # of distances to the nearest one chosen
     chosen = int(np.argmin(numbers))
-    for count in range(order.size):
+    for count in range(len(places)):
         farthest_square = squares[chosen]
-        if farthest_square < least * least:
-            return count
+        if farthest_square < SPACING_MIN * SPACING_MIN:
+            return order[:count], gaps[:count]
         order[count], gaps[count] = numbers[chosen], np.sqrt(farthest_square)
         squares[chosen] = 0.0
         for side in range(2):
             for step in range(1, len(places) - chosen if side else chosen + 1):
                 i = chosen + step if side else chosen - step
-                if (along[i] - along[chosen]) ** 2 >= farthest_square:
+                if (places[i, axis] - places[chosen, axis]) ** 2 >= farthest_square:
                     break
                 square, cosine = 0.0, 0.0
                 for x in range(3):
@@ -127,7 +120,7 @@ def _farthest_first(
                 squares[i] == squares[chosen] and numbers[i] < numbers[chosen]
             ):
                 chosen = i
-    return order.size
+    return order, gaps
 
 
 @kernel
