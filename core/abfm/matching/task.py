@@ -46,9 +46,13 @@ from abfm.types import FloatArray, IntArray
 
 _RESIDUALS = ("residual", "verified_residual", "folded")
 _DISTORTIONS = ("log2_area", "log2_area_95")
-_REPORTED = (
-    *(*_RESIDUALS, "verdict", "registration_verdict"),
-    *("warnings", "path_steps", "path_step"),
+_ENTRIES_OF_FACTS = (
+    *_RESIDUALS,
+    "verdict",
+    "registration_verdict",
+    "warnings",
+    "path_steps",
+    "path_step",
 )
 
 MAX_DISTORTION = number_input(
@@ -72,7 +76,7 @@ def facts_of_file(path: Path) -> Facts:
     """
     entries = results.REGISTRATION.entries
     with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
-        found = results.check_arrays(archive, {name: entries[name] for name in _REPORTED})
+        found = results.check_arrays(archive, {name: entries[name] for name in _ENTRIES_OF_FACTS})
         # of a registration, which may be worse than that of its match
         verdict = Verdict.of_texts(found.get("registration_verdict", found["verdict"]).tolist())
         numbers = {name: float(found.get(name, math.nan)) for name in _RESIDUALS}
