@@ -1,4 +1,6 @@
-"""Inputs of tasks: how a text becomes a value, which files it names, and what help says of it."""
+"""Inputs of tasks: how a text becomes a value, which files it names, and what help says of it; and
+meshes, of which a process keeps the last few with what was computed from them.
+"""
 
 from __future__ import annotations
 
