@@ -1,7 +1,5 @@
 """A session on two surfaces, without a window."""
 
-import threading
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -113,16 +111,10 @@ def test_registrations_have_functions_of_a(registered):
     assert_allclose(functions[:, 0], registered.values("source"))
 
 
-def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, monkeypatch):
-    prepare, may_go_on = abfm.registration.prepare, threading.Event()
+def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, held):
     pair.editor.change("change the initial map", initial="connectivity")
     ready(pair)
-
-    def late(*given, **named):
-        may_go_on.wait(10)
-        return prepare(*given, **named)
-
-    monkeypatch.setattr(abfm.registration, "prepare", late)
+    _, may_go_on = held(abfm.registration, "prepare")
     pair.editor.place_landmark("source", Point(0, (1.0, 0.0, 0.0)))
     pair.editor.place_landmark("target", Point(9, (1.0, 0.0, 0.0)))
     pair.update()
