@@ -48,6 +48,10 @@ def test_the_result_is_of_its_map_and_of_no_other(pair):
     pair.undo()
     until(lambda: not pair.outdated, pair)
     assert pair.document.complete_result.points.domain is B
+    pair.editor.change("change the initial map", initial="sphere")  # which an egg is not
+    until(lambda: "no sphere" in pair.obstacle, pair)
+    pair.match()
+    assert pair.notices.latest.is_error
 
 
 def test_measured_functions_are_matched_in_standard_deviations(pair):
