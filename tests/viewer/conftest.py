@@ -3,6 +3,7 @@
 import ctypes
 import inspect
 import sys
+import threading
 from dataclasses import replace
 
 import pytest
@@ -157,6 +158,25 @@ def desk(tmp_path):
     yield desk
     desk.files.close()
     desk.session.close()
+
+
+@pytest.fixture
+def held(monkeypatch):
+    """Hold a module's function up where its arguments are such: events begun, and may end."""
+
+    def hold(module, name, condition=lambda *_: True):
+        begun, may_end, compute = threading.Event(), threading.Event(), getattr(module, name)
+
+        def wait_and_compute(*arguments, **options):
+            if condition(*arguments):
+                begun.set()
+                assert may_end.wait(30)
+            return compute(*arguments, **options)
+
+        monkeypatch.setattr(module, name, wait_and_compute)
+        return begun, may_end
+
+    return hold
 
 
 @pytest.fixture

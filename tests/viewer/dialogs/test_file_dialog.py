@@ -2,7 +2,6 @@
 
 import os
 import sys
-import threading
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -174,15 +173,8 @@ def test_saving_needs_a_name_takes_that_of_a_marked_file_and_enters_folders(fold
     assert choice.folder == folder / "zebra"
 
 
-def test_a_slow_folder_does_not_hold_the_window(folder, monkeypatch):
-    asked, may_answer = threading.Event(), threading.Event()
-
-    def slow(*words):
-        asked.set()
-        assert may_answer.wait(30)
-        return read_folder(*words)
-
-    monkeypatch.setattr(file_dialog, "read_folder", slow)
+def test_a_slow_folder_does_not_hold_the_window(folder, held):
+    asked, may_answer = held(file_dialog, "read_folder")
     choice = FileChoice(folder, MESHES)
     assert choice.listing() is None
     assert asked.wait(30)

@@ -217,7 +217,7 @@ def shows_flow(session):
 
 
 def test_playing_waits_for_its_pictures(flowing, tmp_path):
-    """Saved work stays saved."""
+    """Saved work stays saved, and the flow goes with the match by undo."""
     flowing.player.held = True
     matched(flowing)
     flowing.saves.mark(flowing.document, Origin.of(tmp_path / "a.abfm"))
@@ -227,6 +227,9 @@ def test_playing_waits_for_its_pictures(flowing, tmp_path):
     until(lambda: flowing.time > 0, flowing)
     until(lambda: not flowing.player.playing, flowing)
     assert not flowing.saves.unsaved
+    assert flowing.editor.undo_label == "match"
+    flowing.undo()
+    assert not shows_flow(flowing)
 
 
 def test_what_the_user_does_stops_it(flowing):

@@ -51,10 +51,9 @@ def test_a_step_replaces_the_result_until_undo(walked):
 
 
 @pytest.fixture
-def slow(walked, monkeypatch):
+def slow(walked, held):
     """The same, where a step takes until the event that is returned."""
-    may, at_step = threading.Event(), Match.at_step
-    monkeypatch.setattr(Match, "at_step", lambda match, n: may.wait(30) and at_step(match, n))
+    _, may = held(Match, "at_step")
     yield walked, may
     may.set()
 

@@ -1,7 +1,5 @@
 """A session on two surfaces, without a window."""
 
-import threading
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -50,6 +48,10 @@ def test_the_result_is_of_its_map_and_of_no_other(pair):
     pair.undo()
     until(lambda: not pair.outdated, pair)
     assert pair.document.complete_result.points.domain is B
+    pair.editor.change("change the initial map", initial="sphere")  # which an egg is not
+    until(lambda: "no sphere" in pair.obstacle, pair)
+    pair.match()
+    assert pair.notices.latest.is_error
 
 
 def test_measured_functions_are_matched_in_standard_deviations(pair):
@@ -113,16 +115,10 @@ def test_registrations_have_functions_of_a(registered):
     assert_allclose(functions[:, 0], registered.values("source"))
 
 
-def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, monkeypatch):
-    prepare, may_go_on = abfm.registration.prepare, threading.Event()
+def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, held):
     pair.editor.change("change the initial map", initial="connectivity")
     ready(pair)
-
-    def late(*given, **named):
-        may_go_on.wait(10)
-        return prepare(*given, **named)
-
-    monkeypatch.setattr(abfm.registration, "prepare", late)
+    _, may_go_on = held(abfm.registration, "prepare")
     pair.editor.place_landmark("source", Point(0, (1.0, 0.0, 0.0)))
     pair.editor.place_landmark("target", Point(9, (1.0, 0.0, 0.0)))
     pair.update()

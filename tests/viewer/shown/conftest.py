@@ -1,7 +1,5 @@
 """What tests of what is shown share: a session after its match, which each leaves as it was."""
 
-import threading
-
 import pytest
 
 from abfm_viewer.shown.shown import Shown
@@ -40,22 +38,3 @@ def watched():
 @pytest.fixture
 def shown(session, watched):
     return watched(session)
-
-
-@pytest.fixture
-def held(monkeypatch):
-    """Hold a module's function up where its arguments are such: events begun, and may end."""
-
-    def hold(module, name, condition=lambda *_: True):
-        begun, may_end, compute = threading.Event(), threading.Event(), getattr(module, name)
-
-        def wait_and_compute(*arguments, **options):
-            if condition(*arguments):
-                begun.set()
-                assert may_end.wait(30)
-            return compute(*arguments, **options)
-
-        monkeypatch.setattr(module, name, wait_and_compute)
-        return begun, may_end
-
-    return hold

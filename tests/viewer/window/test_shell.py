@@ -114,6 +114,8 @@ def type_into_boxes(gui):
 
 def open_by_keys_and_drop(gui, mesh_file, tmp_path):
     gui.key("ctrl+o")
+    gui.type("folder", str(tmp_path / "nowhere.off"))
+    assert gui.window.dialogs.is_open
     gui.wait(lambda s: mesh_file.name in gui.labels())
     while gui.text_of(mesh_file.name) != "chosen":
         gui.key("down")
