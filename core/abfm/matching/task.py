@@ -33,13 +33,12 @@ from abfm.tasks.inputs import (
     channel_inputs,
     channels,
     file_input,
-    mesh_notes,
-    mesh_of,
     number_input,
     parameter_inputs,
     parameters_in,
     weight_input,
 )
+from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task, preview_of
 from abfm.types import FloatArray, IntArray

@@ -30,7 +30,8 @@ from abfm.registration.initial import initial_map, read_landmarks
 from abfm.registration.initial.given import MapInput
 from abfm.registration.initial.turned_spheres import LANDMARKS_MIN
 from abfm.registration.task import INITIAL_INPUT
-from abfm.tasks.inputs import Rename, mesh_of, renamed_spec
+from abfm.tasks.inputs import Rename, renamed_spec
+from abfm.tasks.meshes import mesh_of
 from abfm.types import FloatArray
 
 _DRIFT_BYTES_MAX = 1 << 32

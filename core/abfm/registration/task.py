@@ -28,12 +28,11 @@ from abfm.tasks.inputs import (
     channel_inputs,
     channels,
     file_input,
-    mesh_notes,
-    mesh_of,
     parameter_inputs,
     parameters_in,
     weight_input,
 )
+from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Given, Report, ResultFile, Task
 from abfm.types import IntArray

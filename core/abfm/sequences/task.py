@@ -36,14 +36,13 @@ from abfm.tasks.inputs import (
     MESH_INPUTS,
     Input,
     file_input,
-    mesh_notes,
-    mesh_of,
     number_input,
     parameter_inputs,
     parameters_in,
     read_number,
     weight_input,
 )
+from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task, preview_of
 from abfm.types import FloatArray

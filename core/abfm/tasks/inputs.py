@@ -1,6 +1,4 @@
-"""Inputs of tasks: how a text becomes a value, which files it names, and what help says of it; and
-meshes, of which a process keeps the last few with what was computed from them.
-"""
+"""Inputs of tasks: how a text becomes a value, which files it names, and what help says of it."""
 
 from __future__ import annotations
 
@@ -17,7 +15,6 @@ from abfm.errors import FunctionError, ParameterError, brief
 from abfm.functions import Circular, Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
 from abfm.functions.circular import checked_period
 from abfm.functions.circular_channels import split_channels
-from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.options import MERGE, MeshOptions, read_flag
 from abfm.parameters import CHOICES, FIELDS, MAIN_FIELDS, Parameters, checked, is_whole, option
 from abfm.reading.text_tables import parse_number
@@ -27,7 +24,7 @@ MESH_FORMATS = (
     "also compressed (.gz)"
 )
 Rename = Callable[[str], str]
-_MESHES_KEPT = 3
+"""A function from the name of a file to another name of it."""
 
 
 def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
@@ -56,9 +53,6 @@ def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
 def hint(text: str) -> str:
     """Return how to write a number, for a text with a comma."""
     return ": write a decimal point, and no signs between thousands" if "," in text else ""
-
-
-"""A function from the name of a file to another name of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,23 +313,3 @@ def mesh_options(values: Mapping[str, Any]) -> MeshOptions:
 def absolute(folder: str) -> Rename:
     """Return a function that makes names of files absolute which begin at a folder."""
     return lambda path: os.fspath(Path(folder, Path(os.path.expanduser(path))))
-
-
-def mesh_of(path: str, values: Mapping[str, Any]) -> TriangleMesh:
-    """Read a mesh with the options among values by name, unless this process has it already."""
-    try:
-        status = os.stat(path)
-        changed = status.st_size, status.st_mtime_ns
-    except (OSError, ValueError):
-        changed = 0, 0  # reading it reports why
-    return _loaded(path, changed, mesh_options(values))
-
-
-@lru_cache(maxsize=_MESHES_KEPT)
-def _loaded(path: str, changed: tuple[int, int], options: MeshOptions) -> TriangleMesh:
-    return load_mesh(path, **options.given)
-
-
-def mesh_notes(*meshes: TriangleMesh) -> list[str]:
-    """Return what was repaired in meshes, one line each."""
-    return [message for mesh in meshes for message in mesh.messages]
