@@ -8,7 +8,7 @@ from itertools import cycle
 import numpy as np
 from PIL import Image
 
-from abfm.calculus.operators import fast_speed
+from abfm.calculus.speeds import fast_speed
 from abfm.io.sheets import Checker, Coordinates, Panel, Sheet, Streaks, Values
 from abfm.mesh import TriangleMesh
 from abfm.pages.colormaps import ColorRange, color_range, place_colors

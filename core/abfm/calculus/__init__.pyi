@@ -12,11 +12,11 @@ from .operators import edge_lengths as edge_lengths
 from .operators import face_areas as face_areas
 from .operators import face_frames as face_frames
 from .operators import face_normals as face_normals
-from .operators import fast_speed as fast_speed
 from .operators import gradient as gradient
 from .operators import hodge_laplacian as hodge_laplacian
 from .operators import l2_norm as l2_norm
 from .operators import vertex_areas as vertex_areas
+from .speeds import fast_speed as fast_speed
 from .vector_fields import commuting_fields as commuting_fields
 from .vector_fields import directional_derivative as directional_derivative
 from .vector_fields import helmholtz_hodge as helmholtz_hodge

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.numerics.cholesky import factor
 from abfm.numerics.kernels import kernel
 from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
 
@@ -22,9 +21,6 @@ Matrix = sparse.csr_array
 
 # height over longest edge below which squares of it are lost in the rounding of a norm
 THICKNESS_MIN = 1e-5
-# of the area: speeds that no more of it has count as the next lower ones
-_OUTLIER_AREA_SHARE = 0.001
-_FAST_NORM_SHARE = 0.4  # of the squared norm: what as much of it exceeds is fast
 
 
 class FaceShapes(NamedTuple):
@@ -307,28 +303,3 @@ def stiffnesses(gradients: FloatArray, weights: FloatArray, out: FloatArray) -> 
         for a in range(3):
             for b in range(3):
                 out[f, a, b] = weights[f] * (g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1])
-
-
-def smoothed(mesh: TriangleMesh, values: FloatArray, length: float) -> FloatArray:
-    """Smooth functions (V, C) over a length, in the unit of the mesh, by one implicit step of the
-    heat equation for the time ``length^2``. It keeps constants and integrals.
-    """
-    areas = vertex_areas(mesh)
-    heat = Matrix(sparse.diags_array(areas) + length**2 * cotangent_laplacian(mesh))
-    solve = factor(heat)
-    return np.stack([solve(areas * column) for column in values.T], axis=1)
-
-
-def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
-    """Return what of speeds (F,) counts as fast: faces that are faster have a good part of the
-    field's squared norm, wherever that is on the surface. Those of slivers, which run wild, count
-    as their lower neighbours'; 0 if all is still.
-    """
-    descending = np.argsort(-speed, kind="stable")
-    areas = face_areas(mesh)[descending] / mesh.length_scale**2
-    tame = min(int(np.searchsorted(np.cumsum(areas), _OUTLIER_AREA_SHARE)), len(speed) - 1)
-    most = float(speed[descending[tame]]) or float(speed.max())
-    if not most:
-        return 0.0
-    norms = np.cumsum(areas * np.minimum(speed[descending] / most, 1) ** 2)
-    return float(min(speed[descending[np.searchsorted(norms, _FAST_NORM_SHARE * norms[-1])]], most))

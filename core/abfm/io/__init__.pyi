@@ -16,7 +16,6 @@ from .brain_files import write_values as write_values
 from .exports import export_energy_csv as export_energy_csv
 from .exports import export_ply as export_ply
 from .exports import export_vtu as export_vtu
-from .exports import write_csv as write_csv
 from .results import FORMAT_VERSION as FORMAT_VERSION
 from .results import load_arrays as load_arrays
 from .results import save_arrays as save_arrays
@@ -25,6 +24,7 @@ from .source_estimates import even_step as even_step
 from .source_estimates import write_stc as write_stc
 from .surface_images import from_surface_image as from_surface_image
 from .surface_images import to_surface_image as to_surface_image
+from .tables import write_csv as write_csv
 from .textured import TEXTURED_ENDINGS as TEXTURED_ENDINGS
 from .textured import textured_files as textured_files
 from .textured import write_textured as write_textured

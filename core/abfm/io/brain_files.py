@@ -24,7 +24,8 @@ from abfm.io.cifti_files import (
     write_cifti_labels,
     write_cifti_values,
 )
-from abfm.io.exports import export_ply, write_csv
+from abfm.io.exports import export_ply
+from abfm.io.tables import write_csv
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import (

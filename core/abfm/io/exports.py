@@ -1,11 +1,8 @@
-"""Meshes with data for other programs (ParaView, MeshLab), the energy as a table, and tables that
-spreadsheets open safely.
-"""
+"""Meshes with data for other programs (ParaView, MeshLab), and the energy as a table."""
 
-import csv
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,16 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkTriangle
 
-from abfm.errors import ResultError, printable
+from abfm.errors import ResultError
 from abfm.io.atomic import write_atomically, write_whole
+from abfm.io.tables import write_csv
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
-from abfm.reading.text_tables import is_number
 
 Data = Mapping[str, ArrayLike]
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
-_BREAKS = re.compile(r"[\t\n\v\f\r]+")
-_FORMULA_STARTS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # also full-width
 
 
 def export_ply(
@@ -144,25 +139,3 @@ def _records(columns: Mapping[str, NDArray[Any]]) -> bytes:
     """Return columns (n,) or (n, k) row by row, packed, little endian."""
     little = [(name, x.dtype.newbyteorder("<"), x.shape[1:]) for name, x in columns.items()]
     return np.rec.fromarrays(list(columns.values()), little).tobytes()
-
-
-def write_csv(path: str | os.PathLike[str], rows: Iterable[Iterable[object]]) -> None:
-    """Write a file of rows of cells, whole or not at all; None is an empty cell.
-
-    Spreadsheets compute texts that start like a formula, and names may come from somebody else:
-    such a text gets a leading apostrophe, as OWASP recommends
-    (https://owasp.org/www-community/attacks/CSV_Injection). Numbers stay numbers, also as text. A
-    ResultError reports that the file cannot be written.
-    """
-    with (
-        write_atomically(path) as temporary,
-        temporary.open("w", encoding="utf-8", newline="") as file,
-    ):
-        csv.writer(file, lineterminator="\n").writerows(map(_cell, row) for row in rows)
-
-
-def _cell(value: object) -> object:
-    if not isinstance(value, str):
-        return value
-    text = printable(_BREAKS.sub(" ", value).strip())
-    return f"'{text}" if text.startswith(_FORMULA_STARTS) and not is_number(text) else text

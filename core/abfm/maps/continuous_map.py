@@ -12,7 +12,7 @@ geodesic error is 0.0252 sqrt(area) after 0.0260, and no more than before for 15
 
 import numpy as np
 
-from abfm.calculus.operators import smoothed
+from abfm.calculus.smoothing import smoothed
 from abfm.maps.image_relaxation import Ground, Image, push_to_sphere, relax, relocate
 from abfm.maps.point_maps import PointMap
 from abfm.maps.sphere_embedding import (

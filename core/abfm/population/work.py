@@ -33,10 +33,11 @@ from abfm.population.on_template import (
     displacement_in,
 )
 from abfm.population.population import Population
-from abfm.population.round import Round, Stack, Target
+from abfm.population.round import Round, Stack
 from abfm.population.settings import Settings
 from abfm.population.statistics import Moments, Others, Shares, phase_and_amplitude
 from abfm.population.subjects import Cohort, Subject
+from abfm.population.target import Target
 from abfm.reading import side_of
 from abfm.sequences.noise import noise
 from abfm.tasks.inputs import MESH_INPUTS, absolute, mesh_options

@@ -35,8 +35,9 @@ from abfm.matching.terms.functions import (
 from abfm.mesh import MeshLike, TriangleMesh, as_meshes
 from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
+from abfm.registration.initial.counting import warn_of_counting
 from abfm.registration.initial.given import MapInput
-from abfm.registration.initial.landmark_pairs import Landmarks, by_surface, warn_of_counting
+from abfm.registration.initial.landmark_pairs import Landmarks, by_surface
 from abfm.registration.initial.searching.search import is_searched
 from abfm.registration.initial.words import initial_map
 from abfm.registration.registration import Registration

@@ -35,9 +35,9 @@ from abfm.calculus.operators import (
     face_areas,
     face_frames,
     gradient,
-    smoothed,
     vertex_areas,
 )
+from abfm.calculus.smoothing import smoothed
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.flow import Flow
 from abfm.sequences.frames import sigma_of

@@ -20,7 +20,7 @@ from abfm.io import write_surface
 from abfm.mesh.shapes import even_sphere
 from abfm.population import Channel, Cohort, Settings, Subject
 from abfm.population.carrying import Carrying
-from abfm.population.round import Target
+from abfm.population.target import Target
 from abfm.population.work import Work
 from abfm.workers.control import CancelledError, Control
 from tests.messages import check_message, raises

@@ -1,6 +1,7 @@
 from .alignment import Alignment as Alignment
 from .alignment import align as align
 from .alignment import closest_after_alignment as closest_after_alignment
+from .connectivity import same_connectivity as same_connectivity
 from .landmark_pairs import Landmarks as Landmarks
 from .landmark_pairs import read_landmarks as read_landmarks
 from .spectral import SpectralSearch as SpectralSearch
@@ -8,5 +9,4 @@ from .vertex_files import map_from_file as map_from_file
 from .words import WORDS as WORDS
 from .words import Word as Word
 from .words import initial_map as initial_map
-from .words import same_connectivity as same_connectivity
 from .words import word_of as word_of

@@ -13,7 +13,8 @@ from scipy.linalg import eigh
 from scipy.sparse.csgraph import dijkstra
 
 from abfm.calculus.eigenbasis import unit_eigenbasis
-from abfm.calculus.operators import cotangent_laplacian, smoothed, vertex_areas
+from abfm.calculus.operators import cotangent_laplacian, vertex_areas
+from abfm.calculus.smoothing import smoothed
 from abfm.errors import FunctionError
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.spectral import HeatKernelSignature

@@ -13,7 +13,8 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from abfm.calculus.operators import averaging, gradient, smoothed
+from abfm.calculus.operators import averaging, gradient
+from abfm.calculus.smoothing import smoothed
 from abfm.maps.functional_maps import nearest
 from abfm.registration.initial.searching.coarse_shape import CoarseShape
 from abfm.types import FloatArray, IntArray

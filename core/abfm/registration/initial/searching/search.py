@@ -24,7 +24,7 @@ from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.registration.correspondence import Candidate
 from abfm.registration.initial.alignment import MotionKind, align, closest_after_alignment
-from abfm.registration.initial.given import Initial, MapInput, made_continuous
+from abfm.registration.initial.given import Initial, MapInput
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import CoarseShape, coarse_shape, ranks
@@ -36,6 +36,7 @@ from abfm.registration.initial.spheres import (
     rotation_by_functions,
     rotation_by_landmarks,
 )
+from abfm.registration.initial.torn import made_continuous
 from abfm.registration.initial.turned_spheres import (
     LANDMARK_WEIGHT,
     LANDMARKS_MIN,
