@@ -81,6 +81,20 @@ def installed(wheel, tmp_path_factory):
     return run_installed
 
 
+# on a mesh where it takes no time
+SMALL_DEMO = """
+import sys, abfm_viewer.cli.demo as demo
+from abfm_viewer.cli import main
+mesh = demo.asset_path("eight.off")
+demo.asset_path = lambda name: mesh
+demo.SOURCE, demo.TARGET = (f"gaussian:vertex={v},width=0.3" for v in (0, 100))
+"""
+NO_LIBRARY = """
+import ctypes
+def missing(name): raise OSError(f"{name}: cannot open shared object file")
+ctypes.CDLL = missing
+"""
+RUN_DEMO = 'sys.exit(main(["demo", "--quiet", "--out", sys.argv[1]]))'
 WITHOUT_APP = f"""
 import os, sys
 
@@ -106,7 +120,7 @@ def test_what_is_installed_from_the_wheel_works_outside_of_the_repository(instal
 def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
     wanted = "pip install 'abfm[app]'"
     without = {"WITHOUT_APP": "yes"}
-    demo = installed("abfm", "demo", "--quiet", "--out", tmp_path, **without)
+    demo = installed("python", "-c", SMALL_DEMO + RUN_DEMO, tmp_path, **without)
     assert demo.returncode == 0
     assert all(line.startswith("note: ") for line in demo.stderr.splitlines())
     assert "no picture and no movie" in demo.stderr.splitlines()[-1]
@@ -114,7 +128,7 @@ def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
     result, vertex_map = tmp_path / "demo.npz", tmp_path / "map.csv"
     assert installed("abfm", "map", result, "--out", vertex_map, **without).returncode == 0
-    words = ("figure", "3", "--mesh", ROOT / "assets" / "eight.off", "--quiet", "--out", tmp_path)
+    words = ("figure", "6", "--mesh", ROOT / "assets" / "eight.off", "--quiet", "--out", tmp_path)
     figure = installed("abfm", *words, **without)
     assert figure.stderr.strip().endswith(wanted)
     render = ["abfm", "render", result, "--out"]
@@ -175,16 +189,7 @@ def test_blas_gets_one_thread_unless_the_user_says_otherwise():
 
 def test_what_cannot_draw_says_so_in_one_line(tmp_path):
     """Without libEGL polyscope would crash; ctypes is made to miss it."""
-    done = python(
-        "import ctypes, sys, abfm_viewer.cli.demo as demo\n"
-        "from abfm_viewer.cli import main\n"
-        "mesh = demo.asset_path('eight.off')  # where it takes no time\n"
-        "demo.asset_path = lambda name: mesh\n"
-        "demo.SOURCE, demo.TARGET = (f'gaussian:vertex={v},width=0.3' for v in (0, 100))\n"
-        "def missing(name): raise OSError(f'{name}: cannot open shared object file')\n"
-        "ctypes.CDLL = missing\n"
-        f"sys.exit(main(['demo', '--quiet', '--out', {str(tmp_path)!r}]))"
-    )
+    done = python(SMALL_DEMO + NO_LIBRARY + RUN_DEMO, tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
     assert done.stderr.startswith("note: no picture and no movie: cannot draw")
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]

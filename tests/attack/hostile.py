@@ -1,17 +1,15 @@
-"""Files made to do harm: bombs, wrong counts, nesting, references, devices, broken meshes.
+"""Files made to do harm: bombs, nesting, references, long lines, broken and heavy meshes.
 
-`HOSTILE` is a table: a name, and a function of a `random.Random` that returns a specimen.
+`HOSTILE` is a table: a name, and a function of a `random.Random` that returns a specimen. Wrong
+counts and indices, devices and texts are in tables of `tests/core/reading` and `tests/core/mesh`.
 """
 
 import base64
 import gzip
 import io
 import json
-import os
-import struct
 import zipfile
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -20,13 +18,10 @@ from tests.attack.victim import LARGEST
 from tests.core.mesh.heavy_meshes import HEAVY
 from tests.core.reading.hostile import bomb
 from tests.core.reading.vtk_files import vtk_bytes
-from tests.mesh_writers import WRITERS, obj_text, off_text, ply_bytes
+from tests.mesh_writers import WRITERS, obj_text, off_text
 from tests.shapes import icosphere, moebius_arrays, open_cylinder, square, tetrahedron, torus
 
-_MANY = (10**5, 10**8, 2**31 - 1, 2**32, 2**62, 2**63, 10**30)
-_DEVICES = ("/dev/zero", "/dev/urandom", "/dev/null", "/dev/tty")
 _OFF, _OBJ = off_text(WHOLE.vertices, WHOLE.faces), obj_text(WHOLE.vertices, WHOLE.faces)
-_PLY = ply_bytes(WHOLE.vertices, WHOLE.faces.tolist(), "ascii")
 _POINTS = (
     '<DataArray Intent="NIFTI_INTENT_POINTSET" DataType="NIFTI_TYPE_FLOAT32" Endian="LittleEndian" '
     'Dimensionality="2" Dim0="{}" Dim1="3" Encoding="{}" {}><Data>{}</Data></DataArray>'
@@ -43,22 +38,6 @@ def hostile(chance):
 
 def _mesh(name, content):
     return Specimen(name, "mesh", (content.encode() if isinstance(content, str) else content))
-
-
-def _counts(chance):
-    """Announce far more than follows."""
-    many = chance.choice(_MANY)
-    sizes = [chance.choice((0, 1, 2**31 - 1)) for _ in range(4)]
-    return chance.choice(
-        (
-            _mesh("a.off", _OFF.replace("42 80", f"{chance.choice((42, many))} {many}", 1)),
-            _mesh("a.ply", _PLY.replace(b"face 80", b"face %d" % many, 1)),
-            _mesh("a.stl", bytes(80) + struct.pack("<I", many % 2**32) + bytes(50 * 80)),
-            Specimen("a.mgh", "frames", struct.pack(">7i256x", 1, *sizes, 3, 0)),
-            Specimen("a-lh.stc", "frames", struct.pack(">ffI99x", 0, 1, many % 2**32)),
-            _gifti(_POINTS.format(many, "ASCII", "", "1 2 3")),
-        )
-    )
 
 
 def _gifti(arrays, begin="", chance=None):
@@ -155,28 +134,6 @@ def _words_of_batch(chance):
     return replace(specimen, content=json.dumps(tree).encode())
 
 
-def _texts(chance):
-    """Nest or repeat JSON, or functions as text."""
-    n = chance.choice((50, 10**5))
-    texts = ("[" * n, '{"a":' * n, "9" * n, '{"theme": ["dark"], "ui_scale": 1e999}')
-    specs = (
-        *("permuted:mirror(" * n + "coordinate:x" + ")" * n, "expression:" + "(" * n + "x"),
-        *("expression:x" + "**x" * n, " + ".join(["coordinate:x"] * n), "hks:time=1e-320"),
-        *("eigenfunction:" + "9" * 20, "file:/dev/zero", "gaussian:vertex=1,width=1e-162"),
-    )
-    names = {"recent.json": "state", "preferences.json": "state", "a.gltf": "mesh"}
-    name, door = chance.choice([*names.items(), ("a.spec", "spec")])
-    return Specimen(name, door, chance.choice(specs if door == "spec" else texts).encode())
-
-
-def _special(chance):
-    """Put a folder, a pipe, a device or a link in a circle in the place of a file."""
-    names = {"mesh": "a.off", "values": "a.npy", "result": "a.npz", "project": "a.abfm"}
-    door, name = chance.choice([*names.items(), ("frames", "a.pvd")])
-    links = [partial(os.symlink, place) for place in (*_DEVICES, name)]
-    return Specimen(name, door, b"", place=chance.choice([os.mkdir, os.mkfifo, *links]))
-
-
 _SHAPES = (icosphere(0), torus(6, 5), square(4), open_cylinder(6, 2), tetrahedron())
 _COORDINATES = (np.nan, np.inf, 1e308, -1e308, 5e-324, 1e200, 1e-60, 0.0)
 
@@ -191,14 +148,6 @@ def _broken(chance):
     name = chance.choice(("a.obj", "a.off", "ascii.ply", "little.ply"))
     with np.errstate(all="ignore"):
         return _mesh(name, WRITERS[name][0](V, F.clip(-(2**31), 2**31 - 1)))
-
-
-def _index(chance):
-    """Name a vertex that is not there."""
-    name, place = chance.choice(list(WRITERS)), (chance.randrange(len(WHOLE.faces)), 2)
-    index = 42 if name.endswith((".glb", ".off")) else chance.choice((42, 99))
-    F = _with(WHOLE.faces, place, index)
-    return Specimen(name, "mesh", WRITERS[name][0](WHOLE.vertices, F), must_be_refused=True)
 
 
 def _with(array, place, value):
@@ -232,17 +181,13 @@ def _heavy(chance):
 
 
 HOSTILE = {
-    "counts": _counts,
     "XML": _xml,
     "repeated arrays": _repeated_arrays,
     "packed": _packed,
     "lines": _lines,
     "zips": _zips,
-    "texts": _texts,
     "words of a batch": _words_of_batch,
-    "special files": _special,
     "broken mesh": _broken,
-    "index": _index,
     "heavy mesh": _heavy,
 }
 """Makers of specimens by what is wrong with these."""

@@ -4,7 +4,7 @@ A format is added by a line of `_written`, with a function that writes a small f
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from abfm.tasks import Monitor
 from abfm_viewer.document.document import Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files.project import Origin, save_project
-from tests.core.reading.test_vtk_grids import legacy
+from tests.core.reading.test_vtk_grids import FORMS, legacy
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.mesh_writers import STL_WRITERS, WRITERS, exported, mni_obj, off_file
 from tests.shapes import icosphere, with_loose_vertex
@@ -41,16 +41,17 @@ _SPECS = (
 )
 
 
+_VTK_FORMS = (("raw", "vtkZLibDataCompressor"), ("ascii", ""), ("base64", ""))
+
+
 @dataclass(frozen=True)
 class Specimen:
-    """A file, its door, files that it needs beside it, or who puts something else there."""
+    """A file, its door, and files that it needs beside it."""
 
     name: str
     door: str
     content: bytes
     beside: Mapping[str, bytes] = field(default_factory=dict)
-    place: Callable[[Path], None] | None = None
-    must_be_refused: bool = False
 
 
 @cache
@@ -58,7 +59,8 @@ def specimens():
     """Return all of them, by name."""
     meshes = {name: write(WHOLE.vertices, WHOLE.faces) for name, (write, _) in WRITERS.items()}
     meshes |= {n: exported(WHOLE.vertices, WHOLE.faces, kind) for n, kind in STL_WRITERS.items()}
-    meshes |= {"legacy.vtk": legacy(), "civet.obj": mni_obj(WHOLE).encode()}
+    meshes |= {f"legacy-{n}.vtk": legacy(*form) for n, form in enumerate(FORMS)}
+    meshes["civet.obj"] = mni_obj(WHOLE).encode()
     preferences = {"theme": "dark", "ui_scale": 1.25, "follow": True, "flow_after_match": False}
     recent = ["/nowhere/a.abfm", "recent.json", "b.off"]
     found = [
@@ -128,17 +130,15 @@ def _waves():
     points = MESH.on_file(MESH.vertices, 9.0)
     beside = {
         f"wave_{k}.vtu": vtk_bytes(points, {"u": _ON_FILE[:, k]}, form, packed, time=float(k))
-        for k, (form, packed) in enumerate([("raw", "vtkZLibDataCompressor"), ("ascii", "")])
+        for k, (form, packed) in enumerate(_VTK_FORMS)
     }
-    rows = "".join(f'<DataSet timestep="{k}" file="wave_{k}.vtu"/>' for k in range(2))
+    rows = "".join(f'<DataSet timestep="{k}" file="wave_{k}.vtu"/>' for k in range(3))
     listed = f'<VTKFile type="Collection"><Collection>{rows}</Collection></VTKFile>'
     series = {"files": [{"name": name, "time": k} for k, name in enumerate(beside)]}
     return [
         Specimen("waves.pvd", "frames", listed.encode(), beside),
         Specimen("waves.vtu.series", "frames", json.dumps(series).encode(), beside),
-        Specimen(
-            "wave_1.vtu", "frames", beside["wave_1.vtu"], {"wave_0.vtu": beside["wave_0.vtu"]}
-        ),
+        *(Specimen(name, "frames", beside[name], beside) for name in beside),
     ]
 
 

@@ -52,7 +52,7 @@ def test_every_specimen_comes_in(tmp_path, monkeypatch):
 
 
 @linux
-@pytest.mark.parametrize(("make", "trials"), [(mutant, 400), (hostile, 10)])
+@pytest.mark.parametrize(("make", "trials"), [(mutant, 400), (hostile, 6)])
 def test_files_are_opened_or_refused_in_one_line(make, trials, tmp_path):
     tally = Tally(make.__name__)
     with Victim(tmp_path) as victim:

@@ -4,6 +4,7 @@ import math
 from functools import cache
 
 from abfm.experiments import Stage, example_of, findings_of, script
+from abfm.maps.quality import DISTANCE_MAX, FOLDED_SHARE_MAX, RMS_DISTANCE_MAX
 
 
 def quiet(text, share):
@@ -39,3 +40,20 @@ def value(findings, *words):
     """The one number with all these words in its name."""
     [found] = [x for name, x in values(findings).items() if all(word in name for word in words)]
     return found
+
+
+def assert_maps_are_measured(findings):
+    """Each map of a figure has its distances and folds, and a note if these are too large."""
+    measured, which = values(findings), ": off_surface, largest"
+    names = [name.split(which)[0] for name in measured if which in name]
+    assert names
+    for name in names:
+        largest, rms = (
+            measured[f"{name}: off_surface, {w}, sqrt(area)"] for w in ("largest", "RMS")
+        )
+        folded = measured[f"{name}: folded, % of the faces"]
+        assert 0 <= rms <= largest
+        assert 0 <= folded <= 100
+        faulty = largest > DISTANCE_MAX or rms > RMS_DISTANCE_MAX or folded > 100 * FOLDED_SHARE_MAX
+        told = any(f"{mark} {name} (" in note for note in findings.sheet.notes for mark in ":;")
+        assert told == faulty

@@ -15,7 +15,7 @@ from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
 from abfm.mesh.shapes import sphere, stepped_slab
 from abfm.parameters import TABLE_1, Parameters
-from tests.core.experiments.small import ran, run, stated, values
+from tests.core.experiments.small import assert_maps_are_measured, ran, run, stated, values
 from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, open_cylinder, torus
 
@@ -54,6 +54,7 @@ def test_the_flow_reaches_the_rotation_and_comes_back_and_the_others_do_worse():
     assert found["mirror: map error, mean"] > 0.1
     json.dumps([measure.to_dict() for measure in findings.measures])
     assert [len(row) for row in findings.sheet.rows] == [5, 4, 6]
+    assert_maps_are_measured(findings)
 
 
 @pytest.mark.parametrize(("mesh", "kind"), [(open_cylinder(12, 6), "rotation"), (EGG, "mirror")])
@@ -96,6 +97,7 @@ def test_a_coarse_slab_is_turned_in_most_parts():
     assert found["mismatch of the functions"] < 0.25
     assert found[ERROR] < 0.1
     assert found[f"edges with an {CREASES}"] > 0
+    assert_maps_are_measured(findings)
     json.dumps([measure.to_dict() for measure in findings.measures])
 
 

@@ -272,11 +272,7 @@ def error_line(path, form="file:{}"):
     ("name", "content", "named"),
     [
         ("a.npy", b"PK\x03\x04", ()),
-        ("a.npy", b"\x93NUMPY\x01\x00", ()),
-        ("a.npy", npy_of("(10**15,)"), ()),
         ("a.npy", npy_of("(6442450944,)", data=bytes(8)), ("size",)),
-        ("a.npy", npy_of("(12,)", "|O", bytes(96)), ("type",)),
-        ("a.npy", b"\x93NUMPY\x01\x00v\x00" + b"(" * 118, ("header",)),
         ("a.csv", b"", ()),
         ("a.csv", b"a,b\n", ("a,b",)),
         (
@@ -300,9 +296,7 @@ def error_line(path, form="file:{}"):
         ),
         ("a.txt", b"1\n2\n", (2, COUNT)),
         ("a.gii", b"<GIFTI", ()),
-        ("a.gii", b"", ()),
         ("a.gii.gz", b"\x1f\x8b\x08\x00", ()),
-        ("b.gii.gz", b"plain", ()),
         ("a.xyz", b"1", (".npy", ".csv", ".txt", ".gii")),
         ("lh.sulc", b"\xff\xff\xff", ()),
         ("a.mgh", b"\0\0\0\1", ()),

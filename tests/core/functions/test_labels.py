@@ -153,16 +153,6 @@ def test_columns_of_gifti_have_the_names_of_their_metadata(tmp_path):
     assert_array_equal(function(MESH, f"file:{path},column=map 1"), -np.arange(COUNT))
 
 
-def test_values_of_freesurfer_are_known_by_how_they_begin(tmp_path):
-    values = np.random.default_rng(0).normal(size=COUNT).astype(np.float32)
-    for name in ("lh.sulc", "values", "rh.thickness.smooth"):
-        nibabel.freesurfer.write_morph_data(tmp_path / name, values)
-        assert_array_equal(function(MESH, f"file:{tmp_path / name}"), values)
-    nibabel.freesurfer.write_geometry(tmp_path / "lh.white", MESH.vertices, MESH.faces)
-    with raises(FunctionError, "FreeSurfer surface"):
-        function(MESH, f"file:{tmp_path / 'lh.white'}")
-
-
 @pytest.mark.parametrize(
     ("name", "content", "named"),
     [

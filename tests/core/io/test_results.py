@@ -6,12 +6,12 @@ import os
 import pickle
 import shutil
 import zipfile
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal, assert_equal
+from numpy.testing import assert_array_equal
 
 from abfm import Control, Parameters, ResultError, load, match
 from abfm.io import FORMAT_VERSION, load_arrays, save_arrays
@@ -211,7 +211,7 @@ def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved):
 
     content = members(saved)
     for name in ("velocity.npy", "stop_reason.npy"):
-        for changed in hostile.one_byte_changed(content[name], 128):
+        for changed in hostile.one_byte_changed(content[name], range(128)):
             saved.write_bytes(zipped(content | {name: changed}))
             hostile.load_or_refuse(saved, load, same_shape)
 
@@ -382,20 +382,6 @@ def whole():
 def file(whole, path):
     whole.save(path)
     return path
-
-
-def test_everything_comes_back(whole, file):
-    loaded = load(file)
-    assert np.isfinite([whole.verified_residual, whole.folded]).all()
-    values = "mismatch verified_residual folded stop_reason verdict parameters channels_given"
-    for name in values.split():
-        assert getattr(loaded, name) == getattr(whole, name)
-    for name in ("source", "target", "advected", "velocity", "energy_history", "stages", "weights"):
-        assert_array_equal(getattr(loaded, name), getattr(whole, name))
-    assert_equal(asdict(loaded.verify(subdivided=False)), asdict(whole.verify(subdivided=False)))
-    before = file.read_bytes()
-    loaded.save(file)
-    assert file.read_bytes() == before
 
 
 def test_a_match_goes_to_another_process_without_what_was_computed_from_it(whole):

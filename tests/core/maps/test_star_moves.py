@@ -81,7 +81,7 @@ def test_sweeps_on_the_sphere_go_down():
     sphere = mesh.vertices + noise
     sphere /= np.linalg.norm(sphere, axis=1)[:, None]
     count = len(sphere)
-    state = Embedding(mesh.vertices, surface_of(mesh.faces, count), sphere)
+    state = Embedding(mesh.vertices.copy(), surface_of(mesh.faces.copy(), count), sphere)
     energies = [stretches(mesh.vertices, sphere, mesh.faces)]
     for _ in range(4):
         sweep(state, np.arange(count), room_for(count))
@@ -95,12 +95,13 @@ def test_an_image_relaxes_to_an_isometry():
     mesh = two_armed(2).normalized()
     own, count = sphere_embedding(mesh), len(mesh.vertices)
     turn = np.array([[np.cos(0.05), -np.sin(0.05), 0], [np.sin(0.05), np.cos(0.05), 0], [0, 0, 1]])
-    sphere, surface = own @ turn, surface_of(mesh.faces, count)
-    layout = Faces(mesh.faces, surface.twins.reshape(-1, 3), own, 1.0)
+    points, corners = mesh.vertices.copy(), mesh.faces.copy()  # kernels are compiled for such
+    sphere, surface = own @ turn, surface_of(corners, count)
+    layout = Faces(corners, surface.twins.reshape(-1, 3), own.copy(), 1.0)
     faces, places = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
     weights = np.full(count, 1e2 / count)
-    state = Embedding(mesh.vertices, surface, sphere)
-    image = Image(state, Ground(layout, mesh.vertices), faces, places, mesh.vertices, weights)
+    state = Embedding(points, surface, sphere)
+    image = Image(state, Ground(layout, points), faces, places, points, weights)
     relocate(image)
     start = np.linalg.norm(image.places - mesh.vertices, axis=1).mean()
     for _ in range(60):

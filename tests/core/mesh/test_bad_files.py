@@ -11,8 +11,6 @@ import nibabel
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
@@ -21,7 +19,6 @@ from tests.mesh_writers import (
     WRITERS,
     exported,
     freesurfer_bytes,
-    off_text,
     ply_bytes,
     write,
 )
@@ -31,7 +28,6 @@ from tests.shapes import icosphere, tetrahedron
 SMALL, SPHERE = tetrahedron(), icosphere(0)
 PLY = ply_bytes(SMALL.vertices, SMALL.faces.tolist())
 BINARY_PLY = ply_bytes(SMALL.vertices, SMALL.faces.tolist(), "binary_little_endian")
-OFF = off_text(SMALL.vertices, SMALL.faces).encode()
 STL, TEXT_STL, GLB = (
     exported(SPHERE.vertices, SPHERE.faces, kind) for kind in ("stl", "stl_ascii", "glb")
 )
@@ -61,7 +57,6 @@ BAD_FILES = {
     "digits.gltf": (b"1" * 5000, ("JSON",)),
     "header.off": (b"PLY\n3 1 0\n", ("OFF",)),
     "counts.off": (b"OFF\n", ()),
-    "cut.off": (OFF[:-10], (4,)),
     "corners.off": (OFF_TRIANGLE + b"4 0 1 2\n", (4, 3)),
     "beyond_64.obj": (TRIANGLE + b"f 1 2 %d\n" % 10**20, (0,)),
     "beyond_64.off": (OFF_TRIANGLE + b"3 0 1 -%d\n" % 10**20, (0,)),
@@ -91,15 +86,10 @@ BAD_FILES = {
     "surface": (b"hello", ()),
     "points_in_disguise.obj": (STL, ()),
     "lh.white": (FREESURFER[:-8], (47, 4, 48)),
-    "lh.pial": (FREESURFER[:60], (4,)),
-    "lh.orig": (FREESURFER[:8], ()),
-    "lh.inflated": (FREESURFER[:23], ()),
     "lh.quadrangles": (b"\xff\xff\xfd" + FREESURFER[3:], ("vertices",)),
     "lh.sulc": (b"\xff\xff\xff" + bytes(12), ("values",)),
     "lh.aparc.annot": (bytes(8), ("annotation",)),
-    "lh.obj": (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", ("Git",)),
     "html.ply": (b"<!DOCTYPE html><html></html>", ("HTML",)),
-    "zip.off": (b"PK\x03\x04" + bytes(40), ("ZIP",)),
     "a.csv": (b"1,2\n", ("table",)),
     "lh.V1.label": (b"#!ascii label\n0\n", ()),
     "lh.minus": (
@@ -149,19 +139,6 @@ def test_gifti_needs_no_further_package(tmp_path, monkeypatch):
 
 
 ENDINGS = ["obj", "off", "ply", "stl", "glb", "gltf", "gii", "gii.gz", "white"]
-BEGINNINGS = {"off": b"OFF\n", "stl": b"solid ", "glb": b"glTF\x02\0\0\0", "obj": b"v "}
-BEGINNINGS["white"] = b"\xff\xff\xfea\n\n"
-BEGINNINGS["ply"] = b"ply\nformat ascii 1.0\n"
-
-
-@pytest.mark.parametrize("ending", ENDINGS)
-@given(content=st.binary(max_size=300), begin=st.booleans())
-@settings(max_examples=60)
-def test_random_bytes_raise_nothing_but_mesh_errors(folder, ending, content, begin):
-    path = write(folder, f"random.{ending}", BEGINNINGS.get(ending, b"") * begin + content)
-    with pytest.raises(MeshError) as caught:
-        load_mesh(path)
-    assert "\n" not in str(caught.value)
 
 
 def mesh_or_reason(path):

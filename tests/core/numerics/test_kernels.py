@@ -63,7 +63,8 @@ def test_a_damaged_file_of_compiled_code_is_compiled_anew(tmp_path):
         for file in files:
             file.write_bytes(damage)
         assert run() == ["3.0", "0"], damage
-        assert run() == ["3.0", "1"], damage
+        assert damage not in [file.read_bytes() for file in files]
+    assert run() == ["3.0", "1"]
 
 
 @pytest.mark.parametrize("value", ["0", "many"])

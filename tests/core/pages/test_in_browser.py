@@ -249,18 +249,18 @@ def test_another_layer_and_its_colour_bar(open_page):
     np.testing.assert_allclose(shown.middle(), told(0.75, "viridis"), atol=4)
 
 
-@pytest.mark.parametrize("front", [FRONT, Front((0.0, 0.0, -1.0), (0.0, 1.0, 0.0))])
-def test_a_surface_with_a_boundary_is_seen_from_both_sides(open_page, front):
-    half = hemisphere(20)
-    value = np.full(len(half.vertices), 0.7)
-    shown = open_page(page(Panel("half", half, [Layer("f", value, COLORS)], front)))
-    np.testing.assert_allclose(shown.middle(), told(0.7), atol=4)
-
-
-def test_a_surface_whose_inside_is_out_is_seen_from_outside(open_page):
-    mesh = TriangleMesh(BALL.vertices, BALL.faces[:, ::-1])
-    value = np.where(mesh.vertices[:, 2] < 0, 0.2, 0.9)
-    shown = open_page(page(Panel("ball", mesh, [Layer("f", value, COLORS)], FRONT)))
+@pytest.mark.parametrize(
+    ("mesh", "front"),
+    [
+        (hemisphere(20), FRONT),
+        (hemisphere(20), Front((0.0, 0.0, -1.0), (0.0, 1.0, 0.0))),
+        (TriangleMesh(BALL.vertices, BALL.faces[:, ::-1]), FRONT),
+    ],
+    ids=["outside", "inside", "inside out"],
+)
+def test_sides_of_open_and_closed_surfaces(open_page, mesh, front):
+    value = np.where(mesh.vertices[:, 2] < -1e-9, 0.2, 0.9)
+    shown = open_page(page(Panel("surface", mesh, [Layer("f", value, COLORS)], front)))
     np.testing.assert_allclose(shown.middle(), told(0.9), atol=4)
 
 

@@ -96,11 +96,11 @@ def refusal(load, path):
     return message
 
 
-def one_byte_changed(content, end=None):
-    """The content with one of its bytes changed, up to an end."""
-    for position in range(len(content) if end is None else end):
+def one_byte_changed(content, places):
+    """The content with one of its bytes changed, for each of some places."""
+    for place in places:
         changed = bytearray(content)
-        changed[position] ^= (0x01, 0x20, 0x80)[position % 3]
+        changed[place] ^= (0x01, 0x20, 0x80)[place % 3]
         yield bytes(changed)
 
 

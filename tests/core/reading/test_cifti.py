@@ -10,7 +10,6 @@ from abfm.errors import FunctionError
 from abfm.functions import function, read_labels, read_values
 from abfm.mesh import TriangleMesh
 from abfm.sequences import read_frames
-from tests.core.reading.hostile import one_byte_changed
 from tests.messages import raises
 from tests.shapes import icosphere
 
@@ -126,13 +125,9 @@ def test_scaled_integers_are_read_as_nibabel_reads_them(scalars, tmp_path):
     assert_allclose(read_values(tmp_path / "a.dscalar.nii", LEFT).values[~WALL], expected.T)
 
 
-def test_damaged_files_are_read_or_refused_in_a_line(scalars, tmp_path):
-    """Sizes that a damaged header gives are compared with the file; XML must have no DTD."""
+def test_sizes_are_compared_with_the_file_and_xml_has_no_dtd(scalars, tmp_path):
     path, content = tmp_path / "a.dscalar.nii", scalars.read_bytes()
-    begin = content.index(b"<CIFTI")
-    changes = [content[:end] for end in (300, 540, 560, 2000, len(content) - 1)]
-    changes += [bytes(each) for each in one_byte_changed(content[:560])]
-    changes = [change + content[560:] if len(change) == 560 else change for change in changes]
+    begin, changes = content.index(b"<CIFTI"), []
     for number in (b"99999999", b"-1", b"x"):
         changes.append(content.replace(b'IndexCount="33"', b'IndexCount="' + number + b'"'))
         changes.append(content.replace(b'IndexOffset="0"', b'IndexOffset="' + number + b'"'))
@@ -140,14 +135,8 @@ def test_damaged_files_are_read_or_refused_in_a_line(scalars, tmp_path):
     inserted = content[:begin] + dtd + content[begin:]
     size = int(np.frombuffer(content[544:548], "<i4")[0])
     changes.append(inserted[:544] + np.array([size], "<i4").tobytes() + inserted[548:])
-    reasons = []
     for change in changes:
         path.write_bytes(change)
-        try:
-            found = read_values(path, LEFT)
-        except FunctionError as error:
-            reasons.append(str(error))
-        else:
-            assert found.values.size <= len(content)
-    assert len(reasons) > 20
-    assert all(map(str.isprintable, reasons))
+        with pytest.raises(FunctionError) as caught:
+            read_values(path, LEFT)
+        assert str(caught.value).isprintable()

@@ -17,7 +17,6 @@ from abfm.reading import (
     freesurfer_values,
     open_file,
 )
-from tests.core.reading.hostile import one_byte_changed
 from tests.mesh_writers import freesurfer_bytes
 from tests.messages import raises
 from tests.shapes import icosphere, tetrahedron
@@ -163,16 +162,6 @@ OVERLAY = packed(1, 3, 1, 1, 2, 3, 0) + bytes(256) + struct.pack(">6f", *range(6
 LARGE = packed(2**31 - 1)
 
 
-READERS = {
-    "surface": (freesurfer_surface, SURFACE[: -len(b"\0\0\0\x02tag")]),
-    "values": (freesurfer_values, VALUES),
-    "overlay": (freesurfer_frames, OVERLAY),
-    "annotation 1": (freesurfer_annotation, annotation([0, 1, 2, 3], 1)),
-    "annotation 2": (freesurfer_annotation, ANNOTATION),
-    "label": (freesurfer_label, LABEL.format(2).rstrip().encode()),
-}
-
-
 @pytest.mark.parametrize(
     ("reader", "content", "named"),
     [
@@ -219,46 +208,3 @@ def test_files_that_lie_are_refused(tmp_path, reader, content, named):
         reader(content)
     assert len(str(caught.value)) < 300
     assert str(caught.value).isprintable()
-
-
-@pytest.mark.parametrize("name", READERS)
-def test_every_cut_is_noticed(tmp_path, name):
-    """But one that leaves an annotation without its table, which is a whole file."""
-    reader, content = READERS[name]
-    reader(content)
-    whole = [4 + 8 * 4] if "annotation" in name else []
-    for end in range(len(content)):
-        if end in whole:
-            continue
-        if name == "label" and end in (len(content) - 1, len(content) - 2, len(content) - 3):
-            continue  # shorter numbers are numbers
-        with pytest.raises(ValueError, match=r"\w"):
-            reader(content[:end])
-
-
-@pytest.mark.parametrize("name", READERS)
-def test_one_wrong_byte_gives_no_more_than_there_is_or_is_refused(tmp_path, name):
-    (reader, content), told = READERS[name], []
-    for changed in one_byte_changed(content):
-        try:
-            found = reader(changed)
-        except ValueError as error:
-            told.append(str(error))
-        else:
-            arrays = found if isinstance(found, tuple) else [getattr(found, "values", found)]
-            assert sum(np.size(array) for array in arrays) <= len(content)
-    assert told
-    assert max(map(len, told)) < 300
-
-
-@given(content=st.binary(max_size=80), begin=st.sampled_from([b"", b"\xff\xff\xfe\n\n", VALUES]))
-@settings(max_examples=100)
-def test_any_bytes_are_read_or_refused(folder, content, begin):
-    told = []
-    for reader in {reader for reader, _ in READERS.values()}:
-        try:
-            reader(begin + content)
-        except ValueError as error:
-            told.append(str(error))
-    assert len(told) >= 3  # they are one format at most
-    assert all(text.isprintable() for text in told)

@@ -19,7 +19,7 @@ from numpy.testing import assert_array_equal
 
 from abfm.errors import one_line
 from abfm.reading import array_from, inflated, open_plain, read_bytes, read_gifti
-from tests.core.reading.hostile import bomb, gifti, npy, npy_of, one_byte_changed
+from tests.core.reading.hostile import bomb, gifti, npy, npy_of
 from tests.messages import raises
 
 
@@ -27,12 +27,13 @@ def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path, monkeypatc
     os.mkfifo(tmp_path / "pipe")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "link").symlink_to("pipe")
+    (tmp_path / "circle").symlink_to("circle")
     with socket.socket(socket.AF_UNIX) as server:
         server.bind("socket")
         for name, kind in (
             *(("pipe", "pipe"), ("link", "pipe"), ("socket", "socket")),
             *(("/dev/zero", "device"), ("/dev/urandom", "device"), (".", "directory")),
-            *(("none", ""), ("none\0", ""), ("a" * 300, "")),
+            *(("none", ""), ("none\0", ""), ("a" * 300, ""), ("circle", "")),
         ):
             with raises(OSError, kind) as caught:
                 read_bytes(name)
@@ -173,22 +174,6 @@ def test_headers_that_do_not_fit_are_refused(content, named):
     assert len(str(caught.value)) < 300
 
 
-@pytest.mark.parametrize(
-    "array", [np.arange(12.0).reshape(3, 4), np.array(True), np.array("text"), np.arange(300)]
-)
-def test_one_wrong_byte_gives_an_array_of_the_same_size_or_is_refused(array):
-    content = saved(array)
-    refused = 0
-    for changed in one_byte_changed(content, 128):
-        try:
-            found = array_from(changed)
-        except ValueError:
-            refused += 1
-        else:
-            assert found.nbytes == array.nbytes
-    assert refused > 50
-
-
 NINE = np.arange(9, dtype="<f4")
 
 
@@ -296,17 +281,3 @@ def test_arrays_that_do_not_fit_are_refused(tmp_path, content, named):
     with raises(ValueError, *named) as caught:
         read_gifti(tmp_path / "a.gii")
     assert len(str(caught.value)) < 300
-
-
-@pytest.mark.parametrize(
-    "content",
-    [gifti("1 2 3"), gifti(PACKED, 'Dimensionality="2" Dim0="3" Dim1="3"', "GZipBase64Binary")],
-)
-def test_one_wrong_byte_gives_arrays_or_is_refused(tmp_path, content):
-    for changed in one_byte_changed(content):
-        (tmp_path / "a.gii").write_bytes(changed)
-        try:
-            found = read_gifti(tmp_path / "a.gii").arrays
-        except (OSError, ValueError):
-            continue
-        assert all(array.values.size <= 9 for array in found)

@@ -5,7 +5,7 @@ import pytest
 
 import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
-from abfm.sequences import SequenceParameters, Unfinished, defaults, load_sequence
+from abfm.sequences import SequenceParameters, Unfinished, defaults
 from abfm.sequences.solving.choosing import NORMS, Norm, norms
 from tests.core.sequences.films import turning
 from tests.messages import raises
@@ -59,13 +59,6 @@ def test_given_values_are_kept():
 def test_only_the_norm_can_be_automatic():
     with raises(AbfmError, "beta"):
         SequenceParameters(automatic=("beta",))
-
-
-def test_file_keeps_the_choice(found, tmp_path):
-    found.save(tmp_path / "s.npz")
-    again = load_sequence(tmp_path / "s.npz")
-    assert again.parameters == found.parameters
-    assert again.settings == found.settings
 
 
 def test_resumed_run_keeps_the_choice(found, tmp_path):

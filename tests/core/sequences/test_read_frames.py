@@ -1,7 +1,6 @@
 """Frames from files of all kinds, turned and told where that must be, and refused in one line."""
 
 import json
-import zipfile
 
 import nibabel
 import numpy as np
@@ -18,7 +17,6 @@ from abfm.loading import task_of_file
 from abfm.reading import vtk_contents
 from abfm.sequences import read_frames
 from abfm.sequences.reading import vtk_frames
-from tests.core.reading.hostile import npy_of
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.core.sequences.turning_film import MESH, TIMES, film, solved
 from tests.messages import check_message, raises
@@ -286,15 +284,11 @@ def hostile(folder):
     np.save(folder / "faces.npy", np.zeros((3, len(MESH.faces))))
     np.save(folder / "nothing.npy", FILM[:0])
     np.save(folder / "complex.npy", FILM.astype(complex))
-    np.save(folder / "objects.npy", FILM.astype(object), allow_pickle=True)
     (folder / "cut.npz").write_bytes(b"PK")
     np.save(folder / "words.npy", np.array([["a"]]))
-    (folder / "huge.npy").write_bytes(npy_of((10**9, COUNT)))
     np.savez(folder / "two.npz", frame=FILM, b=FILM)
     np.savez(folder / "times.npz", frames=FILM, times=TIMES[1:])
     np.savez(folder / "time.npz", frames=FILM, times="now")
-    with zipfile.ZipFile(folder / "bad.npz", "w") as archive:
-        archive.writestr("frames.npy", b"\x93NUMPY")
     for begin in (0, 1):
         counted = np.column_stack([np.arange(begin, COUNT + begin), FILM.T])
         np.savetxt(folder / f"from_{begin}.csv", counted, delimiter=",")
@@ -328,8 +322,6 @@ def hostile(folder):
     far = '<DataSet timestep="1" file="../far.vtu"/>'
     (folder / "far.pvd").write_text(f'<VTKFile type="Collection">{far}</VTKFile>')
     (folder / "far.series").write_text('{"files": [{"name": "/etc/hosts", "time": 1}]}')
-    foreign = '<?xml version="1.0" encoding="latin-9"?><VTKFile type="Collection"/>'
-    (folder / "foreign.pvd").write_text(foreign)
     (folder / "bad.series").write_text("[1")
     (folder / "odd.series").write_text('{"files": [{"name": "wave_001.vtu"}]}')
     (folder / "array.series").write_text('[{"name": "wave_001.vtu"}]')
@@ -353,18 +345,14 @@ def hostiles(tmp_path_factory):
         ("faces.npy", None, (320,)),
         ("nothing.npy", None, (0, 162)),
         ("complex.npy", None, ("complex128",)),
-        ("objects.npy", None, ()),
         ("cut.npz", None, (".npz", "cut")),
         ("words.npy", None, ("<U1",)),
-        ("huge.npy", None, ()),
         ("two.npz", None, ("frames", "frame")),
         ("far.pvd", None, ("../far.vtu", "folder")),
         ("far.series", None, ("/etc/hosts", "folder")),
-        ("foreign.pvd", None, ("latin-9", "encoding")),
         ("two.npz", "c", ("c",)),
         ("times.npz", None, (4, "times", 5)),
         ("time.npz", None, ("<U3",)),
-        ("bad.npz", None, ()),
         ("short.csv", None, (COUNT,)),
         ("label.gii", None, ()),
         ("mixed.gii", None, (COUNT, COUNT - 1)),

@@ -5,14 +5,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from abfm.errors import AbfmError
 from abfm.experiments.vocabulary import bundled
 from abfm.maps import PointMap, map_accuracy
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
 from abfm.registration.initial import Landmarks, initial_map
 from abfm.registration.initial.given import MapInput
-from tests.messages import raises
 from tests.shapes import icosphere
 
 BODY = shapes.five_limbs(400)
@@ -69,9 +67,3 @@ def test_map_contains_landmarks():
     found = initial_map("landmarks", MapInput(a, b, landmarks=marks)).correspondence
     gaps = found.points.at(marks.b).distances_from(marks.a.positions) / a.length_scale
     assert gaps.max() < 0.05
-
-
-def test_two_landmarks_are_too_few():
-    marks = Landmarks.of_vertices(BODY, BODY, [1, 2], [1, 2])
-    with raises(AbfmError, 2, 3):
-        initial_map("landmarks", MapInput(BODY, BODY, landmarks=marks))
