@@ -549,7 +549,7 @@ def test_landmarks_take_points_where_functions_tell_nothing(tmp_path, solved):
 
 def test_eigenfunctions_find_the_first_target_without_the_templates_functions(tmp_path):
     """On surfaces that are no spheres, so that there is one way to lay them on each other."""
-    ball = icosphere(2)
+    ball = even_sphere(80)
     x, y, z = ball.vertices.T
     sizes = np.stack([1 + 0.3 * z, 1.4 + 0.2 * x, 2 + 0 * y], axis=1)
     place = Place(tmp_path, TriangleMesh(ball.vertices * sizes, ball.faces))

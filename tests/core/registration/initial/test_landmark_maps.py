@@ -13,7 +13,7 @@ from abfm.registration.initial import Landmarks, initial_map
 from abfm.registration.initial.given import MapInput
 from tests.shapes import icosphere
 
-BODY = shapes.five_limbs(400)
+BODY = shapes.five_limbs(200)
 TIPS = [
     int(np.argmax(BODY.vertices @ direction)) for direction in np.vstack([np.eye(3), -np.eye(3)])
 ]
@@ -27,7 +27,7 @@ def turned(mesh, side=1):
 def test_what_only_stands_elsewhere_is_found_by_closest_points():
     """Other triangles: closest points lie inside faces, those by eigenfunctions do not."""
     a = turned(BODY)
-    b = coarsened(BODY, 250)
+    b = coarsened(BODY, 130)
     near = PointMap.project(BODY, b, BODY.vertices).nearest_vertices()[TIPS[:4]]
     marks = Landmarks.of_vertices(a, b, TIPS[:4], near)
     points = initial_map("landmarks", MapInput(a, b, landmarks=marks)).correspondence.points
@@ -42,7 +42,10 @@ def turned_places(points):
 
 
 def test_another_pose_is_found_by_eigenfunctions():
-    a, b = bundled("human_A.off"), bundled("human_B.off")
+    fine, other = bundled("human_A.off"), bundled("human_B.off")
+    a = coarsened(fine, 400)
+    places = PointMap.project(a, fine, a.vertices).pull_back(other.vertices)
+    b = TriangleMesh(places, a.faces)
     ends = [int(np.argmax(a.vertices @ d)) for d in ([0, 0, 1], [0, 1, 0], [1, 0, 0], [-1, 0, 0])]
     marks = Landmarks.of_vertices(a, b, ends, ends)
     points = initial_map("landmarks", MapInput(a, b, landmarks=marks)).correspondence.points
