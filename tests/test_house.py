@@ -1,6 +1,7 @@
 """The distribution, the start script, and what importing may not do."""
 
 import ast
+import json
 import os
 import re
 import shlex
@@ -94,6 +95,11 @@ import ctypes
 def missing(name): raise OSError(f"{name}: cannot open shared object file")
 ctypes.CDLL = missing
 """
+COMMANDS = """
+import json, sys
+from abfm_viewer.cli import main
+print([main(words) for words in json.loads(sys.argv[1])])
+"""
 RUN_DEMO = 'sys.exit(main(["demo", "--quiet", "--out", sys.argv[1]]))'
 WITHOUT_APP = f"""
 import os, sys
@@ -126,17 +132,20 @@ def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
     assert "no picture and no movie" in demo.stderr.splitlines()[-1]
     assert demo.stderr.strip().endswith(wanted)
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
-    result, vertex_map = tmp_path / "demo.npz", tmp_path / "map.csv"
-    assert installed("abfm", "map", result, "--out", vertex_map, **without).returncode == 0
-    words = ("figure", "6", "--mesh", ROOT / "assets" / "eight.off", "--quiet", "--out", tmp_path)
-    figure = installed("abfm", *words, **without)
-    assert figure.stderr.strip().endswith(wanted)
-    render = ["abfm", "render", result, "--out"]
-    assert installed(*render, tmp_path / "a.html", **without).stdout.startswith("wrote ")
-    for command in ([*render, tmp_path / "a.png"], [*render, tmp_path / "a.mp4"], ["abfm-viewer"]):
-        done = installed(*command, **without)
-        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-        assert done.stderr.strip().endswith(wanted)
+    mesh, result = ROOT / "assets" / "eight.off", tmp_path / "demo.npz"
+    commands = [
+        ["map", result, "--out", tmp_path / "map.csv"],
+        ["figure", "6", "--mesh", mesh, "--quiet", "--out", tmp_path],
+        *(["render", result, "--out", tmp_path / name] for name in ("a.html", "a.png", "a.mp4")),
+    ]
+    text = json.dumps(commands, default=str)
+    done = installed("python", "-c", COMMANDS, text, **without)
+    assert json.loads(done.stdout.splitlines()[-1]) == [0, 2, 0, 2, 2]
+    window = installed("abfm-viewer", **without)
+    assert window.returncode == 2
+    lines = done.stderr.splitlines() + window.stderr.splitlines()
+    assert len(lines) == 4
+    assert all(line.endswith(wanted) for line in lines)
 
 
 def test_every_room_has_its_line_in_the_plan_of_the_house():

@@ -50,7 +50,7 @@ def body(name, a, b, width, vertices):
 @pytest.mark.parametrize("degrees", [135])
 def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees):
     (far, _), (blind, _) = (
-        matched(degrees, Parameters.of(reach=reach, refine=refine), width=0.05)
+        matched(degrees, Parameters.of(reach=reach, refine=refine), SMALL, width=0.085)
         for reach, refine in ((1.0, 1), (0.0, 0))
     )
     assert far.residual < 0.05

@@ -70,13 +70,13 @@ def test_it_is_linear_in_the_functions():
 
 @pytest.fixture
 def wave():
-    """Eight waves around a sphere, of ten edges each: frames, field, and where it is steep."""
-    mesh = icosphere(4)
+    """Four waves around a sphere, of ten edges each: frames, field, and where it is steep."""
+    mesh = icosphere(3)
 
-    def eight(p):
-        return np.cos(8 * np.arctan2(p[:, 1], p[:, 0])) * (1 - p[:, 2] ** 2) ** 4
+    def four(p):
+        return np.cos(4 * np.arctan2(p[:, 1], p[:, 0])) * (1 - p[:, 2] ** 2) ** 2
 
-    frames, wanted = turning(mesh, 0.15, 3, eight)
+    frames, wanted = turning(mesh, 0.3, 3, four)
     slopes = np.linalg.norm((gradient(mesh) @ frames[0]).reshape(-1, 2), axis=1)
     return mesh, frames, wanted, slopes > 0.5 * np.sqrt(face_areas(mesh) @ slopes**2)
 
@@ -93,5 +93,5 @@ def test_without_it_a_wave_is_found_too_fast(wave, monkeypatch):
     monkeypatch.setattr(solve, "defect", lambda energy, field: 0 * energy.functions.source)
     too_fast_before, left_before = solved()
     assert too_fast_before > 0.05
-    assert abs(too_fast) < 0.2 * too_fast_before
+    assert abs(too_fast) < 0.3 * too_fast_before
     assert left < 0.7 * left_before
