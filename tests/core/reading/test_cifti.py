@@ -134,6 +134,7 @@ def test_sizes_are_compared_with_the_file_and_xml_has_no_dtd(scalars, tmp_path):
     dtd = b"<!DOCTYPE CIFTI [<!ENTITY a 'aaaa'>]>"
     inserted = content[:begin] + dtd + content[begin:]
     size = int(np.frombuffer(content[544:548], "<i4")[0])
+    changes.append(content[:548] + bytes(4) + content[552:])  # of an extension of another kind
     changes.append(inserted[:544] + np.array([size], "<i4").tobytes() + inserted[548:])
     for change in changes:
         path.write_bytes(change)

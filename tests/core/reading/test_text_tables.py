@@ -82,7 +82,7 @@ def test_numbers_come_back_from_any_table(rows, separator, mark, encoding):
     text = "\r\n".join([f"one{separator}two", *(separator.join(row) for row in cells)])
     names, found, _ = read_numbers(text.encode(encoding))
     assert names == ["one", "two"]
-    assert_array_equal(found, np.round(rows, 4))
+    assert_array_equal(found, [[float(f"{x:.4f}") for x in row] for row in rows])
 
 
 def test_rows_of_words_and_the_numbers_in_them():

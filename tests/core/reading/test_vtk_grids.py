@@ -75,7 +75,7 @@ def legacy(kind="POLYDATA", is_text=True, is_new=False):
         file.cells("CELLS", [LINE, *POLYGONS[:2], pixel, STRIP])
         file.line("CELL_TYPES 5")
         file.numbers([POLY_LINE, TRIANGLE, TRIANGLE, PIXEL, STRIPS], "i4")
-    file.line("CELL_DATA 5\nSCALARS of_cells int 1\nLOOKUP_TABLE default")
+    file.line("CELL_DATA 5\nSCALARS of_cells int 1")
     file.numbers(range(5), "i4")
     file.line("POINT_DATA 8\nSCALARS a%20b float\nLOOKUP_TABLE own")
     file.numbers(DATA, "f4")
@@ -129,6 +129,8 @@ REFUSED_LEGACY = {
     "many points": (LEGACY.replace(b"POINTS 8", b"POINTS 99999999999"), ()),
     "negative": (LEGACY.replace(b"POINTS 8", b"POINTS -8"), (-8,)),
     "cells beyond": (LEGACY.replace(b"POLYGONS 3", b"POLYGONS 4"), (4,)),
+    "begins late": (legacy(is_new=True).replace(b"int64\n0", b"int64\n1"), (0,)),
+    "few values": (LEGACY[:-8], (16,)),
     "decimal comma": (LEGACY.replace(b"\n0.25", b"\n0,25"), ("0,25", "decimal")),
     "tetrahedron": (
         legacy("UNSTRUCTURED_GRID").replace(b"4\n5\n5\n8\n6", b"4\n5\n5\n10\n6"),
@@ -209,6 +211,7 @@ REFUSED_XML = {
     "volumes": (xml("UnstructuredGrid", types=(TETRAHEDRON,) * 5), ("tetrahedra",)),
     "down": (XML.replace("2 5 8", "5 2 8"), ("offsets",)),
     "few corners": (XML.replace("4 6 5 7", "4 6 5"), (15, 16)),
+    "points twice": (XML.replace("<Points>", "<Points>" + _array("p", POINTS)), (2,)),
     "more cells": (XML.replace('NumberOfCells="5"', 'NumberOfCells="6"'), (5, 6)),
 }
 
