@@ -116,7 +116,7 @@ def test_legacy_files(tmp_path, kind, is_text, is_new):
     assert_array_equal(point_data(path, "v"), POINTS)
 
 
-LEGACY = legacy()
+LEGACY, NEW = legacy(), legacy(is_new=True)
 REFUSED_LEGACY = {
     "words": (b"# vtk DataFile\nhello\nworld\n", ("world", "ASCII", "BINARY")),
     "no lines": (b"# vtk DataFile", ()),
@@ -129,7 +129,8 @@ REFUSED_LEGACY = {
     "many points": (LEGACY.replace(b"POINTS 8", b"POINTS 99999999999"), ()),
     "negative": (LEGACY.replace(b"POINTS 8", b"POINTS -8"), (-8,)),
     "cells beyond": (LEGACY.replace(b"POLYGONS 3", b"POLYGONS 4"), (4,)),
-    "begins late": (legacy(is_new=True).replace(b"int64\n0", b"int64\n1"), (0,)),
+    "begins late": (NEW.replace(b"int64\n0", b"int64\n1"), ("offsets", 0)),
+    "goes down": (NEW.replace(b"\n3\n6\n10", b"\n6\n3\n10"), ("offsets", 0, 10)),
     "few values": (LEGACY[:-8], (16,)),
     "decimal comma": (LEGACY.replace(b"\n0.25", b"\n0,25"), ("0,25", "decimal")),
     "tetrahedron": (
