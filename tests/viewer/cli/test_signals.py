@@ -94,7 +94,7 @@ def test_signal_ends_the_match_and_keeps_its_best_result(tmp_path):
 
 def test_signal_ends_a_benchmark_with_finished_rows(tmp_path):
     """Nothing is raised while libraries call back into Python: they would print it and go on."""
-    ball = off_file(tmp_path / "ball.off", icosphere(2))
+    ball = off_file(tmp_path / "ball.off", icosphere(1))
     process = start("bench", "--success", "--only-given", "--meshes", ball, "--jobs=1", "--json")
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None

@@ -148,7 +148,7 @@ def test_from_launch_to_a_saved_movie(tmp_path):
         for label in ("File", "Export movie..."):
             window.click(label)
         window.find("Save result...", seconds=120)  # when there is a result
-        numbers = {"pixels across": 480, "pixels down": 320, "seconds": 0.3}
+        numbers = {"pixels across": 480, "pixels down": 320, "seconds": 0.1}
         for label, number in numbers.items():
             window.type(label, str(number), within="Export")
         window.click("Save movie...")
@@ -163,6 +163,6 @@ def test_from_launch_to_a_saved_movie(tmp_path):
     assert log.read_text() == ""
     with av.open(film) as movie:
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
-    assert len(frames) == 9
+    assert len(frames) == 3
     assert frames[0].shape == (320, 480, 3)
     assert abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # the function moved
