@@ -153,7 +153,7 @@ def test_functions_that_differ_change_little():
 
 def test_mirror_image_is_found_by_its_word():
     b, truth = other_body((1, 1, 1))
-    found = initial_map("auto:mirror", MapInput(mirrored(BODY), b)).correspondence
+    found = initial_map("spectral:mirror", MapInput(mirrored(BODY), b)).correspondence
     assert found.is_mirrored
     assert map_accuracy(found.points, truth, 150).mean < 0.08
     assert found.distortion().folded == found.distortion().collapsed == 0
@@ -196,13 +196,15 @@ def test_spheres_of_both_hemispheres():
     assert found.candidates[0].name == "sphere:mirror"
 
 
-def test_boundaries():
+def test_mirror_image_with_boundary():
     body = shapes.five_limbs(300)
     upper = body.faces[body.vertices[body.faces, 2].mean(axis=1) > -0.3]
     half = TriangleMesh(body.vertices, upper, largest_component=True)
     other = TriangleMesh(TURN.apply(half.vertices.copy()), half.faces[::-1])
-    found = initial_map(None, MapInput(half, other)).correspondence
-    gaps = np.linalg.norm(found.points.positions - half.vertices, axis=1)
+    a = mirrored(half)
+    found = initial_map("auto:mirror", MapInput(a, other)).correspondence
+    assert found.is_mirrored
+    gaps = np.linalg.norm(found.points.positions - a.vertices, axis=1)
     assert np.median(gaps) < 0.1 * half.length_scale
 
 
