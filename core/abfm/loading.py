@@ -10,6 +10,7 @@ from abfm.batch.kinds import KINDS
 from abfm.errors import ResultError, brief
 from abfm.io import results
 from abfm.matching.problem import load_problem
+from abfm.matching.result import load_match
 from abfm.population.task import PopulationTask
 from abfm.registration.correspondence import load_correspondence
 from abfm.tasks.task import Task
@@ -58,7 +59,9 @@ def _loaded(path: File) -> Any:
     if "a_vertices" in names:
         return load_correspondence(path)
     if {"source", "target"} <= names:
-        return load_problem(path)
+        # of a match that is damaged, so that it does not pass for a problem
+        is_match = names & (results.RESULT.entries.keys() - results.PROBLEM.entries.keys())
+        return load_match(path) if is_match else load_problem(path)
     raise ResultError(
         f"{results.name_of(path)} holds no result or problem of abfm; expected a file that save() "
         "wrote"

@@ -152,6 +152,12 @@ def test_what_does_not_fit_is_refused_at_once(changes, named):
 def test_a_file_that_is_no_problem_is_refused(tmp_path):
     abfm.match(SPHERE, F, G, P).save(tmp_path / "m.npz")
     assert abfm.load(tmp_path / "m.npz").channels_given is False  # a result holds one
+    with np.load(tmp_path / "m.npz") as file:
+        arrays = dict(file)
+    del arrays["velocity"]
+    np.savez(tmp_path / "damaged.npz", **arrays)
+    with raises(ResultError, "velocity"):
+        abfm.load(tmp_path / "damaged.npz")
     np.savez(tmp_path / "other.npz", source=F)
     with raises(ResultError):
         abfm.load(tmp_path / "other.npz")
