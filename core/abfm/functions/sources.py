@@ -66,6 +66,7 @@ def _interpolated(mesh: TriangleMesh, film: FloatArray, rows: IntArray) -> Float
     rows_of_unknown = sparse.csr_array(laplacian[~known] @ inverse_areas @ laplacian)
     solve = factor(sparse.csr_array(rows_of_unknown[:, ~known]))
     beside = sparse.csr_array(rows_of_unknown[:, known])
-    for frame in stepped("interpolating between sources", values):
-        frame[~known] = solve(-(beside @ frame[known]))
+    with stepped("interpolating between sources", values) as frames:
+        for frame in frames:
+            frame[~known] = solve(-(beside @ frame[known]))
     return values

@@ -173,19 +173,20 @@ def _arrows(sequence: sequences.Sequence, share: float) -> Ways:
     longest = _ARROW_LENGTH_MAX * mesh.length_scale * min(float(spread.gaps[count - 1]), 0.2)
     normals_of_faces = face_normals(mesh)
     parts: list[tuple[FloatArray, ...]] = []
-    for number, velocity in enumerate(stepped("arrows", sequence.velocity)):
-        vectors = vectors_at(mesh, velocity, points) / fast
-        opacities = sequence.determined[number][points.faces]
-        speed = np.linalg.norm(vectors, axis=1)
-        vectors *= (longest * np.minimum(1.0, 1 / np.maximum(speed, 1e-300)))[:, None]
-        seen, tips = (speed > _ARROW_SPEED_MIN) & (opacities > OPACITY_MIN), []
-        for side in (-0.5, 0.5):
-            found, inside = straight_ways(mesh, points, side * vectors)
-            turned = (normals_of_faces[found.faces] * normals).sum(axis=1)
-            seen &= inside & (turned > _ARROW_COSINE_MIN)
-            tips.append(found.positions)
-        spans = np.broadcast_to(times[number : number + 2], (count, 2))
-        parts.append(tuple(each[seen] for each in (*tips, spans, normals, opacities)))
+    with stepped("arrows", sequence.velocity) as fields:
+        for number, velocity in enumerate(fields):
+            vectors = vectors_at(mesh, velocity, points) / fast
+            opacities = sequence.determined[number][points.faces]
+            speed = np.linalg.norm(vectors, axis=1)
+            vectors *= (longest * np.minimum(1.0, 1 / np.maximum(speed, 1e-300)))[:, None]
+            seen, tips = (speed > _ARROW_SPEED_MIN) & (opacities > OPACITY_MIN), []
+            for side in (-0.5, 0.5):
+                found, inside = straight_ways(mesh, points, side * vectors)
+                turned = (normals_of_faces[found.faces] * normals).sum(axis=1)
+                seen &= inside & (turned > _ARROW_COSINE_MIN)
+                tips.append(found.positions)
+            spans = np.broadcast_to(times[number : number + 2], (count, 2))
+            parts.append(tuple(each[seen] for each in (*tips, spans, normals, opacities)))
     starts, ends, spans, *of_pieces = (np.concatenate(each) for each in zip(*parts, strict=True))
     ways = Ways("arrows", starts, ends, spans, _INK, disc=0.0, line=0.0, arrow=2.0)
     return replace(ways, normals=of_pieces[0], opacities=of_pieces[1])
@@ -223,18 +224,19 @@ def _path_lines(sequence: sequences.Sequence) -> Ways:
     faces, barycentric = seeds.faces, seeds.barycentric
     starts, ends, spans = [], [], []
     intervals = list(zip(sequence.velocity, pairwise(times), strict=True))
-    for velocity, (begin, end) in stepped("path lines", intervals):
-        here = SurfacePoints(mesh, faces, barycentric)
-        # a fifth of the time that the continuous flow takes, which has more to prepare
-        lines = flow_lines(mesh, velocity, here, end - begin)
-        starts.append(here.positions)
-        ends.append(np.array([line.positions[-1] for line in lines]))
-        spans.append(np.tile([begin, end], (len(ages), 1)))
-        ages = ages + 1
-        is_old = ages % _PATH_INTERVALS == 0
-        faces = np.where(is_old, seeds.faces, [line.faces[-1] for line in lines])
-        last = np.array([line.barycentric[-1] for line in lines])
-        barycentric = np.where(is_old[:, None], seeds.barycentric, last)
+    with stepped("path lines", intervals) as counted_intervals:
+        for velocity, (begin, end) in counted_intervals:
+            here = SurfacePoints(mesh, faces, barycentric)
+            # a fifth of the time that the continuous flow takes, which has more to prepare
+            lines = flow_lines(mesh, velocity, here, end - begin)
+            starts.append(here.positions)
+            ends.append(np.array([line.positions[-1] for line in lines]))
+            spans.append(np.tile([begin, end], (len(ages), 1)))
+            ages = ages + 1
+            is_old = ages % _PATH_INTERVALS == 0
+            faces = np.where(is_old, seeds.faces, [line.faces[-1] for line in lines])
+            last = np.array([line.barycentric[-1] for line in lines])
+            barycentric = np.where(is_old[:, None], seeds.barycentric, last)
     tail = _PATH_INTERVALS / 2 * float(np.ptp(times)) / len(sequence)
     pieces = np.concatenate(starts), np.concatenate(ends), np.concatenate(spans)
     return Ways(
@@ -256,11 +258,12 @@ def _keys(sequence: sequences.Sequence, share: float) -> tuple[FloatArray, Float
         )
     between = min(max((most - 1) // max(len(times) - 1, 1), 1), _KEYS_PER_INTERVAL_MAX)
     keys, values = [times[0]], [frames[0]]
-    for number, (start, end) in enumerate(stepped("carrying frames", [*pairwise(times)]), 1):
-        for part in range(1, between):
-            keys.append(start + part / between * (end - start))
-            carried = sequence.at(float(keys[-1]))
-            values.append(carried.reshape(frames.shape[1], -1)[:, :MOST_CHANNELS])
-        keys.append(end)
-        values.append(frames[number])
+    with stepped("carrying frames", [*pairwise(times)]) as pairs:
+        for number, (start, end) in enumerate(pairs, 1):
+            for part in range(1, between):
+                keys.append(start + part / between * (end - start))
+                carried = sequence.at(float(keys[-1]))
+                values.append(carried.reshape(frames.shape[1], -1)[:, :MOST_CHANNELS])
+            keys.append(end)
+            values.append(frames[number])
     return np.array(keys), np.stack(values), ""

@@ -127,24 +127,28 @@ def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
     rows = []
     carried, unknown = sequence.frames[0], sequence.unknown
     measured = {} if unknown is None else {"measured": (~unknown).astype(np.uint8)}
-    for k, time in enumerate(stepped("writing frames", sequence.times.tolist())):
-        i = min(k, len(sequence) - 1)
-        points = {
-            **measured,
-            "frame": _columns(sequence.frames[k]),
-            "carried": _columns(carried),
-            "divergence": sequence.divergence[i],
-            "curl": sequence.curl[i],
-        }
-        file = f"{name}_{k:04}.vtu"
-        cells = {
-            name: getattr(sequence, name)[i] for name in ("velocity", "uncertainty", "determined")
-        }
-        export_vtu(folder / file, sequence.mesh, points, cells)
-        rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{name}/{file}")}/>')
-        if k < len(sequence):
-            duration = float(sequence.times[k + 1]) - time
-            carried = Flow(sequence.mesh, sequence.velocity[k], duration).push(sequence.frames[k])
+    with stepped("writing frames", sequence.times.tolist()) as counted_times:
+        for k, time in enumerate(counted_times):
+            i = min(k, len(sequence) - 1)
+            points = {
+                **measured,
+                "frame": _columns(sequence.frames[k]),
+                "carried": _columns(carried),
+                "divergence": sequence.divergence[i],
+                "curl": sequence.curl[i],
+            }
+            file = f"{name}_{k:04}.vtu"
+            cells = {
+                name: getattr(sequence, name)[i]
+                for name in ("velocity", "uncertainty", "determined")
+            }
+            export_vtu(folder / file, sequence.mesh, points, cells)
+            rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{name}/{file}")}/>')
+            if k < len(sequence):
+                duration = float(sequence.times[k + 1]) - time
+                carried = Flow(sequence.mesh, sequence.velocity[k], duration).push(
+                    sequence.frames[k]
+                )
     return rows
 
 

@@ -164,8 +164,9 @@ def _fill_in(mesh: TriangleMesh, frames: FloatArray, seen: BoolArray, counted: B
             film[:] = 0.0
         elif not known.all():
             fill = of_seen if counts else extension(mesh, known)
-            for frame in stepped("filling in what is not compared", film):
-                frame[:] = fill(frame)
+            with stepped("filling in what is not compared", film) as counted_frames:
+                for frame in counted_frames:
+                    frame[:] = fill(frame)
 
 
 def _times(given: ArrayLike | None, count: int) -> FloatArray:

@@ -229,8 +229,8 @@ class Sequence(Solution, Display):
 
     @cached_property
     def _critical(self) -> list[CriticalPoints]:
-        fields = stepped("finding critical points", self.velocity)
-        return [critical_points(self.mesh, field) for field in fields]
+        with stepped("finding critical points", self.velocity) as fields:
+            return [critical_points(self.mesh, field) for field in fields]
 
     def critical_points(self, interval: int) -> CriticalPoints:
         """Return sources, sinks, spirals and saddles of an interval's field."""

@@ -123,8 +123,9 @@ def _of_data(sequence: Solution, solved: IntArray) -> tuple[FloatArray, FloatArr
     mesh = sequence.mesh.normalized()
     areas = vertex_areas(mesh)
     tensors = np.empty((len(solved), len(areas), len(_PAIRS)))
-    for row, i in enumerate(stepped("uncertainty", solved.tolist())):
-        tensors[row] = _slopes(sequence, i)
+    with stepped("uncertainty", solved.tolist()) as intervals:
+        for row, i in enumerate(intervals):
+            tensors[row] = _slopes(sequence, i)
     scale = sigma_of(sequence._frames, sequence.parameters, sequence.sigma, 1.0)
     tensors /= scale**2
     mean = float(np.einsum("v,ivt->", areas, tensors[..., :3])) / 2 / len(solved)

@@ -144,13 +144,20 @@ def step(
         tell(outer)
 
 
-def stepped(task: str, items: Collection[Item]) -> Iterator[Item]:
-    """Yield items as the work of a step, after a checkpoint each, and report the share done."""
+@contextmanager
+def stepped(task: str, items: Collection[Item]) -> Iterator[Iterator[Item]]:
+    """Give an iterator over items, which are the work of a step: before each there is a checkpoint,
+    after each the share that is done is reported. The step ends with the context.
+    """
     with step(task) as done:
-        for count, item in enumerate(items, 1):
-            checkpoint()
-            yield item
-            done(count / len(items))
+        yield _counted(items, done)
+
+
+def _counted(items: Collection[Item], done: Callable[[float], None]) -> Iterator[Item]:
+    for count, item in enumerate(items, 1):
+        checkpoint()
+        yield item
+        done(count / len(items))
 
 
 def _learn(task: str, rate: float, work: float) -> None:

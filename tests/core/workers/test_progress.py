@@ -97,8 +97,8 @@ def test_a_counted_step_goes_from_0_to_1_and_never_back():
 
 def test_a_stepped_loop_is_counted_cancelled_and_ended():
     def work(stop):
-        with telling(told.append), controlled(control):
-            for item in stepped("walking", range(4)):
+        with telling(told.append), controlled(control), stepped("walking", range(4)) as items:
+            for item in items:
                 seen.append(item)
                 stop(item)
 
@@ -109,6 +109,21 @@ def test_a_stepped_loop_is_counted_cancelled_and_ended():
     with pytest.raises(CancelledError):
         work(lambda item: control.cancel())
     assert (seen[4:], told[-1]) == ([0], None)
+
+
+def test_stepped_loop_ends_with_an_error_of_its_body():
+    """At once, not when the error and all that its frames refer to are forgotten."""
+    errors = []
+
+    def work():
+        try:
+            with stepped("walking", range(4)) as items:
+                for _ in items:
+                    raise RuntimeError
+        except RuntimeError as error:
+            errors.append(error)
+
+    assert [now and now.task for now in told_by(work)] == ["walking", None]
 
 
 def test_a_step_inside_another_one_is_told_until_it_ends_and_measures_nothing_if_it_fails():

@@ -59,13 +59,14 @@ def left_out(solver: SequenceSolver) -> LeftOut:
     product = square = variance = 0.0
     # products of what the field found, and those of the two intervals, change of the frame at once
     fields = np.zeros((3, 3))
-    for middle in stepped("leaving out frames", _middles(solver)):
-        try:
-            found = _evidence(solver, middle)
-        except AdvectionError:
-            continue
-        product, square = product + found.product, square + found.square
-        variance, fields = variance + found.variance, fields + found.fields
+    with stepped("leaving out frames", _middles(solver)) as middles:
+        for middle in middles:
+            try:
+                found = _evidence(solver, middle)
+            except AdvectionError:
+                continue
+            product, square = product + found.product, square + found.square
+            variance, fields = variance + found.variance, fields + found.fields
     if not square > 0:
         return LeftOut()
     of_mean = float(fields[1:, 1:].sum()) / 4

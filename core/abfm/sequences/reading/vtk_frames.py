@@ -140,22 +140,23 @@ def _of_grids(entries: Sequence[TimedFile], mesh: TriangleMesh, array: str | Non
     most = most_inflated(sum(_size(file) for file in files))
     found: dict[Path, Grid] = {}
     away = 0.0
-    for file in stepped("reading frames", files):
-        found[file] = grid = _grid(file, mesh, array)
-        shapes = [each.values.shape for each in (found[files[0]], grid)]
-        if shapes[0] != shapes[1]:
-            raise ValueError(
-                f"{brief(file.name)} has values of shape {shapes[1]}; the first one {shapes[0]}"
-            )
-        if len(entries) * grid.values.nbytes > most:
-            raise ValueError(
-                f"its {len(entries)} frames take more than {most} bytes, the limit for files "
-                "of this size"
-            )
-        is_whole = len(grid.points) == mesh.file_vertex_count
-        points = grid.points[mesh.vertex_ids] if is_whole else grid.points
-        away = max(away, float(np.abs(points - mesh.vertices).max()))
-        found[file] = grid._replace(points=grid.points[:0])
+    with stepped("reading frames", files) as counted_files:
+        for file in counted_files:
+            found[file] = grid = _grid(file, mesh, array)
+            shapes = [each.values.shape for each in (found[files[0]], grid)]
+            if shapes[0] != shapes[1]:
+                raise ValueError(
+                    f"{brief(file.name)} has values of shape {shapes[1]}; the first one {shapes[0]}"
+                )
+            if len(entries) * grid.values.nbytes > most:
+                raise ValueError(
+                    f"its {len(entries)} frames take more than {most} bytes, the limit for files "
+                    "of this size"
+                )
+            is_whole = len(grid.points) == mesh.file_vertex_count
+            points = grid.points[mesh.vertex_ids] if is_whole else grid.points
+            away = max(away, float(np.abs(points - mesh.vertices).max()))
+            found[file] = grid._replace(points=grid.points[:0])
     grids = [found[file] for _, file in entries]
     values = [each.values if each.values.shape[1] > 1 else each.values[:, 0] for each in grids]
     times = np.where(np.isfinite(times), times, [each.time for each in grids])

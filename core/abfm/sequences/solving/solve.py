@@ -151,8 +151,9 @@ class SequenceSolver:
         """Sweep back and forth until the energy of all, by flow lines, hardly falls."""
         count = len(self.fields)
         if not self.swept:
-            for i in stepped("asking flow lines", range(count)):
-                self._ask_flow_lines(i)
+            with stepped("asking flow lines", range(count)) as intervals:
+                for i in intervals:
+                    self._ask_flow_lines(i)
             self.before = self.total()
         with step("smoothing in time") as tell:
             while self.swept < _SWEEPS * count:
