@@ -206,8 +206,8 @@ class ViewPreferences:
     arrow_length: Annotated[float, Range(0, 10, is_above=True)] = 0.12
     arrow_density: Annotated[float, Range(0, 1)] = 0.5  # from few to many
     flow_after_match: bool = True  # whether a match that ended shows its flow and plays it
-    previous_runs: bool = True  # are in the plot of what is left
-    # whether what steps leave is plotted against what they cost, while a run goes on and after it
+    previous_runs: bool = True  # whether the plot of residuals shows them
+    # whether residuals of steps are plotted against their distortion, during a run and after it
     trade_off_live: bool = False
     trade_off: bool = True
 
@@ -232,7 +232,7 @@ class View(ViewPreferences):
     fade: bool = False  # streaks, where the field is slow
     animate: bool = False  # streaks move along the field
     tool: ClickTool = "nothing"
-    speeds: bool = False  # of a film's intervals are plotted, and not what is left
+    speeds: bool = False  # whether a film's plot shows speeds instead of residuals
 
     @property
     def preferences(self) -> View:

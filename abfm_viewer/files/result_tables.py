@@ -104,8 +104,8 @@ def _of_population(place: Path, path: Path) -> PopulationTable:
 
 
 def _stamps(place: Path) -> list[int]:
-    """Return when files that tell whether a table has changed were modified (ns); what is written
-    takes a file's place.
+    """Return the times (ns) at which files of a table were modified, by which a change is noticed;
+    each writing replaces a file.
     """
     looked_at = (place, place / POPULATION, place / _LEDGER, place / _LEDGER / "rows.json")
     stamps = []

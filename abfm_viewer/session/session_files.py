@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 import abfm
@@ -64,8 +64,19 @@ SAVING_TOPIC = "saving"
 """What cards are about."""
 Do = Callable[[], None]
 ShowMesh = Callable[[Path, TriangleMesh], None]
-Ask = Callable[..., None]
-"""Puts a question to the user, as `Dialogs.ask` does."""
+
+
+class Ask(Protocol):
+    """Puts a question to the user, as `Dialogs.ask` does."""
+
+    def __call__(
+        self,
+        title: str,
+        text: str,
+        buttons: Mapping[str, Do | None],
+        instead: Callable[[], Do | None] = ...,
+        /,
+    ) -> None: ...
 
 
 def open_session(

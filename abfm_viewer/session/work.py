@@ -297,7 +297,7 @@ class MatchWork(Work):
 
     @property
     def _unknown(self) -> str:
-        """Say which function has no values, and why; nothing if all have some, or will."""
+        """Return which function has no values, and why; empty if all have some, or will."""
         errors = ((one.spec, self.parts.functions.error(one)) for one in self.document.functions)
         return next((f"{spec}: {error}" for spec, error in errors if error), "")
 

@@ -40,8 +40,8 @@ class Marks:
         return cls(points.mesh, numbers, points.positions, outward(points.mesh) * normals)
 
     def hidden(self, axes: FloatArray) -> BoolArray:
-        """Tell which have a part of the surface before them, (P,), or look away where it has no
-        boundary, in parallel projection; axes (3, 3) are what is right, up, and towards the viewer.
+        """Return which marks, (P,), are behind a part of the surface, or, on a closed surface, look
+        away, in parallel projection; axes (3, 3) point to the right, up, and towards the viewer.
         """
         mesh, cosines = self.mesh, self.normals @ axes[2]
         cosines = cosines if mesh.is_closed else np.abs(cosines)
@@ -90,7 +90,7 @@ class ShownLandmarks(Jobs):
         self._hidden = defaultdict[tuple[str, Side | None], Latest[BoolArray]](self.latest)
 
     def hidden(self, slot: str, side: Side | None, marks: Marks, axes: FloatArray) -> BoolArray:
-        """Tell which marks in a slot are hidden, (P,), seen by axes (3, 3); lately those of an
+        """Return which marks in a slot are hidden, (P,), seen by axes (3, 3); lately those of an
         earlier view.
         """
         kept = self._axes[slot, side].get((axes.tobytes(),), lambda: axes)

@@ -29,7 +29,8 @@ def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterat
     """Map vertices to where their values came from at each of the times (T,), or, ``inverse``, to
     where they go; at negative times the other way round.
 
-    What goes ahead, or back along a single field, goes on from the time before, if that is less.
+    Points continue from the time before, if that is less and they move ahead, or back along a
+    single field.
     """
     mesh, points = lines.mesh, None
     from_time, went_ahead = 0.0, False

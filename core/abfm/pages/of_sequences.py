@@ -84,7 +84,7 @@ def sequence_page(
             zip(pairwise(times), sequence.verdicts, strict=True)
         )
     ]
-    told = {
+    shown_facts = {
         "median speed": _speed(sequence, labels),
         **({"uncertainty": uncertainty(sequence)} if sequence.solved.any() else {}),
         "frames in between": motion_between(sequence),
@@ -98,7 +98,7 @@ def sequence_page(
     ]
     about = f"A film of {len(times)} frames on a surface of {len(mesh.vertices):,} vertices"
     panel, clock = Panel("", mesh, layers, front, ways), clock_of(times, labels, spans)
-    return Page(title, facts.headline, [panel], clock, facts.tone, about, told, notes)
+    return Page(title, facts.headline, [panel], clock, facts.tone, about, shown_facts, notes)
 
 
 def frame_layers(sequence: sequences.Sequence, labels: Labels) -> tuple[list[Layer], list[str]]:

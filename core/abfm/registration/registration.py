@@ -217,8 +217,7 @@ class Registration(Correspondence):
 def load_registration(path: File) -> Registration:
     """Read a file of `Registration.save`; ResultError if it is missing, damaged, or none.
 
-    As by `abfm.load`, what the field does not bear out is recomputed, and told in
-    ``match.doubt``.
+    Values that disagree with the field are recomputed, with a warning in ``match.doubt``.
     """
 
     def made(arrays: results.Arrays) -> Registration:
