@@ -20,7 +20,7 @@ PAIRS = {
 }
 """Surfaces A and B in one document, and a few words for each."""
 WAVE = "A wave"
-FILMS = {WAVE: "A film of a spiral wave over a cortex, with nilearn"}
+SEQUENCES = {WAVE: "A film of a spiral wave over a cortex, with nilearn"}
 """Frames on a surface, and a few words for each."""
 POPULATION = "A population"
 POPULATIONS = {POPULATION: "Eight subjects made from a human by known flows, and an odd one"}

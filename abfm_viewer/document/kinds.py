@@ -34,7 +34,12 @@ from abfm_viewer.document.document import (
     Values,
     View,
 )
-from abfm_viewer.document.film import FRAMES_A_SECOND, Film, FilmSettings, settings_of
+from abfm_viewer.document.frame_sequence import (
+    FRAMES_A_SECOND,
+    FrameSequence,
+    SequenceSettings,
+    settings_of,
+)
 from abfm_viewer.document.surface_points import landmarks_of_match
 
 if TYPE_CHECKING:  # a document without a result does not load its type
@@ -286,8 +291,8 @@ class SubjectDocument(MatchDocument):
         return (compared, channel), lambda: compared.unknown(slot, channel)
 
 
-_FILM_PARTS = {
-    "film": "times of its frames",
+_SEQUENCE_PARTS = {
+    "sequence": "times of its frames",
     "settings": "parameters that were changed",
     "lines": "lines that were clicked on",
     "points": "points that are followed",
@@ -296,7 +301,7 @@ _FILM_PARTS = {
 
 
 @dataclass(frozen=True, eq=False)
-class FilmDocument(Document):
+class SequenceDocument(Document):
     """A function that changes in time, as frames, and what all intervals are matched with."""
 
     match_label: ClassVar[str] = "Match all frames"
@@ -316,51 +321,51 @@ class FilmDocument(Document):
     extrapolates: ClassVar[bool] = False
     has_one_field: ClassVar[bool] = False
     has_sides: ClassVar[bool] = False
-    content: ClassVar[tuple[str, ...]] = ("film", "settings", *Document.content)
-    exported: ClassVar[tuple[str, ...]] = ("film", "settings", "result")
+    content: ClassVar[tuple[str, ...]] = ("sequence", "settings", *Document.content)
+    exported: ClassVar[tuple[str, ...]] = ("sequence", "settings", "result")
 
-    film: Film
-    settings: FilmSettings = field(default=FilmSettings(), kw_only=True)  # of its match
+    sequence: FrameSequence
+    settings: SequenceSettings = field(default=SequenceSettings(), kw_only=True)  # of its match
     result: Sequence | None = field(default=None, kw_only=True)
 
     @property
     def name(self) -> str:
         surface = self.surface().name
-        return surface if self.film.name == surface else f"{self.film.name} on {surface}"
+        return surface if self.sequence.name == surface else f"{self.sequence.name} on {surface}"
 
     def titled(self, slot: str) -> str:
         before = self.interval
         titles = {
-            "source": self.film.frame(before),
-            "advected": f"at {self.film.precisely(self.time)}",
-            "target": self.film.frame(before + 1),
+            "source": self.sequence.frame(before),
+            "advected": f"at {self.sequence.precisely(self.time)}",
+            "target": self.sequence.frame(before + 1),
         }
         return titles.get(slot, slot)
 
     @property
     def channel_count(self) -> int:
-        return self.film.channels
+        return self.sequence.channels
 
     def renamed(self, name: str, called: Mapping[str, str]) -> Self:
-        return replace(super().renamed(name, called), film=replace(self.film, name=name))
+        return replace(super().renamed(name, called), sequence=replace(self.sequence, name=name))
 
     def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
-        return self.film.front(up)
+        return self.sequence.front(up)
 
     def missing(self, slot: str, values: Values) -> Missing:
-        return (self.film,), lambda: self.film.frames.unknown
+        return (self.sequence,), lambda: self.sequence.frames.unknown
 
     def ranged(self, source: FloatArray, target: FloatArray) -> Ranged:
         channel = self.channel  # one range for all frames
-        return (self.film, channel), lambda: (self.film.frames.values[:, :, channel],)
+        return (self.sequence, channel), lambda: (self.sequence.frames.values[:, :, channel],)
 
     @property
     def start(self) -> float:
-        return float(self.film.times[0])
+        return float(self.sequence.times[0])
 
     @property
     def end(self) -> float:
-        return float(self.film.times[-1])
+        return float(self.sequence.times[-1])
 
     @property
     def last(self) -> float:
@@ -368,26 +373,26 @@ class FilmDocument(Document):
 
     @property
     def flow_time(self) -> float:
-        return self.time - float(self.film.times[self.interval])
+        return self.time - float(self.sequence.times[self.interval])
 
     @property
     def tau(self) -> float:
-        return float(self.film.frames.durations[self.interval])
+        return float(self.sequence.frames.durations[self.interval])
 
     @property
     def interval(self) -> int:
-        return self.film.interval(self.time)
+        return self.sequence.interval(self.time)
 
     @property
     def ticks(self) -> tuple[float, ...]:
-        return tuple(self.film.times.tolist())
+        return tuple(self.sequence.times.tolist())
 
     def time_after(self, share: float) -> float:
-        return self.film.next_frame(self.time, 1 if share > 0 else -1)
+        return self.sequence.next_frame(self.time, 1 if share > 0 else -1)
 
     @property
     def times_shown(self) -> str:
-        return f"{self.film.told(self.start)} to {self.film.told(self.end)}"
+        return f"{self.sequence.told(self.start)} to {self.sequence.told(self.end)}"
 
     @property
     def slider_tip(self) -> str:
@@ -402,18 +407,18 @@ class FilmDocument(Document):
         """Whether the result is of other frames or settings."""
         found = self.result
         return found is not None and not (
-            found.frames is self.film.frames.values and settings_of(found) == self.settings
+            found.frames is self.sequence.frames.values and settings_of(found) == self.settings
         )
 
     def check(self) -> None:
         self.settings.check()
-        for frames in (self.film.frames, self.film.phases or self.film.frames):
+        for frames in (self.sequence.frames, self.sequence.phases or self.sequence.frames):
             if len(frames.times) < 2 or not (frames.durations > 0).all():
                 raise ValueError("the times of the frames do not ascend")
             if frames.mesh is not self.surface().mesh:
                 raise ValueError("the frames are on another surface")
-        if self.result is not None and len(self.result) != self.film.intervals:
-            raise ValueError(f"{len(self.result)} fields for {len(self.film)} frames")
+        if self.result is not None and len(self.result) != self.sequence.intervals:
+            raise ValueError(f"{len(self.result)} fields for {len(self.sequence)} frames")
 
     @property
     def is_complete(self) -> bool:
@@ -432,12 +437,12 @@ class FilmDocument(Document):
     def lost(self, changes: Collection[str], has_new_result: bool) -> str:
         if self.result is not None and "result" in changes:
             return f"The film {self.name} with its fields is in no file."
-        named = ", ".join(words for name, words in _FILM_PARTS.items() if name in changes)
+        named = ", ".join(words for name, words in _SEQUENCE_PARTS.items() if name in changes)
         return f"Of the film {self.name} are in no file: {named or 'changes'}."
 
     @property
     def large_parts(self) -> tuple[object, ...]:
-        found = (self.film.frames, *(() if self.result is None else (self.result,)))
+        found = (self.sequence.frames, *(() if self.result is None else (self.result,)))
         return (*super().large_parts, *found)
 
 
@@ -450,6 +455,6 @@ def document_on(surfaces: tuple[Surface, ...], **values: Any) -> MatchDocument:
 KINDS: Mapping[str, type[Document]] = {
     "match": MatchDocument,
     "pair": PairDocument,
-    "film": FilmDocument,
+    "sequence": SequenceDocument,
 }
 """Kinds of documents that projects hold, by their names there."""

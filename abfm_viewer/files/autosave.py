@@ -44,7 +44,7 @@ class Autosave:
         self._last = clock()
         self._state: object = None
         self._has_copy = False
-        self._film_run: object = None  # under way when a copy was last due
+        self._sequence_run: object = None  # under way when a copy was last due
         # other than daemons it ends its work though nobody closes it
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
@@ -59,12 +59,12 @@ class Autosave:
         content: Callable[[], Content],
         unsaved: bool,
         origin: Origin | None = None,
-        film_run: object = None,
+        sequence_run: object = None,
     ) -> None:
         """Call every frame: writes a copy where it is time for one, removes it where all is saved.
 
         What is written changes with the `state`, objects that are compared by identity. When a
-        film's run begins, told apart by `film_run`, it is written at once: what the run keeps
+        film's run begins, told apart by `sequence_run`, it is written at once: what the run keeps
         beside it is of no use without, until a copy has the fields of all intervals.
         """
         if self._future is not None:
@@ -78,14 +78,14 @@ class Autosave:
             self.discard()
         is_new = not same(state, self._state)
         is_time = self._clock() - self._last >= self._seconds
-        begins = film_run is not None and film_run is not self._film_run
+        begins = sequence_run is not None and sequence_run is not self._sequence_run
         if not (unsaved and (is_time or begins)):
             return
-        self._last, self._film_run = self._clock(), film_run
+        self._last, self._sequence_run = self._clock(), sequence_run
         if is_new:
             self._state, self._has_copy = state, True
             self._future = self._writer.submit(
-                self._write, state, content, origin, film_run is not None
+                self._write, state, content, origin, sequence_run is not None
             )
         else:
             with suppress(OSError):
@@ -103,7 +103,7 @@ class Autosave:
         abfm.sequences.move_unfinished(recovery.path, self.path)
 
     @property
-    def has_unfinished_film(self) -> bool:
+    def has_unfinished_sequence(self) -> bool:
         """Whether there is beside the copy what a film's run found that did not come to its end."""
         return bool(abfm.sequences.unfinished_of(self.path))
 
@@ -120,14 +120,14 @@ class Autosave:
         state: object,
         content: Callable[[], Content],
         origin: Origin | None,
-        is_film_under_way: bool,
+        is_sequence_running: bool,
     ) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         document, known = content()
         save_project(self.path, document, known, origin)
         if not same(self._state, state):  # discarded meanwhile
             self.path.unlink(missing_ok=True)
-        elif document.is_complete and not is_film_under_way:
+        elif document.is_complete and not is_sequence_running:
             abfm.sequences.remove_unfinished(self.path)
 
 

@@ -22,8 +22,14 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
-from abfm_viewer.document.film import Film, settings_of
-from abfm_viewer.document.kinds import GIVEN_WORD, OF_A, FilmDocument, MatchDocument, PairDocument
+from abfm_viewer.document.frame_sequence import FrameSequence, settings_of
+from abfm_viewer.document.kinds import (
+    GIVEN_WORD,
+    OF_A,
+    MatchDocument,
+    PairDocument,
+    SequenceDocument,
+)
 from abfm_viewer.document.surface_points import landmarks_of_match, points_of
 from abfm_viewer.files.contents import PROJECT
 from abfm_viewer.files.project import load_project, terms_from_files
@@ -104,11 +110,11 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
     return replace(opened, initial_map=kept), known
 
 
-def document_of_sequence(sequence: abfm.Sequence, path: Path) -> FilmDocument:
+def document_of_sequence(sequence: abfm.Sequence, path: Path) -> SequenceDocument:
     """Return a document that shows a sequence from its beginning, with tracks."""
-    return FilmDocument(
+    return SequenceDocument(
         (Surface(sequence.mesh, path.name),),
-        Film(path.name, sequence._frames),
+        FrameSequence(path.name, sequence._frames),
         settings=settings_of(sequence),
         result=sequence,
         time=float(sequence.times[0]),

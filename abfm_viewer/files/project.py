@@ -36,7 +36,7 @@ from abfm_viewer.document.label_map import LabelMap
 
 MEMBER = "origin.json"
 """Where a copy of unsaved work says what it is a copy of."""
-_FORMAT = 8
+_FORMAT = 9
 _JSON_BYTES_MAX = 2 << 20  # of a member
 _RESULT = "result.npz"
 _KNOWN = Entry("real", ("V",), may_be_unknown=True)

@@ -105,7 +105,7 @@ def draw_registration(context: Context) -> None:
     draw_result(context)
 
 
-def draw_film(context: Context) -> None:
+def draw_sequence(context: Context) -> None:
     """Draw the buttons that save a film's fields and their tables."""
     ui = context.ui
     _draw_save(context, _SEQUENCE)

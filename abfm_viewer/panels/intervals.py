@@ -10,8 +10,8 @@ import abfm
 from abfm.outcome import worse_residual
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import share
-from abfm_viewer.document.film import Film
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.frame_sequence import FrameSequence
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets import plots
 
@@ -30,120 +30,120 @@ _MOST_DOTS = 60
 
 def draw(context: Context) -> None:
     """Draw the plot; a click on it goes to that interval."""
-    ui, session, document = context.ui, context.session, context.document(FilmDocument)
-    film, sequence = document.film, document.result
-    is_live = session.film_match.found(document) > 0
-    if sequence is None and not is_live:
+    ui, session, document = context.ui, context.session, context.document(SequenceDocument)
+    sequence, result = document.sequence, document.result
+    is_live = session.sequence_match.found(document) > 0
+    if result is None and not is_live:
         ui.note(_EMPTY_NOTE)
         return
     views = [*_VIEWS]
-    shows_speed = document.view.speeds or sequence is None or is_live
-    with ui.disabled(sequence is None or is_live):
+    shows_speed = document.view.speeds or result is None or is_live
+    with ui.disabled(result is None or is_live):
         chosen = ui.radio(views, views[shows_speed], [*_VIEWS.values()])
     if chosen != views[shows_speed]:
         session.editor.set_view(f"plot {chosen}", speeds=chosen == "speed")
-    if sequence is None or is_live or shows_speed:
-        _speeds(context, film)
+    if result is None or is_live or shows_speed:
+        _speeds(context, sequence)
     else:
-        _left(context, film, sequence)
+        _left(context, sequence, result)
 
 
-def doubtful(sequence: abfm.Sequence) -> BoolArray:
+def doubtful(result: abfm.Sequence) -> BoolArray:
     """Return which intervals were solved and are not confirmed, (T - 1,) of bool."""
-    good = [verdict.kind.is_good for verdict in sequence.verdicts]
-    found: BoolArray = sequence.solved & ~np.array(good)
+    good = [verdict.kind.is_good for verdict in result.verdicts]
+    found: BoolArray = result.solved & ~np.array(good)
     return found
 
 
-def _speeds(context: Context, film: Film) -> None:
-    ui, document = context.ui, context.document(FilmDocument)
-    speeds = context.session.film_match.speeds(document)
+def _speeds(context: Context, sequence: FrameSequence) -> None:
+    ui, document = context.ui, context.document(SequenceDocument)
+    speeds = context.session.sequence_match.speeds(document)
     episodes = context.shown.tracks.episodes()
     colors = {"stable": (*ui.colors.flow[:3], 0.18), "transient": (*ui.colors.marker[:3], 0.18)}
-    legend = {f"speed, in {film.unit_of_speed}": ui.colors.flow}
+    legend = {f"speed, in {sequence.unit_of_speed}": ui.colors.flow}
     plots.legend(ui, legend | (colors if episodes else {}))
     with plots.plot(ui, "interval plot") as is_drawn:
         if not is_drawn:
             return
-        plots.set_up_linear(_across(film), (document.start, document.end), "speed", speeds)
+        plots.set_up_linear(_across(sequence), (document.start, document.end), "speed", speeds)
         for episode in episodes:
             plots.span(episode.start, episode.end, colors[episode.kind])
-        _present(context, film)
-        plots.line("##speed", speeds, ui.colors.flow, ui.px(2), film.middles)
-        if len(film) <= _MOST_DOTS:
+        _present(context, sequence)
+        plots.line("##speed", speeds, ui.colors.flow, ui.px(2), sequence.middles)
+        if len(sequence) <= _MOST_DOTS:
             ink = ui.colors.flow
-            plots.dots("##speeds", (film.middles, speeds), ui.px(_SIZE), (ink, ink))
-        _clicks(context, film, speeds)
+            plots.dots("##speeds", (sequence.middles, speeds), ui.px(_SIZE), (ink, ink))
+        _clicks(context, sequence, speeds)
 
 
-def _left(context: Context, film: Film, sequence: abfm.Sequence) -> None:
+def _left(context: Context, sequence: FrameSequence, result: abfm.Sequence) -> None:
     ui, document = context.ui, context.session.document
-    unsolved = ~sequence.solved
-    by_flow = np.where(unsolved, np.nan, sequence.residual)
-    by_lines = np.where(unsolved, np.nan, sequence.verified_residual)
-    doubts = doubtful(sequence)
+    unsolved = ~result.solved
+    by_flow = np.where(unsolved, np.nan, result.residual)
+    by_lines = np.where(unsolved, np.nan, result.verified_residual)
+    doubts = doubtful(result)
     legend = {"residual": ui.colors.flow, "by flow lines": ui.colors.lines}
     plots.legend(ui, legend | ({"not confirmed": ui.colors.failure} if doubts.any() else {}))
     with plots.plot(ui, "interval plot") as is_drawn:
         if not is_drawn:
             return
-        plots.set_up(_across(film), (document.start, document.end), (by_flow, by_lines))
-        _present(context, film)
+        plots.set_up(_across(sequence), (document.start, document.end), (by_flow, by_lines))
+        _present(context, sequence)
         for name, left, ink in (
             ("by flow lines", by_lines, ui.colors.lines),
             ("residual", by_flow, ui.colors.flow),
         ):
-            plots.line(f"##{name}", left, ink, ui.px(1.8), film.middles)
-            if len(film) <= _MOST_DOTS:
-                plots.dots(f"##dots {name}", (film.middles, left), ui.px(_SIZE), (ink, ink))
+            plots.line(f"##{name}", left, ink, ui.px(1.8), sequence.middles)
+            if len(sequence) <= _MOST_DOTS:
+                plots.dots(f"##dots {name}", (sequence.middles, left), ui.px(_SIZE), (ink, ink))
         if doubts.any():
             failure, worse = ui.colors.failure, worse_residual(by_flow, by_lines)
-            at = film.middles[doubts], worse[doubts]
+            at = sequence.middles[doubts], worse[doubts]
             plots.dots("##doubts", at, ui.px(1.7 * _SIZE), (failure, failure))
-        _clicks(context, film, by_flow)
+        _clicks(context, sequence, by_flow)
 
 
-def _across(film: Film) -> str:
-    return f"time, {film.unit}" if film.unit else "frame"
+def _across(sequence: FrameSequence) -> str:
+    return f"time, {sequence.unit}" if sequence.unit else "frame"
 
 
-def _present(context: Context, film: Film) -> None:
+def _present(context: Context, sequence: FrameSequence) -> None:
     """Shade the present interval, and draw the shown time."""
     ui, time = context.ui, context.session.document.time
-    now = film.interval(time)
-    ends = float(film.times[now]), float(film.times[now + 1])
+    now = sequence.interval(time)
+    ends = float(sequence.times[now]), float(sequence.times[now + 1])
     plots.span(*ends, (*ui.colors.accent[:3], 0.2))
     plots.uprights("##time", [time], ui.colors.accent, ui.px(1.5))
 
 
-def _clicks(context: Context, film: Film, values: FloatArray) -> None:
+def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> None:
     """Let a click go to an interval; scripts find them by their numbers."""
     ui, session = context.ui, context.session
     known = values[np.isfinite(values)]
     level = float(np.median(known)) if len(known) else 1.0
-    for number, middle in enumerate(film.middles.tolist()):
+    for number, middle in enumerate(sequence.middles.tolist()):
         x, y = implot.PlotToPixels(middle, level)
         if np.isfinite(x + y):
             ui.record.add(f"interval {number}", "mark", (x, y, x, y), True)
     if not plots.is_under_mouse():
         return
-    at = film.interval(float(implot.GetPlotMousePos()[0]))
-    plots.tell(ui, _words(context, film, at))
+    at = sequence.interval(float(implot.GetPlotMousePos()[0]))
+    plots.tell(ui, _words(context, sequence, at))
     if imgui.IsMouseClicked(0) and ui.record.enabled:
-        session.set_time(float(film.middles[at]))
+        session.set_time(float(sequence.middles[at]))
 
 
-def _words(context: Context, film: Film, at: int) -> str:
+def _words(context: Context, sequence: FrameSequence, at: int) -> str:
     """Return what an interval is and has come to."""
-    session, document = context.session, context.document(FilmDocument)
-    lines = [f"{film.frame(at)} to {film.frame(at + 1)}"]
-    speed = session.film_match.speeds(document)[at]
-    sequence = document.result
+    session, document = context.session, context.document(SequenceDocument)
+    lines = [f"{sequence.frame(at)} to {sequence.frame(at + 1)}"]
+    speed = session.sequence_match.speeds(document)[at]
+    result = document.result
     if np.isfinite(speed):
-        lines.append(f"speed {speed:.3g}, in {film.unit_of_speed}")
-    if sequence is not None and sequence.solved[at]:
-        left, by_lines = float(sequence.residual[at]), float(sequence.verified_residual[at])
+        lines.append(f"speed {speed:.3g}, in {sequence.unit_of_speed}")
+    if result is not None and result.solved[at]:
+        left, by_lines = float(result.residual[at]), float(result.verified_residual[at])
         told = f", by flow lines {share(by_lines)}" if np.isfinite(by_lines) else ""
-        lines += [f"what is left: {share(left)}{told}", sequence.verdicts[at].kind]
-        lines.append(f"in between: {share(float(sequence.motion_shares[at]))} of the motion")
+        lines += [f"what is left: {share(left)}{told}", result.verdicts[at].kind]
+        lines.append(f"in between: {share(float(result.motion_shares[at]))} of the motion")
     return "\n".join(lines)

@@ -8,15 +8,15 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.kinds import (
-    FilmDocument,
     MatchDocument,
     PairDocument,
+    SequenceDocument,
     SubjectDocument,
 )
 from abfm_viewer.panels import (
     energy,
     export,
-    film,
+    frames,
     functions,
     initial_map,
     intervals,
@@ -78,17 +78,17 @@ _PAIR_TABS = _tabs(
     export.draw_registration,
     links={"links": look.draw_links},
 )
-_FILM_TABS = _tabs(
-    {"frames": film.draw_frames, "two frames": film.draw_pair},
-    {"settings": film.draw_settings, "intervals": intervals.draw},
-    export.draw_film,
+_SEQUENCE_TABS = _tabs(
+    {"frames": frames.draw_frames, "two frames": frames.draw_pair},
+    {"settings": frames.draw_settings, "intervals": intervals.draw},
+    export.draw_sequence,
     tracks={"tracks": look.draw_tracks},
 )
 PANELS: dict[type[Document], Panels] = {
     MatchDocument: Panels(solver.draw_match, TABS),
     SubjectDocument: Panels(solver.draw_subject, TABS),
     PairDocument: Panels(solver.draw_match, _PAIR_TABS),
-    FilmDocument: Panels(solver.draw_film, _FILM_TABS),
+    SequenceDocument: Panels(solver.draw_sequence, _SEQUENCE_TABS),
 }
 """By the kind of the document that is open."""
 # of a tab, at a scale of 1; where a long verdict leaves less, the column scrolls

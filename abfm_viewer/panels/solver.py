@@ -13,7 +13,7 @@ from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.trade_off import LIMIT, draw_limit
 from abfm_viewer.session.session import Session
@@ -139,29 +139,29 @@ def draw_step(ui: Ui, step: Step) -> None:
     ui.note(capital(step.words()))
 
 
-def draw_film(ui: Ui, session: Session) -> None:
+def draw_sequence(ui: Ui, session: Session) -> None:
     """Draw how far a film's match is, or what it and the present interval have come to."""
-    document, run = session.document, session.film_match
-    assert isinstance(document, FilmDocument)
-    film, sequence = document.film, document.result
+    document, run = session.document, session.sequence_match
+    assert isinstance(document, SequenceDocument)
+    sequence, result = document.sequence, document.result
     if session.solver.running:
         draw_step(ui, run.step)
         found = run.found(document)
-        ui.note(f"Intervals found: {found} of {film.intervals}", "ink")
+        ui.note(f"Intervals found: {found} of {sequence.intervals}", "ink")
         return
-    if sequence is None:
+    if result is None:
         ui.note("No match yet", "ink")
         ui.note("Match finds the fields that carry each frame to the next, all together.")
         return
     outdated = document.is_outdated
-    facts = sequence.facts
+    facts = result.facts
     ui.note(capital(facts.headline), "muted" if outdated else facts.tone)
     if outdated:
         ui.note("Frames or parameters changed since: match all frames again.", "ink")
     now = document.interval
-    verdict = sequence.verdicts[now]
-    result = abfm.sequences.of_interval(sequence, now)
-    ui.note(f"Frame {now} to {now + 1}: {result}", "muted" if outdated else verdict.kind.tone)
+    verdict = result.verdicts[now]
+    interval = abfm.sequences.of_interval(result, now)
+    ui.note(f"Frame {now} to {now + 1}: {interval}", "muted" if outdated else verdict.kind.tone)
     if reason := verdict.why or verdict.reason:
         ui.note(sentence(reason))
 

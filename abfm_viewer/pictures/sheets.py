@@ -168,7 +168,7 @@ def match_picture(
 
 
 def sequence_picture(
-    film: abfm.Sequence,
+    sequence: abfm.Sequence,
     times: Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     channel: int = 0,
@@ -178,15 +178,15 @@ def sequence_picture(
     then, which fade where frames do not determine it. Other parameters are those of
     `match_picture`.
     """
-    begin, end = float(film.times[0]), float(film.times[-1])
+    begin, end = float(sequence.times[0]), float(sequence.times[-1])
     panels = []
     for time in np.linspace(begin, end, _MOMENTS).tolist() if times is None else times:
-        function = film.at(time).reshape(len(film.mesh.vertices), -1)[:, channel]
-        i = film.interval(time)
-        field, share = film.velocity[i], film.determined[i]
-        label = f"t = {time:.4g} {film.unit_of_time}".rstrip()
-        panels.append(Panel(film.mesh, Values(function), label, arrows=field, determined=share))
-    changing = film.frames[:, :, channel].std(axis=0)
+        function = sequence.at(time).reshape(len(sequence.mesh.vertices), -1)[:, channel]
+        i = sequence.interval(time)
+        field, share = sequence.velocity[i], sequence.determined[i]
+        label = f"t = {time:.4g} {sequence.unit_of_time}".rstrip()
+        panels.append(Panel(sequence.mesh, Values(function), label, arrows=field, determined=share))
+    changing = sequence.frames[:, :, channel].std(axis=0)
     return _one_row(Sheet((tuple(panels),), up, seen=(changing,)), size)
 
 

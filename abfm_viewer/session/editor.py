@@ -19,7 +19,7 @@ from abfm_viewer.document.document import (
     Point,
     Side,
 )
-from abfm_viewer.document.kinds import FilmDocument, MatchDocument
+from abfm_viewer.document.kinds import MatchDocument, SequenceDocument
 
 UNDO_STEPS_MAX = 200
 UNDO_BYTES_MAX = 500_000_000
@@ -226,9 +226,9 @@ class Editor:
     def reset_parameters(self) -> None:
         self.set_parameter(label="reset the parameters", **Parameters().to_dict())
 
-    def set_film(self, merge: str = "", label: str = "", **values: Any) -> None:
+    def set_sequence_settings(self, merge: str = "", label: str = "", **values: Any) -> None:
         """Change what a film is matched with; ParameterError if a value is refused."""
-        assert isinstance(self.document, FilmDocument)
+        assert isinstance(self.document, SequenceDocument)
         settings = replace(self.document.settings, **values)
         settings.check()
         self.change(label or f"change {', '.join(values)}", merge, settings=settings)

@@ -12,7 +12,6 @@ from abfm_viewer.document.document import Document, Surface, View
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.session.bound import Bound
 from abfm_viewer.session.editor import Editor
-from abfm_viewer.session.film_match import FilmMatch
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.initial_maps import InitialMaps
 from abfm_viewer.session.loading import Loading
@@ -20,6 +19,7 @@ from abfm_viewer.session.notices import Notices
 from abfm_viewer.session.path_steps import PathSteps
 from abfm_viewer.session.player import Player
 from abfm_viewer.session.saving.saves import Saves
+from abfm_viewer.session.sequence_match import SequenceMatch
 
 
 class Parts:
@@ -39,7 +39,7 @@ class Parts:
         self.steps = PathSteps(self.editor, self.jobs, self.notices)
         self.solver: Run[Any] = Run(Process())
         self.matching = Matching(self.solver)
-        self.film_match = FilmMatch(self.solver)
+        self.sequence_match = SequenceMatch(self.solver)
         self.bound = Bound(self.editor, self.notices, self.solver.process)
         self.player = Player()
         self.dragging = self.draws_quickly = False

@@ -24,9 +24,9 @@ from abfm_viewer.document.document import (
     Surface,
 )
 from abfm_viewer.document.kinds import (
-    FilmDocument,
     MatchDocument,
     PairDocument,
+    SequenceDocument,
     SubjectDocument,
     document_on,
 )
@@ -35,7 +35,7 @@ from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Step
 from abfm_viewer.session.notices import RUN
 from abfm_viewer.session.parts import Parts
-from abfm_viewer.session.work import FilmWork, MatchRun, MatchWork, PairWork, Work
+from abfm_viewer.session.work import MatchRun, MatchWork, PairWork, SequenceWork, Work
 
 
 class Session(Parts):
@@ -51,12 +51,12 @@ class Session(Parts):
         # of documents that began with one of another
         self._sources: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self._run = MatchRun(self, self.match)
-        match, self._film = MatchWork(self, self._run), FilmWork(self, self.match)
+        match, self._sequence_document = MatchWork(self, self._run), SequenceWork(self, self.match)
         self._work: dict[type[Document], Work] = {
             MatchDocument: match,
             SubjectDocument: match,
             PairDocument: PairWork(self, self._run),
-            FilmDocument: self._film,
+            SequenceDocument: self._sequence_document,
         }
         self._needed: tuple[object, ...] = ()
         self._last_update = clock.perf_counter()
@@ -173,7 +173,7 @@ class Session(Parts):
         self.solver.cancel()
         if not self.solver.running:
             self.solver.forget()
-        self.film_match.pair = None
+        self.sequence_match.pair = None
         self.saves.leave(self.document)
         self.player.playing = False
         name = origin.path.name if origin else document.name
@@ -240,10 +240,10 @@ class Session(Parts):
         self._stop_changes()
         self.work.start(goes_on)
 
-    def recover_film(self) -> None:
+    def recover_sequence(self) -> None:
         """Show what an earlier run of the film has found, unless a run is under way."""
         if not self.solver.running:
-            self._film.recover()
+            self._sequence_document.recover()
 
     def remedy(self, remedy: abfm.matching.Remedy) -> None:
         """Do what a verdict proposes: change the parameters, and start a run.

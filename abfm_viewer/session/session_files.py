@@ -23,8 +23,8 @@ from abfm.wording import capital
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import Document, Identity, Surface, View
-from abfm_viewer.document.film import Film
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.frame_sequence import FrameSequence
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files.contents import (
     FRAME_ENDINGS,
@@ -39,15 +39,15 @@ from abfm_viewer.files.documents import Opened, read_document
 from abfm_viewer.files.project import Origin, save_project
 from abfm_viewer.files.result_tables import place_of
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session.film_files import (
-    circular_film,
-    document_of_film,
-    document_of_pair,
-    read_film,
-)
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.result_tables import FoundTable, Tables, find_table
+from abfm_viewer.session.sequence_files import (
+    circular_sequence,
+    document_of_frames,
+    document_of_pair,
+    read_frame_sequence,
+)
 from abfm_viewer.session.session import Session
 
 LABELS = (
@@ -105,8 +105,8 @@ def open_session(
     if second is None:
         return session
     if has_frames:
-        film, notes = read_film(second, session.surface().mesh, array)
-        session.restore(document_of_film(film, session.surface(), session.view), {}, None)
+        sequence, notes = read_frame_sequence(second, session.surface().mesh, array)
+        session.restore(document_of_frames(sequence, session.surface(), session.view), {}, None)
         session.notices.say("; ".join(notes))
     else:
         other = load_mesh(second, **options.given)
@@ -232,14 +232,14 @@ class SessionFiles:
     def _read_frames(self, path: Path, array: str | None = None) -> Do:
         session, surface = self._session, self._session.surface("source")
         try:
-            film, notes = read_film(path, surface.mesh, array)
+            sequence, notes = read_frame_sequence(path, surface.mesh, array)
         except SeveralArraysError as error:
             return partial(self._ask_array, path, error.names)
 
         def show() -> None:
             here = next((one for one in session.document.surfaces if one == surface), surface)
             view = replace(session.view.preferences, look=session.view.look)
-            shown = document_of_film(film, here, view)
+            shown = document_of_frames(sequence, here, view)
             self._show(path, partial(session.restore, shown, {}, None), notes)
 
         return show
@@ -254,20 +254,20 @@ class SessionFiles:
         text = f"{name} has several arrays. Which one is the function that changes in time?"
         self._ask("Which array?", text, answers | {"Open none": None})
 
-    def set_circular(self, document: FilmDocument, period: float | None) -> None:
+    def set_circular(self, document: SequenceDocument, period: float | None) -> None:
         """Compare phases by cosine and sine in the film that is open, or as numbers again."""
-        film = document.film
+        sequence = document.sequence
 
-        def show(made: Film) -> None:
+        def show(made: FrameSequence) -> None:
             now = self._session.document
-            if isinstance(now, FilmDocument) and now.film is film:
+            if isinstance(now, SequenceDocument) and now.sequence is sequence:
                 change = self._session.editor.change
-                change("change circular", film=made, result=None, channel=0)
+                change("change circular", sequence=made, result=None, channel=0)
 
         what = "computing cosine and sine" if period else "restoring phases"
-        self._load(Load(what, lambda: partial(show, circular_film(film, period))))
+        self._load(Load(what, lambda: partial(show, circular_sequence(sequence, period))))
 
-    def match_frames(self, document: FilmDocument, first: int, last: int) -> None:
+    def match_frames(self, document: SequenceDocument, first: int, last: int) -> None:
         """Make a match of its own of two frames of the film that is open."""
 
         def make(_: View) -> Opened:
@@ -275,8 +275,8 @@ class SessionFiles:
             self.tables.stay_beside(made)
             return made, known
 
-        film = document.film
-        self.open_made(f"{film.frame(first)} to {film.frame(last)}", make)
+        sequence = document.sequence
+        self.open_made(f"{sequence.frame(first)} to {sequence.frame(last)}", make)
 
     def _open_both(self, mesh: Path, second: Path, then: Callable[[Path], None]) -> None:
         """Open a mesh in the background, and then what belongs to it."""

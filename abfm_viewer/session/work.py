@@ -17,8 +17,8 @@ from abfm_viewer.computing.background import Latest, Memo, same
 from abfm_viewer.computing.evaluation import Evaluators, Functions
 from abfm_viewer.computing.matching import ProblemSpec, Snapshot
 from abfm_viewer.document.document import Document, Identity, Point, RunRecord, Side, View
-from abfm_viewer.document.film import FRAMES_A_SECOND
-from abfm_viewer.document.kinds import FilmDocument, MatchDocument, PairDocument
+from abfm_viewer.document.frame_sequence import FRAMES_A_SECOND
+from abfm_viewer.document.kinds import MatchDocument, PairDocument, SequenceDocument
 from abfm_viewer.document.surface_points import points_of, surface_points
 from abfm_viewer.document.verdict_words import left_now, place
 from abfm_viewer.session.initial_maps import PreparedMap
@@ -444,7 +444,7 @@ class PairWork(MatchWork):
             self.parts.notices.say(text)
 
 
-class FilmWork(Work):
+class SequenceWork(Work):
     """A film: its frames are there, and all its intervals are matched in one run."""
 
     def __init__(self, parts: Parts, start: Start) -> None:
@@ -452,27 +452,27 @@ class FilmWork(Work):
         self._start = start
 
     @property
-    def document(self) -> FilmDocument:
+    def document(self) -> SequenceDocument:
         document = self.parts.document
-        assert isinstance(document, FilmDocument)
+        assert isinstance(document, SequenceDocument)
         return document
 
     def values(self, side: Side) -> FloatArray | None:
         document = self.document
         frame = document.interval + (side == "target")
-        return document.film.columns[frame][document.channel]
+        return document.sequence.columns[frame][document.channel]
 
     @property
     def progress(self) -> str:
-        return self.parts.film_match.words
+        return self.parts.sequence_match.words
 
     def start(self, goes_on: bool | None) -> None:
-        self.parts.film_match.start(self.document, partial(self._take, False))
+        self.parts.sequence_match.start(self.document, partial(self._take, False))
 
     def recover(self) -> None:
         """Show what an earlier run has found, and solve nothing."""
         then = partial(self._take, True)
-        self.parts.film_match.start(self.document, then, resumes_only=True)
+        self.parts.sequence_match.start(self.document, then, resumes_only=True)
 
     def follow(self) -> None:
         self.parts.functions.bare_since = None
@@ -480,11 +480,13 @@ class FilmWork(Work):
     def played(self, elapsed: float) -> float:
         document = self.document
         start, whole = document.start, document.end - document.start
-        seconds = document.film.intervals / FRAMES_A_SECOND
+        seconds = document.sequence.intervals / FRAMES_A_SECOND
         time = self.parts.player.advance(document.time - start, elapsed, whole, whole, seconds)
         return min(start + time, document.end)
 
-    def _take(self, is_recovery: bool, began: FilmDocument, found: abfm.Sequence | None) -> None:
+    def _take(
+        self, is_recovery: bool, began: SequenceDocument, found: abfm.Sequence | None
+    ) -> None:
         parts, solver = self.parts, self.parts.solver
         if found is None:
             again = {"Try again": partial(self._start, None)}

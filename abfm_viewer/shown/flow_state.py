@@ -14,7 +14,7 @@ from abfm.types import FloatArray
 from abfm_viewer.document.document import EXTRAPOLATION
 
 _VALUE_MAX = 1e37  # that can be shown in single precision
-_FILM_LINE = 0.5  # of sqrt(area)
+_SEQUENCE_LINE = 0.5  # of sqrt(area)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class FlowState:
         if self.reach == EXTRAPOLATION:
             return self.parameters.tau
         usual = float(np.sqrt(np.mean((self.velocity**2).sum(axis=-1))))
-        return _FILM_LINE * self.mesh.length_scale / usual if usual > 0 else self.parameters.tau
+        return _SEQUENCE_LINE * self.mesh.length_scale / usual if usual > 0 else self.parameters.tau
 
     @property
     def velocity(self) -> FloatArray:

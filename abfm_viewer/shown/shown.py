@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abfm_viewer.document.document import Document
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.films import FilmFlow, FilmQuantities
 from abfm_viewer.shown.landmarks import ShownLandmarks
 from abfm_viewer.shown.quantities import FieldQuantities, MassTransport
+from abfm_viewer.shown.sequence_flow import SequenceFlow, SequenceQuantities
 from abfm_viewer.shown.shown_flow import ShownFlow
 from abfm_viewer.shown.tracks import ShownTracks
 
@@ -17,10 +17,10 @@ class Shown:
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        match, film = ShownFlow(session), FilmFlow(session)
+        match, sequence = ShownFlow(session), SequenceFlow(session)
         self._of_match = FieldQuantities(session, match)
         self._of_kind: dict[type[Document], FieldQuantities] = {
-            FilmDocument: FilmQuantities(session, film)
+            SequenceDocument: SequenceQuantities(session, sequence)
         }
         self.landmarks = ShownLandmarks(session, match)
         self.tracks = ShownTracks(session)

@@ -16,7 +16,7 @@ from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.matching import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import THEMES, Document, Identity
-from abfm_viewer.document.kinds import FilmDocument, MatchDocument
+from abfm_viewer.document.kinds import MatchDocument, SequenceDocument
 from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
 from abfm_viewer.files.project import Origin, load_origin, load_project
 from abfm_viewer.files.state_folder import StateFolder
@@ -80,7 +80,7 @@ class Recoveries:
         self._reader: Latest[Callable[[], None]] = Latest()
         self._reported = ""
         self._autosave(session.document.identity)
-        session.film_match.beside = lambda document: self._autosave(document.identity).path
+        session.sequence_match.beside = lambda document: self._autosave(document.identity).path
 
     def update(self) -> None:
         session, notices = self._session, self._session.notices
@@ -93,8 +93,8 @@ class Recoveries:
         if running and not running.shown.iteration:  # before its first step
             running = None
         unsaved = {one.identity: one for one in reversed(session.saves.unsaved_documents)}
-        film_run = session.film_match.began
-        if running is not None or film_run is not None:
+        sequence_run = session.sequence_match.began
+        if running is not None or sequence_run is not None:
             unsaved[present.identity] = present
         for identity in {*self._autosaves, *unsaved}:
             document, autosave = unsaved.get(identity, present), self._autosave(identity)
@@ -105,7 +105,7 @@ class Recoveries:
                 autosave.offer((document, running), content, True, origin)
             else:
                 content = partial(_content, document, functions)
-                run = film_run if document is present else None
+                run = sequence_run if document is present else None
                 autosave.offer(document, content, identity in unsaved, origin, run)
             is_gone = identity not in unsaved and identity is not present.identity
             if is_gone and autosave.is_idle:
@@ -184,8 +184,8 @@ class Recoveries:
             session.restore(replace(document, view=view), known, origin, saved=False)
             copy = self._autosave(session.document.identity)
             copy.take_over(recovery)
-            if isinstance(document, FilmDocument) and copy.has_unfinished_film:
-                session.recover_film()
+            if isinstance(document, SequenceDocument) and copy.has_unfinished_sequence:
+                session.recover_sequence()
             session.notices.say(f"recovered {document.name}: save it to keep it")
 
         def discard() -> None:

@@ -20,12 +20,12 @@ from abfm.wording import capital
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.samples import (
     CORTEX,
-    FILMS,
     MESHES,
     PAIRS,
     PICTURE_SOURCES,
     PICTURES,
     POPULATIONS,
+    SEQUENCES,
     WAVE,
     part,
     vertices,
@@ -131,7 +131,7 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
     figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
     parts = {
-        "Meshes": MESHES | PAIRS | FILMS | POPULATIONS,
+        "Meshes": MESHES | PAIRS | SEQUENCES | POPULATIONS,
         "Figures of the paper": figures,
     }
     room = _SHARE * display[1] - len(parts) * (line + spacing[1])  # below their headings

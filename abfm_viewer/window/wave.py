@@ -12,8 +12,8 @@ from abfm import TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Surface, View
-from abfm_viewer.document.film import Film, FilmSettings
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.frame_sequence import FrameSequence, SequenceSettings
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.scene.slots import rotation
 
 FRAMES = 24
@@ -65,7 +65,7 @@ def fsaverage5() -> Path | None:
     return Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
 
 
-def wave_document(view: View) -> FilmDocument:
+def wave_document(view: View) -> SequenceDocument:
     """Return a wave on the left cortex of fsaverage5, where nilearn brings it, else on a bundled
     mesh.
     """
@@ -79,7 +79,9 @@ def wave_document(view: View) -> FilmDocument:
         frames = drifting_wave(surface.mesh, times)[0]
     from abfm.sequences.frames import checked  # with all that it loads
 
-    film = Film("wave", checked(surface.mesh, frames, times, None, None))
+    sequence = FrameSequence("wave", checked(surface.mesh, frames, times, None, None))
     # met at once: a choice by held-out data takes some ten seconds
-    settings = FilmSettings(alpha=1.0, sigma=_SIGMA, order=1)
-    return FilmDocument((surface,), film, settings=settings, time=float(times[0]), view=view)
+    settings = SequenceSettings(alpha=1.0, sigma=_SIGMA, order=1)
+    return SequenceDocument(
+        (surface,), sequence, settings=settings, time=float(times[0]), view=view
+    )

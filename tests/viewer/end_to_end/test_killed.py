@@ -37,7 +37,7 @@ with Driver(mesh, size=(640, 480), state=state) as gui:
     while True:
         gui.window.frame()
 """
-_FILM = """
+_SEQUENCE = """
 import sys
 from pathlib import Path
 import numpy as np
@@ -116,7 +116,7 @@ def test_save_kill_and_recover(tmp_path):
 
 def test_a_film_goes_on_after_the_app_was_killed(tmp_path):
     state = tmp_path / "state"
-    run_and_kill(_FILM, ellipsoid(2, 1, 0.7, 0.55), state, kept)
+    run_and_kill(_SEQUENCE, ellipsoid(2, 1, 0.7, 0.55), state, kept)
     count = kept(state)
     assert 0 < count < 239
     with Driver(icosphere(1), size=SIZE, state=state) as gui:
@@ -129,8 +129,8 @@ def test_a_film_goes_on_after_the_app_was_killed(tmp_path):
         assert gui.session.saves.unsaved
         assert not gui.session.document.is_outdated
         gui.click("Match all frames")
-        gui.wait(lambda s: s.film_match.found(s.document) > count)
-        assert not gui.session.film_match.step.task.startswith("choosing")
+        gui.wait(lambda s: s.sequence_match.found(s.document) > count)
+        assert not gui.session.sequence_match.step.task.startswith("choosing")
         gui.click("Cancel")
         gui.wait(lambda s: not s.solver.running)
         assert np.count_nonzero(gui.session.document.result.solved) > count

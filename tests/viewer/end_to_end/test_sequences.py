@@ -10,8 +10,8 @@ from abfm.pages.colormaps import NO_VALUES, colors_of
 from abfm.pages.film_motion import fast_in
 from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
-from abfm_viewer.document.film import FilmSettings
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.frame_sequence import SequenceSettings
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.scene.opengl import ps
@@ -31,7 +31,7 @@ TIMES = STEP * np.arange(COUNT)
 DIRECTIONS = EGG.vertices / np.linalg.norm(EGG.vertices, axis=1)[:, None]
 FRONT = Eye(np.eye(3))
 FRAMES = turning_wave(DIRECTIONS, TIMES)[0]
-GIVEN = FilmSettings(alpha=1.0, sigma=0.1, order=1)
+GIVEN = SequenceSettings(alpha=1.0, sigma=0.1, order=1)
 
 
 @pytest.fixture
@@ -39,8 +39,8 @@ def film(gui, tmp_path):
     """The app with five frames of a wave on the egg."""
     np.save(tmp_path / "wave.npy", FRAMES)
     gui.window.files.open(tmp_path / "wave.npy")
-    gui.wait(lambda s: isinstance(s.document, FilmDocument))
-    gui.session.editor.set_film(alpha=1.0, order=1, sigma=0.1)
+    gui.wait(lambda s: isinstance(s.document, SequenceDocument))
+    gui.session.editor.set_sequence_settings(alpha=1.0, order=1, sigma=0.1)
     return gui
 
 
@@ -77,7 +77,7 @@ def hold_and_cancel_the_run(film, tmp_path):
     document = film.session.document
     np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(240))[0])
     film.window.files.open(tmp_path / "long.npy")
-    film.wait(lambda s: s.document.film.name == "long.npy")
+    film.wait(lambda s: s.document.sequence.name == "long.npy")
     film.click("Match all frames")
     film.click("Pause")
     assert film.session.solver.paused
@@ -93,8 +93,8 @@ def open_by_the_menu(gui, tmp_path):
     gui.menu("File", "Open frames...")
     gui.click("wave.npy")
     gui.click("Open")
-    gui.wait(lambda s: isinstance(s.document, FilmDocument))
-    np.testing.assert_array_equal(gui.session.document.film.frames.values[:, :, 0], FRAMES)
+    gui.wait(lambda s: isinstance(s.document, SequenceDocument))
+    np.testing.assert_array_equal(gui.session.document.sequence.frames.values[:, :, 0], FRAMES)
     assert gui.session.document.name == "wave.npy on mesh"
 
 
@@ -105,12 +105,12 @@ def compare_phases_on_a_circle(gui, tmp_path):
     phases[1, :9] = np.nan
     np.save(tmp_path / "phases.npy", phases)
     gui.window.files.open(tmp_path / "phases.npy")
-    gui.wait(lambda s: isinstance(s.document, FilmDocument))
-    before = gui.session.document.film
+    gui.wait(lambda s: isinstance(s.document, SequenceDocument))
+    before = gui.session.document.sequence
     gui.click("Functions", within="steps")
     gui.click("circular")
-    gui.wait(lambda s: s.document.film.channels == 2)
-    film = gui.session.document.film
+    gui.wait(lambda s: s.document.sequence.channels == 2)
+    film = gui.session.document.sequence
     circle = np.stack([np.cos(np.radians(phases)), np.sin(np.radians(phases))], axis=-1)
     np.testing.assert_allclose(film.frames.values[:, 9:], circle[:, 9:], atol=1e-12)
     np.testing.assert_array_equal(film.frames.mask, np.arange(len(EGG.vertices)) >= 9)
@@ -119,40 +119,40 @@ def compare_phases_on_a_circle(gui, tmp_path):
 
     gui.session.undo()
     gui.session.undo()
-    assert gui.session.document.film is before
+    assert gui.session.document.sequence is before
     gui.session.redo()
     gui.type("frame step", "0.5")
     gui.click("circular")
-    gui.wait(lambda s: s.document.film.channels == 1)
-    film = gui.session.document.film
+    gui.wait(lambda s: s.document.sequence.channels == 1)
+    film = gui.session.document.sequence
     np.testing.assert_array_equal(film.frames.values, before.frames.values)
     np.testing.assert_allclose(film.times, 0.5 * np.arange(COUNT))
     gui.click("circular")
-    gui.wait(lambda s: s.document.film.channels == 2)
+    gui.wait(lambda s: s.document.sequence.channels == 2)
 
     expected = abfm.sequence(EGG, phases, 0.5 * np.arange(COUNT), GIVEN.parameters, circular=360)
-    gui.session.editor.set_film(alpha=1.0, order=1, sigma=0.1)
+    gui.session.editor.set_sequence_settings(alpha=1.0, order=1, sigma=0.1)
     gui.click("Match all frames")
     gui.wait(lambda s: not s.solver.running)
     np.testing.assert_allclose(gui.session.document.result.velocity, expected.velocity)
 
     np.save(tmp_path / "wave.npy", FRAMES)
     gui.window.files.open(tmp_path / "wave.npy")
-    gui.wait(lambda s: s.document.film.name == "wave.npy")
+    gui.wait(lambda s: s.document.sequence.name == "wave.npy")
     assert "circular" not in gui.labels()
 
 
 def show_frames_blended(film):
     session, document = film.session, film.session.document
     assert document.name == "wave.npy on mesh"
-    np.testing.assert_array_equal(document.film.frames.values[:, :, 0], FRAMES)
+    np.testing.assert_array_equal(document.sequence.frames.values[:, :, 0], FRAMES)
     film.click("Functions", within="steps")
     film.type("frame step", "soon")
-    assert session.document.film.unit == ""
+    assert session.document.sequence.unit == ""
     film.type("frame step", str(STEP))
-    np.testing.assert_allclose(session.document.film.times, TIMES)
+    np.testing.assert_allclose(session.document.sequence.times, TIMES)
     film.type("frame step", str(STEP))  # which is one of seconds now
-    np.testing.assert_allclose(session.document.film.times, TIMES)
+    np.testing.assert_allclose(session.document.sequence.times, TIMES)
     film.type("time", "0.12")
     titles = {name: shown(film, name).title for name in ("source", "advected", "target")}
     assert (titles["source"], titles["target"]) == ("frame 2, 0.1 s", "frame 3, 0.15 s")
@@ -166,9 +166,9 @@ def show_frames_blended(film):
     film.wheel(1, 200, "target")
     film.key("m")
     check_message(session.notices.latest.text)
-    while session.document.film.unit:
+    while session.document.sequence.unit:
         film.key("ctrl+z")
-    np.testing.assert_array_equal(session.document.film.times, np.arange(COUNT))
+    np.testing.assert_array_equal(session.document.sequence.times, np.arange(COUNT))
 
 
 def see_the_side_that_changes(gui, tmp_path):
@@ -186,7 +186,7 @@ def see_the_side_that_changes(gui, tmp_path):
         gui.window.files.open(path)
         gui.wait(
             lambda s, path=path: (
-                isinstance(s.document, FilmDocument) and s.document.film.name == path.name
+                isinstance(s.document, SequenceDocument) and s.document.sequence.name == path.name
             )
         )
         gui.frames(3)
@@ -196,7 +196,7 @@ def see_the_side_that_changes(gui, tmp_path):
     gui.input.drag((x, y), (x + 40, y + 10))
     turned = session.view.look
     gui.window.files.open(paths[0])
-    gui.wait(lambda s: s.document.film.name == paths[0].name)
+    gui.wait(lambda s: s.document.sequence.name == paths[0].name)
     gui.frames(3)
     assert session.view.look == turned is not None
 
@@ -235,12 +235,12 @@ def carry_frames_from_both_sides(solved):
     sequence = session.document.result
     assert sequence.confirmed == len(sequence) == COUNT - 1
     assert not session.document.is_outdated
-    field = session.film_match.field(session.document, 2)
+    field = session.sequence_match.field(session.document, 2)
     np.testing.assert_array_equal(field, sequence.velocity[2])
     for time in (0.0, 2.25, 3.5, 4.0):
         solved.type("time", f"{time:g}")
         np.testing.assert_allclose(shown(solved).values, sequence.at(time), atol=1e-4)
-    assert solved.window.shown.flow.state.found is session.film_match.field(session.document, 3)
+    assert solved.window.shown.flow.state.found is session.sequence_match.field(session.document, 3)
     solved.click("Look", within="steps")
     solved.check("arrows")
     # one scale for all intervals
@@ -281,7 +281,9 @@ def change_parameters(solved, notes):
     solved.type("alpha", "-1")
     solved.click("auto sigma")  # not that of alpha
     solved.type("sigma", "0.2")
-    assert session.document.settings == FilmSettings(2.0, 0.2, session.document.settings.gamma, 2)
+    assert session.document.settings == SequenceSettings(
+        2.0, 0.2, session.document.settings.gamma, 2
+    )
     assert session.document.settings.gamma == pytest.approx(10, rel=0.2)
     assert session.document.is_outdated
     assert any(text.startswith("Frames or parameters changed") for text, _ in notes())
@@ -300,7 +302,7 @@ def click_on_the_plot(solved):
     settled(solved)
     solved.click("interval 0")
     assert session.document.time == 0.5
-    speeds = session.film_match.speeds(session.document)
+    speeds = session.sequence_match.speeds(session.document)
     np.testing.assert_allclose(speeds, session.document.result.speed)
     solved.click("what is left")
     assert not session.view.speeds
@@ -359,13 +361,13 @@ def match_two_frames(solved):
     solved.type("to frame", "3")
     solved.click("Match these two frames")
     solved.wait(
-        lambda s: not isinstance(s.document, FilmDocument) and s.values("target") is not None
+        lambda s: not isinstance(s.document, SequenceDocument) and s.values("target") is not None
     )
     np.testing.assert_array_equal(session.values("source"), FRAMES[1])
     np.testing.assert_array_equal(session.values("target"), FRAMES[3])
     assert session.obstacle == ""
     solved.key("ctrl+z")
-    assert session.document.film is film.film
+    assert session.document.sequence is film.sequence
     solved.drag("from frame", 2)
     assert solved.text_of("from frame", kind="box") == "2"
 
@@ -380,12 +382,12 @@ def write_all_files(solved, tmp_path):
     document = other.document
     other.close()
     np.testing.assert_array_equal(document.result.velocity, found.velocity)
-    np.testing.assert_array_equal(document.film.frames.values[:, :, 0], FRAMES)
+    np.testing.assert_array_equal(document.sequence.frames.values[:, :, 0], FRAMES)
     assert (document.time, document.settings) == (1.25, session.document.settings)
     assert document.result.verdicts == found.verdicts
     assert not document.is_outdated
     solved.click("Export", within="steps")
-    session.editor.set_film(gamma=2.0)
+    session.editor.set_sequence_settings(gamma=2.0)
     told = "Of the film wave.npy on mesh are in no file: parameters that were changed."
     assert what_would_be_lost(session) == told
     session.undo()
@@ -409,7 +411,7 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     film.window.files.open(path)
     film.wait(lambda s: s.document.result is not None)
     document = film.session.document
-    assert (document.film.unit, document.settings.gamma) == ("s", 0.0)
+    assert (document.sequence.unit, document.settings.gamma) == ("s", 0.0)
     assert not document.is_outdated
     assert document.view.tracks
     assert document.view.arrows
@@ -444,20 +446,20 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     with Driver((mesh, tmp_path / "two.npz"), size=SIZE) as gui:
         gui.wait(lambda _: gui.window.dialogs.is_open)
         gui.click("Open none", "Which array?")
-        assert not isinstance(gui.session.document, FilmDocument)
+        assert not isinstance(gui.session.document, SequenceDocument)
         for name, sign in (("u", 1), ("v", -1)):
             gui.window.files.open(tmp_path / "two.npz")
             gui.wait(lambda _: gui.window.dialogs.is_asking("Which array?"))
             gui.click(name, "Which array?")
-            gui.wait(lambda s: isinstance(s.document, FilmDocument))
+            gui.wait(lambda s: isinstance(s.document, SequenceDocument))
             gui.wait(
                 lambda s, sign=sign: (
-                    s.document.film.frames.values[0, :, 0] == sign * FRAMES[0]
+                    s.document.sequence.frames.values[0, :, 0] == sign * FRAMES[0]
                 ).all()
             )
         assert gui.session.document.name == "two.npz on egg.ply"
         assert not gui.session.saves.unsaved
-        np.testing.assert_array_equal(gui.session.document.film.columns[0][0], -FRAMES[0])
+        np.testing.assert_array_equal(gui.session.document.sequence.columns[0][0], -FRAMES[0])
 
 
 def leave_out_vertices_without_values(gui, tmp_path):
@@ -466,7 +468,7 @@ def leave_out_vertices_without_values(gui, tmp_path):
     frames[1, :5] = np.nan
     np.save(tmp_path / "two.npy", frames)
     gui.window.files.open(tmp_path / "two.npy")
-    gui.wait(lambda s: isinstance(s.document, FilmDocument))
+    gui.wait(lambda s: isinstance(s.document, SequenceDocument))
     gui.click("Functions", within="steps")
     gui.choose("channel", "1")
     assert gui.session.document.channel == 1
@@ -485,7 +487,9 @@ def leave_out_vertices_without_values(gui, tmp_path):
     assert gui.window.scene.legend() == (NO_VALUE,)
     gui.click("Functions", within="steps")
     gui.click("Match these two frames")
-    gui.wait(lambda s: not isinstance(s.document, FilmDocument) and s.values("target") is not None)
+    gui.wait(
+        lambda s: not isinstance(s.document, SequenceDocument) and s.values("target") is not None
+    )
     document = gui.session.document
     names = [[document.called[spec] for spec in one.specs] for one in document.channels]
     assert names == [
@@ -496,17 +500,17 @@ def leave_out_vertices_without_values(gui, tmp_path):
         gui.wait(lambda _, name=name: shown(gui, name).unknown is not None)
         assert np.flatnonzero(shown(gui, name).unknown).tolist() == [0, 1, 2, 3, 4]
     gui.key("ctrl+z")
-    mask = gui.session.document.film.frames.mask
+    mask = gui.session.document.sequence.frames.mask
     assert (mask == 0).nonzero()[0].tolist() == [0, 1, 2, 3, 4]
 
 
 def open_the_sample(gui, monkeypatch):
     """With and without nilearn."""
     gui.menu("Samples", WAVE)
-    gui.wait(lambda s: isinstance(s.document, FilmDocument))
+    gui.wait(lambda s: isinstance(s.document, SequenceDocument))
     document = gui.session.document
     assert document.name == "wave on left cortex"
-    assert len(document.film) == wave.FRAMES
+    assert len(document.sequence) == wave.FRAMES
     check_message(gui.session.notices.latest.text)
     assert gui.text_of(WAVE, "Samples") == "checked"
     gui.key("esc")

@@ -15,8 +15,8 @@ from abfm.io.atomic import temporary_file
 from abfm.sequences import defaults, unfinished_of
 from abfm.sequences.frames import checked
 from abfm_viewer.document.document import Channel, Surface
-from abfm_viewer.document.film import Film
-from abfm_viewer.document.kinds import FilmDocument, MatchDocument
+from abfm_viewer.document.frame_sequence import FrameSequence
+from abfm_viewer.document.kinds import MatchDocument, SequenceDocument
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
@@ -25,7 +25,9 @@ from tests.viewer.sessions import until
 
 SURFACE = Surface(icosphere(1), "sphere")
 DOCUMENT = MatchDocument((SURFACE,), (Channel("coordinate:x", "coordinate:y"),))
-FILM = Film("film", checked(SURFACE.mesh, np.eye(3, len(SURFACE.mesh.vertices)), None, None, None))
+SEQUENCE = FrameSequence(
+    "film", checked(SURFACE.mesh, np.eye(3, len(SURFACE.mesh.vertices)), None, None, None)
+)
 CHANGED = replace(DOCUMENT, surfaces=(replace(SURFACE, name="changed"),))
 
 
@@ -233,12 +235,12 @@ def test_what_is_taken_over_goes_when_it_is_saved_and_halves_with_the_next_copy(
 @pytest.fixture
 def film():
     """A document with all fields of its film, and one with those of some intervals."""
-    frames, control = FILM.frames, abfm.Control()
+    frames, control = SEQUENCE.frames, abfm.Control()
     given = frames.mesh, frames.values[:, :, 0], None, defaults(sigma=0.5), 0
     whole = abfm.sequence(*given)
     part = abfm.sequence(*given, on_interval=lambda _: control.cancel(), control=control)
     assert not part.solved.all()
-    document = FilmDocument((SURFACE,), FILM)
+    document = SequenceDocument((SURFACE,), SEQUENCE)
     return tuple(replace(document, result=replace(s, _frames=frames)) for s in (whole, part))
 
 
@@ -250,7 +252,7 @@ def begun(autosave):
 
 
 def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
-    document, run = FilmDocument((SURFACE,), FILM), object()
+    document, run = SequenceDocument((SURFACE,), SEQUENCE), object()
     later = replace(document, time=1.0)
     for seconds, shown, of, is_written in (
         (1, document, run, True),
@@ -260,7 +262,7 @@ def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
         (51, document, object(), True),
     ):
         clock.seconds = seconds
-        autosave.offer(shown, lambda shown=shown: (shown, {}), True, film_run=of)
+        autosave.offer(shown, lambda shown=shown: (shown, {}), True, sequence_run=of)
         settle(autosave)
         assert (copied(autosave) == "film on sphere") is is_written
         autosave.path.unlink(missing_ok=True)
@@ -269,10 +271,10 @@ def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
 def test_a_film_under_way_that_cannot_be_copied_is_tried_as_often_as_others(tmp_path, clock):
     (tmp_path / "state").touch()
     autosave = Autosave(StateFolder(tmp_path / "state"), seconds=20, clock=clock)
-    document, run, tried = FilmDocument((SURFACE,), FILM), object(), list[int]()
+    document, run, tried = SequenceDocument((SURFACE,), SEQUENCE), object(), list[int]()
     for seconds in (1, 2, 3, 19, 22, 23):
         clock.seconds = seconds
-        autosave.offer(document, lambda: (document, {}), True, film_run=run)
+        autosave.offer(document, lambda: (document, {}), True, sequence_run=run)
         if autosave._future is not None:
             tried.append(seconds)
         settle(autosave)
@@ -304,9 +306,9 @@ def test_what_is_beside_a_copy_goes_with_it_and_is_taken_over_with_it(autosave, 
     for name in ("autosave-1-2.abfm", "autosave-1-2.abfm-1a2b3c4d.unfinished"):
         (tmp_path / name).touch()
     [recovery] = recoverable(StateFolder(tmp_path))
-    assert not autosave.has_unfinished_film
+    assert not autosave.has_unfinished_sequence
     autosave.take_over(recovery)
-    assert autosave.has_unfinished_film
+    assert autosave.has_unfinished_sequence
     [path] = unfinished_of(autosave.path)
     assert {*tmp_path.iterdir()} == {autosave.path, path}
     later = Autosave(StateFolder(tmp_path))  # a process of the same number

@@ -46,17 +46,17 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
-from abfm_viewer.document.film import Film, FilmSettings
+from abfm_viewer.document.frame_sequence import FrameSequence, SequenceSettings
 from abfm_viewer.document.kinds import (
-    FilmDocument,
     MatchDocument,
     PairDocument,
+    SequenceDocument,
     SubjectDocument,
 )
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files import project
 from abfm_viewer.files.project import Origin, load_origin, load_project, save_project
-from abfm_viewer.session.film_files import circular_film
+from abfm_viewer.session.sequence_files import circular_sequence
 from tests.core.reading import hostile
 from tests.core.reading.hostile import members, npy_of, refusal, rewrite
 from tests.messages import check_message, raises
@@ -179,12 +179,12 @@ def pair():
     )
 
 
-def film(solved=True):
+def sequence_document(solved=True):
     """Phases with a mask, compared by cosine and sine; of the fields the second is missing."""
     values = np.arange(3)[:, None] + X
     values[:, 4] = np.nan
     phases = checked(SPHERE, values, (0.0, 0.5, 2.0), None, [2.0])
-    shown = circular_film(Film("wave", replace(phases, notes=("a note",))), 7.0)
+    shown = circular_sequence(FrameSequence("wave", replace(phases, notes=("a note",))), 7.0)
     control, settings = Control(), defaults(alpha=0.1, sigma=0.5, order=1)
     found = sequence(
         SPHERE,
@@ -198,8 +198,8 @@ def film(solved=True):
     )
     assert found.solved.tolist() == [True, False]
     result = replace(found, _frames=shown.frames) if solved else None
-    settings = FilmSettings(alpha=0.1, sigma=0.5, order=1)
-    return FilmDocument(
+    settings = SequenceSettings(alpha=0.1, sigma=0.5, order=1)
+    return SequenceDocument(
         (Surface(SPHERE, "ball"),), shown, settings=settings, result=result, channel=1, time=0.75
     )
 
@@ -217,8 +217,8 @@ def film(solved=True):
         replace(DOCUMENT, surfaces=(Surface(with_loose_vertex(WHOLE), "equal mesh"),)),
         pair(),
         replace(pair(), result=None, initial_map=None),
-        film(),
-        film(solved=False),
+        sequence_document(),
+        sequence_document(solved=False),
     ],
     ids=lambda document: f"{type(document).__name__} {document.name}".encode("ascii", "replace"),
 )
@@ -235,7 +235,9 @@ def test_projects_open_as_the_documents_they_were_saved_from(tmp_path, document)
     assert (tmp_path / "again.abfm").read_bytes() == (tmp_path / "p.abfm").read_bytes()
 
 
-@pytest.mark.parametrize("document", [DOCUMENT, pair(), film()], ids=["match", "pair", "film"])
+@pytest.mark.parametrize(
+    "document", [DOCUMENT, pair(), sequence_document()], ids=["match", "pair", "sequence"]
+)
 def test_results_in_projects_are_result_files_on_the_surfaces(tmp_path, document):
     """A result, its frames and its meshes are in a project once."""
     save_project(tmp_path / "p.abfm", document, {})
@@ -250,9 +252,9 @@ def test_results_in_projects_are_result_files_on_the_surfaces(tmp_path, document
     assert opened.result.mesh is opened.surface().mesh
     if opened.initial_map:
         assert opened.initial_map.correspondence.a is opened.surface("source").mesh
-    if isinstance(opened, FilmDocument):
+    if isinstance(opened, SequenceDocument):
         assert not opened.is_outdated
-        assert opened.film.phases.mesh is opened.surface().mesh
+        assert opened.sequence.phases.mesh is opened.surface().mesh
 
 
 def test_subjects_open_without_their_population(tmp_path):
@@ -396,7 +398,9 @@ def test_damaged_files_are_noticed(saved, tmp_path):
     hostile.with_flipped_bits(saved, load_project, lambda opened: assert_same(opened[0], DOCUMENT))
 
 
-@pytest.mark.parametrize("document", [DOCUMENT, pair(), film()], ids=["match", "pair", "film"])
+@pytest.mark.parametrize(
+    "document", [DOCUMENT, pair(), sequence_document()], ids=["match", "pair", "sequence"]
+)
 def test_json_with_other_values_is_refused_or_makes_a_document(tmp_path, document):
     """Each value in JSON is replaced by another one, those of the view once."""
     path = tmp_path / "p.abfm"
@@ -468,10 +472,10 @@ def test_damaged_results_are_refused(saved):
 @pytest.mark.parametrize(
     ("name", "value", "named"),
     [
-        ("format_version", 9, ()),
-        ("format_version", 7, (7, 8)),
-        ("kind", "sphere", ("sphere", "match", "film")),
-        ("kind", "film", ()),
+        ("format_version", 10, ()),
+        ("format_version", 8, (8, 9)),
+        ("kind", "sphere", ("sphere", "match", "sequence")),
+        ("kind", "sequence", ()),
         ("has_result", False, ("result",)),
         ("known", {"a": "known/7"}, ("known/7",)),
         ("document.runs.0.restarts", [99], ("restarts",)),

@@ -327,7 +327,7 @@ def test_plots_have_room_for_their_legends_and_titles():
 def test_times_of_a_film_have_their_unit(monkeypatch):
     drawn = []
     monkeypatch.setattr(sheets, "sheet_picture", lambda sheet, *_: drawn.append(sheet))
-    of_numbers = abfm.sequence(turning_film.MESH, turning_film.film()[:2], gamma=0)
+    of_numbers = abfm.sequence(turning_film.MESH, turning_film.sequence()[:2], gamma=0)
     for film, times in ((turning_film.solved(), [-0.1, 0.05]), (of_numbers, None)):
         sequence_picture(film, times)
     labels = [[panel.label for panel in sheet.rows[0]] for sheet in drawn]

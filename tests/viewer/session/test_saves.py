@@ -46,7 +46,7 @@ def test_a_sequence_in_its_own_file_is_saved(film, tmp_path):
 
 def test_what_a_file_of_a_sequence_does_not_hold_is_unsaved(film, tmp_path):
     exported(film, tmp_path / "film.npz")
-    film.editor.set_film(gamma=3.0)
+    film.editor.set_sequence_settings(gamma=3.0)
     assert film.saves.changes(film.document) == ("settings",)
     film.saves.exported(film.document)  # whose file has the settings of its fields
     assert film.saves.changes(film.document) == ("settings",)

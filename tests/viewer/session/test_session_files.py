@@ -13,7 +13,7 @@ import pytest
 from abfm import AbfmError, MeshError, Parameters, Problem, load, match
 from abfm.io import export_vtu
 from abfm_viewer.document.document import Channel
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.files import documents
 from abfm_viewer.files.contents import is_named_as_frames
 from abfm_viewer.files.project import load_project, save_project
@@ -230,8 +230,8 @@ def test_a_session_opens_any_file_without_history(desk, tmp_path):
 
 def frames_of(desk):
     """The values of the film that is open, (T, V)."""
-    desk.wait(lambda: isinstance(desk.session.document, FilmDocument))
-    return desk.session.document.film.frames.values[:, :, 0]
+    desk.wait(lambda: isinstance(desk.session.document, SequenceDocument))
+    return desk.session.document.sequence.frames.values[:, :, 0]
 
 
 @pytest.mark.parametrize("name", ["f.npz", "f.txt", "f.gii"])
@@ -251,7 +251,7 @@ def test_every_file_of_frames_opens(desk, tmp_path, name):
     file = off_file(tmp_path / "mesh.off", mesh)
     session = open_session(file, second=path)
     assert session.document.name == f"{name} on mesh.off"
-    assert session.document.film.unit == ("s" if name.endswith(".npz") else "")
+    assert session.document.sequence.unit == ("s" if name.endswith(".npz") else "")
     session.close()
     desk.files.open(path)
     np.testing.assert_allclose(frames_of(desk), frames, atol=1e-6)
@@ -282,7 +282,7 @@ def test_one_of_several_arrays_is_chosen_by_words(desk, tmp_path):
     np.savez(path, u=frames, v=-frames)
     file = off_file(tmp_path / "mesh.off", mesh)
     session = open_session(file, second=path, array="u")
-    np.testing.assert_array_equal(session.document.film.frames.values[:, :, 0], frames)
+    np.testing.assert_array_equal(session.document.sequence.frames.values[:, :, 0], frames)
     session.close()
     with raises(AbfmError, "u", "array"):
         open_session(file, array="u")

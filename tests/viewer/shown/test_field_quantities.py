@@ -97,7 +97,7 @@ def test_a_film_plays_without_streaks_until_they_are_there_and_keeps_them(
     document = document_of_sequence(solved(), Path("film.npz"))
     session.restore(document, {}, None)
     session.editor.set_view("show", streaks=True)
-    colors = color_range(*document.film.columns[0])
+    colors = color_range(*document.sequence.columns[0])
     begins, may_convolve = held(abfm.streaks, "line_integral_convolution")
 
     def at(time):
@@ -105,7 +105,7 @@ def test_a_film_plays_without_streaks_until_they_are_there_and_keeps_them(
         return shown.quantities.texture(shown.flow.advected(), colors)
 
     session.player.toggle()
-    times = document.film.middles.tolist()
+    times = document.sequence.middles.tolist()
     until(lambda: at(times[0]) is not None or begins.is_set(), session)
     assert at(times[0]) is None
     assert (shown.quantities.convolving, shown.is_ready) == (True, True)

@@ -11,13 +11,13 @@ import abfm
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Surface, View
-from abfm_viewer.document.film import Film
-from abfm_viewer.document.kinds import MEASURED_COLUMN, FilmDocument, MatchDocument
+from abfm_viewer.document.frame_sequence import FrameSequence
+from abfm_viewer.document.kinds import MEASURED_COLUMN, MatchDocument, SequenceDocument
 
 
-def read_film(
+def read_frame_sequence(
     path: Path, mesh: TriangleMesh, array: str | None = None
-) -> tuple[Film, tuple[str, ...]]:
+) -> tuple[FrameSequence, tuple[str, ...]]:
     """Read frames on a mesh, and what a user should know of them; FunctionError if there are none
     for it, a `SeveralArraysError` if there are several arrays and none is chosen.
     """
@@ -25,57 +25,59 @@ def read_film(
 
     found = abfm.sequences.read_frames(path, mesh, array)
     frames = checked(mesh, found.values, found.times, None, None)
-    return Film(path.name, frames), found.notes
+    return FrameSequence(path.name, frames), found.notes
 
 
-def circular_film(film: Film, period: float | None) -> Film:
+def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSequence:
     """Return a film of the cosine and sine of phases, or without a period that of the phases."""
     from abfm.sequences.frames import checked  # with all that it loads
 
-    if film.phases is not None:
-        phases = replace(film.phases, times=film.times, unit_of_time=film.unit)
-        film = replace(film, frames=phases, phases=None)
+    if sequence.phases is not None:
+        phases = replace(sequence.phases, times=sequence.times, unit_of_time=sequence.unit)
+        sequence = replace(sequence, frames=phases, phases=None)
     if period is None:
-        return film
-    frames = film.frames
+        return sequence
+    frames = sequence.frames
     values = frames.values.copy()
     if frames.unknown is not None:
         values[:, frames.unknown] = np.nan
     circle, weights = abfm.functions.as_circle(values, period), np.repeat(frames.weights, 2)
     made = checked(frames.mesh, circle, frames.times, frames.mask, weights)
-    made = replace(made, unit_of_time=film.unit)
-    return replace(film, frames=made, phases=frames)
+    made = replace(made, unit_of_time=sequence.unit)
+    return replace(sequence, frames=made, phases=frames)
 
 
-def document_of_film(film: Film, surface: Surface, view: View) -> FilmDocument:
+def document_of_frames(sequence: FrameSequence, surface: Surface, view: View) -> SequenceDocument:
     """Return a document of frames on a surface, which is seen from where it changes, unless the
     view says otherwise.
     """
     seen = replace(surface, front=None)
-    return FilmDocument((seen,), film, time=float(film.times[0]), view=view)
+    return SequenceDocument((seen,), sequence, time=float(sequence.times[0]), view=view)
 
 
 def document_of_pair(
-    document: FilmDocument, first: int, last: int
+    document: SequenceDocument, first: int, last: int
 ) -> tuple[MatchDocument, dict[str, FloatArray]]:
     """Return a document in which one frame of a film is matched with another one, and the values of
     its functions.
     """
-    film = document.film
+    sequence = document.sequence
     known: dict[str, FloatArray] = {}
     called: dict[str, str] = {}
 
     def spec(name: str, values: FloatArray) -> str:
-        text = str(abfm.functions.ValuesFile(path=film.name, column=name))
+        text = str(abfm.functions.ValuesFile(path=sequence.name, column=name))
         known[text], called[text] = values, name
         return text
 
     channels = []
-    for number, weight in enumerate(film.frames.weights.tolist()):
-        of = f", channel {number}" if film.channels > 1 else ""
-        source, target = (spec(f"frame {k}{of}", film.columns[k][number]) for k in (first, last))
+    for number, weight in enumerate(sequence.frames.weights.tolist()):
+        of = f", channel {number}" if sequence.channels > 1 else ""
+        source, target = (
+            spec(f"frame {k}{of}", sequence.columns[k][number]) for k in (first, last)
+        )
         channels.append(Channel(source, target, weight))
-    mask = "" if film.frames.mask is None else spec(MEASURED_COLUMN, film.frames.mask)
+    mask = "" if sequence.frames.mask is None else spec(MEASURED_COLUMN, sequence.frames.mask)
     made = MatchDocument(
         document.surfaces,
         tuple(channels),

@@ -19,7 +19,7 @@ FRAMES_A_SECOND = 5.0
 
 
 @dataclass(frozen=True)
-class FilmSettings:
+class SequenceSettings:
     """What all intervals are matched with; None is chosen by held-out data."""
 
     alpha: float | None = None
@@ -39,16 +39,16 @@ class FilmSettings:
             raise ParameterError(f"gamma is {self.gamma:g}; expected 0 to {GAMMA_MAX:g}")
 
 
-def settings_of(sequence: abfm.Sequence) -> FilmSettings:
+def settings_of(sequence: abfm.Sequence) -> SequenceSettings:
     """Return the settings that a sequence was found with."""
     given = sequence.parameters
     alpha = None if "alpha" in given.automatic else given.alpha
     order = None if "order" in given.automatic else given.order
-    return FilmSettings(alpha, given.sigma, sequence.gamma, order)
+    return SequenceSettings(alpha, given.sigma, sequence.gamma, order)
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class FrameSequence:
     """Frames, numbered from 0, and the name of their file. Of frames that are cosine and sine of
     ``phases`` also these.
     """

@@ -15,7 +15,7 @@ from abfm.pages.film_motion import fast_in
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest, Memo
 from abfm_viewer.document.document import HODGE_PARTS, FieldPart
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown import quantities
@@ -33,13 +33,13 @@ from abfm_viewer.shown.shown_flow import ShownFlow
 _STREAKS_BYTES_MAX = 300_000_000  # of a film's intervals that are kept
 
 
-def _film(session: Session) -> FilmDocument:
+def _sequence_document(session: Session) -> SequenceDocument:
     document = session.document
-    assert isinstance(document, FilmDocument)
+    assert isinstance(document, SequenceDocument)
     return document
 
 
-class FilmFlow(ShownFlow):
+class SequenceFlow(ShownFlow):
     """The flow of the interval of the shown time: of a run under way, else of the result."""
 
     def __init__(self, session: Session) -> None:
@@ -49,30 +49,30 @@ class FilmFlow(ShownFlow):
 
     @property
     def state(self) -> FlowState | None:
-        document = _film(self._session)
+        document = _sequence_document(self._session)
         return self._of_interval(document, document.interval, self._state)
 
     def _of_interval(
-        self, document: FilmDocument, interval: int, memo: Memo[FlowState]
+        self, document: SequenceDocument, interval: int, memo: Memo[FlowState]
     ) -> FlowState | None:
-        run, film = self._session.film_match, document.film
+        run, sequence = self._session.sequence_match, document.sequence
         if (field := run.field(document, interval)) is None:
             return None
-        tau, motion = float(film.frames.durations[interval]), run.motion(document, interval)
+        tau, motion = float(sequence.frames.durations[interval]), run.motion(document, interval)
         parameters = Parameters(tau=tau)
-        make = partial(FlowState, film.frames.mesh, field, parameters, reach=1.0, motion=motion)
+        make = partial(FlowState, sequence.frames.mesh, field, parameters, reach=1.0, motion=motion)
         return memo.get((field, tau, motion), make)
 
     def advected(self) -> FloatArray | None:
         """Return the function at the shown time, and compute the next interval in advance."""
-        document, session = _film(self._session), self._session
-        columns, channel = document.film.columns, document.channel
+        document, session = _sequence_document(self._session), self._session
+        columns, channel = document.sequence.columns, document.channel
         interval, share = document.interval, min(session.time / session.document.tau, 1.0)
         ends = columns[interval][channel], columns[interval + 1][channel]
         found = self._between.at(self.state, *ends, share)
         self.is_behind = self._between.is_behind
         after = interval + 1
-        if session.player.playing and not self.is_behind and after < document.film.intervals:
+        if session.player.playing and not self.is_behind and after < document.sequence.intervals:
             next_flow = self._of_interval(document, after, self._next)
             if next_flow is not None:
                 ends = columns[after][channel], columns[after + 1][channel]
@@ -88,7 +88,7 @@ class FilmFlow(ShownFlow):
         return super().problem or self._between.error
 
 
-class FilmQuantities(FieldQuantities):
+class SequenceQuantities(FieldQuantities):
     """Quantities of a film's fields, whose arrows have one scale in all intervals."""
 
     def __init__(self, session: Session, flow: ShownFlow) -> None:
@@ -98,7 +98,7 @@ class FilmQuantities(FieldQuantities):
         self._kept_streaks: OrderedDict[tuple[object, ...], Streaks] = OrderedDict()
 
     def _part(self, flow: FlowState, segment: int, part: FieldPart) -> Field | None:
-        unit = _film(self._session).film.unit_of_speed
+        unit = _sequence_document(self._session).sequence.unit_of_speed
         return self._field.newest(flow.mesh, _part_of_interval, flow, segment, part, unit)
 
     @property
@@ -107,23 +107,23 @@ class FilmQuantities(FieldQuantities):
         return self._session.view.part in ("whole", *HODGE_PARTS)
 
     def _determined_shares(self) -> FloatArray | None:
-        document = _film(self._session)
+        document = _sequence_document(self._session)
         if document.result is None or not self._is_of_interval:
             return None
-        if self._session.film_match.found(document):
+        if self._session.sequence_match.found(document):
             return None
-        return self._determined.newest(document.film, attrgetter("determined"), document.result)
+        return self._determined.newest(document.sequence, attrgetter("determined"), document.result)
 
     def fast(self, field: Field) -> float | None:
         """Return what speed counts as fast in any interval; None before that is known. It only
         grows while a run goes on.
         """
-        document = _film(self._session)
+        document = _sequence_document(self._session)
         if not self._is_of_interval:
             return field.fast
-        if (found := self._session.film_match.fast(document)) or document.result is None:
+        if (found := self._session.sequence_match.fast(document)) or document.result is None:
             return found
-        return self._fast_in.newest(document.film, fast_in, document.result)
+        return self._fast_in.newest(document.sequence, fast_in, document.result)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
         """Return the streaks of an interval, which are kept for when it is shown again.
@@ -150,26 +150,26 @@ class FilmQuantities(FieldQuantities):
 
     def paths(self) -> list[abfm.flow.FlowLine]:
         """The ways of the points that are followed, through all intervals."""
-        document = _film(self._session)
-        flow, points, sequence = self.flow.state, document.points, document.result
-        if flow is None or not points or sequence is None:
+        document = _sequence_document(self._session)
+        flow, points, result = self.flow.state, document.points, document.result
+        if flow is None or not points or result is None:
             return []
         whole = document.end - document.start
-        lasting = document.film.frames.durations * len(sequence) / whole
+        lasting = document.sequence.frames.durations * len(result) / whole
 
         def through_all() -> list[abfm.flow.FlowLine]:
             starts = surface_points(flow.mesh, points)
-            fields = sequence.velocity * lasting[:, None, None]  # each as long as the others
+            fields = result.velocity * lasting[:, None, None]  # each as long as the others
             return abfm.flow.flow_lines(flow.mesh, fields, starts, whole, whole)
 
-        return self._paths.ask((sequence, points), through_all) or []
+        return self._paths.ask((result, points), through_all) or []
 
     @property
     def path_time(self) -> float:
         """The shown time as if all intervals were of one length."""
-        document = _film(self._session)
-        even = np.linspace(0, document.end - document.start, len(document.film))
-        return float(np.interp(document.time, document.film.times, even))
+        document = _sequence_document(self._session)
+        even = np.linspace(0, document.end - document.start, len(document.sequence))
+        return float(np.interp(document.time, document.sequence.times, even))
 
 
 def _part_of_interval(flow: FlowState, segment: int, part: FieldPart, unit: str) -> Field:

@@ -13,11 +13,11 @@ from abfm.sequences import defaults
 from abfm.sequences.frames import checked
 from abfm_viewer.computing.run import Process, Run
 from abfm_viewer.document.document import Surface
-from abfm_viewer.document.film import Film, FilmSettings
-from abfm_viewer.document.kinds import FilmDocument
-from abfm_viewer.panels.film import _chosen
-from abfm_viewer.session import film_match
-from abfm_viewer.session.film_match import FilmMatch
+from abfm_viewer.document.frame_sequence import FrameSequence, SequenceSettings
+from abfm_viewer.document.kinds import SequenceDocument
+from abfm_viewer.panels.frames import _chosen
+from abfm_viewer.session import sequence_match
+from abfm_viewer.session.sequence_match import SequenceMatch
 from tests.messages import check_names
 from tests.shapes import icosphere
 from tests.viewer.sessions import until
@@ -26,10 +26,10 @@ SPHERE = icosphere(2)
 
 TURNED = [SPHERE.vertices[:, 0] * np.cos(a) + SPHERE.vertices[:, 1] * np.sin(a) for a in range(24)]
 FRAMES = np.array([np.exp(2 * each) for each in TURNED])
-DOCUMENT = FilmDocument(
+DOCUMENT = SequenceDocument(
     (Surface(SPHERE, "sphere"),),
-    Film("waves", checked(SPHERE, FRAMES, None, None, None)),
-    settings=FilmSettings(sigma=0.3, gamma=0.5),
+    FrameSequence("waves", checked(SPHERE, FRAMES, None, None, None)),
+    settings=SequenceSettings(sigma=0.3, gamma=0.5),
 )
 
 
@@ -38,7 +38,7 @@ def whole():
     return abfm.sequence(SPHERE, FRAMES, None, defaults(sigma=0.3), 0.5)
 
 
-class MatchedFilm(FilmMatch):
+class CollectedMatch(SequenceMatch):
     """A film's match whose result is taken by `ended`."""
 
     def __init__(self):
@@ -56,7 +56,7 @@ class MatchedFilm(FilmMatch):
 
 @pytest.fixture
 def match(tmp_path):
-    match = MatchedFilm()
+    match = CollectedMatch()
     match.beside = lambda document: tmp_path / "copy.abfm"
     yield match
     match.run.close()
@@ -83,11 +83,11 @@ def test_what_a_run_found_that_failed_is_there_for_the_next_one(
     match, whole, tmp_path, monkeypatch
 ):
     """A process that is killed is started again, and resumes."""
-    monkeypatch.setattr(film_match, "_TRIES", 2)
+    monkeypatch.setattr(sequence_match, "_TRIES", 2)
     match.begin(DOCUMENT)
     kill(match, tmp_path, kill(match, tmp_path))
     assert match.ended() is None
-    assert match.run.reason == film_match._ENDED_MESSAGE
+    assert match.run.reason == sequence_match._ENDED_MESSAGE
     assert match.found(DOCUMENT) == 0
     count = kept(tmp_path)
     assert count >= 2
@@ -110,14 +110,14 @@ def test_what_was_found_is_told_without_going_on(match, tmp_path):
     found = match.ended()
     assert found.solved.tolist() == [True] * count + [False] * (23 - count)
     assert found.confirmed == count
-    assert found.frames is DOCUMENT.film.frames.values
-    match.begin(replace(DOCUMENT, settings=FilmSettings(sigma=0.4)), resumes_only=True)
+    assert found.frames is DOCUMENT.sequence.frames.values
+    match.begin(replace(DOCUMENT, settings=SequenceSettings(sigma=0.4)), resumes_only=True)
     assert not match.ended().solved.any()
 
 
 def test_without_a_place_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    match = MatchedFilm()
+    match = CollectedMatch()
     match.begin(DOCUMENT)
     until(lambda: match.found(DOCUMENT) > 1)
     match.run.cancel()
@@ -127,14 +127,14 @@ def test_without_a_place_nothing_is_kept(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def film(session, tmp_path):
+def long_sequence(session, tmp_path):
     """A session on a sequence of many frames."""
-    session.film_match.beside = lambda document: tmp_path / "copy.abfm"
+    session.sequence_match.beside = lambda document: tmp_path / "copy.abfm"
     angles = 0.1 * np.arange(120)[:, None]
     x, y, _ = SPHERE.vertices.T
     frames = np.exp(2 * (x * np.cos(angles) + y * np.sin(angles)))
-    many = replace(DOCUMENT.film, frames=checked(SPHERE, frames, None, None, None))
-    session.restore(replace(DOCUMENT, film=many), {}, None)
+    many = replace(DOCUMENT.sequence, frames=checked(SPHERE, frames, None, None, None))
+    session.restore(replace(DOCUMENT, sequence=many), {}, None)
     return session
 
 
@@ -147,30 +147,30 @@ def cancelled(session, when):
     return session.document.result, session.notices.latest.text
 
 
-def test_cancelled_runs_keep_their_fields_and_earlier_results(film):
+def test_cancelled_runs_keep_their_fields_and_earlier_results(long_sequence):
     def found(count):
-        return lambda session: session.film_match.found(session.document) > count
+        return lambda session: session.sequence_match.found(session.document) > count
 
-    sequence, told = cancelled(film, lambda session: session.solver.running)
+    sequence, told = cancelled(long_sequence, lambda session: session.solver.running)
     assert (sequence, told) == (None, "cancelled: 0 of 119 intervals found")
-    first, told = cancelled(film, found(1))
+    first, told = cancelled(long_sequence, found(1))
     solved = first.solved.tolist()
     count = sum(solved)
     assert solved == [True] * count + [False] * (119 - count)
     for interval, is_found in enumerate(solved):
-        field = film.film_match.field(film.document, interval)
+        field = long_sequence.sequence_match.field(long_sequence.document, interval)
         assert (field is not None) == is_found == bool(first.velocity[interval].any())
     check_names(told, "cancelled", count, 119)
-    second, told = cancelled(film, found(count))  # it resumes
+    second, told = cancelled(long_sequence, found(count))  # it resumes
     now = int(second.solved.sum())
     assert now > count
     check_names(told, "cancelled", now, 119, count)
-    film.undo()
-    assert film.document.result is first
-    film.redo()
-    assert film.document.result is second
-    film.editor.set_film(alpha=2.0)  # with which nothing was found
-    third, told = cancelled(film, lambda session: session.solver.running)
+    long_sequence.undo()
+    assert long_sequence.document.result is first
+    long_sequence.redo()
+    assert long_sequence.document.result is second
+    long_sequence.editor.set_sequence_settings(alpha=2.0)  # with which nothing was found
+    third, told = cancelled(long_sequence, lambda session: session.solver.running)
     again = 0 if third is second else int(third.solved.sum())
     assert again < now
     check_names(told, "cancelled", again, 119)
@@ -178,14 +178,14 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(film):
 
 def test_chosen_settings_are_shown_and_stay_automatic(session):
     """Held-out data choose the norm and sigma."""
-    few = replace(DOCUMENT.film, frames=checked(SPHERE, FRAMES[:5], None, None, None))
-    session.restore(replace(DOCUMENT, film=few, settings=FilmSettings()), {}, None)
+    few = replace(DOCUMENT.sequence, frames=checked(SPHERE, FRAMES[:5], None, None, None))
+    session.restore(replace(DOCUMENT, sequence=few, settings=SequenceSettings()), {}, None)
     session.match()
     until(lambda: not session.solver.running, session)
     document = session.document
     used = document.result.parameters
     assert used.automatic == ("alpha", "order")
-    assert document.settings == FilmSettings()
+    assert document.settings == SequenceSettings()
     assert not document.is_outdated
     chosen = f"order {used.order}, α {used.alpha:.3g}, σ {document.result.sigma:.3g}"
     assert _chosen(document) == f"chosen: {chosen}"

@@ -8,8 +8,8 @@ import numpy as np
 
 from abfm.errors import ParameterError
 from abfm.parameters import LAST_SIGMA
-from abfm_viewer.document.film import Film
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.frame_sequence import FrameSequence
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui, finite
 from abfm_viewer.widgets.widget_record import Range
@@ -38,8 +38,8 @@ _AUTO = {"alpha": Auto(1.0, _CHOSEN_TIP), "sigma": Auto(LAST_SIGMA, _CHOSEN_TIP)
 
 def draw_frames(context: Context) -> None:
     """Draw what the film is, its channels and its times."""
-    ui, session, document = context.ui, context.session, context.document(FilmDocument)
-    film = document.film
+    ui, session, document = context.ui, context.session, context.document(SequenceDocument)
+    sequence = document.sequence
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
         context.open_mesh()
     ui.beside_if_fits("Open frames...", is_button=True)
@@ -51,62 +51,64 @@ def draw_frames(context: Context) -> None:
     for message in mesh.messages:
         ui.note(message)
     ui.heading("frames")
-    ends = f"{film.told(document.start)} to {film.told(document.end)}"
-    ui.line(f"{len(film)} frames, {ends}", "ink")
-    if film.channels > 1:
-        words = [str(number) for number in range(film.channels)]
+    ends = f"{sequence.told(document.start)} to {sequence.told(document.end)}"
+    ui.line(f"{len(sequence)} frames, {ends}", "ink")
+    if sequence.channels > 1:
+        words = [str(number) for number in range(sequence.channels)]
         tip = "The one that is shown; all of them are matched by the same fields."
         chosen = ui.combo("channel", words[document.channel], words, tip)
         session.editor.select(channel=words.index(chosen))
-    if film.frames.mask is not None:
-        unknown = int(np.count_nonzero(film.frames.mask == 0))
+    if sequence.frames.mask is not None:
+        unknown = int(np.count_nonzero(sequence.frames.mask == 0))
         ui.note(f"Vertices without values, in grey, which are not compared: {unknown:,}.")
-    if film.phases is not None or film.period is not None:
-        is_circular = film.phases is not None
+    if sequence.phases is not None or sequence.period is not None:
+        is_circular = sequence.phases is not None
         if ui.checkbox("circular", is_circular, _CIRCULAR_TIP) != is_circular:
-            context.files.set_circular(document, None if is_circular else film.period)
-    _draw_step(ui, context, film)
+            context.files.set_circular(document, None if is_circular else sequence.period)
+    _draw_step(ui, context, sequence)
 
 
-def _draw_step(ui: Ui, context: Context, film: Film) -> None:
-    steps = film.frames.durations
+def _draw_step(ui: Ui, context: Context, sequence: FrameSequence) -> None:
+    steps = sequence.frames.durations
     is_even = bool(np.allclose(steps, steps[0], rtol=1e-6))
     shown = f"{steps[0]:.6g}" if is_even else "uneven"
-    typed = ui.text(f"frame step, {film.unit or 'frames'}###frame step", shown, _STEP)
+    typed = ui.text(f"frame step, {sequence.unit or 'frames'}###frame step", shown, _STEP)
     if typed is not None:
         with ui.refusals.refusing("frame step"):
             if (step := finite(typed)) is None or not step > 0:
                 raise ParameterError(f"{typed} is no time; expected seconds above 0, such as 0.04")
-            times = step * np.arange(float(len(film)))
-            changed = replace(film, frames=replace(film.frames, times=times, unit_of_time="s"))
-            time = float(np.interp(context.session.document.time, film.times, times))
+            times = step * np.arange(float(len(sequence)))
+            changed = replace(
+                sequence, frames=replace(sequence.frames, times=times, unit_of_time="s")
+            )
+            time = float(np.interp(context.session.document.time, sequence.times, times))
             change = context.session.editor.change
-            change("change the frame step", film=changed, result=None, time=time)
+            change("change the frame step", sequence=changed, result=None, time=time)
     ui.refusal("frame step")
 
 
 def draw_pair(context: Context) -> None:
     """Draw which two frames are matched by themselves, and the button."""
-    ui, session, document = context.ui, context.session, context.document(FilmDocument)
-    film = document.film
+    ui, session, document = context.ui, context.session, context.document(SequenceDocument)
+    sequence = document.sequence
     ui.heading("two frames")
     now = document.interval
-    first, last = session.film_match.pair or (now, now + 1)
-    ends, limits = Range(0, len(film) - 1, whole=True), (0, len(film) - 1)
+    first, last = session.sequence_match.pair or (now, now + 1)
+    ends, limits = Range(0, len(sequence) - 1, whole=True), (0, len(sequence) - 1)
     begin, end = (
         round(ui.bounded(label, frame, ends, _PAIR, limits))
         for label, frame in (("from frame", first), ("to frame", last))
     )
     if (begin, end) != (first, last):
-        session.film_match.pair = begin, end
+        session.sequence_match.pair = begin, end
     if ui.button("Match these two frames", _MATCH, enabled=begin != end, width=-1):
-        session.film_match.pair = None
+        session.sequence_match.pair = None
         context.files.match_frames(document, begin, end)
 
 
 def draw_settings(context: Context) -> None:
     """Draw what all intervals are matched with."""
-    ui, document, editor = context.ui, context.document(FilmDocument), context.session.editor
+    ui, document, editor = context.ui, context.document(SequenceDocument), context.session.editor
     settings = document.settings
     for label, name, ends, tip in (
         ("smoothness α##alpha", "alpha", Range(1e-4, 1e4, log=True), _ALPHA),
@@ -121,28 +123,30 @@ def draw_settings(context: Context) -> None:
         if new is not None and new != (AUTO if value is None else value):
             with ui.refusals.refusing(name, label.partition("##")[0]):
                 given = {name: None if new == AUTO else new}
-                editor.set_film(name, f"change {label.partition('##')[0]}", **given)
+                editor.set_sequence_settings(name, f"change {label.partition('##')[0]}", **given)
         ui.refusal(name)
     shown = AUTO if settings.order is None else str(settings.order)
     order = ui.combo("norm's order##order", shown, (AUTO, "1", "2"), _ORDER)
     if order != shown:
-        editor.set_film("order", "change norm's order", order=None if order == AUTO else int(order))
+        editor.set_sequence_settings(
+            "order", "change norm's order", order=None if order == AUTO else int(order)
+        )
     if chosen := _chosen(document):
         ui.line(chosen)
 
 
-def _chosen(document: FilmDocument) -> str:
+def _chosen(document: SequenceDocument) -> str:
     """Return what was chosen for the fields that are shown."""
-    sequence, settings = document.result, document.settings
-    if sequence is None:
+    result, settings = document.result, document.settings
+    if result is None:
         return ""
-    used = sequence.parameters
+    used = result.parameters
     words = [
         f"{word} {value:.3g}"
         for word, given, value in (
             ("order", settings.order, used.order),
             ("α", settings.alpha, used.alpha),
-            ("σ", settings.sigma, sequence.sigma),
+            ("σ", settings.sigma, result.sigma),
         )
         if given is None
     ]

@@ -18,7 +18,7 @@ from abfm.workers.progress import Step
 from abfm.workers.worker import WorkerEndedError, report
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.computing.run import Run
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.kinds import SequenceDocument
 
 _TRIES = 3  # of a process that ends, such as for want of memory, each from where the last one was
 _ENDED_MESSAGE = (
@@ -26,11 +26,11 @@ _ENDED_MESSAGE = (
     "from what it found"
 )
 
-Then: TypeAlias = "Callable[[FilmDocument, abfm.Sequence | None], object]"
+Then: TypeAlias = "Callable[[SequenceDocument, abfm.Sequence | None], object]"
 """Takes what a run was of, and its result; None if it failed."""
 
 
-class FilmMatch:
+class SequenceMatch:
     """Matches all frames of a film in a run. What is found is kept in a file meanwhile: the next
     run of the same resumes from it.
 
@@ -40,14 +40,14 @@ class FilmMatch:
         Returns the file next to which that is, for a document; by default there is none.
     pair : (int, int) or None
         Frames to match by themselves, if chosen.
-    began : FilmDocument or None
+    began : SequenceDocument or None
         What the run is of that is under way, the same object all the time.
     """
 
     def __init__(self, run: Run[Any]) -> None:
-        self.beside: Callable[[FilmDocument], Path | None] = lambda document: None
+        self.beside: Callable[[SequenceDocument], Path | None] = lambda document: None
         self.pair: tuple[int, int] | None = None
-        self.began: FilmDocument | None = None
+        self.began: SequenceDocument | None = None
         self._run = run
         self._step = Step("starting the solver")
         self._fields: dict[int, FloatArray] = {}  # of the run, by interval
@@ -61,7 +61,7 @@ class FilmMatch:
         self._step = self._run.step or self._step
         return self._step
 
-    def start(self, document: FilmDocument, then: Then, resumes_only: bool = False) -> None:
+    def start(self, document: SequenceDocument, then: Then, resumes_only: bool = False) -> None:
         """Match all frames of a document's film, from what an earlier run of the same has found
         that was not completed, or only return that; ``then`` is called when the run is collected.
         """
@@ -71,12 +71,12 @@ class FilmMatch:
         work, end = partial(self._solve, *given), partial(self._end, document, then)
         self._run.start(work, end, resumes=True)
 
-    def found(self, document: FilmDocument) -> int:
+    def found(self, document: SequenceDocument) -> int:
         """Return how many fields a run of the document has found."""
-        is_of_run = self.began is not None and self.began.film is document.film
+        is_of_run = self.began is not None and self.began.sequence is document.sequence
         return len(self._fields) if is_of_run else 0
 
-    def fast(self, document: FilmDocument) -> float:
+    def fast(self, document: SequenceDocument) -> float:
         """Return what counts as fast in any of the fields that a run of the document has found, 0
         without any; it only grows.
         """
@@ -86,41 +86,41 @@ class FilmMatch:
     def words(self) -> str:
         """What a run does, in a line."""
         doing = "paused" if self._run.paused else self.step.words()
-        count = self.began.film.intervals if self.began else 0
+        count = self.began.sequence.intervals if self.began else 0
         return f"{doing}, {len(self._fields)} of {count} intervals found"
 
-    def field(self, document: FilmDocument, interval: int) -> FloatArray | None:
+    def field(self, document: SequenceDocument, interval: int) -> FloatArray | None:
         """Return the field (F, 3) of an interval, always the same array; None where none is known.
         A run's own fields are shown as soon as there is one.
         """
         if self.found(document):
             return self._fields.get(interval)
-        sequence = document.result
-        if sequence is None or interval >= len(sequence):
+        result = document.result
+        if result is None or interval >= len(result):
             return None
 
         def fields() -> tuple[FloatArray | None, ...]:
-            known = zip(sequence.velocity, sequence.solved, strict=True)
+            known = zip(result.velocity, result.solved, strict=True)
             return tuple(field if is_solved else None for field, is_solved in known)
 
-        return self._of_result.get((sequence,), fields)[interval]
+        return self._of_result.get((result,), fields)[interval]
 
-    def motion(self, document: FilmDocument, interval: int) -> float:
+    def motion(self, document: SequenceDocument, interval: int) -> float:
         """Return the share of motion in frames between two, see `abfm.Sequence.motion_shares`; 1
         during a run.
         """
-        sequence = document.result
-        if sequence is None or self.found(document):
+        result = document.result
+        if result is None or self.found(document):
             return 1.0
-        return float(sequence.motion_shares[interval])
+        return float(result.motion_shares[interval])
 
-    def speeds(self, document: FilmDocument) -> FloatArray:
+    def speeds(self, document: SequenceDocument) -> FloatArray:
         """Return the root mean square of the speed in each interval, (T - 1,), or NaN."""
-        film = document.film
-        fields = [self.field(document, interval) for interval in range(film.intervals)]
+        sequence = document.sequence
+        fields = [self.field(document, interval) for interval in range(sequence.intervals)]
 
         def measure() -> FloatArray:
-            areas = abfm.calculus.face_areas(film.frames.mesh)
+            areas = abfm.calculus.face_areas(sequence.frames.mesh)
             shares = areas / areas.sum()
             squares = [
                 np.nan if each is None else shares @ np.einsum("fx,fx->f", each, each)
@@ -128,12 +128,12 @@ class FilmMatch:
             ]
             return np.asarray(np.sqrt(np.array(squares)))
 
-        return self._speeds.get((film, *fields), measure)
+        return self._speeds.get((sequence, *fields), measure)
 
-    def _end(self, document: FilmDocument, then: Then, found: abfm.Sequence | None) -> None:
+    def _end(self, document: SequenceDocument, then: Then, found: abfm.Sequence | None) -> None:
         self.began, self._fields = None, {}
         if found is not None:  # the frames that it was sent are the document's
-            found = replace(found, _frames=document.film.frames)
+            found = replace(found, _frames=document.sequence.frames)
         then(document, found)
 
     # In the run's thread
@@ -152,8 +152,8 @@ class FilmMatch:
         self._fields[interval] = field
 
 
-def _task(document: FilmDocument) -> abfm.sequences.SequenceTask:
-    frames, settings = document.film.frames, document.settings
+def _task(document: SequenceDocument) -> abfm.sequences.SequenceTask:
+    frames, settings = document.sequence.frames, document.settings
     values = frames.values if frames.channels_given else frames.values[:, :, 0]
     options = {
         "parameters": settings.parameters,
