@@ -206,8 +206,8 @@ def load_result(path: str, *expected: type) -> Any:
 def warn_if_recomputed(path: str, found: object) -> None:
     """Warn of values in a result's file that the field of its match contradicts."""
     match = getattr(found, "match", found)
-    if doubt := getattr(match, "doubt", ""):
-        text = f"values stored in {path} do not match its field and were recomputed: {doubt}"
+    if load_warning := getattr(match, "load_warning", ""):
+        text = f"values stored in {path} do not match its field and were recomputed: {load_warning}"
         print_note(text, "warning")
 
 

@@ -115,14 +115,14 @@ class _Reports:
         self._sent: abfm.Iteration | None = None  # with its fields
 
     def add(self, iteration: abfm.Iteration) -> None:
-        look = IteratePicture(iteration.warning)
+        view = IteratePicture(iteration.warning)
         if (began := clock.perf_counter()) >= self._next_picture:
-            look.picture = iteration.advected
+            view.picture = iteration.advected
             done = clock.perf_counter()
             wait = max(_TIMES_A_PICTURE * (done - began), _WAIT_SECONDS_MIN)
             self._next_picture = done + min(wait, _WAIT_SECONDS_MAX)
             self._kept[self._run] = _worth_keeping((*self._kept[self._run], iteration))
-        report(replace(iteration, look=look))
+        report(replace(iteration, view=view))
         best = self._kept[self._run][0]
         if began >= self._next_fields and best.iteration and best is not self._sent:
             report(_with_fields(best))
@@ -133,7 +133,7 @@ class _Reports:
 
 
 def _with_fields(last: abfm.Iteration) -> abfm.Iteration:
-    return replace(last, look=IteratePicture(last.warning, last.advected, last.velocity))
+    return replace(last, view=IteratePicture(last.warning, last.advected, last.velocity))
 
 
 def fields(kept: Kept, run: int, iteration: int) -> Fields:

@@ -105,7 +105,7 @@ class _History:
             self._restarts.append(len(self._iterates))
 
     def add(self, now: abfm.Iteration) -> None:
-        self._iterates.append(replace(now, look=IteratePicture(None), path=()))
+        self._iterates.append(replace(now, view=IteratePicture(None), path=()))
 
     def record(self, residual: float, parameters: Parameters) -> RunRecord | None:
         """The run so far, the same object while nothing is added; None before the first iterate."""
@@ -250,8 +250,8 @@ class Matching:
         problem, number = spec.problem(functions), next(_numbers)
 
         def take(now: abfm.Iteration) -> None:
-            assert isinstance(now.look, IteratePicture)
-            now.look.fetch = partial(self._run.process.beside, fields, number, now.iteration)
+            assert isinstance(now.view, IteratePicture)
+            now.view.fetch = partial(self._run.process.beside, fields, number, now.iteration)
             self._post(spec, now)
 
         def solve(problem: abfm.Problem) -> abfm.Match:
@@ -266,14 +266,14 @@ class Matching:
             return solve(problem)  # a field for other parameters may be too fast for these
 
     def _post(self, problem: ProblemSpec, now: abfm.Iteration) -> None:
-        look, shown, before = now.look, now, self.snapshot
-        assert isinstance(look, IteratePicture)
-        if look.field is not None:  # once more, with its fields
+        view, shown, before = now.view, now, self.snapshot
+        assert isinstance(view, IteratePicture)
+        if view.field is not None:  # once more, with its fields
             self._keep(Snapshot(problem, now, now))
             return
         self._history.add(now)
         if before is not None and before.problem is problem:
-            is_better = look.picture is not None and better(now, before.shown)
+            is_better = view.picture is not None and better(now, before.shown)
             shown = now if is_better else before.shown
         self.snapshot = Snapshot(problem, now, shown)
         self._since_restart += 1

@@ -48,5 +48,5 @@ def landmarks_of_match(match: abfm.Match) -> tuple[Landmark, ...]:
     """Return those that a match has on its own surface: where they start, and are wanted."""
     if (marks := match.problem.landmarks) is None:
         return ()
-    starts, ends = points_of(marks.points(match.mesh)), points_of(marks.wanted(match.mesh))
+    starts, ends = points_of(marks.points(match.mesh)), points_of(marks.targets(match.mesh))
     return tuple(map(Landmark, starts, ends, marks.weights.tolist()))

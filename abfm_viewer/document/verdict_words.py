@@ -24,7 +24,7 @@ def is_broken_off(match: abfm.Match) -> bool:
 def changes(remedy: abfm.matching.Remedy) -> str:
     """Say what a remedy does, for a tooltip: ``A larger reach: reach 1, from no motion``."""
     changed = ", ".join(
-        f"{name} {abfm.matching.plain(value)}" for name, value in remedy.parameters.items()
+        f"{name} {abfm.matching.value_text(value)}" for name, value in remedy.parameters.items()
     )
     start = "from the present field" if remedy.goes_on else "from no motion"
     given = f", with {changed}" if changed else ""
@@ -34,7 +34,7 @@ def changes(remedy: abfm.matching.Remedy) -> str:
 def in_numbers(match: abfm.Match) -> str:
     """``Residual 0.012, 0.03 by flow lines``; of landmarks alone, which a list has, what folds."""
     if not match.problem.is_of_landmarks:
-        return f"Residual {abfm.matching.numbers(match)}"
+        return f"Residual {abfm.matching.residual_text(match)}"
     return "" if math.isnan(match.folded) else f"{100 * match.folded:.2g}% folded"
 
 

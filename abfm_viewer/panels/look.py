@@ -165,7 +165,7 @@ def _error(context: Context) -> None:
         )
     if session.result is not None and not (session.outdated or session.solver.running):
         if not session.result.problem.is_of_landmarks:
-            numbers = abfm.matching.numbers(session.result)
+            numbers = abfm.matching.residual_text(session.result)
             ui.note(f"Mismatch at τ: {numbers}; relative to the target in L2.")
         if session.result.refined:
             ui.note(f"{sentence(refinement(session.result))} View, Finer mesh shows it there.")

@@ -5,7 +5,15 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST_SIGMA, TABLE_1, is_whole, row_of
+from abfm.parameters import (
+    AREA_PRESERVING_DIVERGENCE,
+    CHOICES,
+    FIELDS,
+    LAST_SIGMA,
+    TABLE_1,
+    is_integer,
+    row_of,
+)
 from abfm.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
@@ -96,7 +104,7 @@ _AUTO = {
         "slider, to end at a closeness of your own.",
     ),
     "divergence": Auto(
-        KEEPING_AREAS,
+        AREA_PRESERVING_DIVERGENCE,
         "10 where the functions match exactly, and 1 where they were measured. Untick it, or move "
         "the slider, to choose.",
     ),
@@ -159,7 +167,7 @@ def _preset(ui: Ui, session: Session) -> None:
 
 def _control(ui: Ui, session: Session, name: str) -> None:
     about, value = _PARAMETER_TEXTS[name], session.parameters.to_dict()[name]
-    label, whole = f"{about.label}##{name}", is_whole(FIELDS[name])
+    label, whole = f"{about.label}##{name}", is_integer(FIELDS[name])
     ends, tip = replace(about.slider, whole=whole), _tip(name)
     new: Any
     if name in _CHOICES:

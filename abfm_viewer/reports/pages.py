@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from abfm.errors import one_line
-from abfm.matching.report import plain
+from abfm.matching.report import value_text
 from abfm.outcome import Facts
 from abfm.pages.colormaps import gradient
 from abfm.pages.html import environment, stylesheet
@@ -88,7 +88,7 @@ def _environment() -> Environment:
         "gradient": gradient,
         "number": number_text,
         "percents": percents,
-        "plain": plain,
+        "plain": value_text,
         "png": _png,
         "share": share,
     }

@@ -89,7 +89,7 @@ def _within(
 ) -> _Found:
     """Find the closest match that keeps the bound, initial map and flow together."""
     if initial is None:
-        found = abfm.matching.bounded(result, most)
+        found = abfm.matching.limit_distortion(result, most)
         return _Found(found, "; ".join(found.facts.warnings), found.landmark_errors)
     both = abfm.registration.within(abfm.Registration(initial, result), most)
     return _Found(both.match, "; ".join(both.notes), both.landmark_errors)

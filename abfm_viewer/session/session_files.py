@@ -499,13 +499,15 @@ class SessionFiles:
                 view = document.view_of_result(view)
             self._session.restore(replace(document, view=view), known, origin)
 
-        doubt = document.match.doubt if document.match else ""
-        return partial(self._show, path, restore, doubt=doubt)
+        load_warning = document.match.load_warning if document.match else ""
+        return partial(self._show, path, restore, load_warning=load_warning)
 
     def _way_out(self, label: str) -> dict[str, Do]:
         return {label: self.ways_out[label]} if label in self.ways_out else {}
 
-    def _show(self, path: Path, show: Do, messages: tuple[str, ...] = (), doubt: str = "") -> None:
+    def _show(
+        self, path: Path, show: Do, messages: tuple[str, ...] = (), load_warning: str = ""
+    ) -> None:
         left, unsaved = self._session.document.name, self._session.saves.unsaved
         show()
         self._session.notices.mend(OPENING)
@@ -513,6 +515,6 @@ class SessionFiles:
             self.state.add_recent(path)
         back = f" Undo returns to {left}, which was not saved." if unsaved else ""
         self._session.notices.say(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
-        if doubt:
-            text = f"{path.name} is not believed, and was judged anew: {doubt}"
+        if load_warning:
+            text = f"{path.name} is not believed, and was judged anew: {load_warning}"
             self._session.notices.say(text, True, OPENING)

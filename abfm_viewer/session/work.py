@@ -514,7 +514,7 @@ class SequenceWork(Work):
 
 
 def _foreseen(spec: ProblemSpec, functions: Evaluators) -> abfm.Facts | None:
-    return abfm.matching.foreseen(spec.problem(functions))
+    return abfm.matching.expected_facts(spec.problem(functions))
 
 
 def _broken_off(count: int, whole: int, earlier: abfm.Sequence | None) -> str:

@@ -12,7 +12,7 @@ from abfm.errors import ParameterError, brief
 
 Method = Literal["nonlinear", "linearised"]
 
-LARGEST_ALPHA = 1e7
+ALPHA_MAX = 1e7
 # numbers other than 0, whose squares neither underflow nor overflow
 VALUE_MIN = 1e-30
 _VALUE_MAX = 1e30
@@ -24,11 +24,11 @@ FIRST_SIGMA_MAX = 18.0
 """The largest sigma that a path to a smaller one begins with, in the unit of that one."""
 REFINE_MAX = 3
 REACH_MAX = 10.0  # reach
-KEEPING_AREAS = 10.0
+AREA_PRESERVING_DIVERGENCE = 10.0
 """Times the curl's weight that the divergence has where functions match exactly: fields that keep
 areas fill what is behind a bump with what was beside it, others with what little was there.
 """
-_MOST_STAGES = 1000
+_STAGES_MAX = 1000
 _ROUNDING = 1e-9
 
 PAPER: dict[str, Any] = {
@@ -49,7 +49,7 @@ class Range(NamedTuple):
     high: float = _VALUE_MAX
     without_low: bool = False
 
-    def holds(self, value: float) -> bool:
+    def contains(self, value: float) -> bool:
         """Return whether a finite number lies in the range."""
         above = value > self.low if self.without_low else value >= self.low
         return above and value <= self.high and (value == 0 or value >= VALUE_MIN)
@@ -100,7 +100,7 @@ preconditioner: exact inverse of the field's norm, or none (the paper's plain L-
 _HELP_TEXTS = dict(line.split(": ", 1) for line in _HELP.replace("\n  ", " ").strip().splitlines())
 _ABOVE_0 = Range(0, without_low=True)
 _FROM_0 = Range(0)
-_WHOLE_FROM_0 = Range(0, COUNT_MAX)
+_INTEGER_FROM_0 = Range(0, COUNT_MAX)
 
 
 def _of(name: str, default: Any, symbol: str = "", range: Range | None = None) -> Any:
@@ -108,7 +108,7 @@ def _of(name: str, default: Any, symbol: str = "", range: Range | None = None) -
     return field(default=default, metadata=about)
 
 
-def is_whole(entry: Field[Any]) -> bool:
+def is_integer(entry: Field[Any]) -> bool:
     """Return whether a parameter is a whole number, or None."""
     return str(entry.type).startswith("int")
 
@@ -129,10 +129,10 @@ def checked(entry: Field[Any], value: Any) -> Any:
         expected = " or ".join(map(repr, choices))
     else:
         range: Range = entry.metadata["range"]
-        kind = int if is_whole(entry) else float
+        kind = int if is_integer(entry) else float
         with suppress(TypeError, ValueError, OverflowError):
             number = math.nan if isinstance(value, bool) else kind(value)
-            if number == value and math.isfinite(number) and range.holds(value):
+            if number == value and math.isfinite(number) and range.contains(value):
                 return number
         expected = f"{'a whole number' if kind is int else 'a number'} {range}"
     raise ParameterError(f"{entry.name} is {brief(value)}; expected {expected}")
@@ -155,7 +155,7 @@ class SolverSettings(Settings):
     reach: float = _of("reach", 1.0, "", Range(0, REACH_MAX))
     levels: int = _of("levels", 0, "", Range(0, 10))
     segments: int = _of("segments", 0, "N", Range(0, 1000))
-    iterations: int = _of("iterations", 1000, "", _WHOLE_FROM_0)
+    iterations: int = _of("iterations", 1000, "", _INTEGER_FROM_0)
     memory: int = _of("memory", 30, "", Range(1, 10_000))
     max_displacement: float = _of("max_displacement", 0.1, "", _ABOVE_0)
     tolerance: float = _of("tolerance", 1e-4, "", _FROM_0)
@@ -170,9 +170,9 @@ class PaperSettings(Settings):
     gradient: Literal["adjoint", "bracket"] = _of("gradient", "adjoint")
     substeps: int = _of("substeps", 10, "n", Range(1, 10_000))
     quadrature: int = _of("quadrature", 10, "k", Range(1, 10_000))
-    cooling_stages: int = _of("cooling_stages", 0, "*", Range(0, _MOST_STAGES))
+    cooling_stages: int = _of("cooling_stages", 0, "*", Range(0, _STAGES_MAX))
     cooling_factor: float = _of("cooling_factor", 3.0, "*", Range(1, without_low=True))
-    stage_iterations: int = _of("stage_iterations", 0, "*", _WHOLE_FROM_0)
+    stage_iterations: int = _of("stage_iterations", 0, "*", _INTEGER_FROM_0)
     preconditioner: Literal["hodge", "none"] = _of("preconditioner", "hodge")
 
 
@@ -191,9 +191,9 @@ class Parameters(Settings):
     """
 
     tau: float = _of("tau", 1.0, "τ", _ABOVE_0)
-    alpha: float = _of("alpha", 0.01, "α", Range(0, LARGEST_ALPHA))  # beyond, rounding swamps it
+    alpha: float = _of("alpha", 0.01, "α", Range(0, ALPHA_MAX))  # beyond, rounding swamps it
     beta: float = _of("beta", 0.0, "β", _FROM_0)
-    divergence: float | None = _of("divergence", None, "", Range(0, LARGEST_ALPHA, True))
+    divergence: float | None = _of("divergence", None, "", Range(0, ALPHA_MAX, True))
     sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
     landmark_sigma: float = _of("landmark_sigma", 0.01, "", _ABOVE_0)
     goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
@@ -235,7 +235,7 @@ class Parameters(Settings):
         stages, factor = self.paper.cooling_stages, self.paper.cooling_factor
         if not stages:
             steps = math.log(FIRST_SIGMA_MAX / self.last_sigma, factor) + _ROUNDING
-            stages = 1 + min(max(0, math.floor(steps)), _MOST_STAGES - 1)
+            stages = 1 + min(max(0, math.floor(steps)), _STAGES_MAX - 1)
         return [self.last_sigma * factor**left for left in reversed(range(stages))]
 
     def stage_limits(self) -> list[int]:
@@ -358,7 +358,7 @@ class TableRow:
             **({"substeps": self.n} if self.n else {}),
         }
 
-    def holds(self, parameters: Parameters) -> bool:
+    def matches(self, parameters: Parameters) -> bool:
         """Tell whether these parameters are the row's."""
         return parameters.with_values(**self.values) == parameters
 
@@ -395,4 +395,4 @@ NOTE = (
 @lru_cache(maxsize=1)
 def row_of(parameters: Parameters) -> TableRow | None:
     """Return the first row of Table 1 that these parameters follow, if any."""
-    return next((row for row in TABLE_1.values() if row.holds(parameters)), None)
+    return next((row for row in TABLE_1.values() if row.matches(parameters)), None)

@@ -18,7 +18,7 @@ from abfm.experiments.vocabulary import (
     gaussian,
 )
 from abfm.io.sheets import Panel, Sheet, Streaks, Values
-from abfm.matching.path import as_kept
+from abfm.matching.path import as_stored
 from abfm.mesh.shapes import three_arms
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
@@ -147,7 +147,7 @@ def ends_of_stages(found: Match) -> Iterator[FloatArray]:
     those before the last, so that it does not matter whether the match was in one.
     """
     for step in found.path[:-1]:
-        field = as_kept(step.velocity, found.mesh)
+        field = as_stored(step.velocity, found.mesh)
         yield Flow(found.mesh, field, found.parameters.tau).push(found.source[:, 0])
     yield found.advected[:, 0]
 

@@ -1,9 +1,9 @@
 from .bounded import SHARE as SHARE
-from .bounded import bounded as bounded
 from .bounded import check_bound as check_bound
+from .bounded import limit_distortion as limit_distortion
 from .judging.cause import Cause as Cause
 from .judging.facts import LOG2_AREA_GOOD as LOG2_AREA_GOOD
-from .judging.obstacles import foreseen as foreseen
+from .judging.obstacles import expected_facts as expected_facts
 from .judging.remedies import Remedy as Remedy
 from .judging.verdict import RESIDUAL_REGISTERED as RESIDUAL_REGISTERED
 from .judging.verdict import SHARE_REGISTERED as SHARE_REGISTERED
@@ -15,8 +15,8 @@ from .path import PathStep as PathStep
 from .path import path_table as path_table
 from .problem import Problem as Problem
 from .problem import load_problem as load_problem
-from .report import numbers as numbers
-from .report import plain as plain
+from .report import residual_text as residual_text
+from .report import value_text as value_text
 from .result import Match as Match
 from .result import load_match as load_match
 from .solvability import peaks as peaks

@@ -42,7 +42,7 @@ class _Weights(NamedTuple):
         return _Weights(*(math.sqrt(a * b) for a, b in zip(self, other, strict=True)))
 
 
-def bounded(
+def limit_distortion(
     found: Match,
     most: float,
     measure: Callable[[Match], Distortion] = Match.distortion,

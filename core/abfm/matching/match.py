@@ -18,7 +18,7 @@ from abfm.matching.path import PathStep
 from abfm.matching.problem import Problem
 from abfm.matching.result import Match
 from abfm.matching.solving.continuation import solve
-from abfm.matching.solving.measures import measured
+from abfm.matching.solving.measures import flow_line_measures
 from abfm.matching.solving.record import Iteration, Record, StopReason
 from abfm.matching.terms.data_term import DataTerm
 from abfm.mesh import MeshLike
@@ -143,5 +143,7 @@ def _verified(problem: Problem, end: PathStep) -> PathStep:
     checkpoint()
     energy = MatchingEnergy(problem.refined(end.refined(problem.mesh)))
     with step("checking by flow lines", len(energy.mesh.vertices)):
-        numbers: dict[str, Any] = measured(energy, end.velocity / problem.mesh.length_scale)
+        numbers: dict[str, Any] = flow_line_measures(
+            energy, end.velocity / problem.mesh.length_scale
+        )
     return replace(end, **numbers)

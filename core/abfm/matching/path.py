@@ -83,7 +83,7 @@ class PathStep:
 NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
 
 
-def choice_words(path: Sequence[PathStep], step: int) -> str:
+def choice_text(path: Sequence[PathStep], step: int) -> str:
     """Return the sigma that was chosen by scores, and the scores of it and of its neighbours.
 
     Empty if nothing was held out, or if another step has a smaller score.
@@ -125,7 +125,7 @@ def path_arrays(path: Sequence[PathStep], own: int, mesh: TriangleMesh) -> dict[
     return arrays
 
 
-def as_kept(velocity: FloatArray, mesh: TriangleMesh) -> FloatArray:
+def as_stored(velocity: FloatArray, mesh: TriangleMesh) -> FloatArray:
     """Return fields (N, 4^k F, 3) as files keep those of steps that are not the match's own."""
     return _double(_single(velocity, mesh), mesh)
 

@@ -38,12 +38,12 @@ from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.data_term import DataTerm, Restriction
-from abfm.matching.terms.functions import FunctionTerm, given_mask, mask_of_known
+from abfm.matching.terms.functions import FunctionTerm, mask_from_input, mask_of_known
 from abfm.matching.terms.landmarks import Landmarks, landmarks_of, residual_of_errors
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined, times_subdivided
 from abfm.numerics.real_numbers import real_numbers
-from abfm.parameters import KEEPING_AREAS, Parameters
+from abfm.parameters import AREA_PRESERVING_DIVERGENCE, Parameters
 from abfm.reading import from_json
 from abfm.types import BoolArray, File, FloatArray
 
@@ -149,7 +149,7 @@ class Problem:
         f, g, weights = circular_channels(f, g, weights, circular)
         warn_of_mixed_sides(mesh, [*files_in(f), *files_in(g)])
         source, target = _values(mesh, f), _values(mesh, g)
-        mask = _mask_of_known(mesh, (source, target), given_mask(mesh, mask))
+        mask = _mask_of_known(mesh, (source, target), mask_from_input(mesh, mask))
         if mask is not None:
             known = mask > 0
             source = _filled_in(mesh, source, known)
@@ -214,7 +214,7 @@ class Problem:
         """
         given = self.parameters.divergence
         if given is None:
-            return 1.0 if is_measured(self.functions) else KEEPING_AREAS
+            return 1.0 if is_measured(self.functions) else AREA_PRESERVING_DIVERGENCE
         return given
 
     def starting_from(self, start: ArrayLike | None) -> Problem:
@@ -234,9 +234,9 @@ class Problem:
         count = len(self.functions.source)
         return self._with(specs=tuple(_specs(list(given), count) for given in (f, g)))
 
-    def masked(self, mask: FloatArray) -> Problem:
+    def with_mask(self, mask: FloatArray) -> Problem:
         """Return the same problem with another mask (V,) of source and target."""
-        return self._with_functions(self.functions.weighed(mask))
+        return self._with_functions(self.functions.with_mask(mask))
 
     def with_known_values(self, mask: FloatArray | None) -> Problem:
         """Return the same problem with a mask (V,), whose functions are known also where it is 0,

@@ -16,7 +16,7 @@ from abfm.outcome import Facts
 from abfm.parameters import as_option
 from abfm.wording import number_text, percents
 
-STEP_HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
+STEP_COLUMNS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
 SCORE = "score"  # of steps of measured functions
 
 
@@ -53,12 +53,12 @@ def lines(match: Match, facts: Facts | None = None) -> list[str]:
     facts, iterations = facts or match.facts, len(match.energy_history) - 1
     return [
         *facts.lines,
-        f"residual {numbers(match)}, after {iterations} iterations",
+        f"residual {residual_text(match)}, after {iterations} iterations",
         *(path_lines(match) if len(match.path) > 1 else []),
     ]
 
 
-def numbers(match: Match) -> str:
+def residual_text(match: Match) -> str:
     """Write the residual and its verification: ``0.012, 0.03 by flow lines, 0.1% folded``; and how
     many fields in a row it took, if more than one.
     """
@@ -72,7 +72,7 @@ def numbers(match: Match) -> str:
     return ", ".join(parts)
 
 
-def plain(value: object) -> str:
+def value_text(value: object) -> str:
     """Write the value of a parameter."""
     return f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
 
@@ -99,7 +99,7 @@ def _row(match: Match, step: PathStep) -> dict[str, float | None]:
 def path_lines(match: Match) -> list[str]:
     """Return the path as a table of a line a step, a star before the one that the match is."""
     steps = [_row(match, step) for step in match.path]
-    heads = [*STEP_HEADS, "refined", *([SCORE] if has_scores(steps) else [])]
+    heads = [*STEP_COLUMNS, "refined", *([SCORE] if has_scores(steps) else [])]
     rows = [heads]
     for number, step in enumerate(steps):
         cells = [*step_cells(number, step, ".3g"), str(step["refined"])]
@@ -115,7 +115,7 @@ def has_scores(steps: Iterable[Mapping[str, float | None]]) -> bool:
 
 
 def step_cells(number: int, step: Mapping[str, Any], digits: str) -> list[str]:
-    """Return the texts below `STEP_HEADS` of a step of a path, by its facts."""
+    """Return the texts below `STEP_COLUMNS` of a step of a path, by its facts."""
     left = [number_text(step[name], digits) for name in ("residual", "verified_residual")]
     cost = [number_text(step[name], digits) for name in ("log2_area", "log2_shape")]
     return [str(number + 1), f"{step['sigma']:.3g}", *left, percents(step["folded"]), *cost]

@@ -26,9 +26,9 @@ from abfm.matching.judging.remedies import Remedy
 from abfm.matching.judging.verdict import Evidence, Verdict, judge
 from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.path import PathStep, choice_words, path_arrays, path_of
+from abfm.matching.path import PathStep, choice_text, path_arrays, path_of
 from abfm.matching.problem import Problem, problem_of
-from abfm.matching.solving.measures import measured
+from abfm.matching.solving.measures import flow_line_measures
 from abfm.matching.solving.record import StopReason
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import mean_of_children, times_subdivided
@@ -82,8 +82,8 @@ class Match(Display):
     doubt : str
         A warning that values of a file do not match its field, in a line; empty if they do.
     bound : Bound, optional
-        How its map keeps the bound of distortion of the search (`abfm.matching.bounded`); None if
-        there was no bound.
+        How well the map satisfies the bound of `abfm.matching.limit_distortion`; None without a
+        bound.
     """
 
     problem: Problem
@@ -98,7 +98,7 @@ class Match(Display):
     verdict: Verdict
     path: tuple[PathStep, ...] = field(default=(), repr=False)
     step: int = 0
-    doubt: str = ""
+    load_warning: str = ""
     bound: Bound | None = None
 
     def __post_init__(self) -> None:
@@ -198,7 +198,7 @@ class Match(Display):
     def initial_residual(self) -> float:
         """The residual without motion."""
         marks = self.problem.landmarks
-        errors = None if marks is None else marks.first_errors
+        errors = None if marks is None else marks.initial_errors
         return self.problem.left(self.problem.functions.source, errors)
 
     def advect(self, t: ArrayLike) -> FloatArray:
@@ -243,8 +243,8 @@ class Match(Display):
             bound=None,
         )
         judged = other.judged()
-        judged = replace(judged, verdict=judged.verdict.of_a_step(found.sigma))
-        return judged._held_against(problem, carried)
+        judged = replace(judged, verdict=judged.verdict.for_step(found.sigma))
+        return judged._checked_against(problem, carried)
 
     def with_step(self, step: PathStep) -> Match:
         """Return the match of a step after its path, whose numbers are recomputed by both checks;
@@ -254,7 +254,7 @@ class Match(Display):
         carried = _carried(problem, step.velocity)
         path, number = (*self.path, step), len(self.path)
         other = replace(
-            self, fine_velocity=step.velocity, path=path, step=number, bound=None, doubt=""
+            self, fine_velocity=step.velocity, path=path, step=number, bound=None, load_warning=""
         )
         return other._recomputed(problem, carried)
 
@@ -262,32 +262,36 @@ class Match(Display):
         """Return the match as the result of a search within a bound of distortion."""
         return replace(self, bound=bound, verdict=self.verdict.within(bound))
 
-    def borne_out(self) -> Match:
+    def reverified(self) -> Match:
         """Return the match if its numbers agree with its field, which advects the source once; else
-        with recomputed numbers, and a `doubt`.
+        with recomputed numbers, and a `load_warning`.
         """
         problem = self.problem.refined(self.refined)
         try:
             carried = _carried(problem, self.fine_velocity)
         except AbfmError as error:
-            doubt = f"its field cannot advect the source: {error}"
-            verdict = Verdict(Outcome.NOT_REACHED, doubt, "", cause=Cause.INCONSISTENT)
-            return replace(self, verdict=verdict, doubt=doubt)
-        return self._held_against(problem, carried)
+            load_warning = f"its field cannot advect the source: {error}"
+            verdict = Verdict(Outcome.NOT_REACHED, load_warning, "", cause=Cause.INCONSISTENT)
+            return replace(self, verdict=verdict, load_warning=load_warning)
+        return self._checked_against(problem, carried)
 
     @np.errstate(over="ignore", invalid="ignore")  # of functions that are refused today
-    def _held_against(self, problem: Problem, carried: FloatArray) -> Match:
+    def _checked_against(self, problem: Problem, carried: FloatArray) -> Match:
         """Return it, recomputed if its numbers disagree with the advected source (V, C)."""
         advected = carried[: len(self.mesh.vertices)]
         left = problem.left(carried.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)
         agreed = max(_RESIDUAL_DIFFERENCE, _RESIDUAL_SHARE * self.residual)
         if left > self.residual + agreed:
-            doubt = f"its residual is {self.residual:.3g}, but that of its field is {left:.3g}"
+            load_warning = (
+                f"its residual is {self.residual:.3g}, but that of its field is {left:.3g}"
+            )
         elif off > agreed:
-            doubt = f"its advected source differs by {off:.3g} from that of its field"
+            load_warning = f"its advected source differs by {off:.3g} from that of its field"
         elif self._has_better_verdict():
-            doubt = f"its verdict is {self.verdict.kind}, its residual {self.worse_residual:.3g}"
+            load_warning = (
+                f"its verdict is {self.verdict.kind}, its residual {self.worse_residual:.3g}"
+            )
         else:
             return self
         # the numbers of an interrupted run are those of a coarser level
@@ -295,7 +299,7 @@ class Match(Display):
             self.verified_residual
         )
         other = self._recomputed(problem, carried, is_verified=not is_estimate)
-        return replace(other, doubt="" if is_estimate else doubt)
+        return replace(other, load_warning="" if is_estimate else load_warning)
 
     def _recomputed(self, problem: Problem, carried: FloatArray, is_verified: bool = True) -> Match:
         """Return it with the numbers of its field, and the source (V, C) that this advects."""
@@ -303,7 +307,7 @@ class Match(Display):
         if is_verified:
             with suppress(AbfmError):  # too fast for flow lines
                 energy = MatchingEnergy(problem)
-                numbers = measured(energy, self.fine_velocity / energy.length_scale)
+                numbers = flow_line_measures(energy, self.fine_velocity / energy.length_scale)
         numbers |= {"held_out": own.held_out, "score": own.score}
         numbers["mismatch"] = problem.functions.mismatch(carried.T)
         residual = problem.left(carried.T, self.landmark_errors)
@@ -336,7 +340,7 @@ class Match(Display):
             self.folded,
             log2_area=self.path[self.step].log2_area,
             refined=self.refined,
-            landmarks=None if marks is None or errors is None else (marks.first_errors, errors),
+            landmarks=None if marks is None or errors is None else (marks.initial_errors, errors),
             held_out=self.path[self.step].held_out,
             bound=self.bound,
         )
@@ -366,8 +370,8 @@ class Match(Display):
             self.mismatch,
             self.problem.is_of_landmarks,
             self.path[self.step].log2_area_95,
-            self.doubt,
-            choice_words(self.path, self.step) if self.bound is None else "",
+            self.load_warning,
+            choice_text(self.path, self.step) if self.bound is None else "",
         )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
@@ -486,13 +490,13 @@ def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
 def load_match(path: File) -> Match:
     """Read a file of `Match.save`; ResultError if it is missing, damaged, or not a result.
 
-    Values that disagree with the field are recomputed, with a warning in ``match.doubt``.
+    Values that disagree with the field are recomputed, with a warning in ``match.load_warning``.
     """
 
     def made(arrays: results.Arrays) -> Match:
         return match_of(results.mesh_of(arrays), arrays)
 
-    return results.loaded(path, results.RESULT, made).borne_out()
+    return results.loaded(path, results.RESULT, made).reverified()
 
 
 def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:

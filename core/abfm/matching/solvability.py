@@ -227,7 +227,7 @@ def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
     return _count(_both(mesh, f), share * float(np.ptp(f)))
 
 
-def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
+def extrema_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
     """Tell what peaks and pits two functions (V,) have, where they differ beyond doubt: one of them
     has no counterpart whose value and whose pass differ by at most 0.1 of the larger range, and
     stands out by more than twice that. Then every flow leaves a difference of as much somewhere.
@@ -271,7 +271,7 @@ def _alone(one: FloatArray, other: FloatArray, most: float) -> FloatArray:
     return alone
 
 
-def places_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
+def boundary_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
     """Tell where the values of two functions (V,) differ most, and by more than 0.1 of the larger
     range, of the places that a flow leads to themselves: pieces of the boundary, and parts of the
     surface that touch the rest at pinched vertices.
@@ -295,14 +295,16 @@ def places_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference
     return f"values {here} on {at}", f"{there} there"
 
 
-def unmatched(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
-    """First channel where `peaks_apart` or `places_apart` finds a difference, that no flow
-    changes; a mask may hide what it is: None.
+def first_difference(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
+    """Return the first channel with features that no flow changes, and the features of both sides.
+
+    None if neither `extrema_difference` nor `boundary_difference` finds any, or if a vertex is
+    masked, since the mask may hide the difference.
     """
     if (functions.areas > 0).all():
         for channel in _counting(functions):
             f, g = functions.source[channel], functions.target[channel]
-            for apart in (peaks_apart, places_apart):
+            for apart in (extrema_difference, boundary_difference):
                 found = apart(functions.mesh, f, g)
                 if found is not None:
                     return int(channel), *found

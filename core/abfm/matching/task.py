@@ -17,9 +17,9 @@ from abfm.errors import AbfmWarning, ParameterError, ResultError, one_line
 from abfm.functions import families
 from abfm.io import export_energy_csv, export_ply, export_vtu, results, write_csv
 from abfm.matching import report
-from abfm.matching.bounded import bounded
+from abfm.matching.bounded import limit_distortion
 from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
-from abfm.matching.judging.obstacles import foreseen
+from abfm.matching.judging.obstacles import expected_facts
 from abfm.matching.judging.verdict import Verdict
 from abfm.matching.match import match
 from abfm.matching.path import NUMBERS, path_table
@@ -151,7 +151,7 @@ class MatchTask(Task):
     ----------
     problem : Problem
     max_distortion : float, optional
-        See `abfm.matching.bounded`.
+        See `abfm.matching.limit_distortion`.
     """
 
     problem: Problem
@@ -228,10 +228,10 @@ class MatchTask(Task):
         found = match(self.problem, on_iteration=monitor.on_partial, control=control)
         if self.max_distortion is None:
             return found
-        return bounded(found, self.max_distortion, control=control)
+        return limit_distortion(found, self.max_distortion, control=control)
 
     def expected(self) -> Facts | None:
-        return foreseen(self.problem)
+        return expected_facts(self.problem)
 
     @property
     def goal(self) -> float:
@@ -263,8 +263,8 @@ def _start(path: str | None, faces: IntArray, parameters: Parameters) -> FloatAr
     if path is None:
         return None
     earlier = load_match(path)
-    if earlier.doubt:
-        text = f"{one_line(path)}: its stored values were recomputed: {earlier.doubt}"
+    if earlier.load_warning:
+        text = f"{one_line(path)}: its stored values were recomputed: {earlier.load_warning}"
         warnings.warn(text, AbfmWarning, stacklevel=2)
     if not np.array_equal(earlier.mesh.faces, faces):
         raise ResultError(

@@ -242,7 +242,7 @@ def _marks(match: Match, side: int) -> list[Ways]:
         return []
     if side == 0:
         return [Ways.points("landmarks", marks.points(match.mesh).positions, _ALL_TIMES, _MARK)]
-    places = marks.wanted(match.mesh).positions
+    places = marks.targets(match.mesh).positions
     return [Ways.points("where landmarks belong", places, _ALL_TIMES, _TARGET_COLOR)]
 
 

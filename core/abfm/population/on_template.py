@@ -16,7 +16,7 @@ from abfm.io import results
 from abfm.maps.distortion import Map
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
-from abfm.matching.terms.functions import given_mask
+from abfm.matching.terms.functions import mask_from_input
 from abfm.mesh import TriangleMesh
 from abfm.reading import from_json
 from abfm.registration import Registration
@@ -119,7 +119,7 @@ def edge_middles(mesh: TriangleMesh) -> SurfacePoints:
 
 def checked_mask(mesh: TriangleMesh, text: str | None, whose: str) -> FloatArray:
     """Evaluate a mask (V,), 1 where there is none; a ParameterError says what is wrong with it."""
-    found = given_mask(mesh, text or None, f"the mask of {whose}")
+    found = mask_from_input(mesh, text or None, f"the mask of {whose}")
     return np.ones(len(mesh.vertices)) if found is None else found
 
 

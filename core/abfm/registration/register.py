@@ -20,7 +20,7 @@ from abfm.functions.spec import files_in
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
-from abfm.matching.bounded import SHARE, bounded, check_bound
+from abfm.matching.bounded import SHARE, check_bound, limit_distortion
 from abfm.matching.match import match
 from abfm.matching.problem import Problem
 from abfm.matching.result import Match
@@ -29,7 +29,7 @@ from abfm.matching.solving.record import Iteration
 from abfm.matching.terms.functions import (
     FunctionTerm,
     checked_weights,
-    given_mask,
+    mask_from_input,
     mask_of_known,
 )
 from abfm.mesh import MeshLike, TriangleMesh, as_meshes
@@ -165,7 +165,7 @@ def within(
 ) -> Registration:
     """Return the closest registration on the way of one that keeps a bound: for 99% of the faces
     neither ``|log2 J|`` nor ``|log2 R|`` is more, initial map and flow together, and no face is
-    folded, see `abfm.matching.bounded`.
+    folded, see `abfm.matching.limit_distortion`.
 
     Where the initial map alone is beyond it, and so is every step of the path, no flow can be
     expected to bring it back: the registration comes back as it is, and a note says so.
@@ -174,7 +174,7 @@ def within(
     def measure(match: Match) -> Distortion:
         return found.matched_by(match).distortion()
 
-    chosen = found.matched_by(bounded(found.match, max_distortion, measure, control))
+    chosen = found.matched_by(limit_distortion(found.match, max_distortion, measure, control))
     bound = chosen.match.bound
     if bound is None or bound.is_kept:
         return chosen
@@ -228,7 +228,7 @@ def prepare(
     source, known_a = known_functions(a, f, "f")
     target, known_b = known_functions(b, g, "g")
     phases = phase_warning(a, np.where(known_a, source, np.nan))
-    mask_a, mask_b = given_mask(a, mask_a, "mask_a"), given_mask(b, mask_b, "mask_b")
+    mask_a, mask_b = mask_from_input(a, mask_a, "mask_a"), mask_from_input(b, mask_b, "mask_b")
     on_a, on_b = mask_of_known(mask_a, known_a), mask_of_known(mask_b, known_b)
     # hidden values must neither move along the flow nor count as detail
     source = filled(a, source, known_a if on_a is None else on_a > 0)

@@ -109,7 +109,7 @@ class Registration(Correspondence):
             return verdict
         if self.warnings:
             reason = self.warnings[0]
-            return verdict.because(Outcome.NOT_REACHED, Cause.INITIAL_MAP, warning=reason)
+            return verdict.with_cause(Outcome.NOT_REACHED, Cause.INITIAL_MAP, warning=reason)
         worse = worse_residual(match.worse_residual, self.residual)
         due = outcome_of(worse, match.parameters.goal)
         if verdict.kind is Outcome.REGISTERED:
@@ -117,7 +117,7 @@ class Registration(Correspondence):
                 return verdict
         elif due.rank <= verdict.kind.rank:
             return verdict
-        return verdict.because(due, Cause.COMPLETE_MAP, residual=share(worse))
+        return verdict.with_cause(due, Cause.COMPLETE_MAP, residual=share(worse))
 
     @cached_property
     def facts(self) -> Facts:
@@ -217,7 +217,7 @@ class Registration(Correspondence):
 def load_registration(path: File) -> Registration:
     """Read a file of `Registration.save`; ResultError if it is missing, damaged, or none.
 
-    Values that disagree with the field are recomputed, with a warning in ``match.doubt``.
+    Values that disagree with the field are recomputed, with a warning in ``match.load_warning``.
     """
 
     def made(arrays: results.Arrays) -> Registration:
@@ -229,4 +229,4 @@ def load_registration(path: File) -> Registration:
         return Registration(initial, match, notes, functions, warnings)
 
     found = results.loaded(path, results.REGISTRATION, made)
-    return found.matched_by(found.match.borne_out())
+    return found.matched_by(found.match.reverified())

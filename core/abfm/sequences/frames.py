@@ -16,7 +16,7 @@ from abfm.matching.terms.functions import (
     CONSTANT,
     FunctionTerm,
     checked_weights,
-    given_mask,
+    mask_from_input,
     mask_of_known,
 )
 from abfm.mesh import TriangleMesh
@@ -115,7 +115,7 @@ def checked(
     known: BoolArray = np.asarray(finite.all(axis=(0, 2)))
     if not known.any():
         raise FunctionError("no vertex has values that are finite in all frames")
-    of_vertices = mask_of_known(given_mask(mesh, mask), known)
+    of_vertices = mask_of_known(mask_from_input(mesh, mask), known)
     seen = known if of_vertices is None else of_vertices > 0
     if not seen.any():
         raise FunctionError(

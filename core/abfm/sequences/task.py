@@ -11,7 +11,7 @@ import numpy as np
 
 from abfm.io import check_stc_name, check_values_name, even_step, results
 from abfm.matching.judging.verdict import Verdict
-from abfm.matching.terms.functions import given_mask
+from abfm.matching.terms.functions import mask_from_input
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
 from abfm.reading import FRAMES_ENDINGS
@@ -211,7 +211,7 @@ class SequenceTask(Task):
         options = {
             "parameters": defaults(**parameters_in(values)),
             "gamma": values.get("gamma", GAMMA),
-            "mask": given_mask(mesh, values.get("mask")),
+            "mask": mask_from_input(mesh, values.get("mask")),
             "weights": values.get("weights"),
             "circular": values.get("circular", False),
         }

@@ -84,16 +84,16 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
     told = judge(functions, evidence, problem.parameters)
     left = worse_residual(said.residual, said.verified_residual)
     if functions.norm(levels) > _NOTHING_BUT_NOISE * functions.function_size:
-        return told.because(Outcome.NOT_REACHED, Cause.NOISE, noise=_noise(functions))
+        return told.with_cause(Outcome.NOT_REACHED, Cause.NOISE, noise=_noise(functions))
     if told.cause is Cause.BOTH_CONSTANT:
-        return replace(told.because(Outcome.NOT_REACHED, told.cause), advice="")
+        return replace(told.with_cause(Outcome.NOT_REACHED, told.cause), advice="")
     if told.cause is Cause.VALUES_DIFFER and _lacks_values(functions, levels):
         return replace(told, advice="", remedies=())
     if left <= NOISE_FACTOR * noise_floor(functions, levels) and not told.kind.is_good:
-        told = told.because(Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=_noise(functions))
+        told = told.with_cause(Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=_noise(functions))
     if told.kind.is_good and explains_little(functions, levels, left):
         cause = _unexplained(functions, levels, said)
-        return told.because(Outcome.NOT_REACHED, cause, edges=narrowest(functions))
+        return told.with_cause(Outcome.NOT_REACHED, cause, edges=narrowest(functions))
     return told if told.kind.is_good else replace(told, advice="", remedies=())
 
 
@@ -101,7 +101,7 @@ def undetermined(verdict: Verdict) -> Verdict:
     """Return the verdict of an interval of frames that determine no motion, by left-out frames."""
     if not verdict.kind.is_good:
         return verdict
-    return replace(verdict.because(Outcome.NOT_REACHED, Cause.UNDETERMINED), advice="")
+    return replace(verdict.with_cause(Outcome.NOT_REACHED, Cause.UNDETERMINED), advice="")
 
 
 _WITHOUT_MOTION = (

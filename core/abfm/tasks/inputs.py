@@ -16,7 +16,7 @@ from abfm.functions import Circular, Permuted, Scaled, Spec, Sum, ValuesFile, pa
 from abfm.functions.circular import checked_period
 from abfm.functions.circular_channels import split_channels
 from abfm.mesh.options import MERGE, MeshOptions, read_flag
-from abfm.parameters import CHOICES, FIELDS, MAIN_FIELDS, Parameters, checked, is_whole, option
+from abfm.parameters import CHOICES, FIELDS, MAIN_FIELDS, Parameters, checked, is_integer, option
 from abfm.reading.text_tables import parse_number
 
 MESH_FORMATS = (
@@ -33,7 +33,7 @@ def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
     If it is optional, "auto" is None.
     """
     entry = FIELDS[name]
-    noun = f"a {'whole ' * is_whole(entry)}number{', nor auto' * is_optional}"
+    noun = f"a {'whole ' * is_integer(entry)}number{', nor auto' * is_optional}"
 
     @lru_cache(maxsize=1000)  # of a column's cells, most are alike
     def read(text: str) -> Any:
@@ -42,7 +42,7 @@ def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
             return None
         if name not in CHOICES:
             try:
-                value = int(text) if is_whole(entry) else parse_number(text)
+                value = int(text) if is_integer(entry) else parse_number(text)
             except ValueError:
                 raise ParameterError(f"{brief(text)} is not {noun}{hint(text)}") from None
         return checked(entry, value)
@@ -123,7 +123,7 @@ def parameter_inputs(
         if value is not None:
             text = text.partition("; not given")[0]
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
-        number = "INT" if is_whole(entry) else "X"
+        number = "INT" if is_integer(entry) else "X"
         inputs.append(
             Input(
                 name=option(name),

@@ -92,7 +92,7 @@ def test_a_coarse_slab_is_turned_in_most_parts():
     slab = stepped_slab(3)
     example, findings = run(10, slab)
     problem, found = example.problem, values(findings)
-    assert TABLE_1[10].holds(problem.parameters)
+    assert TABLE_1[10].matches(problem.parameters)
     assert_array_equal(problem.target, problem.source[detected(slab).vertex_map])
     assert found["mismatch of the functions"] < 0.25
     assert found[ERROR] < 0.1

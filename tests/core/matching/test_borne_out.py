@@ -40,7 +40,7 @@ def reloaded(found, path, **changes):
 
 def test_what_was_saved_is_believed_as_it_is(found, tmp_path):
     loaded = reloaded(found, tmp_path / "m.npz")
-    assert loaded.doubt == ""
+    assert loaded.load_warning == ""
     assert (loaded.residual, loaded.verdict) == (found.residual, found.verdict)
     # rounding to single precision, and what another scheme may come to
     single = reloaded(
@@ -49,14 +49,14 @@ def test_what_was_saved_is_believed_as_it_is(found, tmp_path):
         advected=np.float32,
         residual=lambda left: left - 0.004,
     )
-    assert single.doubt == ""
+    assert single.load_warning == ""
 
 
 def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: np.zeros_like})
-    check_message(loaded.doubt, f"{found.residual:.3g}")
-    assert "\n" not in loaded.doubt
+    check_message(loaded.load_warning, f"{found.residual:.3g}")
+    assert "\n" not in loaded.load_warning
     initial = loaded.problem.refined(loaded.refined).functions
     assert loaded.residual == pytest.approx(initial.residual(initial.source))
     assert loaded.verified_residual == pytest.approx(loaded.residual, rel=1e-3)
@@ -64,7 +64,7 @@ def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
     assert loaded.verdict.kind == "not reached"
     assert_allclose(loaded.advected, loaded.source, atol=1e-9)
     loaded.save(again := tmp_path / "again.npz")
-    assert load(again).doubt == ""
+    assert load(again).load_warning == ""
 
 
 @pytest.mark.parametrize(
@@ -80,8 +80,8 @@ def test_other_changes_are_told_where_they_are_larger_than_rounding(
     found, tmp_path, changes, is_told
 ):
     loaded = reloaded(found, tmp_path / "m.npz", **changes)
-    assert bool(loaded.doubt) == is_told
-    check_message(loaded.doubt)
+    assert bool(loaded.load_warning) == is_told
+    check_message(loaded.load_warning)
 
 
 def test_a_word_that_is_better_than_its_numbers_is_not_believed(found, tmp_path):
@@ -89,14 +89,14 @@ def test_a_word_that_is_better_than_its_numbers_is_not_believed(found, tmp_path)
     assert still.verdict.kind == "not reached"
     praised = replace(still, verdict=Verdict(Outcome.MATCHED, "so it is", ""))
     loaded = reloaded(praised, tmp_path / "m.npz")
-    check_message(loaded.doubt)
+    check_message(loaded.load_warning)
     assert loaded.verdict.kind == "not reached"
 
 
 def test_a_field_too_fast_to_carry_anything_is_no_match(found, tmp_path):
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: lambda v: 1e9 * v})
-    check_message(loaded.doubt)
+    check_message(loaded.load_warning)
     assert loaded.verdict.kind == "not reached"
 
 
@@ -108,7 +108,7 @@ def test_a_field_taken_out_of_a_run_has_numbers_of_a_coarser_level_and_is_no_che
         verified_residual=math.nan,
         stop_reason=StopReason.CANCELLED,
     )
-    judged = coarse.borne_out()
-    assert judged.doubt == ""
+    judged = coarse.reverified()
+    assert judged.load_warning == ""
     assert judged.residual == pytest.approx(found.residual, rel=1e-6)
     assert json.dumps(judged.parameters.to_dict()) == json.dumps(found.parameters.to_dict())

@@ -8,7 +8,7 @@ import pytest
 
 from abfm import Control, Parameters, Problem, load, match
 from abfm.errors import ParameterError
-from abfm.matching import SHARE, bounded
+from abfm.matching import SHARE, limit_distortion
 from tests.messages import raises
 from tests.shapes import icosphere
 
@@ -28,7 +28,7 @@ def found():
 
 @pytest.mark.parametrize("most", [0.9, 0.4, 0.15])
 def test_nearly_all_faces_keep_the_bound_and_a_tighter_one_leaves_more(found, most):
-    within = bounded(found, most)
+    within = limit_distortion(found, most)
     told = within.distortion()
     logs = np.abs(np.log2([told.area, told.conformal]))
     assert (logs <= most).all(axis=0).mean() == told.share_within(most) >= SHARE
@@ -38,23 +38,23 @@ def test_nearly_all_faces_keep_the_bound_and_a_tighter_one_leaves_more(found, mo
     assert found.residual < within.residual < found.initial_residual
     # the bound is used: the field is none that keeps half of it, too
     assert told.share_within(0.4 * most) < SHARE
-    looser = bounded(found, 2 * most)
+    looser = limit_distortion(found, 2 * most)
     assert looser.residual <= within.residual
 
 
 def test_a_match_within_the_bound_stays(found):
-    within = bounded(found, 1e3)
+    within = limit_distortion(found, 1e3)
     assert within.fine_velocity is found.fine_velocity
     assert within.verdict == found.verdict
     assert within.bound.is_kept
     assert within.bound.max_distortion == 1e3
-    again = bounded(within, 1e3)
+    again = limit_distortion(within, 1e3)
     assert again is within
 
 
 def test_the_path_is_within_the_bound(found):
     """The steps that keep the bound are the path of the result, up to its own."""
-    within = bounded(found, 0.4)
+    within = limit_distortion(found, 0.4)
     sigmas = [each.sigma for each in within.path]
     assert sigmas == sorted(sigmas, reverse=True)
     assert within.path[within.step].velocity is within.fine_velocity
@@ -87,7 +87,7 @@ def match_of(name):
 def test_no_step_within_the_bound_is_closer(name, most):
     """Nor is the field without motion, and the bound is kept."""
     found = match_of(name)
-    within = bounded(found, most)
+    within = limit_distortion(found, most)
     assert keeps(within, most)
     assert within.bound.is_kept
     if keeps(found, most):
@@ -110,12 +110,12 @@ def test_landmarks_come_as_close_as_the_bound_lets_them():
     found = match(Problem(MESH, None, None, landmarks=np.reshape(nearest, (2, 2))))
     left = [found.landmark_errors.mean()]
     for most in (0.5, 0.25):
-        within = bounded(found, most)
+        within = limit_distortion(found, most)
         assert keeps(within, most)
         assert within.distortion().share_within(0.5 * most) < SHARE
         left.append(within.landmark_errors.mean())
     assert not keeps(found, 0.5)
-    left.append(found.problem.landmarks.first_errors.mean())
+    left.append(found.problem.landmarks.initial_errors.mean())
     assert left == sorted(left)
     assert left[1] < 0.6 * left[-1]
 
@@ -125,7 +125,7 @@ def test_a_match_stays_if_no_field_keeps_the_bound(found):
         """Return the distortion of a map that is beyond the bound before any flow."""
         return each.distortion().scaled(3.0)
 
-    within = bounded(found, 0.1, measure)
+    within = limit_distortion(found, 0.1, measure)
     assert within.fine_velocity is found.fine_velocity
     assert within.verdict == found.verdict
     assert not within.bound.is_kept
@@ -136,12 +136,12 @@ def test_a_match_stays_if_no_field_keeps_the_bound(found):
 def test_a_search_that_is_cancelled_ends_within_the_bound(found):
     control = Control()
     control.cancel()
-    within = bounded(found, 0.4, control=control)
+    within = limit_distortion(found, 0.4, control=control)
     assert keeps(within, 0.4)
 
 
 def test_facts_and_files_name_the_bound(found, tmp_path):
-    within = bounded(found, 0.4)
+    within = limit_distortion(found, 0.4)
     facts = within.facts
     assert facts.numbers["max_distortion"] == 0.4
     assert facts.numbers["share_within"] == within.distortion().share_within(0.4)
@@ -159,4 +159,4 @@ def test_facts_and_files_name_the_bound(found, tmp_path):
 @pytest.mark.parametrize("most", [0, -1, np.nan, "1"])
 def test_bounds_are_positive_numbers(found, most):
     with raises(ParameterError):
-        bounded(found, most)
+        limit_distortion(found, most)

@@ -289,8 +289,8 @@ def test_flow_lines_at_once_are_those_of_the_verification(mesh):
         np.stack([bump(mesh, mesh.vertices[i], 0.25) for i in pair], axis=1)
         for pair in ((5, 40), (20, 70))
     )
-    weighed = {"mask": np.linspace(0, 1, len(mesh.vertices)), "weights": [1.0, 0.3]}
-    for extras in ({}, weighed):
+    weighted = {"mask": np.linspace(0, 1, len(mesh.vertices)), "weights": [1.0, 0.3]}
+    for extras in ({}, weighted):
         match = abfm.match(mesh, f, g, Parameters.of(iterations=20, segments=2), **extras)
         found = match.verify(subdivided=False)
         assert match.verified_residual == pytest.approx(found.flow_lines, rel=1e-9)

@@ -57,18 +57,18 @@ def test_landmarks_alone_are_matched(name):
     pair, _ = flowed(mesh, 12)
     found = abfm.match(abfm.Problem(mesh, None, None, landmarks=pair))
     well_matched(found)
-    assert found.problem.landmarks.first_errors.max() > 0.1
+    assert found.problem.landmarks.initial_errors.max() > 0.1
 
 
 def test_its_errors_are_those_of_certified_flow_lines(matched):
     well_matched(matched)
     marks = matched.problem.landmarks
     ends = ContinuousFlow(SPHERE, matched.velocity, 1.0).destinations(marks.points(SPHERE))
-    straight = np.linalg.norm(ends.positions - marks.wanted(SPHERE).positions, axis=1)
+    straight = np.linalg.norm(ends.positions - marks.targets(SPHERE).positions, axis=1)
     near(matched.landmark_errors, straight / SPHERE.length_scale, 1e-4)
     assert matched.residual == pytest.approx(10 * matched.landmark_errors.max(), abs=0.005)
     assert matched.verified_residual == pytest.approx(10 * matched.landmark_errors.max())
-    assert matched.initial_residual == pytest.approx(10 * marks.first_errors.max())
+    assert matched.initial_residual == pytest.approx(10 * marks.initial_errors.max())
     most = 100 * matched.landmark_errors.max()
     check_message(matched.verdict.reason, 8, f"{most:.2g}%")
 
@@ -110,10 +110,10 @@ def test_landmark_errors_have_one_computation(tmp_path):
     assert found.verified_residual == pytest.approx(worst, rel=1e-6)
     found.save(tmp_path / "m.npz")
     loaded = abfm.load(tmp_path / "m.npz")
-    assert not loaded.doubt
+    assert not loaded.load_warning
     assert loaded.residual == found.residual
     for step in range(len(found.path)):
-        assert not found.at_step(step).doubt
+        assert not found.at_step(step).load_warning
 
 
 def test_a_coarser_mesh_leads_to_the_mesh_itself():
@@ -153,7 +153,7 @@ def test_smaller_landmark_sigmas_leave_less():
 def test_it_comes_back_from_files_and_from_other_processes(matched, tmp_path):
     matched.save(tmp_path / "m.npz")
     loaded = abfm.load(tmp_path / "m.npz")
-    assert not loaded.doubt
+    assert not loaded.load_warning
     assert loaded.verdict == matched.verdict
     assert np.array_equal(loaded.landmark_errors, matched.landmark_errors)
     assert loaded.problem.digest == matched.problem.digest
@@ -166,7 +166,7 @@ def test_it_comes_back_from_files_and_from_other_processes(matched, tmp_path):
     ):
         assert other.digest == matched.problem.digest
         assert other.landmarks.mesh is other.mesh.normalized()
-        near(other.landmarks.first_errors, matched.problem.landmarks.first_errors, 0)
+        near(other.landmarks.initial_errors, matched.problem.landmarks.initial_errors, 0)
 
 
 def test_a_file_with_half_of_them_is_refused(matched, tmp_path):

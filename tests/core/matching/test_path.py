@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm import MatchingEnergy, Parameters, PathStep, ResultError, load, match
 from abfm.io import load_arrays, save_arrays
 from abfm.matching import path_table
-from abfm.matching.path import COLUMNS, as_kept
+from abfm.matching.path import COLUMNS, as_stored
 from abfm.matching.result import match_of
 from abfm.matching.solving.measures import measured
 from tests.core.fields import bump
@@ -109,7 +109,7 @@ def test_any_path_saves_and_loads_equal(seed, found, tmp_path):
     loaded = match_of(MESH, arrays)
     assert loaded.step == own
     for number, (given, read) in enumerate(zip(steps, loaded.path, strict=True)):
-        same = given.velocity if number == own else as_kept(given.velocity, MESH)
+        same = given.velocity if number == own else as_stored(given.velocity, MESH)
         assert_array_equal(read.velocity, same)
         assert path_table([read], MESH) == path_table([given], MESH)
     loaded.save(again := tmp_path / "again.npz")
@@ -173,4 +173,4 @@ def test_a_step_that_went_astray_does_not_keep_a_match_from_its_file(found, tmp_
     again = load(tmp_path / "m.npz")
     assert math.isnan(again.path[0].residual)
     assert again.residual == found.residual
-    assert again.doubt == ""
+    assert again.load_warning == ""

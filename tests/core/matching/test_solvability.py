@@ -101,7 +101,7 @@ def test_only_what_counts_is_bounded_and_constant():
     both = term(pair(source, source), pair(source, target), None, [1.0, 0])
     assert range_bound(both) == 0
     assert not solvability.source_is_constant(both)
-    assert solvability.unmatched(both) is None
+    assert solvability.first_difference(both) is None
     outside = flat.copy()
     outside[:5] = 1
     assert solvability.source_is_constant(term(flat, at(0)))
@@ -140,10 +140,10 @@ def test_the_distance_is_that_between_gaussians(degrees):
 
 def test_peaks_are_not_told_where_a_mask_hides_some():
     one, two = at(0, 0.1), np.maximum(at(0, 0.1), at(120, 0.1))
-    assert solvability.unmatched(term(one, two)) == (0, (1, 1), (2, 1))
+    assert solvability.first_difference(term(one, two)) == (0, (1, 1), (2, 1))
     half = (SPHERE.vertices[:, 2] > 0).astype(float)
-    assert solvability.unmatched(term(one, two, half)) is None
-    assert solvability.unmatched(term(pair(two, two), pair(two, one))) == (1, (2, 1), (1, 1))
+    assert solvability.first_difference(term(one, two, half)) is None
+    assert solvability.first_difference(term(pair(two, two), pair(two, one))) == (1, (2, 1), (1, 1))
 
 
 def gaussians(count):
@@ -248,22 +248,22 @@ def test_functions_that_are_near_are_never_told_different(seed):
     rng = np.random.default_rng(seed)
     f = np.sin(6 * FINE.vertices @ rng.normal(size=(3, 2))).sum(axis=1)
     g = f + rng.uniform(-0.09, 0.09, len(f)) * np.ptp(f)
-    assert solvability.peaks_apart(FINE, f, g) is None
+    assert solvability.extrema_difference(FINE, f, g) is None
 
 
 def test_functions_with_other_peaks_are_told():
-    found = solvability.peaks_apart(FINE, gaussians(1), gaussians(3))
+    found = solvability.extrema_difference(FINE, gaussians(1), gaussians(3))
     assert found == (Extrema(1, 1), Extrema(3, 1))
     assert str(found[1]) == "3 peaks and 1 pit"
-    assert solvability.peaks_apart(FINE, -gaussians(3), -gaussians(1)) == (
+    assert solvability.extrema_difference(FINE, -gaussians(3), -gaussians(1)) == (
         Extrema(1, 3),
         Extrema(1, 1),
     )
-    assert solvability.peaks_apart(FINE, gaussians(2), -3 * gaussians(2)) == (
+    assert solvability.extrema_difference(FINE, gaussians(2), -3 * gaussians(2)) == (
         Extrema(2, 1),
         Extrema(1, 2),
     )
-    assert solvability.peaks_apart(FINE, gaussians(2), gaussians(2)) is None
+    assert solvability.extrema_difference(FINE, gaussians(2), gaussians(2)) is None
 
 
 @given(SEEDS, st.floats(0.01, 100), st.floats(-10, 10))
@@ -273,21 +273,21 @@ def test_what_turns_a_disc_is_never_told_apart_at_its_boundary(seed, factor, off
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     points = mesh.vertices[:, :2]
     f, g = (np.sin(places @ waves).sum(axis=1) for places in (points, points @ turn))
-    assert solvability.places_apart(mesh, factor * f + offset, factor * g + offset) is None
+    assert solvability.boundary_difference(mesh, factor * f + offset, factor * g + offset) is None
 
 
 def test_values_on_a_boundary_that_the_other_lacks_are_told():
     mesh = disc(16)
     inner, outer = (bump(mesh, [place, 0, 0], 0.1) for place in (0, 1))
     words = "values from 0 to 1 on a boundary", "from 0 to 0 there"
-    assert solvability.places_apart(mesh, outer, inner) == words
-    assert solvability.unmatched(FunctionTerm(mesh, 3 * inner, 3 * outer)) == (
+    assert solvability.boundary_difference(mesh, outer, inner) == words
+    assert solvability.first_difference(FunctionTerm(mesh, 3 * inner, 3 * outer)) == (
         *(0, "values from 0 to 0 on a boundary"),
         "from 0 to 3 there",
     )
-    assert solvability.places_apart(mesh, outer, bump(mesh, [0, 1, 0], 0.1)) is None
+    assert solvability.boundary_difference(mesh, outer, bump(mesh, [0, 1, 0], 0.1)) is None
     height = SPHERE.vertices[:, 2]
-    assert solvability.places_apart(SPHERE, height, -height) is None
+    assert solvability.boundary_difference(SPHERE, height, -height) is None
 
 
 def test_every_boundary_stays_where_it_is():
@@ -295,9 +295,9 @@ def test_every_boundary_stays_where_it_is():
     ends = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
     low, high = (bump(mesh, [1, 0, z], 0.1) for z in ends)
     assert peaks(mesh, low) == peaks(mesh, high)
-    here, there = solvability.places_apart(mesh, low, high)
+    here, there = solvability.boundary_difference(mesh, low, high)
     assert {here.split()[4], there.split()[3]} == {"0", "1"}
-    assert solvability.places_apart(mesh, low, bump(mesh, [-1, 0, ends[0]], 0.1)) is None
+    assert solvability.boundary_difference(mesh, low, bump(mesh, [-1, 0, ends[0]], 0.1)) is None
 
 
 def test_nothing_flows_across_a_pinched_vertex():
@@ -311,10 +311,10 @@ def test_nothing_flows_across_a_pinched_vertex():
     assert mesh.is_pinched_vertex.sum() == 1
     left, higher, right = (bump(mesh, at, 0.05) for at in ([-1, 0, 0], [0, 0, 1], [3, 0, 0]))
     assert peaks(mesh, left) == peaks(mesh, right)
-    assert solvability.places_apart(mesh, left, higher) is None
+    assert solvability.boundary_difference(mesh, left, higher) is None
     told = "values from 0 to 1 on a part joined at vertices alone", "from 0 to 0 there"
-    assert solvability.places_apart(mesh, left, right) == told
-    assert solvability.unmatched(FunctionTerm(mesh, left, right)) == (0, *told)
+    assert solvability.boundary_difference(mesh, left, right) == told
+    assert solvability.first_difference(FunctionTerm(mesh, left, right)) == (0, *told)
 
 
 def ridges(*heights):
@@ -332,9 +332,9 @@ def test_peaks_that_stand_out_alike_at_other_values_are_told():
     _, g = ridges(0, 1, 0.2, 0.6, 0)
     assert_allclose(persistence(mesh, f), persistence(mesh, g), atol=1e-12)
     high, low = "a peak at 0.9 above a pass at 0.5", "a peak at 0.6 above a pass at 0.2"
-    assert solvability.peaks_apart(mesh, f, g) == (high, low)
+    assert solvability.extrema_difference(mesh, f, g) == (high, low)
     _, shifted = ridges(0.09, 0.91, 0.41, 0.99, 0.09)
-    assert solvability.peaks_apart(mesh, f, shifted) is None
+    assert solvability.extrema_difference(mesh, f, shifted) is None
 
 
 DIAGRAMS = st.lists(st.tuples(*[st.integers(0, 9)] * 2).filter(lambda row: row[0] > row[1]))

@@ -242,7 +242,7 @@ def test_an_interval_is_a_match(found):
     assert match.verify(subdivided=False).flow_lines == pytest.approx(
         found.verified_residual[1], rel=1e-6
     )
-    assert match.borne_out().doubt == ""
+    assert match.reverified().load_warning == ""
     assert len(list(found)) == 3
     assert found[-1].residual == found.residual[2]
 

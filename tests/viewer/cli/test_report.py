@@ -117,7 +117,7 @@ def test_same_file_gives_same_bytes_and_json(written, page, abfm, tmp_path):
 
 
 def test_notes_and_warnings_are_on_the_page(registered, abfm, tmp_path, monkeypatch):
-    doubtful = replace(registered.match, doubt="0.1 is said to be left")
+    doubtful = replace(registered.match, load_warning="0.1 is said to be left")
     notes = ("A & B began <near> each other",)
     other = library.Registration(registered.initial, doubtful, notes)
     monkeypatch.setattr("abfm.load", lambda *_: other)

@@ -55,7 +55,7 @@ def test_every_iterate_is_reported_and_of_an_ended_run_the_last_fields_stay_and_
         problem = abfm.Problem(SPHERE, F, G, replace(QUICK, sigma=0.01 * run))
         found = match(kept, run, MatchTask(problem))
         assert [now.iteration for now in reports] == list(range(len(found.energy_history)))
-        assert reports[0].look.advected.shape == found.advected.shape
+        assert reports[0].view.advected.shape == found.advected.shape
         velocity, advected = fields(kept, run, 10**6)
         assert velocity.shape == found.velocity.shape
         assert advected.shape == found.advected.shape
@@ -84,7 +84,7 @@ class Iterate:
 
     iteration: int
     residual: float
-    look: object = None
+    view: object = None
     warning = None
     picture_seconds: float = 0.0
     field_seconds: float = 0.0
@@ -127,7 +127,7 @@ def test_no_picture_is_made_for_nine_times_as_long_as_one_took_within_limits(
             clock.seconds = done + 1.01 * pause
 
     match({}, 1, Task(post))
-    assert [one.look.picture for one in reports] == 3 * ["picture 0", None, None]
+    assert [one.view.picture for one in reports] == 3 * ["picture 0", None, None]
 
 
 def test_the_best_field_is_known_during_a_later_attempt_and_after_the_run(reports, monkeypatch):
@@ -151,7 +151,7 @@ def test_the_best_field_is_known_during_a_later_attempt_and_after_the_run(report
 
 def sent(reports):
     """What was reported once more, with its fields."""
-    return [now for now in reports if now.look.field is not None]
+    return [now for now in reports if now.view.field is not None]
 
 
 @pytest.mark.parametrize(
@@ -194,6 +194,6 @@ def test_the_best_field_that_moves_is_sent_once(clock, reports):
 
     match({}, 1, Task(post))
     assert [now.iteration for now in reports] == [0, 1, 2, 2, 3]  # the start is no field
-    assert [(now.look.field, now.look.picture) for now in sent(reports)] == [
+    assert [(now.view.field, now.view.picture) for now in sent(reports)] == [
         ("field 2", "picture 2")
     ]

@@ -165,8 +165,8 @@ def test_the_record_is_the_same_object_until_there_is_more_of_it(running):
     assert running.record is not before
     # some come with a picture: these are shown
     until(lambda: running.snapshot.shown.iteration > 0)
-    assert running.snapshot.shown.look.picture is not None
-    until(lambda: running.snapshot.iteration.look.picture is None)
+    assert running.snapshot.shown.view.picture is not None
+    until(lambda: running.snapshot.iteration.view.picture is None)
     assert running.snapshot.shown.iteration <= running.snapshot.iteration.iteration
 
 
@@ -175,7 +175,7 @@ def test_the_fields_of_an_iterate_come_when_they_are_asked_for_and_are_known_for
 ):
     running.run.pause()
     shown = running.snapshot.shown
-    again = replace(shown, look=replace(shown.look, picture=None))
+    again = replace(shown, view=replace(shown.view, picture=None))
     carries(shown, functions)
     running.cancelled()
     for _ in range(2):
@@ -314,8 +314,8 @@ def test_a_new_attempt_replaces_no_better_field(matching):
     matching._present = first
 
     def post(number, residual, picture="picture", of=first, field=None):
-        look = IteratePicture(None, picture, field)
-        matching._post(of, iterate(iteration=number, residual=residual, look=look))
+        view = IteratePicture(None, picture, field)
+        matching._post(of, iterate(iteration=number, residual=residual, view=view))
         return matching.snapshot.iteration.iteration, matching.snapshot.shown.iteration
 
     assert post(0, 1.4) == (0, 0)

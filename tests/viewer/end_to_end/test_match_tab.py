@@ -8,7 +8,7 @@ import polyscope.imgui as imgui
 import pytest
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, FIELDS, KEEPING_AREAS, LAST_SIGMA, TABLE_1, TITLES
+from abfm.parameters import AREA_PRESERVING_DIVERGENCE, CHOICES, FIELDS, LAST_SIGMA, TABLE_1, TITLES
 from abfm_viewer.panels.right_panel import STEPS
 from tests.messages import check_message
 from tests.viewer.sessions import match
@@ -68,7 +68,7 @@ def set_every_parameter(gui):
         gui.choose("refine", choice)
         assert gui.session.parameters.refine == value
     gui.check("auto divergence", on=False)
-    assert gui.session.parameters.divergence == KEEPING_AREAS
+    assert gui.session.parameters.divergence == AREA_PRESERVING_DIVERGENCE
     gui.check("auto divergence")
     assert gui.session.parameters.divergence is None
     for name in ("preconditioner", "sigma_unit"):
@@ -185,7 +185,7 @@ def set_presets_and_a_mask(gui):
     rows = list(TABLE_1.values())
     for preset in (*rows[1:], rows[0]):
         gui.choose("preset", preset.name)
-        assert preset.holds(gui.session.parameters)
+        assert preset.matches(gui.session.parameters)
     assert gui.text_of("preset") == rows[0].name
     gui.click("preset")
     tips = {w.label: w.tip for w in gui.window.ui.widgets if w.section.endswith("/preset")}

@@ -523,6 +523,6 @@ def test_a_project_of_landmarks_is_consistent_with_its_field(tmp_path):
     document, known = documents.document_of_result(found, tmp_path / "found.npz")
     save_project(tmp_path / "found.abfm", document, known)
     opened = load_project(tmp_path / "found.abfm")[0].result
-    assert opened.doubt == ""
+    assert opened.load_warning == ""
     assert opened.residual == found.residual
     assert np.array_equal(opened.landmark_errors, found.landmark_errors)

@@ -45,8 +45,8 @@ class Report:
     mismatch: float
     is_of_landmarks: bool
     log2_area_95: float = math.nan
-    doubt: str = ""
-    choice: str = ""  # which sigma was chosen, see `abfm.matching.path.choice_words`
+    load_warning: str = ""
+    choice: str = ""  # which sigma was chosen, see `abfm.matching.path.choice_text`
 
     def facts(self) -> Facts:
         evidence, verdict = self.evidence, self.verdict
@@ -79,7 +79,7 @@ class Report:
         if reason is StopReason.GIVEN:
             return "field given"
         if self.is_of_landmarks:
-            return f"{reason if reason.is_early else outcome}: {self._landmarks()}"
+            return f"{reason if reason.is_interrupted else outcome}: {self._landmarks()}"
         size, left = outcome_of(self._worse, self.parameters.goal), f"{share(self._worse)} left"
         if size is Outcome.NOT_REACHED:
             if self._worse >= _SHARE_COMPLETE * self.initial_residual:
@@ -154,7 +154,7 @@ class Report:
         return known_numbers(numbers)
 
     def _warnings(self) -> tuple[str, ...]:
-        found = [self.doubt] if self.doubt else []
+        found = [self.load_warning] if self.load_warning else []
         if (bound := self.evidence.bound) is not None and not bound.is_kept:
             within = f"{100 * bound.share:.1f}% of the faces are within it"
             exceeded = f"the distortion exceeds the bound {bound.max_distortion:g}"

@@ -24,7 +24,7 @@ class Obstacle:
     details: dict[str, Any]
 
 
-def foreseen(problem: Problem) -> Facts | None:
+def expected_facts(problem: Problem) -> Facts | None:
     """Return what is known of a match before it is solved.
 
     The outcome is impossible if no flow can match the functions, and nearly if they have other
@@ -85,7 +85,7 @@ def missing_values(functions: FunctionTerm) -> Obstacle:
 
 def differing(functions: FunctionTerm) -> Obstacle | None:
     """Return the obstacle of peaks, pits and boundary values that differ; None if there is none."""
-    found = solvability.unmatched(functions)
+    found = solvability.first_difference(functions)
     if found is None:
         return None
     channel, here, there = found

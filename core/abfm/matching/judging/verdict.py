@@ -70,22 +70,22 @@ class Verdict:
             raise ValueError(f"the verdict is {kind[:40]!r}; expected one of {expected}")
         return cls(Outcome(kind), reason, advice, remedies, Cause(cause))
 
-    def because(self, kind: Outcome, cause: Cause, **details: object) -> "Verdict":
+    def with_cause(self, kind: Outcome, cause: Cause, **details: object) -> "Verdict":
         """Return the verdict of the same residuals with another outcome and cause."""
         reason = f"{self.change}: {sentence_of(cause, **details)}"
         return Verdict(kind, reason, ADVICE.get(cause, ""), (), cause)
 
-    def of_a_step(self, sigma: float) -> "Verdict":
+    def for_step(self, sigma: float) -> "Verdict":
         """Return the verdict of a step of a path, without why the match ended and what helps."""
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE):
             return self
-        return self.because(self.kind, Cause.STEP_OF_PATH, sigma=sigma)
+        return self.with_cause(self.kind, Cause.STEP_OF_PATH, sigma=sigma)
 
     def within(self, bound: Bound) -> "Verdict":
         """Return the verdict of a field that a bound of distortion keeps from coming closer."""
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE) or not bound.is_kept:
             return self
-        return self.because(self.kind, Cause.BOUNDED, **_bound_details(bound))
+        return self.with_cause(self.kind, Cause.BOUNDED, **_bound_details(bound))
 
 
 def sentence_of_bound(bound: Bound) -> str:
@@ -194,10 +194,10 @@ class _Case:
         outcome = outcome_of(residual_of_errors(errors), goal)
         if outcome is Outcome.MATCHED:
             return None
-        if self.evidence.stop_reason.is_early or self._cut_short():
-            return self._of_an_early_end(outcome)
+        if self.evidence.stop_reason.is_interrupted or self._cut_short():
+            return self._of_interruption(outcome)
         far = sum(residual_of_errors(errors[[i]]) > goal for i in range(len(errors)))
-        helps = (self.remedies.closer_landmarks(), self.remedies.refine())
+        helps = (self.remedies.smaller_landmark_sigma(), self.remedies.finer_mesh())
         return self._verdict(
             outcome,
             Cause.LANDMARKS_FAR,
@@ -211,7 +211,7 @@ class _Case:
         """Measured functions, which match as closely as the data support."""
         evidence = self.evidence
         is_sound = self.known and self.gained and not evidence.folded > FOLDED_SHARE_MAX
-        if self.outcome is Outcome.MATCHED or not is_sound or evidence.stop_reason.is_early:
+        if self.outcome is Outcome.MATCHED or not is_sound or evidence.stop_reason.is_interrupted:
             return None
         if not self.is_measured or evidence.held_out >= 1:
             return None
@@ -225,12 +225,12 @@ class _Case:
             return None
         if self.outcome is Outcome.NOT_REACHED:
             if self.unmatched:
-                return self._of_what_stays()
-            cause, truer = Cause.CHECKS_DISAGREE, self._truer()
-            return self._verdict(Outcome.NOT_REACHED, cause, *truer, verified=verified)
+                return self._of_obstacle()
+            cause, more_consistent = Cause.CHECKS_DISAGREE, self._more_consistent()
+            return self._verdict(Outcome.NOT_REACHED, cause, *more_consistent, verified=verified)
         if folded > FOLDED_SHARE_MAX and not self.known:
             return self._verdict(
-                Outcome.NOT_REACHED, Cause.FOLDED, *self._truer(), folded=share(folded)
+                Outcome.NOT_REACHED, Cause.FOLDED, *self._more_consistent(), folded=share(folded)
             )
         return None
 
@@ -239,7 +239,7 @@ class _Case:
             return None
         if self.outcome is Outcome.MATCHED:
             if self.first > self.parameters.goal and not self.known and self.unmatched:
-                return self._of_what_stays(Outcome.NEARLY)
+                return self._of_obstacle(Outcome.NEARLY)
             if self.evidence.folded > FOLDED_SHARE_MAX:
                 folds = f"{share(self.evidence.folded)} of the faces are folded"
                 return self._verdict(
@@ -250,11 +250,11 @@ class _Case:
             missing = missing_values(self.functions)
             return self._verdict(Outcome.NEARLY, missing.cause, **missing.details)
         if self._cut_short():
-            return self._of_an_early_end(Outcome.NEARLY)
+            return self._of_interruption(Outcome.NEARLY)
         verified = self.evidence.verified
         if self.known and verified > max(self.parameters.goal, self.evidence.residual):
-            return self._verdict(Outcome.NEARLY, Cause.LESS_CONFIRMED, *self._truer())
-        return self._verdict(Outcome.NEARLY, Cause.NONE, self.remedies.closer())
+            return self._verdict(Outcome.NEARLY, Cause.LESS_CONFIRMED, *self._more_consistent())
+        return self._verdict(Outcome.NEARLY, Cause.NONE, self.remedies.smaller_sigma())
 
     def not_reached(self) -> Verdict:
         evidence, remedies = self.evidence, self.remedies
@@ -263,26 +263,26 @@ class _Case:
             and self.parameters.solver.iterations < _FALL_ITERATIONS
         )
         if self.squeezed:
-            return self._of_squeezing()
-        if evidence.stop_reason.is_early:
-            return self._of_an_early_end(Outcome.NOT_REACHED)
+            return self._of_squeezed_source()
+        if evidence.stop_reason.is_interrupted:
+            return self._of_interruption(Outcome.NOT_REACHED)
         if solvability.stood_still(self.functions, evidence.advected) and not hardly_began:
-            further = (remedies.further(),) if remedies.too_far else ()
-            helps = (*further, remedies.colder())
+            larger_reach = (remedies.larger_reach(),) if remedies.is_beyond_reach else ()
+            helps = (*larger_reach, remedies.much_smaller_sigma())
             return self._verdict(Outcome.NOT_REACHED, Cause.STOOD_STILL, *helps)
         if self.is_measured and not self.gained:
             return self._verdict(Outcome.NOT_REACHED, Cause.LITTLE_GAINED)
         if self.is_measured and evidence.held_out >= 1:
             return self._verdict(Outcome.NOT_REACHED, Cause.NOT_HELD_OUT)
         if self.unmatched:
-            return self._of_what_stays()
+            return self._of_obstacle()
         if self._cut_short():
-            return self._of_an_early_end(Outcome.NOT_REACHED)
+            return self._of_interruption(Outcome.NOT_REACHED)
         if evidence.stop_reason is StopReason.LINE_SEARCH_FAILED:
-            smoother = remedies.smoother()
-            return self._verdict(Outcome.NOT_REACHED, Cause.LINE_SEARCH_FAILED, smoother)
-        finer = remedies.refine() if self.is_narrow else None
-        helps = (finer or remedies.closer(),)
+            larger_alpha = remedies.larger_alpha()
+            return self._verdict(Outcome.NOT_REACHED, Cause.LINE_SEARCH_FAILED, larger_alpha)
+        finer = remedies.finer_mesh() if self.is_narrow else None
+        helps = (finer or remedies.smaller_sigma(),)
         return self._verdict(Outcome.NOT_REACHED, Cause.NEEDS_ROUGHER_FIELD, *helps)
 
     def _verdict(
@@ -296,7 +296,7 @@ class _Case:
         change, why = self._change(outcome), sentence_of(cause, **details)
         advice = advice or ("" if remedies else ADVICE.get(cause, ""))
         words = [remedy.words for remedy in remedies] + [advice] * bool(advice)
-        if self.evidence.stop_reason.is_early:
+        if self.evidence.stop_reason.is_interrupted:
             remedies = (*remedies, CONTINUE_REMEDY)
             words.append(CONTINUE_REMEDY.words)
         reason = f"{change}: {why}" if why else change
@@ -326,39 +326,44 @@ class _Case:
             return f"{words}, {float(f'{first:.2g}'):g}% before"
         return f"{change}, {words}"
 
-    def _of_what_stays(self, outcome: Outcome = Outcome.NOT_REACHED) -> Verdict:
+    def _of_obstacle(self, outcome: Outcome = Outcome.NOT_REACHED) -> Verdict:
         assert self.unmatched is not None
         return self._verdict(outcome, self.unmatched.cause, **self.unmatched.details)
 
-    def _of_an_early_end(self, outcome: Outcome) -> Verdict:
+    def _of_interruption(self, outcome: Outcome) -> Verdict:
         """Going on helps a match whose energy still falls where flow lines fall with it."""
         remedies, evidence = self.remedies, self.evidence
-        if evidence.stop_reason.is_early:
+        if evidence.stop_reason.is_interrupted:
             return self._verdict(outcome, _CAUSES[evidence.stop_reason])
-        helps = [remedies.further()] if remedies.too_far else [remedies.more_time()]
+        helps = (
+            [remedies.larger_reach()] if remedies.is_beyond_reach else [remedies.more_iterations()]
+        )
         confirmed = not self.known or evidence.verified <= 2 * max(
             evidence.residual, self.parameters.goal
         )
-        if confirmed and not remedies.too_far:
+        if confirmed and not remedies.is_beyond_reach:
             helps.append(CONTINUE_REMEDY)
         iterations = self.parameters.solver.iterations
         return self._verdict(outcome, Cause.STILL_FALLING, *helps, iterations=iterations)
 
-    def _of_squeezing(self) -> Verdict:
+    def _of_squeezed_source(self) -> Verdict:
         """The source shrank where it was: nothing led it to the target, or not long enough."""
         remedies, reason = self.remedies, self.evidence.stop_reason
         vanished = solvability.vanished(self.functions, self.evidence.advected)
         helps: list[Remedy] = []
         why, advice = "", ""
-        if remedies.looks_near:
-            why, helps = ", as nothing led it to the target", [remedies.further()]
+        if remedies.has_small_reach:
+            why, helps = ", as nothing led it to the target", [remedies.larger_reach()]
         elif reason in _LIMIT_REASONS:
             early = sentence_of(
                 _CAUSES[reason], iterations=self.parameters.solver.iterations
             ).removesuffix(", still falling")
-            why, helps = f", and {early}", [remedies.more_time()]
+            why, helps = f", and {early}", [remedies.more_iterations()]
         else:
-            helps, advice = [remedies.colder()] if remedies.is_warm else [], ADVICE[Cause.SQUEEZED]
+            helps, advice = (
+                [remedies.much_smaller_sigma()] if remedies.has_large_sigma else [],
+                ADVICE[Cause.SQUEEZED],
+            )
         return self._verdict(
             Outcome.NOT_REACHED,
             Cause.SQUEEZED,
@@ -373,15 +378,19 @@ class _Case:
         energies, reason = self.evidence.energies, self.evidence.stop_reason
         if reason not in _LIMIT_REASONS or self.squeezed:
             return False
-        if reason.is_early or energies is None or len(energies) <= _FALL_ITERATIONS:
+        if reason.is_interrupted or energies is None or len(energies) <= _FALL_ITERATIONS:
             return True
         return bool(energies[-1] < (1 - _FALL_SHARE) * energies[-1 - _FALL_ITERATIONS])
 
-    def _truer(self) -> list[Remedy]:
+    def _more_consistent(self) -> list[Remedy]:
         """Return what makes flow lines confirm a match. None of it undoes another: a mesh only gets
         finer, a field smoother up to the default, sigma smaller.
         """
-        return [found for found in (self.remedies.truer(), self.remedies.refine()) if found]
+        return [
+            found
+            for found in (self.remedies.more_consistent(), self.remedies.finer_mesh())
+            if found
+        ]
 
 
 _CAUSES = {

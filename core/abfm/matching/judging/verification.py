@@ -14,7 +14,7 @@ from abfm.flow.flow_lines import fields_in_a_row
 from abfm.maps.distortion import CUT_FACES_MAX, folds
 from abfm.matching.problem import Problem, mask_on_children
 from abfm.matching.solvability import RESOLUTION_MIN, narrowest
-from abfm.matching.solving.measures import walked_back
+from abfm.matching.solving.measures import flow_line_residual
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
@@ -59,7 +59,7 @@ class Verification:
         return self.flow_lines
 
     @property
-    def doubtful(self) -> bool:
+    def checks_disagree(self) -> bool:
         """Whether the witnesses differ by more than a factor of 2 and 0.05, as fields are rough."""
         least, most = sorted((self.flow_lines, self.subdivided))  # comparisons with NaN are False
         return bool(most - least > _DIFFERENCE_MAX and most > _RATIO_MAX * least)
@@ -76,7 +76,7 @@ class Verification:
             parts.append(f"{self.subdivided:.4f} on the subdivided mesh")
         parts.append(f"{100 * self.folded:.2g} % of the faces folded")
         parts.append(f"functions {self.resolution:.1f} edges wide")
-        disagree = "; the witnesses disagree" * self.doubtful
+        disagree = "; the witnesses disagree" * self.checks_disagree
         return ", ".join(parts) + disagree + "; too narrow for this mesh" * (not self.resolved)
 
 
@@ -108,7 +108,7 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     mesh, p = problem.mesh, problem.parameters
     functions = problem.functions.on(mesh)
     flow, faces = ContinuousFlow(mesh, fields, p.tau), np.arange(len(mesh.faces))
-    lines, places = walked_back(functions, flow, faces)
+    lines, places = flow_line_residual(functions, flow, faces)
     folded, overturned = folds(mesh, flow.origins, faces, places, CUT_FACES_MAX)
     on_fine = np.nan
     if subdivided and len(mesh.vertices) <= SUBDIVIDED_LIMIT:
@@ -132,6 +132,6 @@ def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Para
         return np.inf
     there = FunctionTerm(fine, source, target, None, functions.weights)
     if mask is not None:
-        there = there.weighed(mask_on_children(mesh, mask))
+        there = there.with_mask(mask_on_children(mesh, mask))
     with np.errstate(over="ignore"):
         return there.residual(np.ascontiguousarray(carried.T))

@@ -25,7 +25,7 @@ from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Trajectory
 from abfm.matching.objective.regularizer import Regularizer, regularizer
 from abfm.matching.problem import Problem, check_fields
 from abfm.matching.terms.data_term import DataTerms, Sum
-from abfm.matching.terms.landmarks import Missed, residual_of_errors
+from abfm.matching.terms.landmarks import LandmarkMisfit, residual_of_errors
 from abfm.mesh import MeshLike, TriangleMesh
 from abfm.numerics import kernels
 from abfm.types import FloatArray
@@ -138,12 +138,12 @@ class Objective:
     regularity: Regularizer  # ``R``, by ``apply``
     carried: FloatArray  # functions (C, V) that the data terms want carried
     # each data term's energy, and the derivative of their sum, by what was carried
-    missed: Callable[[FloatArray], tuple[tuple[float, ...], FloatArray]]
+    misfit: Callable[[FloatArray], tuple[tuple[float, ...], FloatArray]]
     advect: Callable[[FloatArray], Advection]  # the flow of frame coefficients (N, F, 2)
     tau: float
     gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
     shift: FloatArray | float = 0.0  # what is taken off what was carried, before it is measured
-    landmarks: Callable[[FloatArray], Missed] | None = None  # what they say of (N, F, 2)
+    landmarks: Callable[[FloatArray], LandmarkMisfit] | None = None  # what they say of (N, F, 2)
     is_of_landmarks: bool = False  # whether nothing but them counts
 
     def evaluate(self, x: FloatArray) -> Evaluation:
@@ -158,12 +158,12 @@ class Objective:
             derivatives, errors = [differentiate], None
             if self.landmarks is not None and np.isfinite(sum(shares)):
                 try:
-                    missed = self.landmarks(x)
+                    misfit = self.landmarks(x)
                 except AdvectionError:
                     shares = (np.inf,)
                 else:
-                    shares, errors = (*shares, missed.share), missed.errors
-                    derivatives.append(missed.differentiate)
+                    shares, errors = (*shares, misfit.share), misfit.errors
+                    derivatives.append(misfit.differentiate)
 
         def gradient() -> FloatArray:
             return np.asarray(sum((by() for by in derivatives), momentum))
@@ -175,8 +175,12 @@ class Objective:
         self, x: FloatArray
     ) -> tuple[tuple[float, ...], FloatArray, Callable[[], FloatArray]]:
         if self.is_of_landmarks:
-            shares = self.missed(self.carried - self.shift)[0]
-            return shares, carried_along(self.advect, x, self.carried), partial(np.zeros, x.shape)
+            shares = self.misfit(self.carried - self.shift)[0]
+            return (
+                shares,
+                advect_functions(self.advect, x, self.carried),
+                partial(np.zeros, x.shape),
+            )
         flow, gradient = self.advect(x), self.gradient(x)
         trajectories, advected = [], np.empty_like(self.carried)
         for c, f in enumerate(self.carried):
@@ -184,13 +188,13 @@ class Objective:
             advected[c] = trajectories[c][-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
-        shares, residuals = self.missed(advected - self.shift)
+        shares, residuals = self.misfit(advected - self.shift)
         if not np.isfinite(sum(shares)):
             raise AdvectionError("the mismatch overflows")
         return shares, advected, partial(gradient.of_fields, flow, trajectories, residuals)
 
 
-def carried_along(
+def advect_functions(
     advect: Callable[[FloatArray], Advection], x: FloatArray, functions: FloatArray
 ) -> FloatArray:
     """Return functions (C, V), carried by the flow of fields; constant ones stay as they are."""
@@ -261,16 +265,16 @@ class MatchingEnergy:
         they measure it; a tolerance truncates the advection, and the gradient is that of the
         truncated sum.
         """
-        missed = self.measure(reach).shares_and_residual
+        misfit = self.measure(reach).shares_and_residual
         return Objective(
             self.regularizer(alpha),
             self.terms.carried,
-            partial(missed, sigma=sigma),
+            partial(misfit, sigma=sigma),
             partial(self.discretisation.flow, tau=self.parameters.tau, tolerance=tolerance),
             self.parameters.tau,
             self._gradient,
             shift,
-            self.missed_landmarks(self.parameters.landmark_sigma),
+            self.landmark_misfit(self.parameters.landmark_sigma),
             self.is_of_landmarks,
         )
 
@@ -284,9 +288,9 @@ class MatchingEnergy:
         energy.discretisation = self.discretisation.clustered()
         return energy
 
-    def masked(self, mask: FloatArray) -> MatchingEnergy:
+    def with_mask(self, mask: FloatArray) -> MatchingEnergy:
         """Return the energy with another mask (V,) of source and target."""
-        energy = MatchingEnergy(self.problem.masked(mask))
+        energy = MatchingEnergy(self.problem.with_mask(mask))
         energy._regularizers = self._regularizers  # the same norms, factored once for all
         return energy
 
@@ -311,17 +315,17 @@ class MatchingEnergy:
         """Return the residual of functions (C, V), see `FunctionTerm`."""
         return self.terms.residual(carried)
 
-    def missed_landmarks(self, sigma: float) -> Callable[[FloatArray], Missed] | None:
+    def landmark_misfit(self, sigma: float) -> Callable[[FloatArray], LandmarkMisfit] | None:
         """Return what landmarks say of frame coefficients (N, F, 2), by their own sigma."""
         if self.landmarks is None:
             return None
-        return partial(self.landmarks.missed, tau=self.parameters.tau, sigma=sigma)
+        return partial(self.landmarks.misfit, tau=self.parameters.tau, sigma=sigma)
 
     def left(self, point: Evaluation, shift: FloatArray | float = 0.0) -> float:
         """Return the residual at an evaluation, of functions or of landmarks: the larger one."""
         return self._larger(point.advected - shift, point.landmark_errors)
 
-    def left_by(self, x: FloatArray, carried: FloatArray) -> float:
+    def residual_of(self, x: FloatArray, carried: FloatArray) -> float:
         """Return the same of fields (N, F, 2), and what they carried (C, V)."""
         return self._larger(carried, self.landmark_errors(x))
 
@@ -339,7 +343,7 @@ class MatchingEnergy:
     def advected(self, x: FloatArray) -> FloatArray:
         """Carry the terms' functions (C, V) by (N, F, 2); not finite where the flow overflows."""
         try:
-            return carried_along(self.flow, x, self.terms.carried)
+            return advect_functions(self.flow, x, self.terms.carried)
         except AdvectionError:
             return np.full_like(self.terms.carried, np.nan)
 

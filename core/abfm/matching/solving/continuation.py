@@ -23,7 +23,7 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import AbfmError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
-from abfm.matching.solvability import RESOLUTION_MIN, narrowest, unmatched
+from abfm.matching.solvability import RESOLUTION_MIN, first_difference, narrowest
 from abfm.matching.solving.descent import (
     Progress,
     minimise,
@@ -32,7 +32,7 @@ from abfm.matching.solving.descent import (
 )
 from abfm.matching.solving.held_out import HeldOut, best_between
 from abfm.matching.solving.levels import Levels, Subdivision
-from abfm.matching.solving.measures import carried_along, measured
+from abfm.matching.solving.measures import advect_along_flow_lines, flow_line_measures
 from abfm.matching.solving.record import Record, Score, StepResult, StopReason
 from abfm.matching.solving.schedule import Schedule, Stage, Variant
 from abfm.matching.solving.settings import SETTINGS
@@ -51,14 +51,14 @@ class Phase(Enum):
 
     SEARCH = auto()
     INTERPOLATION = auto()
-    RISE = auto()
+    PROLONGATION = auto()
     EXACT = auto()
     REFINEMENT = auto()
     DONE = auto()
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
+class Sweep:
     """Sigmas that are minimised on one level, one after the other."""
 
     level: int
@@ -82,7 +82,7 @@ class State:
     variant: Variant
     phase: Phase
     start: FloatArray  # (N, F, 2), of the search
-    leg: Leg | None = None
+    sweep: Sweep | None = None
     path: tuple[StepResult, ...] = ()
     tried: tuple[tuple[StepResult, ...], ...] = ()  # paths of the variants so far
     progress: Progress = Progress()
@@ -140,14 +140,14 @@ def init(energy: MatchingEnergy, record: Record) -> State:
     if schedule.is_measured and p.solver.iterations:
         # values that are held out would not be new to a field that was fitted to them
         start, finer, lost = None, None, True
-    leg: Leg | None = None
+    sweep: Sweep | None = None
     variants: tuple[Variant, ...] = (variant,)
     if finer is not None:
         levels, x = finer
-        leg = Leg(len(levels) - 1, tuple(schedule.sigmas[-1:]), x)
+        sweep = Sweep(len(levels) - 1, tuple(schedule.sigmas[-1:]), x)
     elif start is not None and not lost:
         x = start
-        leg = Leg(levels.cheapest(levels.mesh_level), tuple(schedule.sigmas[-1:]), x)
+        sweep = Sweep(levels.cheapest(levels.mesh_level), tuple(schedule.sigmas[-1:]), x)
     else:
         levels = levels.with_coarser()
         schedule = _schedule(levels)
@@ -161,8 +161,8 @@ def init(energy: MatchingEnergy, record: Record) -> State:
         start=x,
         variants=variants,
         variant=variant,
-        phase=Phase.RISE if leg else Phase.SEARCH,
-        leg=leg,
+        phase=Phase.PROLONGATION if sweep else Phase.SEARCH,
+        sweep=sweep,
     )
 
 
@@ -179,52 +179,52 @@ def terminate(state: State) -> bool:
 
 def step(state: State) -> State:
     """Minimise the next sigma of the leg, end the leg, or plan the next one."""
-    if state.leg is None:
+    if state.sweep is None:
         return _PLANS[state.phase](state)
-    return _minimised(state, state.leg) if state.leg.sigmas else _ended(state, state.leg)
+    return _minimised(state, state.sweep) if state.sweep.sigmas else _ended(state, state.sweep)
 
 
-def _minimised(state: State, leg: Leg) -> State:
+def _minimised(state: State, sweep: Sweep) -> State:
     """Minimise the next sigma of a leg, and add the result to the path."""
     schedule, levels, record = state.schedule, state.levels, state.record
-    sigma, is_search = leg.sigmas[0], state.phase is Phase.SEARCH
+    sigma, is_search = sweep.sigmas[0], state.phase is Phase.SEARCH
     if is_search:
         is_last = len(state.tried) == len(state.variants) - 1 and sigma == schedule.sigmas[-1]
         record.is_trying = not (is_last or schedule.is_fixed)
-    error = levels.error(leg.level) if is_search else 0.0
-    at, reach, progress, stages = leg.at, leg.reach, state.progress, list[Stage]()
+    error = levels.error(sweep.level) if is_search else 0.0
+    at, reach, progress, stages = sweep.at, sweep.reach, state.progress, list[Stage]()
     if reach:
         assert at is not None
-        stages.append(schedule.stage(leg.level, sigma, state.variant, reach, error))
+        stages.append(schedule.stage(sweep.level, sigma, state.variant, reach, error))
         progress = minimise(levels, stages[-1], at, progress, record)
-        is_found = schedule.is_found(levels[leg.level].energy.left(progress.point))
+        is_found = schedule.is_found(levels[sweep.level].energy.left(progress.point))
         reach = 0.0 if is_found or sigma == schedule.sigmas[-1] else reach
         at = progress.point.x
     if not reach:
-        stages.append(schedule.stage(leg.level, sigma, state.variant, error=error))
+        stages.append(schedule.stage(sweep.level, sigma, state.variant, error=error))
         if at is None:
-            assert leg.origin is not None
-            at = prolonged(levels, stages[-1], leg.origin, record)
+            assert sweep.origin is not None
+            at = prolonged(levels, stages[-1], sweep.origin, record)
         progress = minimise(levels, stages[-1], at, progress, record)
-    result, held_out = _verified(state, stages[-1], progress.point), leg.held_out
+    result, held_out = _verified(state, stages[-1], progress.point), sweep.held_out
     if held_out is not None:
         held_out = held_out.follow(stages)
         result = replace(result, score=held_out.score(result.measures.get("log2_area", np.nan)))
-    elif leg.origin is not None:
-        result = replace(result, score=leg.origin.score)
+    elif sweep.origin is not None:
+        result = replace(result, score=sweep.origin.score)
     state = _with_path(replace(state, progress=progress), (*state.path, result))
     is_spent = is_search and len(record.history) > stages[-1].until
     is_over = is_spent or _is_over(state) or not (is_search or _gains(state))
-    sigmas = () if is_over else leg.sigmas[1:]
+    sigmas = () if is_over else sweep.sigmas[1:]
     at = progress.point.x
-    leg = replace(leg, sigmas=sigmas, at=at, reach=reach, held_out=held_out)
-    return replace(state, leg=leg)
+    sweep = replace(sweep, sigmas=sigmas, at=at, reach=reach, held_out=held_out)
+    return replace(state, sweep=sweep)
 
 
-def _ended(state: State, leg: Leg) -> State:
+def _ended(state: State, sweep: Sweep) -> State:
     """Correct the best step of a leg, and let what follows be planned."""
-    state = _corrected(state, leg.level)
-    state = replace(state, leg=None, path=(*state.path, *leg.after))
+    state = _corrected(state, sweep.level)
+    state = replace(state, sweep=None, path=(*state.path, *sweep.after))
     if state.phase is Phase.SEARCH:
         return replace(state, tried=(*state.tried, state.path))
     return state
@@ -261,7 +261,7 @@ def _defect(levels: Levels, result: StepResult) -> FloatArray:
     count = len(energy.functions.source)
     mean = result.carried.copy()
     with progress_step("checking by flow lines", len(energy.mesh.vertices)):
-        mean[:count] += 0.5 * (carried_along(energy, result.x) - result.carried[:count])
+        mean[:count] += 0.5 * (advect_along_flow_lines(energy, result.x) - result.carried[:count])
     return energy.advected(result.x) - mean
 
 
@@ -277,8 +277,8 @@ def _verified(state: State, stage: Stage, point: Evaluation) -> StepResult:
             suppress(MemoryError),
             progress_step("checking by flow lines", len(energy.mesh.vertices)),
         ):
-            measures = measured(energy, to_ambient(energy.mesh, x))
-    return StepResult(stage, x, carried, energy.left_by(x, carried), measures)
+            measures = flow_line_measures(energy, to_ambient(energy.mesh, x))
+    return StepResult(stage, x, carried, energy.residual_of(x, carried), measures)
 
 
 def _with_path(state: State, path: tuple[StepResult, ...]) -> State:
@@ -362,18 +362,18 @@ def _search(state: State) -> State:
         variant = state.variants[number]
         x = np.repeat(state.start, variant.fields // len(state.start), axis=0)
         held_out = HeldOut.at(state.levels[0].energy, x) if schedule.is_measured else None
-        leg = Leg(0, tuple(schedule.sigmas), x, reach=reach, held_out=held_out)
+        sweep = Sweep(0, tuple(schedule.sigmas), x, reach=reach, held_out=held_out)
         state.record.begin()
-        return replace(state, variant=variant, path=(), progress=Progress(), leg=leg)
+        return replace(state, variant=variant, path=(), progress=Progress(), sweep=sweep)
     best = int(np.argmin([_value(state, path) for path in state.tried]))
     state.record.is_trying = False
-    phase = Phase.INTERPOLATION if schedule.is_measured else Phase.RISE
+    phase = Phase.INTERPOLATION if schedule.is_measured else Phase.PROLONGATION
     return replace(state, variant=state.variants[best], path=state.tried[best], phase=phase)
 
 
 def _interpolation(state: State) -> State:
     """Minimise a sigma that is interpolated between the best step and its neighbours."""
-    state = replace(state, phase=Phase.RISE)
+    state = replace(state, phase=Phase.PROLONGATION)
     index, levels = _best(state, state.path), state.levels
     three = state.path[index - 1 : index + 2] if index else ()
     if len(three) < 3:
@@ -396,15 +396,15 @@ def _interpolation(state: State) -> State:
     return _with_path(replace(state, progress=progress), path)
 
 
-def _rise(state: State) -> State:
+def _prolongation(state: State) -> State:
     """Plan the best step and those after it on the mesh, with clusters if these are cheaper."""
     state, top = replace(state, phase=Phase.EXACT), state.levels.cheapest(len(state.levels) - 1)
     if state.path[-1].stage.level >= top:
         return state
     index = _best(state, state.path)
     after = state.path[index + 1 :] if state.schedule.is_measured else ()
-    leg = replace(_brought(state, state.path[index], top), after=after)
-    return replace(state, path=state.path[:index], leg=leg)
+    sweep = replace(_sweep_from(state, state.path[index], top), after=after)
+    return replace(state, path=state.path[:index], sweep=sweep)
 
 
 def _exact(state: State) -> State:
@@ -413,15 +413,15 @@ def _exact(state: State) -> State:
     is_corrected = state.schedule.is_free and result.residual <= result.verified_residual
     last = len(state.levels) - 1
     if result.stage.level < last and result.residual > state.goal and not is_corrected:
-        return replace(state, leg=_brought(state, result, last))
+        return replace(state, sweep=_sweep_from(state, result, last))
     return state
 
 
-def _brought(state: State, result: StepResult, level: int) -> Leg:
+def _sweep_from(state: State, result: StepResult, level: int) -> Sweep:
     """Return the leg that continues a step on a finer level."""
     sigma, schedule = result.stage.sigma, state.schedule
     sigmas = [sigma] if schedule.is_measured else [s for s in schedule.sigmas if s <= sigma]
-    return Leg(level, tuple(sigmas), origin=result)
+    return Sweep(level, tuple(sigmas), origin=result)
 
 
 def _refinement(state: State) -> State:
@@ -453,8 +453,8 @@ def _refinement(state: State) -> State:
     return replace(
         state,
         levels=levels,
-        phase=Phase.RISE,
-        leg=_brought(state, result, first),
+        phase=Phase.PROLONGATION,
+        sweep=_sweep_from(state, result, first),
         unrefined=state.path,
         progress=replace(progress, effort_max=most),
     )
@@ -475,7 +475,7 @@ def _may_refine(state: State) -> bool:
     # what is nearly matched may be matched by smoother fields
     is_vain = result.worse > RESIDUAL_NEARLY and len(state.record.history) > p.solver.iterations
     is_fine = count > SETTINGS.refined_vertices_max
-    ends = schedule.is_measured or schedule.is_given
+    ends = schedule.is_measured or schedule.has_given_sigma
     return not (ends or is_fine or is_vain or _is_resolved(state.levels, result))
 
 
@@ -484,13 +484,13 @@ def _is_resolved(levels: Levels, result: StepResult) -> bool:
     functions = levels[result.stage.level].energy.functions
     if not result.worse > RESIDUAL_NEARLY or narrowest(functions) < RESOLUTION_MIN:
         return False
-    return result.residual > RESIDUAL_NEARLY or unmatched(functions) is not None
+    return result.residual > RESIDUAL_NEARLY or first_difference(functions) is not None
 
 
 _PLANS = {
     Phase.SEARCH: _search,
     Phase.INTERPOLATION: _interpolation,
-    Phase.RISE: _rise,
+    Phase.PROLONGATION: _prolongation,
     Phase.EXACT: _exact,
     Phase.REFINEMENT: _refinement,
 }
@@ -505,7 +505,7 @@ def finish(state: State, interruption: StopReason | None = None) -> Solution:
     if _finest(state):
         number = _end(state)
         residual = path[number].residual
-    rest = [energy.left_by(x, carried) for x, carried in state.at_rest]
+    rest = [energy.residual_of(x, carried) for x, carried in state.at_rest]
     if not residual <= max(rest):
         x, carried = state.at_rest[int(np.argmin(rest))]
         if path:
@@ -539,7 +539,7 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
         return path
     level = levels.exact(max(best.stage.level, least))
     x, carried = prolonged_without_gradient(levels, level, best)
-    stage, residual = replace(best.stage, level=level), levels[level].energy.left_by(x, carried)
+    stage, residual = replace(best.stage, level=level), levels[level].energy.residual_of(x, carried)
     return (*path, StepResult(stage, x, carried, residual))
 
 

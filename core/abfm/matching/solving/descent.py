@@ -158,8 +158,8 @@ def terminate(descent: Descent) -> StopReason | None:
         return StopReason(reason)
     if descent.residuals[-1] <= descent.goal:
         return StopReason.GOAL_REACHED
-    pays = descent.stage.pays(descent.energies, descent.residuals)
-    is_worth = pays and descent.progress.effort < descent.progress.effort_max
+    is_worthwhile = descent.stage.is_worthwhile(descent.energies, descent.residuals)
+    is_worth = is_worthwhile and descent.progress.effort < descent.progress.effort_max
     return None if is_worth else StopReason.NO_PROGRESS
 
 
@@ -177,7 +177,7 @@ def _first(search: Any, stage: Stage, point: Evaluation, learned: Any, before: S
     """Return the first iterate of a search, with the curvature of a stage before if it is valid."""
     if before is None or not stage.continues(before):
         return search.init(point.x, point)
-    return search.init(point.x, point, learned, stage.steeper(before))
+    return search.init(point.x, point, learned, stage.curvature_ratio(before))
 
 
 def _refuse_overflow(first: Evaluation, levels: Levels) -> None:
@@ -205,7 +205,7 @@ def prolonged(levels: Levels, stage: Stage, origin: StepResult, record: Record) 
     residual = float(np.fmin(origin.residual, origin.verified_residual))
     checkpoint()
     x = levels.fields_on(stage.level, origin.x, origin.stage.level)
-    found = calmed(energy.mesh, x, residual, measured)
+    found = stabilised(energy.mesh, x, residual, measured)
     p, first = energy.parameters, levels.cheapest(stage.level)
     is_subdivided = isinstance(levels[first - 1].to_finer, Subdivision)
     is_rough = origin.stage.level < first and p.solver.order > 1 and p.sigma is not None
@@ -227,11 +227,11 @@ def prolonged_without_gradient(
 
     def measured(fields: FloatArray) -> tuple[tuple[FloatArray, FloatArray], float]:
         carried = energy.advected(fields)
-        return (fields, carried), energy.left_by(fields, carried)
+        return (fields, carried), energy.residual_of(fields, carried)
 
     checkpoint()
     x = levels.fields_on(level, origin.x, origin.stage.level)
-    return calmed(energy.mesh, x, origin.residual, measured)
+    return stabilised(energy.mesh, x, origin.residual, measured)
 
 
 def search_of(
@@ -253,7 +253,7 @@ def search_of(
         shift=stage.shift,
         tolerance=SETTINGS.advection_tolerance,
     )
-    close = energy.missed_landmarks(stage.landmark_sigma)
+    close = energy.landmark_misfit(stage.landmark_sigma)
     objective = replace(objective, landmarks=close)
     regularity, tau = objective.regularity, p.tau
 
@@ -273,11 +273,13 @@ def search_of(
     precondition: Inverse | None = inverse if p.paper.preconditioner == "hodge" else None
     landmarks = energy.landmarks
     if precondition and landmarks is not None:
-        bends = partial(landmarks.bends, tau=tau, sigma=stage.landmark_sigma)
+        curvature = partial(landmarks.curvature, tau=tau, sigma=stage.landmark_sigma)
         if energy.is_of_landmarks:
-            return GaussNewton(evaluate, inverse, bends, displacement, p.solver.max_displacement)
+            return GaussNewton(
+                evaluate, inverse, curvature, displacement, p.solver.max_displacement
+            )
         if at is not None and 2 * len(landmarks) * at.size <= SETTINGS.curvature_size_max:
-            precondition = with_landmarks(inverse, *bends(at)[:2])
+            precondition = with_landmarks(inverse, *curvature(at)[:2])
     return LBFGS(
         evaluate,
         precondition,
@@ -309,7 +311,7 @@ def minimum(
     return current
 
 
-def calmed(
+def stabilised(
     mesh: TriangleMesh,
     x: FloatArray,
     residual: float,
@@ -326,7 +328,7 @@ def calmed(
         if found < least:
             calm, least = point, found
         # false if not finite
-        if found <= SETTINGS.calm_factor * residual + SETTINGS.calm_residual:
+        if found <= SETTINGS.stable_factor * residual + SETTINGS.stable_residual:
             break
     return evaluate(np.zeros_like(x))[0] if calm is None else calm
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from abfm.errors import ParameterError
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.descent import minimum
-from abfm.matching.solving.measures import carried_along
+from abfm.matching.solving.measures import advect_along_flow_lines
 from abfm.matching.solving.record import Score
 from abfm.matching.solving.schedule import Stage
 from abfm.matching.solving.settings import SETTINGS
@@ -81,7 +81,7 @@ def folds(mesh: TriangleMesh) -> IntArray:
     return nearest % SETTINGS.folds
 
 
-def without(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
+def fold_energies(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
     """Return, for each fold, the energy without its patches, and a mask (V,) of them alone."""
     given = energy.functions.mask
     mask = np.ones(len(energy.mesh.vertices)) if given is None else given
@@ -89,7 +89,7 @@ def without(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
     for number in range(SETTINGS.folds):
         seen, hidden = (np.where(where, mask, 0.0) for where in (fold != number, fold == number))
         if seen.any() and hidden.any():
-            found.append((energy.masked(seen), hidden))
+            found.append((energy.with_mask(seen), hidden))
     return found
 
 
@@ -117,7 +117,7 @@ class Fold(NamedTuple):
     def along_flow_lines(self) -> FloatArray:
         """Return the source (C, V), carried along flow lines to the patches."""
         try:
-            return carried_along(self.energy, self.fields, self.hidden > 0)
+            return advect_along_flow_lines(self.energy, self.fields, self.hidden > 0)
         except ParameterError:  # flow lines that cross too many faces
             return np.full_like(self.energy.functions.source, np.nan)
 
@@ -131,7 +131,7 @@ class HeldOut(NamedTuple):
     @classmethod
     def at(cls, energy: MatchingEnergy, start: FloatArray) -> "HeldOut":
         """Return it before the first step, at fields (N, F, 2)."""
-        return cls(energy, tuple(Fold(*fold, start) for fold in without(energy)))
+        return cls(energy, tuple(Fold(*fold, start) for fold in fold_energies(energy)))
 
     @property
     def unmoved(self) -> float:
@@ -158,7 +158,7 @@ class HeldOut(NamedTuple):
         """Return the residual of the functions (C, V) of each fold, where they are hidden."""
         functions = self.energy.functions
         left = [
-            functions.weighed(fold.hidden).residual(values)
+            functions.with_mask(fold.hidden).residual(values)
             for values, fold in zip(carried, self.folds, strict=True)
         ]
         return float(np.sqrt(np.mean(np.square(left)))) if left else np.nan

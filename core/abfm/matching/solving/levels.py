@@ -104,12 +104,12 @@ def _read(field: FloatArray, points: PointMap) -> FloatArray:
     found = vectors.real[:, None] * frames[:, 0] + vectors.imag[:, None] * frames[:, 1]
     normals = face_normals(mesh)[points.faces]
     onto = other.faces, face_normals(other), face_frames(other)
-    carried: FloatArray = turn_onto_faces(found, normals, *onto)
+    carried: FloatArray = rotate_onto_faces(found, normals, *onto)
     return carried
 
 
 @kernel
-def turn_onto_faces(
+def rotate_onto_faces(
     vectors: FloatArray,
     normals: FloatArray,
     faces: IndexArray,

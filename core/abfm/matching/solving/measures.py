@@ -14,7 +14,7 @@ from abfm.matching.terms.landmarks import residual_of_errors
 from abfm.types import BoolArray, FloatArray, IntArray
 
 
-def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
+def flow_line_measures(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
     """Return the measurements of fields (N, F, 3) for a `PathStep`.
 
     On meshes above 20,000 vertices they are those of as many. They are left out if flow lines
@@ -32,7 +32,7 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
         flow = ContinuousFlow(mesh, fields, energy.parameters.tau)
     except ParameterError:
         return {}
-    left, places = walked_back(functions, flow, faces)
+    left, places = flow_line_residual(functions, flow, faces)
     if energy.landmarks is not None:
         ends = flow.destinations(energy.landmarks.points())
         left = max(left, residual_of_errors(energy.landmarks.errors(ends)))
@@ -46,7 +46,7 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
     }
 
 
-def carried_along(
+def advect_along_flow_lines(
     energy: MatchingEnergy, x: FloatArray, where: BoolArray | None = None
 ) -> FloatArray:
     """Return the source (C, V) carried along flow lines of frame coefficients (N, F, 2).
@@ -63,7 +63,7 @@ def carried_along(
     return carried
 
 
-def walked_back(
+def flow_line_residual(
     functions: FunctionTerm, flow: ContinuousFlow, faces: IntArray
 ) -> tuple[float, FloatArray]:
     """Return what flow lines leave at the vertices of some faces (S,), by number, and where the
@@ -76,5 +76,5 @@ def walked_back(
     weight[asked] = 1.0 if mask is None else mask[asked]
     found = np.zeros_like(source)
     found[:, asked] = points.pull_back(source.T).T
-    left = functions.weighed(weight).residual(found)
+    left = functions.with_mask(weight).residual(found)
     return left, points.positions[corners.reshape(-1, 3)]

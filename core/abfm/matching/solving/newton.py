@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 
 from abfm.matching.objective.matching_energy import Evaluation
-from abfm.matching.terms.landmarks import Bends
+from abfm.matching.terms.landmarks import LandmarkCurvature
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 
@@ -44,7 +44,7 @@ class GaussNewton:
 
     evaluate: Callable[[FloatArray], Evaluation]
     inverse: Inverse  # of A
-    bends: Callable[[FloatArray], Bends]  # at fields
+    curvature: Callable[[FloatArray], LandmarkCurvature]  # at fields
     size: Callable[[FloatArray], float]  # of a step
     longest: float  # its limit
 
@@ -61,7 +61,7 @@ class GaussNewton:
 
     def step(self, state: Iterate) -> Iterate:
         """Do one iteration."""
-        jacobian, weights, away = self.bends(state.x)
+        jacobian, weights, away = self.curvature(state.x)
         trusted = weights * np.repeat(state.trust, 2 if np.ndim(state.trust) else len(weights))
         gradient = state.point.gradient
         less = (jacobian.T @ ((weights - trusted) * away)).reshape(gradient.shape)
@@ -97,21 +97,21 @@ def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArra
     return np.asarray(1 / (1 + ((errors - expected) / usual) ** 2))
 
 
-def with_landmarks(inverse: Inverse, jacobian: sparse.csr_array, bends: FloatArray) -> Inverse:
+def with_landmarks(inverse: Inverse, jacobian: sparse.csr_array, curvature: FloatArray) -> Inverse:
     """Return the inverse of ``A + J^T D J`` by that of A, with J (M, n) and the diagonal D (M,): by
     the Woodbury identity, one inverse for each row.
     """
-    rows, bends = jacobian[bends > 0], bends[bends > 0]
+    rows, curvature = jacobian[curvature > 0], curvature[curvature > 0]
     known: list[tuple[FloatArray, tuple[FloatArray, bool]]] = []
 
     def applied(gradient: FloatArray) -> FloatArray:
         if not known:  # at the first use
-            moved = np.empty((len(bends), gradient.size))
-            for number in range(len(bends)):
+            moved = np.empty((len(curvature), gradient.size))
+            for number in range(len(curvature)):
                 checkpoint()
                 row = rows[[number]].toarray().reshape(gradient.shape)
                 moved[number] = inverse(row).ravel()
-            inner = np.diag(1 / bends) + rows @ moved.T
+            inner = np.diag(1 / curvature) + rows @ moved.T
             known.append((moved, cho_factor((inner + inner.T) / 2)))
         moved, factor = known[0]
         off = moved.T @ cho_solve(factor, moved @ gradient.ravel())

@@ -37,7 +37,7 @@ class StopReason(StrEnum):
     GIVEN = "given"  # the field was not solved for
 
     @property
-    def is_early(self) -> bool:
+    def is_interrupted(self) -> bool:
         """Whether it was interrupted, so that more iterations may find more."""
         return self in (StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
 
@@ -58,7 +58,7 @@ def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int)
     return None
 
 
-class Look(Protocol):
+class View(Protocol):
     """An iterate on the mesh itself."""
 
     @property
@@ -136,24 +136,24 @@ class Iteration:
     shares: dict[str, float]  # of that, the data terms' by their names
     residual: float  # on the mesh of this level
     evaluations: int  # of energy and gradient so far
-    look: Look
+    view: View
     path: tuple[PathStep, ...] = ()  # the steps so far, still without fields
     fields: int = 1  # number of consecutive fields, N
 
     @property
     def velocity(self) -> FloatArray:
         """The fields, (N, F, 3), in the input's units."""
-        return self.look.velocity
+        return self.view.velocity
 
     @property
     def advected(self) -> FloatArray:
         """The advected source, (V, C); interpolated from a coarser level."""
-        return self.look.advected
+        return self.view.advected
 
     @property
     def warning(self) -> str | None:
         """A warning so far, in one line; None if there is none."""
-        return self.look.warning
+        return self.view.warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +257,7 @@ class Record:
             shares=shares,
             residual=energy.left(point),
             evaluations=self.evaluations,
-            look=IterateView(point.x, carried, between, mesh, number, self.is_trying),
+            view=IterateView(point.x, carried, between, mesh, number, self.is_trying),
             path=self.path,
             fields=len(point.x),
         )

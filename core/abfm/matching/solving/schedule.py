@@ -48,13 +48,13 @@ class Stage:
         same = all(getattr(before, name) == getattr(self, name) for name in names)
         return same and not (self.fixed and before.sigma != self.sigma)
 
-    def steeper(self, before: "Stage") -> float:
+    def curvature_ratio(self, before: "Stage") -> float:
         """Return the curvature of the energy relative to the stage before."""
         if self.sigma == before.sigma:
             return (before.landmark_sigma / self.landmark_sigma) ** 2
         return (before.sigma / self.sigma) ** 2
 
-    def pays(self, energies: Sequence[float], residuals: Sequence[float] = ()) -> bool:
+    def is_worthwhile(self, energies: Sequence[float], residuals: Sequence[float] = ()) -> bool:
         """Return whether another iteration pays, after these energies and residuals of iterates.
 
         The energy has to fall. In a search the residual has to fall as well once the target is
@@ -89,21 +89,21 @@ class Schedule:
     ) -> None:
         self._p, self._meshes, self._has_landmarks = p, meshes, has_landmarks
         # landmarks alone, which need no sigma but their own, and no reach
-        self._is_bare = has_landmarks and functions.is_constant
-        self.is_given = p.sigma is not None
+        self._has_landmarks_only = has_landmarks and functions.is_constant
+        self.has_given_sigma = p.sigma is not None
         self._has_detail = is_measured(functions)
         # as in the paper: every step uses all its iterations
         self.is_fixed = p.paper.stage_iterations > 0 or (p.solver.reach == 0 and meshes == 1)
-        self.is_measured = self._has_detail and not (self.is_given or self.is_fixed)
+        self.is_measured = self._has_detail and not (self.has_given_sigma or self.is_fixed)
         # ends where flow lines confirm the goal
-        self.is_free = not (self.is_given or self.is_fixed or self.is_measured)
+        self.is_free = not (self.has_given_sigma or self.is_fixed or self.is_measured)
         self.unit = 1.0 if p.paper.sigma_unit == "relative" else functions.function_size
         self.sigmas = self._sigmas()
 
     @property
     def has_given_end(self) -> bool:
         """Whether the last step is the result, whatever its residual is."""
-        return self.is_given or self.is_fixed
+        return self.has_given_sigma or self.is_fixed
 
     def variants(self, fields: int) -> list[Variant]:
         """Return the variants of the path that are tried on the first mesh.
@@ -126,13 +126,13 @@ class Schedule:
         """Return the reach of a variant after one with this residual: the largest one, if that did
         not find the target.
         """
-        lost = self.is_free and not self.is_found(residual) and not self._is_bare
+        lost = self.is_free and not self.is_found(residual) and not self._has_landmarks_only
         return REACH_MAX if lost else self.first_reach
 
     @property
     def first_reach(self) -> float:
         """The reach of the first variant."""
-        return 0.0 if self._is_bare else self._p.solver.reach
+        return 0.0 if self._has_landmarks_only else self._p.solver.reach
 
     def stage(
         self, level: int, sigma: float, variant: Variant, reach: float = 0.0, error: float = 0.0
@@ -144,7 +144,7 @@ class Schedule:
         nothing on the mesh itself, and a search where the residual stalls.
         """
         p, alpha, is_last = self._p, variant.alpha, level >= self._meshes - 1
-        if self.is_free and not self._is_bare:
+        if self.is_free and not self._has_landmarks_only:
             alpha *= min(1.0, sigma / (SETTINGS.stiff_sigma * self.unit)) ** 2
         limit = (
             p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
@@ -152,7 +152,9 @@ class Schedule:
             else p.solver.iterations
         )
         goal = SETTINGS.goal_share * p.goal if self.is_free else 0.0
-        is_start = self.is_given and not (self.is_fixed or is_last) and sigma == self.sigmas[-1]
+        is_start = (
+            self.has_given_sigma and not (self.is_fixed or is_last) and sigma == self.sigmas[-1]
+        )
         goal = error if is_start else goal
         coarse = int(SETTINGS.coarse_iteration_share * p.solver.iterations)
         return Stage(
@@ -175,7 +177,7 @@ class Schedule:
         if not self._has_landmarks:
             return self._p.landmark_sigma
         times = sigma / last
-        if not self._is_bare:
+        if not self._has_landmarks_only:
             share = (sigma / first) ** SETTINGS.landmark_power
             times = min(times, max(1.0, SETTINGS.landmark_factor_max * share))
         return self._p.landmark_sigma * times
@@ -185,7 +187,7 @@ class Schedule:
         if p.paper.cooling_stages:
             return p.stage_sigmas()
         last = self.unit * LAST_SIGMA if p.sigma is None else p.sigma
-        if self._is_bare:
+        if self._has_landmarks_only:
             return [last * times for times in SETTINGS.landmark_sigma_factors]
         ratio = math.sqrt(p.paper.cooling_factor) if self.is_measured else p.paper.cooling_factor
         warmest = self.unit * FIRST_SIGMA_MAX

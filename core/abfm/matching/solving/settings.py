@@ -55,8 +55,8 @@ class ContinuationSettings:
     exact_iterations_min: int = 2
     # a field of a coarser mesh is calm if it leaves no more than so many times the residual there
     # plus so much: more is not the field's doing
-    calm_factor: float = 2.0
-    calm_residual: float = 0.4
+    stable_factor: float = 2.0
+    stable_residual: float = 0.4
     # edges over which fields are smoothed until they are calm, and while that lowers the energy:
     # their kinks over coarse edges multiply the energy in the norm of second order by hundreds
     smoothing_edges: tuple[float, ...] = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)

@@ -32,7 +32,7 @@ def is_lost(energy: MatchingEnergy, start: FloatArray, advected: FloatArray) -> 
             "start: the flow of these fields overflows; start from slower ones or from none"
         )
     if energy.parameters.solver.reach:
-        return energy.left_by(start, advected) > SETTINGS.lost_residual
+        return energy.residual_of(start, advected) > SETTINGS.lost_residual
     largest, grown = float(np.abs(energy.terms.carried).max()), float(np.abs(advected).max())
     if grown > SETTINGS.unstable_factor * largest:
         raise ParameterError(
@@ -56,7 +56,7 @@ def on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, FloatArray
         levels = levels.subdivided()
     finest = levels[-1].energy
     x = to_frame(finest.mesh, start / energy.length_scale)
-    is_near = finest.left_by(x, finest.advected(x)) <= SETTINGS.lost_residual
+    is_near = finest.residual_of(x, finest.advected(x)) <= SETTINGS.lost_residual
     return (levels, x) if is_near else None
 
 
@@ -70,6 +70,6 @@ def on_coarsest(levels: Levels, start: FloatArray | None, is_kept: bool) -> Floa
         return rest
     for coarser, finer in zip(levels.all[-2::-1], levels.all[:0:-1], strict=True):
         start = coarser.fields_from_finer(to_ambient(finer.energy.mesh, start))
-    at_rest = energy.left_by(rest, energy.terms.carried)
-    residual = energy.left_by(start, energy.advected(start))
+    at_rest = energy.residual_of(rest, energy.terms.carried)
+    residual = energy.residual_of(start, energy.advected(start))
     return start if is_kept or residual <= SETTINGS.astray_factor * at_rest else rest

@@ -167,7 +167,7 @@ class FunctionTerm:
         """Return the same functions on this mesh in other units, such as the fields' own."""
         return self._again(mesh, self.mask)
 
-    def weighed(self, mask: FloatArray) -> FunctionTerm:
+    def with_mask(self, mask: FloatArray) -> FunctionTerm:
         """Return the same functions with another mask (V,), which may be 0 everywhere."""
         return self._again(self.mesh, mask)
 
@@ -278,7 +278,9 @@ def checked_mask(mesh: TriangleMesh, mask: ArrayLike, name: str = "mask") -> Flo
     return checked_weights(of_vertices, len(mesh.vertices), name, "vertex")
 
 
-def given_mask(mesh: TriangleMesh, mask: ArrayLike | None, name: str = "mask") -> FloatArray | None:
+def mask_from_input(
+    mesh: TriangleMesh, mask: ArrayLike | None, name: str = "mask"
+) -> FloatArray | None:
     """Return a mask as a user gives it, see `as_values`, as (V,); None for none."""
     if mask is None:
         return None

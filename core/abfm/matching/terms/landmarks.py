@@ -27,7 +27,7 @@ of a mismatch."""
 _USUAL_GOAL = 0.05
 
 
-class Missed(NamedTuple):
+class LandmarkMisfit(NamedTuple):
     """What the landmarks say of fields."""
 
     share: float  # of the energy
@@ -35,7 +35,7 @@ class Missed(NamedTuple):
     differentiate: Callable[[], FloatArray]  # by the fields, (N, F, 2)
 
 
-class Bends(NamedTuple):
+class LandmarkCurvature(NamedTuple):
     """The energy's derivative ``J^T D r`` by the fields, and about its second one, ``J^T D J``."""
 
     jacobian: sparse.csr_array  # (2 L, N F 2), of the landmarks' ends by the fields
@@ -69,11 +69,11 @@ class Landmarks:
         """Return the landmarks, on the same mesh in other units if it is given."""
         return SurfacePoints(mesh or self.mesh, self.faces[:, 0], self.barycentric[:, 0])
 
-    def wanted(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
+    def targets(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
         """Return where they are wanted."""
         return SurfacePoints(mesh or self.mesh, self.faces[:, 1], self.barycentric[:, 1])
 
-    def missed(self, x: FloatArray, tau: float, sigma: float) -> Missed:
+    def misfit(self, x: FloatArray, tau: float, sigma: float) -> LandmarkMisfit:
         """Return ``1/(2 sigma^2) sum_i w_i d(phi(p_i), q_i)^2`` for the flow phi of fields
         (N, F, 2) to tau, and its derivative; AdvectionError if they lead over too many faces.
         """
@@ -82,14 +82,14 @@ class Landmarks:
         squares = self._distances.at(walk.points)
         weights = self.weights / sigma**2
         slopes = partial(self._slopes, lines, walk, weights / 2)
-        return Missed(float(weights @ squares / 2), _roots(squares), slopes)
+        return LandmarkMisfit(float(weights @ squares / 2), _roots(squares), slopes)
 
-    def bends(self, x: FloatArray, tau: float, sigma: float) -> Bends:
+    def curvature(self, x: FloatArray, tau: float, sigma: float) -> LandmarkCurvature:
         """Return how the energy bends at fields, but for how the flow itself bends."""
         lines = self._lines(tau)
         walk = lines.walk(x)
         away = self._distances.slopes(walk.points).ravel() / 2
-        return Bends(lines.jacobian(walk), np.repeat(self.weights / sigma**2, 2), away)
+        return LandmarkCurvature(lines.jacobian(walk), np.repeat(self.weights / sigma**2, 2), away)
 
     def errors(self, points: SurfacePoints) -> FloatArray:
         """Return how far points (L,) are along the surface from where they are wanted, (L,)."""
@@ -109,14 +109,14 @@ class Landmarks:
         return self.errors(flow.destinations(self.points(mesh)))
 
     @cached_property
-    def first_errors(self) -> FloatArray:
+    def initial_errors(self) -> FloatArray:
         """How far the landmarks themselves are from where they are wanted, (L,)."""
         return self.errors(self.points())
 
     def restricted(self, coarse: TriangleMesh) -> Landmarks:
         """Return the landmarks on a coarser mesh of the same surface, in the same units."""
         faces, barycentric = self.faces.copy(), self.barycentric.copy()
-        for k, points in enumerate((self.points(), self.wanted())):
+        for k, points in enumerate((self.points(), self.targets())):
             found = project_onto_surface(coarse, points.positions)
             faces[:, k], barycentric[:, k] = found.faces, found.barycentric
         return Landmarks(coarse.normalized(), faces, barycentric, self.weights)
@@ -136,7 +136,7 @@ class Landmarks:
 
     @cached_property
     def _distances(self) -> SquaredDistances:
-        return SquaredDistances(self.wanted())
+        return SquaredDistances(self.targets())
 
     def _lines(self, tau: float) -> FlowLineDerivative:
         known: FlowLineDerivative | None = self.__dict__.get("_latest")

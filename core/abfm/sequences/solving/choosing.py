@@ -17,7 +17,7 @@ from abfm.calculus.vector_fields import to_frame
 from abfm.errors import ParameterError
 from abfm.matching.match import match
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solving.held_out import without
+from abfm.matching.solving.held_out import fold_energies
 from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames, interval_parameters, sigma_of
 from abfm.sequences.noise import NOISE_FACTOR, noise_floor
@@ -223,7 +223,7 @@ class _Walk:
         self._duration = energy.parameters.tau
         self.rest = energy.residual(energy.functions.source)
         self.noise = noise_floor(energy.functions, given.levels)
-        folds = without(energy)[start::count]
+        folds = fold_energies(energy)[start::count]
         self.folds = [(Interval(part), hidden) for part, hidden in folds]
         self.rest_fields = [np.zeros(energy.shape[1:])] * len(self.folds)
         self.starts: list[FloatArray] = []
@@ -245,7 +245,7 @@ class _Walk:
             point = interval.go_on(sigma, start, _ITERATIONS)
             found.append(point.field)
             carried = point.at.advected[: len(self._functions.source)]
-            left.append(self._functions.weighed(hidden).residual(carried) ** 2)
+            left.append(self._functions.with_mask(hidden).residual(carried) ** 2)
         return float(np.mean(left)), found
 
 

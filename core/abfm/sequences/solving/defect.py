@@ -9,7 +9,7 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.maps.surface_points import SurfacePoints
-from abfm.matching.objective.matching_energy import MatchingEnergy, carried_along
+from abfm.matching.objective.matching_energy import MatchingEnergy, advect_functions
 from abfm.sequences.noise import means_of_neighbours
 from abfm.types import FloatArray
 
@@ -28,7 +28,7 @@ def defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
         flow = ContinuousFlow(mesh, to_ambient(mesh, x), energy.parameters.tau)
     except ParameterError:
         return np.zeros_like(source)
-    apart = carried_along(energy.flow, x, source) - bent(flow.origins(), source)
+    apart = advect_functions(energy.flow, x, source) - bent(flow.origins(), source)
     for _ in range(_SMOOTHING_STEPS):
         apart = 0.5 * (apart + means_of_neighbours(mesh, apart))
     return apart

@@ -12,7 +12,7 @@ import numpy as np
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solvability import is_measured
-from abfm.matching.solving.measures import measured
+from abfm.matching.solving.measures import flow_line_measures
 from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames, interval_parameters, sigma_of
 from abfm.sequences.noise import NOISE_FACTOR, explains_little, noise_floor, noise_levels
@@ -262,7 +262,7 @@ class SequenceSolver:
         rest, at = (objective.evaluate(x[None]) for x in (np.zeros_like(field), field))
         energies = np.array([(e.energy, e.regularity, e.mismatch) for e in (rest, at)])
         if by_flow_lines and self.found[i] and np.isnan(self.witnessed[i]).any():
-            told = measured(energy, to_ambient(energy.mesh, field)[None])
+            told = flow_line_measures(energy, to_ambient(energy.mesh, field)[None])
             self.witnessed[i] = [told.get(name, np.nan) for name in _CHECK_NAMES]
         known = zip(_CHECK_NAMES, self.witnessed[i].tolist(), strict=True)
         return Said(at.advected, energies, energy.left(at), **dict(known))

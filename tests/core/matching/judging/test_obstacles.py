@@ -5,7 +5,7 @@ import pytest
 
 import abfm
 from abfm import Outcome, Parameters, Problem
-from abfm.matching import foreseen
+from abfm.matching import expected_facts
 from tests.core.fields import bump
 from tests.messages import check_message
 from tests.shapes import icosphere
@@ -44,7 +44,7 @@ OUTCOMES = {
 def test_both_directions_have_the_same_outcome(name):
     f, g = PAIRS[name]
     for pair in ((f, g), (g, f)):
-        found = foreseen(Problem(SPHERE, *pair))
+        found = expected_facts(Problem(SPHERE, *pair))
         assert (found and found.outcome) == OUTCOMES[name]
 
 
@@ -55,14 +55,14 @@ def test_the_verdict_agrees_with_what_was_foreseen(name):
         problem = Problem(SPHERE, *pair, SHORT)
         found = abfm.match(problem)
         assert found.facts.outcome is Outcome.IMPOSSIBLE
-        assert found.verdict.why == foreseen(problem).reason
+        assert found.verdict.why == expected_facts(problem).reason
 
 
 def test_rounding_is_written_as_zero():
-    found = foreseen(Problem(SPHERE, at(0, 0.08), 2 * at(30, 0.08)))
+    found = expected_facts(Problem(SPHERE, at(0, 0.08), 2 * at(30, 0.08)))
     check_message(found.reason, 0, 1)
     assert "e-1" not in found.reason
 
 
 def test_landmarks_need_no_functions():
-    assert foreseen(Problem(SPHERE, None, None, landmarks=[[0, 20]])) is None
+    assert expected_facts(Problem(SPHERE, None, None, landmarks=[[0, 20]])) is None

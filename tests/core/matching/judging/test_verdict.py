@@ -21,7 +21,7 @@ from abfm.matching.solvability import distance, range_bound, stood_still, vanish
 from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Outcome, worse_residual
-from abfm.parameters import COUNT_MAX, LARGEST_ALPHA, PAPER, VALUE_MIN, Parameters
+from abfm.parameters import ALPHA_MAX, COUNT_MAX, PAPER, VALUE_MIN, Parameters
 from abfm.wording import share
 from tests.core.fields import bump
 from tests.messages import check_message, raises
@@ -130,8 +130,8 @@ def test_values_that_the_source_lacks_are_impossible_and_told_of_the_channel_tha
     assert judged(matched(at(0, 0.2), 1.3 * at(30, 0.2))).kind == "nearly"
     f, g = np.stack([at(0), at(20)], axis=1), np.stack([at(10), 2 * at(30)], axis=1)
     check_message(judged(matched(f, g, iterations=2)).reason, 2)
-    weighed = abfm.match(SPHERE, f, g, Parameters.of(iterations=2), weights=[1, 0])
-    assert judged(weighed).kind != "impossible"
+    weighted = abfm.match(SPHERE, f, g, Parameters.of(iterations=2), weights=[1, 0])
+    assert judged(weighted).kind != "impossible"
 
 
 def test_constants_are_impossible():
@@ -330,18 +330,18 @@ def test_a_larger_tau_is_a_smaller_sigma():
 
 
 def test_a_remedy_changes_only_what_differs():
-    blind = remedies(USUAL, 120).further()
+    blind = remedies(USUAL, 120).larger_reach()
     assert blind.parameters["reach"] == 1.0
     assert {"order", "levels", "sigma", "sigma_unit", "iterations"} <= blind.parameters.keys()
     check_message(blind.words)
-    near = remedies(Parameters.of(reach=0.05), 120).further()
+    near = remedies(Parameters.of(reach=0.05), 120).larger_reach()
     assert near.parameters == {"reach": 1.0}
     for remedy in (blind, near):
         assert json.loads(json.dumps(asdict(remedy))) == asdict(remedy)
-    assert remedies(Parameters(sigma=0.02)).closer().parameters == {"sigma": 0.0067}
-    assert remedies(Parameters(), refined=1).refine().parameters == {"refine": 2}
-    assert remedies(Parameters(), refined=3).refine() is None
-    assert remedies(Parameters.of(method="linearised")).refine() is None
+    assert remedies(Parameters(sigma=0.02)).smaller_sigma().parameters == {"sigma": 0.0067}
+    assert remedies(Parameters(), refined=1).finer_mesh().parameters == {"refine": 2}
+    assert remedies(Parameters(), refined=3).finer_mesh() is None
+    assert remedies(Parameters.of(method="linearised")).finer_mesh() is None
 
 
 @settings(deadline=None, max_examples=60)
@@ -386,11 +386,11 @@ def test_remedies_that_are_followed_never_undo_each_other(p, reason, outcomes):
     ],
 )
 def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(parameters, label):
-    assert remedies(parameters, width=0.2).truer().label == label
+    assert remedies(parameters, width=0.2).more_consistent().label == label
 
 
 def test_only_a_finer_mesh_helps_the_defaults():
-    assert remedies(Parameters(), width=0.01).truer() is None
+    assert remedies(Parameters(), width=0.01).more_consistent() is None
     problem = FunctionTerm(EGG, around(0, 0.1), around(60, 0.1))
     refuted = Evidence(problem.target, 0.0, StopReason.CONVERGED, verified=0.5)
     for evidence, kind in ((refuted, "not reached"), (replace(refuted, verified=0.1), "nearly")):
@@ -406,7 +406,7 @@ def test_a_remedy_with_wrong_parameters_is_refused(wrong):
 
 
 @pytest.mark.parametrize(
-    "extreme", [{"alpha": LARGEST_ALPHA}, {"sigma": VALUE_MIN}, {"iterations": COUNT_MAX}]
+    "extreme", [{"alpha": ALPHA_MAX}, {"sigma": VALUE_MIN}, {"iterations": COUNT_MAX}]
 )
 @pytest.mark.parametrize("size", [1.0, 1e-29])
 def test_parameters_at_their_ends_cost_no_result(extreme, size):

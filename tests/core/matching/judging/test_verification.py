@@ -51,7 +51,7 @@ def test_a_turning_sphere_is_verified_with_order_two():
         errors = [getattr(one, name) for one in found]
         assert errors[-1] < 0.01
         assert observed_orders([4, 2, 1], errors).min() > 1.8
-    assert all(one.folded == one.overturned == 0 and not one.doubtful for one in found)
+    assert all(one.folded == one.overturned == 0 and not one.checks_disagree for one in found)
     assert [one.resolved for one in found] == [False, True, True]
     orders = observed_orders([1, 2, 4], [one.resolution for one in found])
     assert_allclose(orders, 1, rtol=0, atol=0.1)
@@ -77,7 +77,7 @@ def test_what_only_the_scheme_carries_is_found_out():
         verify(mesh, f, advect(mesh, v, f, 1.0), v) for v in (field, noisy(mesh, field, 2.0))
     )
     assert smooth.residual < 0.03
-    assert not smooth.doubtful
+    assert not smooth.checks_disagree
     assert min(rough.residual, rough.subdivided) > 5 * smooth.residual
     assert rough.overturned > 0.02
 
@@ -95,7 +95,7 @@ def test_rough_fields_turn_faces_over_or_overflow_and_one_that_does_nothing_leav
     fields = np.stack([60 * noisy(mesh, field, 1.0)] * 40)
     wild = verify(mesh, 1e99 * f, 1e99 * g, fields, linearised=True)
     assert wild.subdivided == np.inf
-    assert wild.doubtful
+    assert wild.checks_disagree
     varying = g - np.average(g, weights=vertex_areas(mesh))
     still, expected = verify(mesh, f, g, 0 * field), l2_norm(mesh, f - g) / l2_norm(mesh, varying)
     assert_allclose(still.flow_lines, expected, rtol=1e-8)
@@ -155,7 +155,7 @@ def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(monkeypatch
     given = (mesh, *turned(mesh, AXIS, 0.3))
     one = verify(*given, subdivided=False)
     assert np.isnan(one.subdivided)
-    assert not one.doubtful
+    assert not one.checks_disagree
     monkeypatch.setattr(verification, "SUBDIVIDED_LIMIT", len(mesh.vertices) - 1)
     assert np.isnan(verify(*given).subdivided)
 
@@ -172,11 +172,11 @@ def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(monkeypatch
         (0.02, np.nan, False),
     ],
 )
-def test_witnesses_that_disagree_are_doubtful(flow_lines, subdivided, doubtful):
+def test_witnesses_that_disagree_are_doubtful(flow_lines, subdivided, checks_disagree):
     one = Verification(flow_lines, subdivided, 0.0, 0.0, 10.0)
-    assert one.doubtful == doubtful
+    assert one.checks_disagree == checks_disagree
     assert one.residual == flow_lines
-    assert ("disagree" in one.report()) == doubtful
+    assert ("disagree" in one.report()) == checks_disagree
     assert ("subdivided" in one.report()) == (not np.isnan(subdivided))
 
 

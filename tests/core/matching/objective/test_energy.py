@@ -135,9 +135,9 @@ def test_value_is_the_formula():
     for field in to_frame(unit, v):
         regularity += 0.5 * p.tau / 3 * field.ravel() @ (R @ field.ravel())
         advected = expm_multiply(-p.tau / 3 * directional_derivative(unit, field), advected)
-    missed = sum(w * r @ (C @ r) for w, r in zip(weights, (advected - g).T, strict=True))
+    misfit = sum(w * r @ (C @ r) for w, r in zip(weights, (advected - g).T, strict=True))
     value, _ = MatchingEnergy(mesh, f, g, p, mask=mask, weights=weights)(v)
-    assert value == pytest.approx(regularity + 0.5 / p.sigma**2 * missed, rel=1e-9)
+    assert value == pytest.approx(regularity + 0.5 / p.sigma**2 * misfit, rel=1e-9)
 
 
 def test_bracket_gradient_approaches_the_exact_one_with_more_substeps():

@@ -286,7 +286,7 @@ def test_steps_are_what_they_say(found):
         assert one.reach >= following.reach
     for number, step in enumerate(match.path):
         there = match.at_step(number)
-        assert (there.step, there.doubt) == (number, "")
+        assert (there.step, there.load_warning) == (number, "")
         for name in NUMBERS[:3]:
             assert getattr(there, name) == getattr(step, name)
         assert_array_equal(there.fine_velocity, step.velocity)

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm import MatchingEnergy, Parameters
 from abfm.calculus.operators import vertex_areas
-from abfm.matching.solving.held_out import HeldOut, best_between, folds, without
+from abfm.matching.solving.held_out import HeldOut, best_between, fold_energies, folds
 from abfm.matching.solving.schedule import Schedule, Variant
 from abfm.mesh import TriangleMesh
 from tests.core.fields import bump
@@ -53,7 +53,7 @@ def test_they_are_patches_and_not_vertices_here_and_there():
 @pytest.mark.parametrize("mask", [None, MASK])
 def test_each_fold_sees_all_but_its_patches_and_every_vertex_is_hidden_once(mask):
     whole = energy(*bumps(5), mask)
-    parts = without(whole)
+    parts = fold_energies(whole)
     given = np.ones(len(SPHERE.vertices)) if mask is None else mask
     assert_array_equal(sum(hidden for _, hidden in parts), given)
     for part, hidden in parts:
@@ -62,7 +62,7 @@ def test_each_fold_sees_all_but_its_patches_and_every_vertex_is_hidden_once(mask
         assert part.functions.function_size == pytest.approx(whole.functions.function_size, rel=0.2)
         assert part.regularizer(0.5) is whole.regularizer(0.5)  # factored once for all
     few = np.where(folds(whole.mesh) == 1, given, 0.0)
-    assert without(energy(*bumps(5), few)) == []
+    assert fold_energies(energy(*bumps(5), few)) == []
 
 
 def test_what_is_told_is_the_mismatch_of_what_no_fold_has_seen():
@@ -70,8 +70,8 @@ def test_what_is_told_is_the_mismatch_of_what_no_fold_has_seen():
     rest = np.zeros(whole.shape)
     stage = Schedule(Parameters.of(iterations=0), whole.functions, 1).stage(0, 1.0, ONE)
     left = [
-        whole.functions.weighed(hidden).residual(whole.functions.source)
-        for _, hidden in without(whole)
+        whole.functions.with_mask(hidden).residual(whole.functions.source)
+        for _, hidden in fold_energies(whole)
     ]
     found = HeldOut.at(whole, rest).follow([stage]).score(0.0)
     assert found == pytest.approx((np.sqrt(np.mean(np.square(left))),) * 3)

@@ -41,14 +41,14 @@ class Places:
 
     def value_and_residual(self, carried, sigma):
         residual = np.zeros_like(carried)
-        missed = carried[:, self.vertices] - self.places.T
-        residual[:, self.vertices] = missed / sigma**2
-        return float((missed**2).sum()) / (2 * sigma**2), residual
+        misfit = carried[:, self.vertices] - self.places.T
+        residual[:, self.vertices] = misfit / sigma**2
+        return float((misfit**2).sum()) / (2 * sigma**2), residual
 
     def residual(self, carried):
-        missed = carried[:, self.vertices] - self.places.T
+        misfit = carried[:, self.vertices] - self.places.T
         before = self.carried[:, self.vertices] - self.places.T
-        return float(np.linalg.norm(missed) / np.linalg.norm(before))
+        return float(np.linalg.norm(misfit) / np.linalg.norm(before))
 
     def restricted(self, restriction):
         return None

@@ -40,15 +40,15 @@ def test_the_energy_has_its_exact_derivative(name, count):
     term = landmarks_of(mesh, PAIRS[:3] % len(mesh.vertices), [1.0, 0.5, 2.0])
 
     def evaluate(x):
-        found = term.missed(x, 1.2, 0.3)
+        found = term.misfit(x, 1.2, 0.3)
         return found.share, found.differentiate()
 
     x, step = fields(mesh, count, 1), 1e-5 * fields(mesh, count, 30)
     assert taylor_order(evaluate, x, step) > 1.9
-    found = term.missed(x, 1.2, 0.3)
+    found = term.misfit(x, 1.2, 0.3)
     assert found.share == pytest.approx(float(term.weights @ found.errors**2) / (2 * 0.09))
-    bends = term.bends(x, 1.2, 0.3)
-    gradient = bends.jacobian.T @ (bends.weights * bends.residuals)
+    curvature = term.curvature(x, 1.2, 0.3)
+    gradient = curvature.jacobian.T @ (curvature.weights * curvature.residuals)
     assert_allclose(gradient.reshape(x.shape), found.differentiate(), atol=1e-12)
 
 
@@ -66,10 +66,10 @@ def test_the_whole_objective_with_functions_has_its_exact_derivative():
     lone = MatchingEnergy(abfm.Problem(SPHERE, f, g, problem.parameters))
     without = lone.objective(0.2).evaluate(to_frame(UNIT, field))
     assert found.shares[0] == without.shares[0]
-    missed = problem.landmarks.missed(to_frame(UNIT, field), 1.0, 0.1)
-    assert_allclose(found.gradient, without.gradient + missed.differentiate(), atol=1e-12)
+    misfit = problem.landmarks.misfit(to_frame(UNIT, field), 1.0, 0.1)
+    assert_allclose(found.gradient, without.gradient + misfit.differentiate(), atol=1e-12)
     of_functions = problem.functions.residual(found.advected)
-    assert energy.left(found) == max(of_functions, residual_of_errors(missed.errors))
+    assert energy.left(found) == max(of_functions, residual_of_errors(misfit.errors))
 
 
 def test_a_rotation_takes_landmarks_where_it_turns_them():
@@ -77,19 +77,19 @@ def test_a_rotation_takes_landmarks_where_it_turns_them():
     ends = abfm.maps.project_onto_surface(SPHERE, SPHERE.vertices[PAIRS[:, 0]] @ turn.T)
     term = landmarks_of(SPHERE, (vertex_points(SPHERE, PAIRS[:, 0]), ends), None)
     x = to_frame(UNIT, rotation_field(UNIT, [0, 0, 0.7]))[None]
-    assert term.missed(x, 1.0, 1.0).errors.max() < 2e-3
+    assert term.misfit(x, 1.0, 1.0).errors.max() < 2e-3
     away = np.linalg.norm(SPHERE.vertices[PAIRS[:, 0], :2], axis=1) / SPHERE.length_scale
-    assert_allclose(term.first_errors, 0.7 * away, rtol=0.05, atol=0.01)
-    assert term.missed(x, 1.0, 0.1).share < 1e-3 * term.missed(0 * x, 1.0, 0.1).share
+    assert_allclose(term.initial_errors, 0.7 * away, rtol=0.05, atol=0.01)
+    assert term.misfit(x, 1.0, 0.1).share < 1e-3 * term.misfit(0 * x, 1.0, 0.1).share
 
 
 def test_where_nothing_flows_it_points_to_where_landmarks_are_wanted():
     """Whatever the distance: the gradient of half its square is minus the logarithm."""
     term = landmarks_of(UNIT, PAIRS, None)
     rest = np.zeros((1, len(UNIT.faces), 2))
-    bends = term.bends(rest, 1.0, 1.0)
-    away = bends.residuals.reshape(-1, 2)
-    assert_allclose(np.linalg.norm(away, axis=1), term.first_errors, rtol=0.1)
+    curvature = term.curvature(rest, 1.0, 1.0)
+    away = curvature.residuals.reshape(-1, 2)
+    assert_allclose(np.linalg.norm(away, axis=1), term.initial_errors, rtol=0.1)
     frames = face_frames(UNIT)[term.faces[:, 0]]
     away = np.einsum("lk,lkx->lx", away, frames)
     here, there = (UNIT.vertices[column] for column in PAIRS.T)
@@ -109,7 +109,7 @@ def test_motion_and_units_do_not_matter(scale):
     x = fields(mesh.normalized(), 2, 3)
     field = to_ambient(mesh.normalized(), x) @ rotation.T
     y = to_frame(other.normalized(), field)
-    assert_allclose(two.missed(y, 1.0, 1.0).errors, one.missed(x, 1.0, 1.0).errors, rtol=1e-6)
+    assert_allclose(two.misfit(y, 1.0, 1.0).errors, one.misfit(x, 1.0, 1.0).errors, rtol=1e-6)
 
 
 def test_on_other_meshes_the_points_are_the_same():
@@ -122,7 +122,7 @@ def test_on_other_meshes_the_points_are_the_same():
     fine = problem.subdivided()
     assert fine.landmarks.mesh is fine.mesh.normalized()
     for there, here in zip(
-        (fine.landmarks.points(fine.mesh), fine.landmarks.wanted(fine.mesh)), pair, strict=True
+        (fine.landmarks.points(fine.mesh), fine.landmarks.targets(fine.mesh)), pair, strict=True
     ):
         near(there.positions, here.positions, 1e-12)
     coarse = coarsened(UNIT, 160)
@@ -136,7 +136,7 @@ def test_a_landmark_without_weight_says_nothing():
     term = landmarks_of(SPHERE, PAIRS, [1, 0, 0, 0])
     alone = landmarks_of(SPHERE, PAIRS[:1], None)
     x = fields(UNIT, 1, 4)
-    one, other = (each.missed(x, 1.0, 0.1) for each in (term, alone))
+    one, other = (each.misfit(x, 1.0, 0.1) for each in (term, alone))
     assert one.share == pytest.approx(other.share)
     assert_allclose(one.differentiate(), other.differentiate(), atol=1e-12)
 
@@ -178,7 +178,7 @@ def test_vertices_count_as_the_given_mesh_does():
     expected = abfm.Problem(SPHERE, None, None, landmarks=PAIRS).landmarks
     for mesh, given in ((pair, PAIRS + 1), (TriangleMesh(*pair), PAIRS)):
         found = abfm.Problem(mesh, None, None, landmarks=given).landmarks
-        assert_allclose(found.first_errors, expected.first_errors)
+        assert_allclose(found.initial_errors, expected.initial_errors)
     with raises(ParameterError, 0):
         abfm.Problem(pair, None, None, landmarks=PAIRS)
 
@@ -197,14 +197,14 @@ def test_flow_lines_over_too_many_faces_are_an_infinite_energy():
     energy = MatchingEnergy(abfm.Problem(SPHERE, None, None, landmarks=PAIRS))
     x = 1e6 * fields(UNIT, 1, 1)
     assert energy.objective(0.1).evaluate(x).energy == np.inf
-    assert energy.left_by(x, energy.terms.carried) == np.inf
+    assert energy.residual_of(x, energy.terms.carried) == np.inf
 
 
 def test_a_mesh_that_is_scaled_is_the_same_mesh():
     large = TriangleMesh(10 * SPHERE.vertices, SPHERE.faces)
     pair = vertex_points(SPHERE, PAIRS[:, 0]), vertex_points(SPHERE, PAIRS[:, 1])
     one, other = landmarks_of(large, pair, None), landmarks_of(large, PAIRS, None)
-    assert_allclose(one.first_errors, other.first_errors)
+    assert_allclose(one.initial_errors, other.initial_errors)
 
 
 def test_functions_without_weight_are_carried_and_change_nothing():
@@ -241,4 +241,4 @@ def test_cancelled_in_a_thread_that_is_controlled_it_keeps_its_field(iterations)
         found = abfm.match(abfm.Problem(SPHERE, None, None, landmarks=PAIRS), on_iteration=cancel)
     assert found.stop_reason == "cancelled"
     assert found.velocity.any()
-    assert found.landmark_errors.max() < found.problem.landmarks.first_errors.max()
+    assert found.landmark_errors.max() < found.problem.landmarks.initial_errors.max()
