@@ -1,1 +1,1 @@
-"""Colours, theme, fonts and material."""
+"""Colours, themes, bundled samples and abbreviated texts."""

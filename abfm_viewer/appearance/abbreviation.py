@@ -1,16 +1,19 @@
-"""Texts that are cut where there is no room for them."""
+"""Abbreviation of texts that do not fit."""
 
 from bisect import bisect
 from collections.abc import Callable
 
 
-def cut(text: str, room: float, width_of: Callable[[str], float]) -> str:
-    """Return a text, or as much of it as has room, with an ellipsis; else nothing."""
-    if width_of(text) <= room:
+def abbreviated(text: str, width_max: float, width_of: Callable[[str], float]) -> str:
+    """Return the text, shortened with an ellipsis to the given width.
+
+    The result is empty if not even one letter fits.
+    """
+    if width_of(text) <= width_max:
         return text
 
     def width(length: int) -> float:
         return width_of(text[:length].rstrip() + "...")
 
-    too_long = bisect(range(len(text)), room, key=width)
+    too_long = bisect(range(len(text)), width_max, key=width)
     return text[: too_long - 1].rstrip() + "..." if too_long > 1 else ""

@@ -1,4 +1,4 @@
-"""Colours of the window, light and dark: text, panels, the surfaces' ground, lines of plots."""
+"""Light and dark colour palettes of the window."""
 
 from dataclasses import dataclass
 
@@ -9,27 +9,27 @@ Color = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Palette:
-    """sRGB colours with alpha, each 0 to 1."""
+    """sRGB colours with alpha; each channel is from 0 to 1."""
 
     ground: Color  # behind the surfaces
     panel: Color
-    field: Color  # of sliders, boxes and buttons
+    field: Color  # sliders, boxes and buttons
     hovered: Color
     pressed: Color
     border: Color
     ink: Color
     muted: Color
-    accent: Color  # the one button, marks of sliders
+    accent: Color  # primary button, grabs of sliders
     accent_hovered: Color
     accent_ink: Color
     source: Color
     target: Color
-    failure: Color  # of what went wrong or was not reached; nothing else has its hue
-    warning: Color  # a good result with a warning, or one that is nearly good
+    failure: Color  # errors and matches that were not reached; no other colour has this hue
+    warning: Color  # a good result with a warning, or a nearly good result
     good: Color
     marker: Color
-    lines: Color  # in plots: what is left by flow lines, and by the discrete flow
-    flow: Color
+    lines: Color  # in plots: residual by flow lines
+    flow: Color  # in plots: residual by the discrete flow
 
 
 _CODES = {
@@ -66,8 +66,8 @@ def _color(code: str) -> Color:
 
 LIGHT_PALETTE = _palette(0)
 DARK_PALETTE = _palette(1)
-# dark enough for white numbers, and apart from each other
-_OF_LANDMARKS = (
+# dark enough for white numbers, and easily distinguished
+_LANDMARK_CODES = (
     "1f5fd0",
     "c4314b",
     "1c7c3c",
@@ -79,12 +79,13 @@ _OF_LANDMARKS = (
     "3f4a5a",
     "7a3b1d",
 )
-LANDMARKS = tuple(map(_color, _OF_LANDMARKS))
-"""By landmarks' numbers, and from the first on again where there are more."""
+LANDMARKS = tuple(map(_color, _LANDMARK_CODES))
+"""Colours of the landmarks by number; they repeat if there are more landmarks."""
 ON_LANDMARKS: Color = (1.0, 1.0, 1.0, 1.0)
 
 
 def linear(color: Color) -> tuple[float, float, float]:
+    """Return an sRGB colour in linear light, without alpha."""
     red, green, blue = (channel**2.2 for channel in color[:3])
     return red, green, blue
 

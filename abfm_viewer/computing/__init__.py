@@ -1,1 +1,1 @@
-"""What runs off the frame loop: function values and matches."""
+"""Background jobs: values of functions, matches and other long computations."""

@@ -1,4 +1,4 @@
-"""Work off the frame loop of which only the newest counts, and values kept until they change."""
+"""Background jobs in which the latest request wins, and a one-entry memo."""
 
 from __future__ import annotations
 
@@ -22,11 +22,14 @@ from abfm.workers.threads import DaemonThreads
 Value = TypeVar("Value")
 
 THREADS = DaemonThreads("background")
-"""Compute everything that a window does not wait for."""
+"""Threads for all work that the window does not wait for."""
 
 
 def error_line(error: BaseException) -> str:
-    """Tell an error in a line; one that is not about the input says what kind it is."""
+    """Return the message of an error in one line.
+
+    The name of the class is added unless the error is about the user's input.
+    """
     text = one_line(str(error), MESSAGE_LENGTH_MAX)
     if isinstance(error, AbfmError | OSError):
         return text
@@ -36,7 +39,10 @@ def error_line(error: BaseException) -> str:
 
 
 def same(one: object, other: object) -> bool:
-    """Tell whether things, or tuples of them, are equal: arrays only if they are one object."""
+    """Return whether two objects, or tuples of objects, are equal.
+
+    Arrays are equal only if they are the same object.
+    """
     if one is other:
         return True
     if isinstance(one, tuple) and isinstance(other, tuple):
@@ -46,56 +52,63 @@ def same(one: object, other: object) -> bool:
 
 
 class Memo(Generic[Value]):
-    """Keeps the latest value: the same object while what it is made of stays the `same`."""
+    """A cache with one entry, which is valid while its inputs stay the `same`."""
 
     def __init__(self) -> None:
-        self._kept: tuple[tuple[object, ...], Value] | None = None
+        self._entry: tuple[tuple[object, ...], Value] | None = None
 
-    def get(self, made_of: tuple[object, ...], make: Callable[[], Value]) -> Value:
-        if self._kept is None or not same(self._kept[0], made_of):
-            self._kept = made_of, make()
-        return self._kept[1]
+    def get(self, inputs: tuple[object, ...], make: Callable[[], Value]) -> Value:
+        """Return the cached value, or make and cache it if the inputs have changed."""
+        if self._entry is None or not same(self._entry[0], inputs):
+            self._entry = inputs, make()
+        return self._entry[1]
 
 
 class Latest(Generic[Value]):
-    """Computes in `THREADS` what was asked for last, one at a time, and drops what did not begin.
+    """Computes the latest request in `THREADS`; earlier requests that have not begun are dropped.
 
-    Keys are compared by `same`; None is no key. The latest `value` was computed for `key`; `error`
-    says in one line why that failed. If `at_once`, it computes in the caller's thread instead.
+    Keys are compared by `same`; None is not a key. `value` is the latest result and `key` its key.
+    `error` is the message, in one line, if the computation failed. With ``at_once`` the caller's
+    thread computes.
 
-    At any time one key is wanted, at most one waits to be computed, one is running, one is
-    finished. As long as it is not retired, what is wanted waits, runs or is finished; what waits is
-    what is wanted; and nothing takes the place of what is finished while that is wanted.
+    At any time there is one requested key, and at most one waiting, one running and one finished.
+    Three invariants hold until the object is retired:
+
+    - The requested key is waiting, running or finished.
+    - The waiting key is the requested key.
+    - A finished result is not replaced while its key is the requested one.
     """
 
     def __init__(self, at_once: bool = False) -> None:
-        self.key: object = None  # finished, with its value or error
+        self.key: object = None  # of the finished job
         self.value: Value | None = None
         self.error = ""
-        self.step: Step | None = None  # of the job under way, if it tells any
+        self.step: Step | None = None  # of the running job, if it reports any
         self.retired = False
         self._at_once = at_once
-        self._wanted: object = None
-        self._job: Callable[[], Value] | None = None  # computes what is wanted, if that waits
+        self._requested: object = None
+        self._job: Callable[[], Value] | None = None  # for the requested key, while it waits
         self._running: object = None
         self._has_thread = False
         self._condition = threading.Condition()
 
     @property
     def busy(self) -> bool:
+        """Whether the requested key is waiting or running."""
         with self._condition:
-            runs = self._running is not None and same(self._running, self._wanted)
+            runs = self._running is not None and same(self._running, self._requested)
             return runs or self._job is not None
 
     @property
-    def is_at_work(self) -> bool:
+    def is_running(self) -> bool:
+        """Whether any job is running, also one whose result is no longer requested."""
         with self._condition:
             return self._running is not None
 
     def ask(self, key: object, compute: Callable[[], Value]) -> Value | None:
-        """Return what was computed for this key, or None and it will be, once, later."""
+        """Request a key; return its value, or None while the value is being computed."""
         with self._condition:
-            is_new, self._wanted = not same(key, self._wanted), key
+            is_new, self._requested = not same(key, self._requested), key
             if same(key, self.key):
                 self._job = None
                 return self.value
@@ -111,19 +124,25 @@ class Latest(Generic[Value]):
         self._compute(key, compute)
         return self.value
 
-    def newest(self, about: object, compute: Callable[..., Value], *given: object) -> Value | None:
-        """Return what is computed of what is given, or until then the last about the same."""
-        found = self.ask((about, given), partial(compute, *given))
+    def newest(
+        self, subject: object, compute: Callable[..., Value], *arguments: object
+    ) -> Value | None:
+        """Request ``compute(*arguments)``; until it is done, return the last value of the subject.
+
+        None if there is no earlier value of the same subject.
+        """
+        found = self.ask((subject, arguments), partial(compute, *arguments))
         with self._condition:
-            is_fit = isinstance(self.key, tuple) and same(self.key[0], about)
-            return self.value if found is None and is_fit else found
+            is_of_subject = isinstance(self.key, tuple) and same(self.key[0], subject)
+            return self.value if found is None and is_of_subject else found
 
     def retire(self) -> None:
+        """Start no more jobs."""
         with self._condition:
             self.retired, self._job = True, None
 
     def close(self, seconds: float = 0.2) -> None:
-        """Compute nothing more; a job under way is waited for, but not for long."""
+        """Start no more jobs, and wait at most so many seconds for the running one."""
         self.retire()
         with self._condition:
             self._condition.wait_for(lambda: not self._has_thread, max(seconds, 0.0))
@@ -136,7 +155,7 @@ class Latest(Generic[Value]):
                     self._has_thread = False
                     self._condition.notify_all()
                     return
-                key, job, self._job = self._wanted, self._job, None
+                key, job, self._job = self._requested, self._job, None
                 self._running = key
             self._compute(key, job)
 
@@ -144,34 +163,35 @@ class Latest(Generic[Value]):
         value: Value | None = None
         error = ""
         try:
-            with telling(self._tell):
+            with telling(self._set_step):
                 value = job()
-        except BaseException as problem:  # also what is no Exception: else nobody was answered
+        except BaseException as problem:  # every failure needs an error, or the request never ends
             error = error_line(problem)
             if self._at_once and not isinstance(problem, Exception):
                 raise
             if not isinstance(problem, AbfmError | MemoryError | CancelledError):
-                with suppress(OSError, ValueError):  # where the terminal is gone
+                with suppress(OSError, ValueError):  # if the terminal is closed
                     traceback.print_exc()
         finally:
             with self._condition:
                 self._running = None
-                # else what is there already was asked for again meanwhile
-                if not same(self._wanted, self.key):
+                # a finished result that was requested again in the meantime stays
+                if not same(self._requested, self.key):
                     self.key, self.value, self.error = key, value, error
 
-    def _tell(self, step: Step | None) -> None:
+    def _set_step(self, step: Step | None) -> None:
         self.step = step
 
 
 class Jobs:
-    """Several `Latest` of one owner, which compute in the same way and end together."""
+    """All `Latest` of one owner, which share the mode of computation and are closed together."""
 
     def __init__(self, at_once: bool = False) -> None:
         self.at_once = at_once
         self._all: list[Latest[Any]] = []
 
     def latest(self) -> Latest[Any]:
+        """Return a new `Latest`."""
         self._all = [one for one in self._all if not one.retired]
         self._all.append(Latest(self.at_once))
         return self._all[-1]
@@ -185,7 +205,7 @@ class Jobs:
         return any(one.busy for one in self._all)
 
     def close(self, seconds: float = 0.2) -> None:
-        """Compute nothing more; all jobs together are not waited for long."""
+        """Start no more jobs, and wait at most so many seconds for all running ones together."""
         for one in self._all:
             one.retire()
         end = time.monotonic() + seconds

@@ -1,4 +1,4 @@
-"""What any mesh begins with: a source and a target to match."""
+"""Default source and target of a mesh."""
 
 import math
 
@@ -10,29 +10,34 @@ from abfm.pages.front import best_front
 from abfm.types import FloatArray
 
 WIDTH = 0.13
-"""How wide a Gaussian is, if the mesh is fine enough, as a fraction of sqrt(area)."""
+"""Width of a Gaussian on a sufficiently fine mesh, as a fraction of sqrt(area)."""
 _WIDTH_EDGES = 3.0
+"""Width on a coarser mesh, in edges of equilateral triangles of the same total area."""
 _WIDTH_EDGES_MAX = 4.0
+"""Width in edges of the mesh itself above which Gaussians are narrowed, at most to `WIDTH`."""
 _WIDTH_EDGES_MIN = 2.0
-"""How many edges of even triangles one is wide on coarser meshes, else no flow of theirs would be
-exact; how many of the mesh's own suffice; and below how many they are wider."""
-_PLACE = 0.42
-"""Where the source is on the way from end to end."""
+"""Width in edges of the mesh itself below which Gaussians are widened."""
+_SOURCE_POSITION = 0.42
+"""Position of the source on the longest geodesic, from 0 at one end to 1 at the other."""
 _TARGET_DISTANCE = 0.5
-"""How far the target is from the source, in widths: farther ones are matched as well, by maps that
-change areas a lot, as where limbs meet the body."""
-_SIDE = 0.1  # how much of the way facing the viewer is worth
+"""Distance of the target from the source, in widths.
+
+More distant targets are also matched, but by maps that change areas a lot, for example where limbs
+meet the body.
+"""
+_FACING_WEIGHT = 0.1  # of facing the viewer, as a fraction of the longest geodesic
 _AVERAGED_VERTICES = 3000  # vertices to average over
 _TILT = np.array([0.02, -0.01, 0.005])
 
 
 def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
-    """Specs of two Gaussians on the way from one end of the body to the other, on one side of it.
+    """Return the specs of two Gaussians on the longest geodesic of the mesh.
 
-    The way is (nearly) the longest geodesic, such as from a foot to a hand, and the source is near
-    its middle, on the trunk. The target is so near that a first match changes areas little, further
-    along the way. Both rather face the viewer, who looks from `best_front(mesh)`. On a mesh so
-    coarse, or of such needles, that Gaussians span hardly an edge, they are wider.
+    The geodesic, for example from a foot to a hand, is nearly the longest one. The source is near
+    its middle, for example on the trunk. The target is farther along it, but so close that a
+    first match changes areas little. Both preferably face a viewer who looks from
+    `best_front(mesh)`. Gaussians that would span hardly an edge, on coarse meshes or meshes of
+    sliver triangles, are widened.
     """
 
     def distance(vertex: np.intp) -> FloatArray:
@@ -42,26 +47,26 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     if mesh.is_inside_out:
         normals = -normals
     facing = _facing(mesh, normals)
-    # from two vertices as far apart as nearly any, whatever number which vertex has
+    # distances from the two ends; they do not depend on the numbers of the vertices
     areas = abfm.calculus.vertex_areas(mesh)
     places = mesh.vertices - areas @ mesh.vertices / areas.sum()
-    tilt = places @ _TILT  # of two ends that are alike, as hands are, always the same one is taken
+    tilt = places @ _TILT  # selects one of two symmetric ends, such as hands
     outermost = np.argmax(np.linalg.norm(places, axis=1) + tilt)
     from_one_end = distance(np.argmax(distance(outermost) + tilt))
     from_other_end = distance(np.argmax(from_one_end + tilt))
     length = from_one_end.max()
     place = from_one_end / (from_one_end + from_other_end)
     detour = (from_one_end + from_other_end) / length - 1
-    source = np.argmin(np.abs(place - _PLACE) + detour - _SIDE * facing)
+    source = np.argmin(np.abs(place - _SOURCE_POSITION) + detour - _FACING_WEIGHT * facing)
     from_source = distance(source)
     alike = facing + normals @ normals[source]
 
-    def target_at(apart: float) -> np.intp:
-        off = np.abs(from_source - apart) / length
-        backwards = np.maximum(_PLACE + apart / length - place, 0)
-        return np.argmin(off + backwards + 0.5 * detour - 0.5 * _SIDE * alike)
+    def target_at(separation: float) -> np.intp:
+        off = np.abs(from_source - separation) / length
+        backwards = np.maximum(_SOURCE_POSITION + separation / length - place, 0)
+        return np.argmin(off + backwards + 0.5 * detour - 0.5 * _FACING_WEIGHT * alike)
 
-    edge = np.sqrt(4 / np.sqrt(3) / len(mesh.faces))  # of even triangles, in the unit of lengths
+    edge = np.sqrt(4 / np.sqrt(3) / len(mesh.faces))  # of equilateral triangles, unit sqrt(area)
     width = max(_WIDTH_EDGES * edge, WIDTH)
     target = target_at(_TARGET_DISTANCE * width * unit)
     distances = np.stack([from_source, distance(target)], axis=1) / unit
@@ -76,19 +81,20 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
 
 
 def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
-    """Return how much (V,) a vertex looks at the viewer, or a Gaussian around it if that is less.
+    """Return how much each vertex, or a Gaussian around it, faces the viewer, (V,).
 
-    The latter is averaged over a few vertices, whose places tell what is near; another side of a
-    thin part is not.
+    The value is a cosine: the smaller of the vertex's own and the mean around it. The mean is
+    taken over a sample of vertices. It excludes the opposite side of thin parts.
     """
-    from scipy.spatial import KDTree  # not before: the window is drawn without
+    from scipy.spatial import KDTree  # imported late: the first frame does not need it
 
-    own: FloatArray = normals @ best_front(mesh).direction
-    few = np.arange(0, len(own), -(-len(own) // _AVERAGED_VERTICES))
-    near = min(len(few), math.ceil(math.pi * WIDTH**2 * len(few)))
-    tree = KDTree(mesh.vertices[few])
-    around = few[tree.query(mesh.vertices[few], k=near)[1].reshape(len(few), near)]
-    same_side = (normals[around] * normals[few, None]).sum(axis=2) > 0
-    averages = (own[around] * same_side).sum(axis=1) / np.maximum(same_side.sum(axis=1), 1)
-    facing: FloatArray = np.minimum(own, averages[tree.query(mesh.vertices)[1]])
+    at_vertex: FloatArray = normals @ best_front(mesh).direction
+    sample = np.arange(0, len(at_vertex), -(-len(at_vertex) // _AVERAGED_VERTICES))
+    neighbors = min(len(sample), math.ceil(math.pi * WIDTH**2 * len(sample)))
+    tree = KDTree(mesh.vertices[sample])
+    nearest = tree.query(mesh.vertices[sample], k=neighbors)[1]
+    around = sample[nearest.reshape(len(sample), neighbors)]
+    same_side = (normals[around] * normals[sample, None]).sum(axis=2) > 0
+    averages = (at_vertex[around] * same_side).sum(axis=1) / np.maximum(same_side.sum(axis=1), 1)
+    facing: FloatArray = np.minimum(at_vertex, averages[tree.query(mesh.vertices)[1]])
     return facing

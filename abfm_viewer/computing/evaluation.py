@@ -1,4 +1,4 @@
-"""Values of functions on the mesh, computed off the frame loop and kept."""
+"""Cached values of functions on a mesh, computed in the background."""
 
 from __future__ import annotations
 
@@ -19,29 +19,30 @@ from abfm_viewer.computing.background import Latest, error_line
 from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.document.document import Side
 
-OWN_PROCESS_FROM = 20_000
-"""Vertices from which on a process computes: below, it is quick, and starting a process is not.
+SUBPROCESS_VERTICES_MIN = 20_000
+"""Number of vertices from which a subprocess evaluates functions.
 
-What is behind geodesics and eigenfunctions keeps the interpreter to itself: seventeen seconds at
-160,000 vertices.
+Smaller meshes take less time than the start of a process. The libraries behind geodesics and
+eigenfunctions hold the interpreter, for 17 s at 160,000 vertices.
 """
 _EXACT_VERTICES_MIN = 1_500  # the same for exact geodesic distances, 1 s at 6,000 vertices
-_VALUES_KEPT = 64
-# of a function's largest value: the screen has single precision
+_CACHE_SIZE = 64  # functions
+# of the largest absolute value of a function: graphics have single precision
 _SIZE_MIN = 1e-30
 _SIZE_MAX = 1e30
 
 Result = TypeVar("Result")
 Evaluated = dict[str, FloatArray | str]
-"""Values (V,) of specs, or in a line why there are none."""
+"""Values (V,) by spec, or an error message in one line."""
 
 
 class Functions:
-    """Evaluates specs on one mesh, term by term: dragging one of several Gaussians costs only one.
+    """Evaluates specs on one mesh, term by term.
 
-    Of terms from a project file the values (V,) are `known`: what came from other files needs these
-    files no longer. If `at_once`, `ask` waits for what it asks for. Once it `has_computed`
-    something, there may be a thread and a process.
+    When the user drags one of several Gaussians, only that one is evaluated again. `known` has the
+    values (V,) of terms stored in a project file, which therefore does not depend on other files.
+    With ``at_once``, `ask` computes in the caller's thread. After `has_computed` becomes true there
+    may be a thread and a process.
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class Functions:
         self.known = dict(known or {})
         self.has_computed = False
         self._worker: Worker[None] | None = None
-        self._is_large = len(mesh.vertices) >= OWN_PROCESS_FROM
+        self._is_large = len(mesh.vertices) >= SUBPROCESS_VERTICES_MIN
         if self._is_large or len(mesh.vertices) >= _EXACT_VERTICES_MIN:
             ended = "the process that computes functions has ended; try again"
             self._worker = Worker(stateless, ended)
@@ -62,8 +63,8 @@ class Functions:
         self._cache: OrderedDict[str, FloatArray] = OrderedDict()
         self._lock = threading.RLock()
         self._latest: Latest[Evaluated] = Latest(at_once)
-        self._asked: tuple[str, ...] = ()
-        self._waits = False  # whether what was asked for last was not there
+        self._requested: tuple[str, ...] = ()
+        self._waits = False  # whether the last request was not completely in the cache
 
     @property
     def busy(self) -> bool:
@@ -74,27 +75,33 @@ class Functions:
         return self._latest.step if self.busy else None
 
     def at_rest(self, is_kept: Callable[[str], bool]) -> Functions:
-        """Others, without thread and process, with the values asked for last and those kept."""
-        cached = self._cache.copy()  # without the lock, as another thread may evaluate for long
+        """Return a copy without thread and process.
+
+        It has the values of the last request, and those of the specs for which ``is_kept`` is true.
+        """
+        cached = self._cache.copy()  # without the lock: another thread may evaluate for long
         known = self.known | {spec: values for spec, values in cached.items() if is_kept(spec)}
         others = Functions(self.mesh, known, self._at_once)
-        others._cache.update((spec, cached[spec]) for spec in self._asked if spec in cached)
+        others._cache.update((spec, cached[spec]) for spec in self._requested if spec in cached)
         return others
 
     def defaults(self) -> tuple[str, str]:
         return self._compute(default_functions)
 
     def ask(self, specs: tuple[str, ...]) -> Evaluated | None:
-        """Values of all specs; None while they are being computed."""
+        """Request the values of all specs; None while they are being computed."""
         cached: Evaluated = {}
         for spec in specs:
             if (values := self._cache.get(spec)) is not None:
                 cached[spec] = values
-        self._asked, self._waits = specs, len(cached) < len(specs)
+        self._requested, self._waits = specs, len(cached) < len(specs)
         return self._latest.ask(specs, lambda: self._all(specs)) if self._waits else cached
 
     def evaluate(self, spec: str) -> FloatArray:
-        """Values (V,) of one spec, computed now; errors as of `abfm.function`, and of a worker."""
+        """Return the values (V,) of one spec, computed now if they are not cached.
+
+        Raises the errors of `abfm.function` and those of a worker.
+        """
         with self._lock:
             if spec in self._cache:
                 self._cache.move_to_end(spec)
@@ -104,7 +111,7 @@ class Functions:
                 values = self.known[spec]
             else:
                 tree = abfm.functions.parse(spec)
-                if str(tree) != spec:  # values are kept by the one text form of a function
+                if str(tree) != spec:  # the key of the cache is the canonical text of a function
                     return self.evaluate(str(tree))
                 if isinstance(tree, abfm.functions.Sum):
                     values = np.sum([self.evaluate(str(term)) for term in tree.terms], axis=0)
@@ -113,21 +120,21 @@ class Functions:
             largest = float(np.nanmax(np.abs(values)))
             if largest > _SIZE_MAX or 0 < largest < _SIZE_MIN:
                 raise FunctionError(
-                    f"{brief(spec)} has values up to {largest:.3g}; {_SIZE_MIN:g} to {_SIZE_MAX:g} "
-                    "can be shown: scale it"
+                    f"{brief(spec)} has values up to {largest:.3g}, but the window can show only "
+                    f"{_SIZE_MIN:g} to {_SIZE_MAX:g}. Scale the function."
                 )
             values.flags.writeable = False
             self._cache[spec] = values
-            if len(self._cache) > _VALUES_KEPT:
+            if len(self._cache) > _CACHE_SIZE:
                 self._cache.popitem(last=False)
             return values
 
     def let_go(self) -> None:
-        """Take no more requests; thread and process end when nobody evaluates with them."""
+        """Accept no more requests; thread and process end when no evaluation uses them."""
         self._latest.retire()
 
     def retire(self) -> None:
-        """Take no more requests, and end the process at once: who waits for its answer is told."""
+        """Accept no more requests and end the process at once; a pending call raises an error."""
         self.let_go()
         if self._worker:
             self._worker.close()
@@ -145,19 +152,17 @@ class Functions:
         is_exact = any("geodesic:" in str(each) for each in given)
         if self._worker is None or not (self._is_large or is_exact):
             return function(self.mesh, *given)
-        with step("in a subprocess"):  # which takes seconds to start
-            return self._worker.call(_apart, function, self.mesh, *given).result()
+        with step("in a subprocess"):  # it takes seconds to start
+            return self._worker.call(_in_subprocess, function, self.mesh, *given).result()
 
 
 def _values(mesh: TriangleMesh, spec: str) -> FloatArray:
-    """Return values (V,) of a spec, NaN where a file has none."""
+    """Return the values (V,) of a spec, NaN where a file has no value."""
     return abfm.functions.function(mesh, spec, may_be_unknown=True)
 
 
 class Evaluators(NamedTuple):
-    """What evaluates a document's functions: on the source's surface, and on the target's, which
-    may be the same.
-    """
+    """The functions on the surface of the source and on that of the target (often the same)."""
 
     source: Functions
     target: Functions
@@ -166,5 +171,5 @@ class Evaluators(NamedTuple):
         return (self.source if side == "source" else self.target).evaluate(spec)
 
 
-def _apart(_: None, function: Callable[..., Result], *given: object) -> Result:
+def _in_subprocess(_: None, function: Callable[..., Result], *given: object) -> Result:
     return function(*given)

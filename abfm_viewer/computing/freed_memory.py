@@ -1,28 +1,29 @@
-"""Return freed memory to the system.
+"""Return of freed memory to the system.
 
-The C library of Linux keeps it in pools, several times what a window uses after many runs.
+The C library of Linux keeps freed memory in pools. After many runs these are several times as large
+as the memory that a window uses.
 """
 
 import ctypes
 import sys
 
-_BLOCK_BYTES = 2 << 20  # of pictures and textures; smaller blocks are allocated all the time
+_BLOCK_BYTES = 2 << 20  # size of pictures and textures; smaller blocks are allocated very often
 _POOLS_MAX = 2
 _MMAP_THRESHOLD = -3  # of malloc.h
 _ARENA_MAX = -8
 
 
-def keep_little() -> None:
-    """Let all threads share two pools, and return every large block as soon as it is freed.
+def limit_pools() -> None:
+    """Make all threads share two pools, and return every large block as soon as it is freed.
 
-    Otherwise the C library raises both bounds as it runs.
+    By default the C library raises both limits while the program runs.
     """
     _c_library("mallopt", _MMAP_THRESHOLD, _BLOCK_BYTES)
     _c_library("mallopt", _ARENA_MAX, _POOLS_MAX)
 
 
-def give_back() -> None:
-    """Return the free memory of all threads; it takes some milliseconds."""
+def return_free_memory() -> None:
+    """Return the free memory of all threads to the system, which takes some milliseconds."""
     _c_library("malloc_trim", 0)
 
 

@@ -1,4 +1,7 @@
-"""A match in a subprocess: all iterates are reported, some with pictures; fields on request."""
+"""A match in a subprocess.
+
+It reports all iterates, and some of them with pictures. The window can request fields.
+"""
 
 from __future__ import annotations
 
@@ -14,27 +17,28 @@ from abfm.tasks.monitor import Monitor
 from abfm.types import FloatArray
 from abfm.workers.control import Control, present_control
 from abfm.workers.worker import report
-from abfm_viewer.computing.freed_memory import give_back
-from abfm_viewer.computing.run import Kept
+from abfm_viewer.computing.freed_memory import return_free_memory
+from abfm_viewer.computing.run import ProcessCache
 
-_ITERATES_KEPT = 4  # of the newest iterates whose fields may be requested, besides the best one
-_TIMES_A_PICTURE = 9
+_RECENT_ITERATES = 4  # newest iterates whose fields can be requested, in addition to the best one
+_PICTURE_WAIT_RATIO = 9
+"""Wait between two pictures, in times of making one: pictures take a tenth of the time."""
 _WAIT_SECONDS_MIN = 0.05
 _WAIT_SECONDS_MAX = 0.2
-"""How long no picture is made after one, so that pictures take a tenth of the time: times what it
-took, and at least and at most, in seconds."""
 FIRST_FIELD_SECONDS = 2.0
-"""Seconds of a match before fields are sent unasked, in case the process is killed: shorter ones
-lose little, and should lose no time."""
-_TIMES_A_FIELD = 49
-_GROWTH = 1.5
+"""Seconds after which a match first sends its fields without a request.
+
+They are needed if the process is killed. A shorter match loses little then, and saves the time.
+"""
+_FIELD_WAIT_RATIO = 49
+"""Least wait between two sent fields, in times of sending one: sending takes 2% of the time."""
+_FIELD_WAIT_GROWTH = 1.5
+"""Ratio of a wait between two sent fields to the wait before it."""
 _FIELD_WAIT_SECONDS_MAX = 20.0
-"""How long none are sent after some, at least: times what it took, so that sending takes 2% of the
-time, and times the wait before; and at most."""
-_SECONDS_PER_VERTEX = 1e-6  # of sending fields: 33 ms at 40,962 vertices
+_SECONDS_PER_VERTEX = 1e-6  # to send fields: 33 ms at 40,962 vertices
 
 Fields = tuple[FloatArray, FloatArray]
-"""The fields (N, F, 3) of an iterate, and the source carried by them (V, C)."""
+"""The fields (N, F, 3) of an iterate and the source advected by them (V, C)."""
 
 
 def better(now: abfm.Iteration, before: abfm.Iteration) -> bool:
@@ -42,22 +46,23 @@ def better(now: abfm.Iteration, before: abfm.Iteration) -> bool:
     return now.residual <= before.residual
 
 
-def _forgotten() -> NoReturn:
-    raise abfm.AbfmError("the field of that iterate is not known any more")
+def _raise_not_stored() -> NoReturn:
+    raise abfm.AbfmError("the field of this iterate is no longer stored")
 
 
 @dataclass(eq=False)
 class IteratePicture:
-    """The fields of an iterate, as far as they are known here: some come with their `picture`.
+    """The fields of an iterate in the process of the window.
 
-    Others are fetched, both of one iterate, if it is not known any more of one close by; that waits
-    for the other process, so not in the frame loop.
+    Some iterates come with their `picture`, the advected source. Otherwise the first access fetches
+    both arrays from the subprocess. They are those of the best iterate if this one is no longer
+    stored. The access then waits for the subprocess, so the frame loop must not make it.
     """
 
     warning: str | None
     picture: FloatArray | None = None
     field: FloatArray | None = None
-    fetch: Callable[[], Fields] = _forgotten
+    fetch: Callable[[], Fields] = _raise_not_stored
 
     @property
     def velocity(self) -> FloatArray:
@@ -72,45 +77,47 @@ class IteratePicture:
         return self.picture
 
 
-# In the process, which keeps the best pictured iterate of the present run and of the one before,
-# and after it the last few.
+# The functions below run in the subprocess. It stores the best iterate with a picture of the
+# present and of the previous run, followed by the newest iterates of the present one.
 
 
-def prepare(_: Kept, mesh: TriangleMesh, parameters: Parameters) -> None:
+def prepare(_: ProcessCache, mesh: TriangleMesh, parameters: Parameters) -> None:
     """Make the coarser meshes."""
     with factoring_apart():
         abfm.matching.prepare(mesh, parameters)
 
 
-def match(kept: Kept, run: int, task: abfm.matching.MatchTask) -> abfm.Match:
-    """Match, and report every iterate, the first and some others with their pictures, and now and
-    then the best one once more, with its fields.
+def match(cache: ProcessCache, run: int, task: abfm.matching.MatchTask) -> abfm.Match:
+    """Solve the task and report every iterate.
+
+    The first iterate and some others come with their pictures. From time to time the best iterate
+    is reported again, with its fields.
     """
-    before = max(kept, default=0)
-    for earlier in kept.keys() - {before}:
-        del kept[earlier]
-    kept[run] = ()
-    reports = _Reports(kept, run, len(task.problem.mesh.vertices))
+    before = max(cache, default=0)
+    for earlier in cache.keys() - {before}:
+        del cache[earlier]
+    cache[run] = ()
+    reports = _Reports(cache, run, len(task.problem.mesh.vertices))
     try:
         with factoring_apart():
             return task.solve(Monitor(present_control() or Control(), reports.add))
     finally:
-        # of a run that has ended the best fields stay, and not the workspace behind them
-        best = kept[run] = kept[run][:1]  # requests meanwhile find it
+        # only the best fields of a finished run stay in memory, without the solver's workspace
+        best = cache[run] = cache[run][:1]  # requests in the meantime find it
         try:
-            kept[run] = tuple(map(_with_fields, best))
+            cache[run] = tuple(map(_with_fields, best))
         except MemoryError:
-            kept[run] = ()
-        give_back()
+            cache[run] = ()
+        return_free_memory()
 
 
 class _Reports:
-    """Reports iterates, so that pictures take a tenth of the time, and fields 2%."""
+    """Reports of iterates; pictures take a tenth of the time, and fields 2%."""
 
-    def __init__(self, kept: Kept, run: int, vertices: int) -> None:
-        self._kept, self._run = kept, run
+    def __init__(self, cache: ProcessCache, run: int, vertices: int) -> None:
+        self._cache, self._run = cache, run
         self._next_picture = 0.0
-        self._wait = max(FIRST_FIELD_SECONDS, _TIMES_A_FIELD * _SECONDS_PER_VERTEX * vertices)
+        self._wait = max(FIRST_FIELD_SECONDS, _FIELD_WAIT_RATIO * _SECONDS_PER_VERTEX * vertices)
         self._next_fields = clock.perf_counter() + self._wait
         self._sent: abfm.Iteration | None = None  # with its fields
 
@@ -119,16 +126,16 @@ class _Reports:
         if (began := clock.perf_counter()) >= self._next_picture:
             view.picture = iteration.advected
             done = clock.perf_counter()
-            wait = max(_TIMES_A_PICTURE * (done - began), _WAIT_SECONDS_MIN)
+            wait = max(_PICTURE_WAIT_RATIO * (done - began), _WAIT_SECONDS_MIN)
             self._next_picture = done + min(wait, _WAIT_SECONDS_MAX)
-            self._kept[self._run] = _worth_keeping((*self._kept[self._run], iteration))
+            self._cache[self._run] = _best_and_recent((*self._cache[self._run], iteration))
         report(replace(iteration, view=view))
-        best = self._kept[self._run][0]
+        best = self._cache[self._run][0]
         if began >= self._next_fields and best.iteration and best is not self._sent:
             report(_with_fields(best))
             took = clock.perf_counter() - began
-            wait = min(_GROWTH * self._wait, _FIELD_WAIT_SECONDS_MAX)
-            self._wait = max(wait, _TIMES_A_FIELD * took)
+            wait = min(_FIELD_WAIT_GROWTH * self._wait, _FIELD_WAIT_SECONDS_MAX)
+            self._wait = max(wait, _FIELD_WAIT_RATIO * took)
             self._next_fields, self._sent = began + took + self._wait, best
 
 
@@ -136,18 +143,21 @@ def _with_fields(last: abfm.Iteration) -> abfm.Iteration:
     return replace(last, view=IteratePicture(last.warning, last.advected, last.velocity))
 
 
-def fields(kept: Kept, run: int, iteration: int) -> Fields:
-    """Return those of an iterate, or of the best one so far; AbfmError if none is known."""
-    known = kept.get(run) or _forgotten()
-    found = next((each for each in known if each.iteration == iteration), known[0])
+def fields(cache: ProcessCache, run: int, iteration: int) -> Fields:
+    """Return the fields of an iterate, or of the best one if that iterate is no longer stored.
+
+    Raises `AbfmError` if no iterate of the run is stored.
+    """
+    stored = cache.get(run) or _raise_not_stored()
+    found = next((each for each in stored if each.iteration == iteration), stored[0])
     return found.velocity, found.advected
 
 
-def _worth_keeping(known: tuple[abfm.Iteration, ...]) -> tuple[abfm.Iteration, ...]:
-    """Return the best of some iterates, and after it the last few of the others."""
-    best, *others = known
+def _best_and_recent(iterates: tuple[abfm.Iteration, ...]) -> tuple[abfm.Iteration, ...]:
+    """Return the best iterate, followed by the newest of the others."""
+    best, *others = iterates
     for one in others:
         if better(one, best):
             best = one
-    others = [one for one in known if one is not best]
-    return (best, *others[-_ITERATES_KEPT:])
+    others = [one for one in iterates if one is not best]
+    return (best, *others[-_RECENT_ITERATES:])

@@ -1,4 +1,4 @@
-"""Matches: a problem that may be replaced while it is solved, its iterates, and its best field."""
+"""Matching in the background; the problem can be replaced while it is solved."""
 
 from __future__ import annotations
 
@@ -25,36 +25,38 @@ from abfm_viewer.document.document import SIDES, Channel, InitialMap, Landmark, 
 from abfm_viewer.document.surface_points import paired
 
 _ITERATIONS_BETWEEN_RESTARTS = 3
-_numbers = itertools.count(1)  # of solves, by which the process keeps their fields
+_numbers = itertools.count(1)  # of solves; the process stores their fields by number
 
 
 @dataclass(frozen=True)
 class ProblemSpec:
-    """What is solved, its functions as text; those that are equal have the same solution."""
+    """A problem with its functions as text; equal specs have the same solution."""
 
     mesh: TriangleMesh
     channels: tuple[Channel, ...]
     parameters: Parameters
     mask: str
-    landmarks: tuple[Landmark, ...] = ()  # whole ones
-    landmarks_alone: bool = False  # whether functions are only carried, as long as there are some
-    initial: InitialMap | None = None  # of two surfaces, from A to the mesh, which is B
+    landmarks: tuple[Landmark, ...] = ()  # complete ones
+    landmarks_alone: bool = False  # whether functions have no weight if there are landmarks
+    initial: InitialMap | None = None  # of two surfaces, from A to ``mesh``, which is B
 
     @property
     def is_of_landmarks(self) -> bool:
+        """Whether only landmarks are matched."""
         return self.landmarks_alone and bool(self.landmarks)
 
     def problem(self, functions: Evaluators) -> abfm.Problem:
+        """Return the problem with the values of its functions; it may take long."""
         specs = [[channel.spec(side) for channel in self.channels] for side in SIDES]
         source, target = (
-            np.stack([functions.evaluate(spec, side) for spec in own], axis=1)
-            for side, own in zip(SIDES, specs, strict=True)
+            np.stack([functions.evaluate(spec, side) for spec in of_side], axis=1)
+            for side, of_side in zip(SIDES, specs, strict=True)
         )
         mask = functions.evaluate(self.mask) if self.mask else None
         weights = [0.0 if self.is_of_landmarks else each.weight for each in self.channels]
         found = None if self.initial is None else self.initial.correspondence
         a = self.mesh if found is None else found.a
-        marks = paired(a, self.mesh, self.landmarks)
+        landmarks = paired(a, self.mesh, self.landmarks)
         if found is not None:
             return abfm.registration.prepare(
                 a,
@@ -62,7 +64,7 @@ class ProblemSpec:
                 source,
                 target,
                 initial=found,
-                landmarks=marks,
+                landmarks=landmarks,
                 parameters=self.parameters,
                 mask_b=mask,
                 weights=weights,
@@ -74,16 +76,18 @@ class ProblemSpec:
             self.parameters,
             mask=mask,
             weights=weights,
-            landmarks=None if marks is None else (marks.a, marks.b),
-            landmark_weights=None if marks is None else marks.weights,
+            landmarks=None if landmarks is None else (landmarks.a, landmarks.b),
+            landmark_weights=None if landmarks is None else landmarks.weights,
         )
         return problem.with_specs(*specs)
 
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The newest iterate of a problem, and the best one so far that is `shown`, whose ``advected``
-    is there. A new attempt of the solver starts with a larger residual than the one before.
+    """The newest iterate of a problem, and the best one with a picture, which is `shown`.
+
+    A new attempt of the solver starts with a larger residual than the previous one, so the newest
+    iterate is not always the best.
     """
 
     problem: ProblemSpec
@@ -92,7 +96,7 @@ class Snapshot:
 
 
 class _History:
-    """The numbers of all iterates of a run: one thread adds to it, others read."""
+    """The numbers of all iterates of a run; one thread adds to it, others read."""
 
     def __init__(self) -> None:
         self._iterates: list[abfm.Iteration] = []  # without fields
@@ -100,7 +104,7 @@ class _History:
         self._record = Memo[RunRecord]()
 
     def begin(self) -> None:
-        """Begin with another problem."""
+        """Begin another problem."""
         if self._iterates:
             self._restarts.append(len(self._iterates))
 
@@ -108,7 +112,10 @@ class _History:
         self._iterates.append(replace(now, view=IteratePicture(None), path=()))
 
     def record(self, residual: float, parameters: Parameters) -> RunRecord | None:
-        """The run so far, the same object while nothing is added; None before the first iterate."""
+        """Return the record of the run so far; None before the first iterate.
+
+        It is the same object until an iterate is added.
+        """
         iterates, restarts = self._iterates[:], tuple(self._restarts)
 
         def column(name: str, kind: type = np.float64) -> Any:
@@ -133,38 +140,38 @@ class _History:
                 column("sigma"),
             )
 
-        made_of = (len(iterates), residual, parameters, restarts)
-        return self._record.get(made_of, make) if iterates else None
+        inputs = (len(iterates), residual, parameters, restarts)
+        return self._record.get(inputs, make) if iterates else None
 
 
 Then: TypeAlias = "Callable[[abfm.Match | None, RunRecord | None, ProblemSpec], object]"
-"""Takes the result of a run, failed or not, its iterates, and what it solved."""
+"""Callback for the end of a run: result (None if it failed), record, and solved problem."""
 
 
 class Matching:
-    """Matches a problem, and those that take its place, in one run."""
+    """Runs one match at a time; its problem can be replaced during the run."""
 
     def __init__(self, run: Run[Any]) -> None:
         self.follow = True  # whether a change of the problem during a run restarts it
         self.warm = False  # whether a new run starts from the present field instead of zero
         self.running = False  # whether the present run is a match
-        self.problem: ProblemSpec | None = None  # the newest one given
+        self.problem: ProblemSpec | None = None  # the newest one
         self.snapshot: Snapshot | None = None  # may be read at any time
         self._run = run
         self._history = _History()
         self._next: ProblemSpec | None = None
         self._present: ProblemSpec | None = None  # of the present solve
-        self._best: Snapshot | None = None  # of that, whose field is here if the process is killed
+        self._best: Snapshot | None = None  # of the present solve, with fields in this process
         self._lock = threading.Lock()
 
     @property
     def record(self) -> RunRecord | None:
-        """The numbers of the run so far."""
-        known = self.running and self.problem
-        return self._history.record(0.0, known.parameters) if known else None
+        """The record of the run so far."""
+        problem = self.running and self.problem
+        return self._history.record(0.0, problem.parameters) if problem else None
 
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
-        """Let the process make the coarser meshes; a match begins after that."""
+        """Make the coarser meshes in the process; a match begins after that."""
         self._run.process.call(prepare, mesh, parameters)
 
     def start(
@@ -175,11 +182,15 @@ class Matching:
         self.problem = self._next = self._solved = problem
         self._found: abfm.Match | None = None
         self._since_restart = 0
-        work, left = partial(self._solve_all, functions, field), partial(self._left, functions)
-        self._run.start(work, partial(self._end, then), left)
+        work = partial(self._solve_all, functions, field)
+        recover = partial(self._recovered, functions)
+        self._run.start(work, partial(self._end, then), recover)
 
     def follow_problem(self, problem: ProblemSpec, dragging: bool = False) -> None:
-        """Restart with a changed problem, another alpha when not dragging; end with its mesh."""
+        """Restart with a changed problem, or cancel the run if the mesh has changed.
+
+        A change of alpha is taken over only after a drag, because it needs another factorisation.
+        """
         if not self.running or self.problem is None or problem == self.problem:
             return
         if problem.mesh.digest != self.problem.mesh.digest:
@@ -194,15 +205,15 @@ class Matching:
                 self._yield_to_next()
 
     def unfinished(self, snapshot: Snapshot, functions: Evaluators) -> tuple[abfm.Match, RunRecord]:
-        """Return the best field of a snapshot as if the run had been cancelled there, unverified,
-        and the run's energies.
+        """Return the match that a cancellation at the snapshot would give, and the record.
 
-        It waits, so not for the frame loop; it is kept, should the run fail. AbfmError if its field
-        is not known any more, or the run is over.
+        The match is not verified. It is stored in case the run fails. The call waits for the
+        subprocess, so the frame loop must not make it. Raises `AbfmError` if the field is no longer
+        stored, or the run is over.
         """
         history, now = self._history, snapshot.shown
         if (record := history.record(now.residual, snapshot.problem.parameters)) is None:
-            raise AbfmError("the run of that iterate is over")
+            raise AbfmError("the run of this iterate is over")
         reason = abfm.StopReason.CANCELLED
         kind = outcome_of(now.residual, snapshot.problem.parameters.goal)
         found = abfm.Match(
@@ -217,7 +228,7 @@ class Matching:
             stop_reason=reason,
             verdict=abfm.matching.Verdict(kind, reason, ""),
         )
-        self._keep(snapshot)
+        self._store(snapshot)
         return found, record
 
     def _end(self, then: Then, found: abfm.Match | None) -> None:
@@ -229,7 +240,7 @@ class Matching:
         self._history = _History()
         then(found, record, self._solved)
 
-    # In the run's thread
+    # Called in the thread of the run
 
     def _solve_all(self, functions: Evaluators, start: FloatArray | None) -> abfm.Match | None:
         while True:
@@ -251,7 +262,7 @@ class Matching:
 
         def take(now: abfm.Iteration) -> None:
             assert isinstance(now.view, IteratePicture)
-            now.view.fetch = partial(self._run.process.beside, fields, number, now.iteration)
+            now.view.fetch = partial(self._run.process.call_now, fields, number, now.iteration)
             self._post(spec, now)
 
         def solve(problem: abfm.Problem) -> abfm.Match:
@@ -263,13 +274,13 @@ class Matching:
         except ParameterError as error:
             if start is None or not str(error).startswith("start"):
                 raise
-            return solve(problem)  # a field for other parameters may be too fast for these
+            return solve(problem)  # a start found with other parameters may be too fast for these
 
     def _post(self, problem: ProblemSpec, now: abfm.Iteration) -> None:
         view, shown, before = now.view, now, self.snapshot
         assert isinstance(view, IteratePicture)
-        if view.field is not None:  # once more, with its fields
-            self._keep(Snapshot(problem, now, now))
+        if view.field is not None:  # the best iterate, reported again with its fields
+            self._store(Snapshot(problem, now, now))
             return
         self._history.add(now)
         if before is not None and before.problem is problem:
@@ -281,20 +292,23 @@ class Matching:
             self._yield_to_next()
 
     def _yield_to_next(self) -> None:
-        """End this solve for the next problem, but not so soon that a drag keeps it from moving."""
+        """End this solve in favour of the next problem, after a least number of iterations.
+
+        Otherwise the solver would make no progress while the user drags.
+        """
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
             self._run.end_call()
 
-    def _keep(self, snapshot: Snapshot) -> None:
-        """Keep a snapshot whose field is here, unless it is of an earlier solve or a worse one."""
+    def _store(self, snapshot: Snapshot) -> None:
+        """Store a snapshot that has its fields, unless it is worse or of an earlier solve."""
         is_present, best = snapshot.problem is self._present, self._best
         if is_present and (best is None or better(snapshot.shown, best.shown)):
             self._best = snapshot
 
-    def _left(self, functions: Evaluators) -> abfm.Match | None:
-        """Return what a run that fails has found."""
+    def _recovered(self, functions: Evaluators) -> abfm.Match | None:
+        """Return the best match of a run that failed."""
         for snapshot in (self.snapshot if self._since_restart else None, self._best):
-            with suppress(AbfmError, MemoryError):  # where its process was killed
+            with suppress(AbfmError, MemoryError):  # if the process was killed
                 if snapshot is not None:
                     self._found, _ = self.unfinished(snapshot, functions)
                     self._solved = snapshot.problem

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import abfm
 from abfm import FunctionError, TriangleMesh, functions
 from abfm.wording import sentence
-from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.document.kinds import MatchDocument
@@ -176,7 +176,7 @@ def _called(document: MatchDocument, spec: str) -> str:
     try:
         return _short(functions.parse(text))
     except FunctionError:  # the name of a channel
-        return cut(text, _LABEL_LENGTH_MAX, len)
+        return abbreviated(text, _LABEL_LENGTH_MAX, len)
 
 
 def _short(tree: functions.Spec) -> str:
@@ -196,8 +196,10 @@ def _short(tree: functions.Spec) -> str:
         return tree.family
     word = str(getattr(tree, tree.positional))
     if any(parameter.kind.suffixes for parameter in tree.parameters()):
-        return cut(Path(word).name, _LABEL_LENGTH_MAX, len)
-    return cut(word, _LABEL_LENGTH_MAX, len) if tree.is_open_ended else f"{tree.family} {word}"
+        return abbreviated(Path(word).name, _LABEL_LENGTH_MAX, len)
+    return (
+        abbreviated(word, _LABEL_LENGTH_MAX, len) if tree.is_open_ended else f"{tree.family} {word}"
+    )
 
 
 def _file_of(family: type[functions.Family]) -> functions.Parameter | None:

@@ -5,7 +5,7 @@ from itertools import product
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import window
@@ -36,7 +36,7 @@ def draw(context: Context, rect: Rect) -> None:
 
 def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
     """Return the mesh, its size and frames per second, and less and less of that."""
-    name = cut(session.document.name, room / 3, ui.text_width)
+    name = abbreviated(session.document.name, room / 3, ui.text_width)
     sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
     size = f"{name}   {' and '.join(sizes)} vertices"
     return f"{size}   {imgui.GetIO().Framerate:.0f} fps", size, name, ""

@@ -12,7 +12,7 @@ from abfm import Match, TriangleMesh
 from abfm.io.sheets import Frame, Panel, Plot, Sheet, Up, Values
 from abfm.types import FloatArray
 from abfm_viewer import pictures
-from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.theme import LIGHT_PALETTE
 from abfm_viewer.pictures.canvas import Font, letter, rgb
 from abfm_viewer.pictures.panels import cameras, color_ranges, panel_pictures
@@ -272,7 +272,7 @@ def sheet_picture(
         fitting = (size for size in sizes_down if font(size).getlength(cell.label) <= fits)
         written = font(next(fitting, sizes_down[-1]))
         middle = (place.left + place.width / 2, place.top + place.height + scale * LABEL / 2)
-        label = cut(cell.label, fits, written.getlength)
+        label = abbreviated(cell.label, fits, written.getlength)
         draw.text(middle, label, fill=color, font=written, anchor="mm")
     inks = replace(LIGHT_PALETTE, muted=LIGHT_PALETTE.ink)
     pen = Pen(scale, 1.2 * scale * _SMALL_TEXT_SIZE, small.getlength, inks, scale * _TICK_LENGTH)

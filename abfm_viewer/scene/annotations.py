@@ -15,7 +15,7 @@ from abfm.pages.colormaps import NO_VALUES, ColorRange, table
 from abfm.pages.film_motion import CRITICAL_COLORS
 from abfm.pages.front import triple
 from abfm.types import FloatArray
-from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.theme import LANDMARKS, ON_LANDMARKS, Color, Palette
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document import gaussians
@@ -120,7 +120,7 @@ def bar_parts(
         outline = ((left, top), (right, top), (right, bottom), (left, bottom), (left, top))
         found.append(Line(outline, inks.ink, pen.scale))
     if not upright:
-        title = cut(title, right - left, pen.width)
+        title = abbreviated(title, right - left, pen.width)
         indent = (right - left - pen.width(title)) / 2 if pen.tick else 0.0
         found.append(Text(left + indent, top - gap - pen.line, title, inks.muted))
     length = bottom - top if upright else right - left
@@ -221,7 +221,7 @@ def laid_out(
     found += landmark_parts(scene.landmarks(), pen)
     # names are in the middle above the surfaces, or end at their left
     for name, title, (left, top, right, bottom) in _titles(scene) if labels else ():
-        title = cut(title, right - left - 4 * pen.scale, pen.width)
+        title = abbreviated(title, right - left - 4 * pen.scale, pen.width)
         length = pen.width(title)
         start = right - length if scene.view.is_beside else (left + right - length) / 2
         ink = {"source": pen.inks.source, "target": pen.inks.target}.get(name, pen.inks.ink)

@@ -73,7 +73,7 @@ class Loading:
         self._notices.say(f"{load.what}{instead} ...")
         self._give_up()
         reader = self._readers.get(load.key)
-        if reader is None or not reader.is_at_work:
+        if reader is None or not reader.is_running:
             reader = self._readers[load.key] = self._jobs.latest()
             reader.ask(load.key, load.read)
         self.now = load
@@ -87,7 +87,7 @@ class Loading:
         """Show what was read: call once per frame."""
         load, reader = self.now, self._reader
         self._readers = {
-            key: each for key, each in self._readers.items() if each is reader or each.is_at_work
+            key: each for key, each in self._readers.items() if each is reader or each.is_running
         }
         if load is None or reader is None or reader.busy:
             return

@@ -15,7 +15,7 @@ import polyscope.imgui as imgui
 
 from abfm import AbfmError
 from abfm_viewer.appearance import theme
-from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.document.document import Theme
 from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetRecord
@@ -227,7 +227,7 @@ class Ui:
 
     def fitted(self, text: str, room: float) -> str:
         """Return a text, cut with an ellipsis if it is wider than so many pixels."""
-        return cut(text, room + 0.5, self.text_width)
+        return abbreviated(text, room + 0.5, self.text_width)
 
     def tip(self, text: str, above: bool = False) -> None:
         """Give the widget before a tooltip, also where it is disabled, but not during a drag, nor

@@ -8,7 +8,7 @@ import polyscope.imgui as imgui
 
 from abfm import Parameters
 from abfm.pages import colormaps
-from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.document.document import LAYOUTS, THEMES
 from abfm_viewer.panels import landmarks
 from abfm_viewer.session.session import Session
@@ -43,7 +43,7 @@ def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
                     draw_menu(ui, actions)
         # what is open, at the right where there is room for it
         room = float(imgui.GetContentRegionAvail()[0]) - ui.px(16)
-        title = cut(saves.title, room, ui.text_width)
+        title = abbreviated(saves.title, room, ui.text_width)
         imgui.SetCursorPosX(imgui.GetCursorPosX() + max(room - ui.text_width(title), 0.0))
         ui.note(title, "ink" if saves.unsaved else "muted")
         if saves.unsaved:

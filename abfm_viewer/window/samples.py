@@ -17,7 +17,7 @@ from abfm.assets import asset_path
 from abfm.parameters import FIGURES, TITLES
 from abfm.types import FloatArray
 from abfm.wording import capital
-from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.samples import (
     CORTEX,
     MESHES,
@@ -27,7 +27,7 @@ from abfm_viewer.appearance.samples import (
     POPULATIONS,
     SEQUENCES,
     WAVE,
-    part,
+    thumbnail_corners,
     vertices,
 )
 from abfm_viewer.document.document import Channel, Surface, View
@@ -122,7 +122,9 @@ class SampleTextures:
             pixels = np.asarray(Image.open(PICTURES).convert("RGBA"), dtype=np.float32) / 255
             ps.add_color_alpha_image_quantity(_PICTURES, pixels, enabled=False)
             self._buffer = ps.get_quantity_buffer(_PICTURES, "colors")
-        return imgui.ImTextureRef(int(self._buffer.get_texture_native_id())), *part(name)
+        return imgui.ImTextureRef(int(self._buffer.get_texture_native_id())), *thumbnail_corners(
+            name
+        )
 
 
 def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
@@ -184,7 +186,7 @@ def _is_chosen(
     texts = [f"{title}{'  (loaded)' if loaded else ''}", about][: max(int(side / line), 1)]
     y = top + (side - len(texts) * line) / 2
     for text, color in zip(texts, (ui.colors.ink, ui.colors.muted), strict=False):
-        shown = cut(text, left + size[0] - x, ui.text_width)
+        shown = abbreviated(text, left + size[0] - x, ui.text_width)
         draw_list.AddText((x, y), imgui.ColorConvertFloat4ToU32(color), shown)
         y += line
     return chosen

@@ -21,7 +21,7 @@ from abfm.io import write_atomically
 from abfm.mesh.options import DEFAULT_OPTIONS, MeshOptions
 from abfm_viewer import signals
 from abfm_viewer.computing.background import error_line
-from abfm_viewer.computing.freed_memory import keep_little
+from abfm_viewer.computing.freed_memory import limit_pools
 from abfm_viewer.document.document import Theme
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.panels import cards, result_table, right_panel, status_line, time_bar
@@ -169,7 +169,7 @@ class Window(Context):
         self._panel_seconds = self._moved_at = self._last_redraw = 0.0
         self._document: object = None
         self._style: tuple[Theme, float] = ("light", 0.0)  # none yet
-        keep_little()
+        limit_pools()
         opengl.spare_a_core()
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)

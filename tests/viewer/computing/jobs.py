@@ -9,7 +9,7 @@ from abfm.workers.progress import step
 from abfm.workers.worker import report
 
 
-def count(kept, upto):
+def count(cache, upto):
     """Report numbers until all are counted, or it is cancelled; return how many."""
     for number in range(upto):
         try:
@@ -21,22 +21,22 @@ def count(kept, upto):
     return upto
 
 
-def hold(kept):
+def hold(cache):
     with step("holding"):
         while True:
             time.sleep(0.01)
 
 
-def pid(kept):
-    kept[0] = kept.get(0, 0) + 1
-    return os.getpid(), kept[0]
+def pid(cache):
+    cache[0] = cache.get(0, 0) + 1
+    return os.getpid(), cache[0]
 
 
-def refuse(kept):
+def refuse(cache):
     raise AbfmError("not\nthis")
 
 
-def pid_if(kept, file):
+def pid_if(cache, file):
     """Return the process if there is a file, which it makes, else end."""
     if not file.exists():
         file.touch()

@@ -105,11 +105,11 @@ class Asking(RuleBasedStateMachine):
 
     @rule()
     def end_what_runs(self):
-        if self.latest.busy or self.latest.is_at_work:
+        if self.latest.busy or self.latest.is_running:
             until(lambda: self.begun)
             _, leave = self.begun.pop(0)
             leave.set()
-            until(lambda: self.begun or not (self.latest.busy or self.latest.is_at_work))
+            until(lambda: self.begun or not (self.latest.busy or self.latest.is_running))
 
     @invariant()
     def what_is_wanted_waits_runs_or_is_finished(self):
@@ -257,10 +257,10 @@ def test_one_that_is_at_work_holds_up_no_other_and_is_not_waited_for_long(latest
         other.ask(number, lambda number=number: number)
     until(lambda: [other.value for other in others] == list(range(30)))
     latest.close(0.1)
-    assert latest.is_at_work
+    assert latest.is_running
     end("late")
     latest.close(10)
-    assert not latest.is_at_work
+    assert not latest.is_running
 
 
 def test_what_is_computed_at_once_is_there_at_once_in_this_thread():

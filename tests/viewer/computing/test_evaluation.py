@@ -21,7 +21,7 @@ SPARSE = with_loose_vertex(icosphere(2))
 @pytest.fixture(scope="module")
 def apart():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
+        patch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
         functions = Functions(SPARSE)
     yield functions
     functions.retire()
@@ -38,7 +38,7 @@ def test_values_and_defaults_are_the_same(apart, spec):
 
 def test_warnings_are_the_same(monkeypatch, tmp_path):
     """Of values that differ between copies of a vertex; the window shows each as a card."""
-    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
+    monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
     sphere = icosphere(1)
     corners = np.arange(sphere.faces.size)
     split = TriangleMesh(sphere.vertices[sphere.faces.ravel()], corners.reshape(-1, 3), merge=True)
@@ -64,15 +64,15 @@ def test_errors_are_the_same(apart, spec):
 
 
 def test_large_meshes_get_a_process_and_closed_ones_start_none(monkeypatch):
-    assert evaluation.OWN_PROCESS_FROM == 20_000
-    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", len(SPARSE.vertices))
+    assert evaluation.SUBPROCESS_VERTICES_MIN == 20_000
+    monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", len(SPARSE.vertices))
     for mesh, has_one in ((icosphere(1), False), (SPARSE, True)):
         functions = Functions(mesh)
         functions.evaluate("coordinate:x")
         assert (functions._worker is not None and functions._worker.pid is not None) == has_one
         functions.retire()
     monkeypatch.setattr(evaluation, "_EXACT_VERTICES_MIN", 0)
-    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 1_000)
+    monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 1_000)
     functions = Functions(SPARSE)
     for spec, has_one in (("coordinate:x", False), ("geodesic:vertex=3", True)):
         steps = []
@@ -81,7 +81,7 @@ def test_large_meshes_get_a_process_and_closed_ones_start_none(monkeypatch):
         assert ("in a subprocess" in steps) == has_one
         assert (functions._worker.pid is not None) == has_one
     functions.retire()
-    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
+    monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
     closed = Functions(SPARSE)
     closed.retire()
     with raises(AbfmError):

@@ -6,7 +6,7 @@ _RESIDENT = """
 import os
 from pathlib import Path
 from threading import Thread
-from abfm_viewer.computing.freed_memory import give_back, keep_little
+from abfm_viewer.computing.freed_memory import return_free_memory, limit_pools
 
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
@@ -22,7 +22,7 @@ thread = Thread(target=work)
 thread.start()
 thread.join()
 before = resident()
-give_back()
+return_free_memory()
 print(before - resident())
 """
 
@@ -30,7 +30,7 @@ print(before - resident())
 _BLOCKS = """
 # freed at once: from now on the C library would take blocks up to this size from its pools
 bytearray(30 << 20)
-keep_little()
+limit_pools()
 before = resident()
 kept = []
 for _ in range(20):

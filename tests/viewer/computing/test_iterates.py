@@ -50,20 +50,20 @@ def energies(monkeypatch):
 def test_every_iterate_is_reported_and_of_an_ended_run_the_last_fields_stay_and_no_workspace(
     reports, energies
 ):
-    kept = {}
+    cache = {}
     for run in range(1, 4):
         problem = abfm.Problem(SPHERE, F, G, replace(QUICK, sigma=0.01 * run))
-        found = match(kept, run, MatchTask(problem))
+        found = match(cache, run, MatchTask(problem))
         assert [now.iteration for now in reports] == list(range(len(found.energy_history)))
         assert reports[0].view.advected.shape == found.advected.shape
-        velocity, advected = fields(kept, run, 10**6)
+        velocity, advected = fields(cache, run, 10**6)
         assert velocity.shape == found.velocity.shape
         assert advected.shape == found.advected.shape
         assert not energies
         reports.clear()
-    fields(kept, 2, 0)  # of the run before something may be shown yet
+    fields(cache, 2, 0)  # of the run before something may be shown yet
     with raises(AbfmError):
-        fields(kept, 1, 0)
+        fields(cache, 1, 0)
 
 
 class Task:
@@ -133,20 +133,20 @@ def test_no_picture_is_made_for_nine_times_as_long_as_one_took_within_limits(
 def test_the_best_field_is_known_during_a_later_attempt_and_after_the_run(reports, monkeypatch):
     """Though only a few of the newest are."""
     monkeypatch.setattr(iterates, "_WAIT_SECONDS_MIN", 0.0)
-    monkeypatch.setattr(iterates, "_TIMES_A_PICTURE", 0.0)
+    monkeypatch.setattr(iterates, "_PICTURE_WAIT_RATIO", 0.0)
     residuals, known = (1.4, 0.5, 0.04, 1.3, 1.2, 1.1, 1.0, 0.9, 0.8), []
-    kept = {}
+    cache = {}
 
     def post(take):
         for number, residual in enumerate(residuals):
             take(Iterate(number, residual))
-            known.append(fields(kept, 1, 2)[0])
-        assert fields(kept, 1, 6)[0] == "field 6"
-        assert fields(kept, 1, 1)[0] == "field 2"  # forgotten
+            known.append(fields(cache, 1, 2)[0])
+        assert fields(cache, 1, 6)[0] == "field 6"
+        assert fields(cache, 1, 1)[0] == "field 2"  # forgotten
 
-    match(kept, 1, Task(post))
+    match(cache, 1, Task(post))
     assert known == ["field 0", "field 1", *7 * ["field 2"]]
-    assert fields(kept, 1, 8) == ("field 2", "picture 2")
+    assert fields(cache, 1, 8) == ("field 2", "picture 2")
 
 
 def sent(reports):

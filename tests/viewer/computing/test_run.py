@@ -30,11 +30,11 @@ def run():
 class Started:
     """A run that was started, its partial results and what it passes on."""
 
-    def __init__(self, run, function, *given, left=lambda: None, tries=1):
+    def __init__(self, run, function, *given, recover=lambda: None, tries=1):
         self.run, self.partials, self.passed_on = run, [], []
         take = self.partials.append
         work = partial(run.call, function, *given, on_partial=take, tries=tries)
-        run.start(work, self.passed_on.append, left)
+        run.start(work, self.passed_on.append, recover)
 
     def ended(self):
         assert self.run.wait(30)
@@ -125,7 +125,7 @@ def test_a_call_may_be_ended_without_the_run(run):
 
 
 def test_errors_are_one_line_and_leave_what_was_found(run, capsys):
-    started = Started(run, jobs.refuse, left=lambda: "found")
+    started = Started(run, jobs.refuse, recover=lambda: "found")
     assert started.ended() == "found"
     assert (run.failed, run.reason) == (True, "not this")
     assert not capsys.readouterr().err
@@ -147,7 +147,7 @@ def test_errors_are_one_line_and_leave_what_was_found(run, capsys):
 
 
 def test_a_run_reports_its_step_until_it_ends_with_its_process(run):
-    started = Started(run, jobs.hold, left=lambda: "found")
+    started = Started(run, jobs.hold, recover=lambda: "found")
     until(lambda: run.step)
     assert run.step.task == "holding"
     until(lambda: process_of(run))
@@ -156,7 +156,7 @@ def test_a_run_reports_its_step_until_it_ends_with_its_process(run):
     assert (run.failed, run.step) == (True, None)
     check_message(run.reason)
     with raises(WorkerEndedError):
-        run.process.beside(jobs.pid)
+        run.process.call_now(jobs.pid)
     assert Started(run, jobs.pid).ended()[0] == run.process._worker.pid  # of another process
 
 
@@ -169,7 +169,7 @@ def test_a_process_that_ends_is_tried_again(run, tmp_path, tries):
 
 def test_a_process_that_does_not_start_fails_the_run(run, monkeypatch):
     monkeypatch.setattr(worker_module, "MODULE", "abfm.workers.nothing")
-    monkeypatch.setattr(Process, "_spare", [])
+    monkeypatch.setattr(Process, "_idle_workers", [])
     assert Started(run, jobs.pid).ended() is None
     assert run.failed
 
@@ -187,7 +187,7 @@ def test_closing_ends_a_call_and_its_process_at_once(run):
 
 def test_a_process_that_is_idle_is_left_to_the_next(monkeypatch):
     """At most two are."""
-    monkeypatch.setattr(Process, "_spare", [])
+    monkeypatch.setattr(Process, "_idle_workers", [])
     pids = []
     for _ in range(2):
         run = Run(Process())
@@ -195,12 +195,12 @@ def test_a_process_that_is_idle_is_left_to_the_next(monkeypatch):
         run.close()
         Process().close()  # which has had none
     assert pids == [(pids[0][0], 1), (pids[0][0], 2)]
-    several = [Process() for _ in range(run_module._SPARES_MAX + 1)]
+    several = [Process() for _ in range(run_module._IDLE_WORKERS_MAX + 1)]
     for process in several:
         process.solve(jobs.pid)
     workers = [process._worker for process in several]
     for process in several:
         process.close()
-    assert Process._spare == workers[:-1]
+    assert Process._idle_workers == workers[:-1]
     for worker in workers:
         worker.close()

@@ -29,7 +29,7 @@ def test_a_job_tells_what_it_does_until_it_is_done():
 
 
 def test_functions_tell_what_takes_long_also_from_their_process(monkeypatch):
-    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
+    monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
     mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces)  # one that has no eigenfunctions yet
     functions = evaluation.Functions(mesh)
     told = []

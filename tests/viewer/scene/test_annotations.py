@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abfm.pages.colormaps import ColorRange
-from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.theme import palette
 from abfm_viewer.scene import annotations
 from abfm_viewer.scene.annotations import Disc, Line, Pen, Strip, Text, bar_parts, bar_room, ticks
@@ -144,11 +144,11 @@ def test_titles_of_bars_in_a_line_are_whole_or_up_to_a_comma_or_not_there(right,
 
 
 def test_texts_are_cut_to_their_room():
-    assert cut("advected", 64, width) == "advected"
-    assert cut("advected", 63, width) == "adve..."
-    assert cut("linear blend", 80, width) == "linear..."
-    assert cut("advected", 31, width) == ""
-    assert all(width(cut("advected", room, width)) <= room for room in range(0, 80, 7))
+    assert abbreviated("advected", 64, width) == "advected"
+    assert abbreviated("advected", 63, width) == "adve..."
+    assert abbreviated("linear blend", 80, width) == "linear..."
+    assert abbreviated("advected", 31, width) == ""
+    assert all(width(abbreviated("advected", room, width)) <= room for room in range(0, 80, 7))
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ def test_one_step_can_be_taken_back_however_large_it_is(session, monkeypatch):
 
 
 def test_only_the_mesh_at_work_has_a_process_that_evaluates(session, monkeypatch):
-    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
+    monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
     before = children()
     show(session, *(f"mesh {number}" for number in range(3)))
     until(lambda: len(children() - before) == 1, session)

@@ -512,7 +512,7 @@ def test_closing_does_not_wait_for_what_was_given_up(jobs, loading, slow):
     reader = loading._reader
     loading.cancel()
     jobs.close()
-    assert reader.is_at_work
+    assert reader.is_running
 
 
 def test_a_project_of_landmarks_is_consistent_with_its_field(tmp_path):

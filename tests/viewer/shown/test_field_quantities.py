@@ -260,7 +260,7 @@ def test_the_whole_field_after_one_that_commutes_was_asked_for(session, shown, h
     session.editor.set_view("part", part="whole")
     assert shown.quantities.field() is whole
     may_end.set()
-    until(lambda: not shown.quantities._field.is_at_work, session)
+    until(lambda: not shown.quantities._field.is_running, session)
     assert shown.quantities.field() is whole
     assert shown.busy == ""
     session.editor.set_view("part", part="commuting")
