@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import pytest
 
 from abfm.workers import worker
-from abfm.workers.worker import Worker, stateless
+from abfm.workers.worker import Worker, no_state
 
 
 @contextmanager
@@ -17,19 +17,19 @@ def spared():
     """
     begin, close, spare = worker._Connection, Worker.close, []
 
-    def begun(make, ended, changed):
+    def begun(make_state, message, environment):
         for wanted, connection in spare:
-            if (make, changed) == wanted and not connection.process.has_ended:
+            if (make_state, environment) == wanted and not connection.process.has_ended:
                 spare.remove((wanted, connection))
-                connection._words = ended
+                connection._ended_message = message
                 return connection
-        return begin(make, ended, changed)
+        return begin(make_state, message, environment)
 
     def closed(self):
         with self._lock:
             connection, self._closed = self._connection, True
-            if self._make is stateless and connection is not None and not connection._calls:
-                spare.append(((self._make, self._changed), connection))
+            if self._make_state is no_state and connection is not None and not connection._calls:
+                spare.append(((self._make_state, self._environment), connection))
                 self._connection = None
         close(self)
 

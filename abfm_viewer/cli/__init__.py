@@ -31,9 +31,9 @@ def program(name: str, run: Callable[[list[str]], int], argv: list[str] | None) 
 
 
 def _run(words: list[str]) -> int:
-    from abfm.numerics.spare_memory import ask_for
+    from abfm.numerics.available_memory import require_memory
 
-    ask_for(_LOADING_BYTES)
+    require_memory(_LOADING_BYTES)
     from abfm_viewer.cli.commands import run
 
     return run(words)

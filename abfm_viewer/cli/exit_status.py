@@ -77,7 +77,7 @@ def program_status(program: str, run: Callable[[], int]) -> int:
     sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, errors)
     ended: list[int] = []
     atexit.register(_end_at_once, ended)  # what is registered later comes before
-    with signals.tidied(remove_temporary), signals.tidied(process.end_all):
+    with signals.tidied(remove_temporary), signals.tidied(process.kill_all):
         try:
             status = exit_status(program, run)
         except SystemExit as error:  # argparse has printed its help

@@ -19,7 +19,7 @@ from rich.progress import (
 )
 
 from abfm import Iteration
-from abfm.workers.progress import Step, telling
+from abfm.workers.progress import Step, reporting_steps
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError, print_line
 from abfm_viewer.document.verdict_words import place
@@ -51,7 +51,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
             now = step.task, int(_TENTHS * (step.done or 0.0))
             line = _line_of(step) if now != printed else ""
             printed = now
-            update(completed=step.done or 0.0, text=step.words(), line=line)
+            update(completed=step.done or 0.0, text=step.text(), line=line)
 
     def report(partial: object) -> None:
         nonlocal warned
@@ -68,7 +68,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
     columns = (_BAR, "{task.fields[text]}", TimeElapsedColumn())
     with (
         _told(quiet, say, 1.0, *columns, text="starting") as update,
-        nullcontext() if quiet else telling(show),
+        nullcontext() if quiet else reporting_steps(show),
     ):
         yield report
 
@@ -76,7 +76,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
 def _line_of(step: Step) -> str:
     """Return the line that is printed of a step; empty if it is short."""
     if step.done is None:
-        return step.words() if (step.expected or 0) >= _LONG_STEP_SECONDS else ""
+        return step.text() if (step.expected or 0) >= _LONG_STEP_SECONDS else ""
     return f"{step.task}: {int(_TENTHS * step.done) * 100 // _TENTHS}%" if step.done > 0 else ""
 
 
@@ -128,7 +128,7 @@ def row_progress(
             done += 1
             update(completed=done, text=text)
 
-        with telling(show):
+        with reporting_steps(show):
             yield tell
 
 
@@ -172,9 +172,9 @@ def _told(
 
 def long_steps(quiet: bool) -> AbstractContextManager[None]:
     """Print the steps of work that take seconds."""
-    return nullcontext() if quiet else telling(_print_long)
+    return nullcontext() if quiet else reporting_steps(_print_long)
 
 
 def _print_long(step: Step | None) -> None:
     if step and step.done is None and (step.expected or 0) >= _LONG_STEP_SECONDS:
-        print_line(step.words())
+        print_line(step.text())

@@ -14,9 +14,9 @@ import numpy as np
 
 from abfm import AbfmError
 from abfm.errors import MESSAGE_LENGTH_MAX, one_line
-from abfm.numerics.factoring_apart import factoring_apart
+from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.workers.control import CancelledError
-from abfm.workers.progress import Step, telling
+from abfm.workers.progress import Step, reporting_steps
 from abfm.workers.threads import DaemonThreads
 
 Value = TypeVar("Value")
@@ -147,7 +147,7 @@ class Latest(Generic[Value]):
         with self._condition:
             self._condition.wait_for(lambda: not self._has_thread, max(seconds, 0.0))
 
-    @factoring_apart()
+    @factoring_in_subprocess()
     def _work(self) -> None:
         while True:
             with self._condition:
@@ -163,7 +163,7 @@ class Latest(Generic[Value]):
         value: Value | None = None
         error = ""
         try:
-            with telling(self._set_step):
+            with reporting_steps(self._set_step):
                 value = job()
         except BaseException as problem:  # every failure needs an error, or the request never ends
             error = error_line(problem)

@@ -14,7 +14,7 @@ from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.errors import brief
 from abfm.types import FloatArray
 from abfm.workers.progress import Step, step
-from abfm.workers.worker import Worker, stateless
+from abfm.workers.worker import Worker, no_state
 from abfm_viewer.computing.background import Latest, error_line
 from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.document.document import Side
@@ -58,7 +58,7 @@ class Functions:
         self._is_large = len(mesh.vertices) >= SUBPROCESS_VERTICES_MIN
         if self._is_large or len(mesh.vertices) >= _EXACT_VERTICES_MIN:
             ended = "the process that computes functions has ended; try again"
-            self._worker = Worker(stateless, ended)
+            self._worker = Worker(no_state, ended)
         self._at_once = at_once
         self._cache: OrderedDict[str, FloatArray] = OrderedDict()
         self._lock = threading.RLock()

@@ -12,10 +12,10 @@ from typing import NoReturn
 
 import abfm
 from abfm import Parameters, TriangleMesh
-from abfm.numerics.factoring_apart import factoring_apart
+from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.tasks.monitor import Monitor
 from abfm.types import FloatArray
-from abfm.workers.control import Control, present_control
+from abfm.workers.control import Control, current_control
 from abfm.workers.worker import report
 from abfm_viewer.computing.freed_memory import return_free_memory
 from abfm_viewer.computing.run import ProcessCache
@@ -83,7 +83,7 @@ class IteratePicture:
 
 def prepare(_: ProcessCache, mesh: TriangleMesh, parameters: Parameters) -> None:
     """Make the coarser meshes."""
-    with factoring_apart():
+    with factoring_in_subprocess():
         abfm.matching.prepare(mesh, parameters)
 
 
@@ -99,8 +99,8 @@ def match(cache: ProcessCache, run: int, task: abfm.matching.MatchTask) -> abfm.
     cache[run] = ()
     reports = _Reports(cache, run, len(task.problem.mesh.vertices))
     try:
-        with factoring_apart():
-            return task.solve(Monitor(present_control() or Control(), reports.add))
+        with factoring_in_subprocess():
+            return task.solve(Monitor(current_control() or Control(), reports.add))
     finally:
         # only the best fields of a finished run stay in memory, without the solver's workspace
         best = cache[run] = cache[run][:1]  # requests in the meantime find it

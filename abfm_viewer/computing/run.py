@@ -13,10 +13,10 @@ from enum import Enum
 from typing import Any, ClassVar, Generic, TypeVar
 
 from abfm import AbfmError
-from abfm.numerics.factoring_apart import factoring_apart
+from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.tasks.monitor import ignore
 from abfm.workers.control import CancelledError, Control, controlled
-from abfm.workers.progress import Step, telling
+from abfm.workers.progress import Step, reporting_steps
 from abfm.workers.worker import Call, Worker, WorkerEndedError
 from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.computing.freed_memory import return_free_memory
@@ -175,14 +175,14 @@ class Run(Generic[Result]):
             if self.state is before:
                 self.state = after
                 self._recent.clear()  # a pause is not part of the time of an iteration
-                self._control.hold(self.paused)
+                self._control.set_paused(self.paused)
 
-    def cancel(self, briefly: bool = False) -> None:
-        """Request the result so far, not verified if ``briefly``; return at once."""
+    def cancel(self, skip_checks: bool = False) -> None:
+        """Request the result so far, not verified if ``skip_checks``; return at once."""
         with self._lock:
             if self.running:
                 self.state = RunState.ENDING
-                self._control.cancel(briefly)
+                self._control.cancel(skip_checks)
 
     def wait(self, seconds: float | None = None) -> bool:
         """Wait until the run is over; return whether it is (it is not collected)."""
@@ -202,7 +202,7 @@ class Run(Generic[Result]):
 
     def close(self, seconds: float = 1) -> None:
         """End the thread between two evaluations; if this takes long, end the process."""
-        self.cancel(briefly=True)
+        self.cancel(skip_checks=True)
         self.wait(min(seconds, _CLOSE_SECONDS))
         self.process.close()
         self.wait(seconds)
@@ -227,17 +227,17 @@ class Run(Generic[Result]):
 
         with self._lock:
             self._control = control = Control()
-            control.hold(self.paused)
+            control.set_paused(self.paused)
             if not self.is_wanted:
                 control.cancel()
-        with telling(self._set_step), controlled(control):
+        with reporting_steps(self._set_step), controlled(control):
             return self.process.solve(function, *given, on_partial=take, tries=tries)
 
     def end_call(self) -> None:
         """End the present call, but not the run, with the result so far, which is not verified."""
-        self._control.cancel(briefly=True)
+        self._control.cancel(skip_checks=True)
 
-    @factoring_apart()
+    @factoring_in_subprocess()
     def _work(self, work: Callable[[], Result], recover: Callable[[], Result | None]) -> None:
         try:
             self._result = work()

@@ -51,7 +51,7 @@ class Autosave:
         with suppress(OSError):  # what an earlier process with this one's number left
             left = self.path.with_stem(f"{self.path.stem}-{self.path.stat().st_mtime_ns}")
             self.path.replace(left)
-            abfm.sequences.move_unfinished(self.path, left)
+            abfm.sequences.move_checkpoints(self.path, left)
 
     def offer(
         self,
@@ -100,12 +100,12 @@ class Autosave:
         with suppress(OSError):
             recovery.path.replace(self.path)
             self._has_copy = True
-        abfm.sequences.move_unfinished(recovery.path, self.path)
+        abfm.sequences.move_checkpoints(recovery.path, self.path)
 
     @property
-    def has_unfinished_sequence(self) -> bool:
+    def has_checkpoint(self) -> bool:
         """Whether there is beside the copy what a film's run found that did not come to its end."""
-        return bool(abfm.sequences.unfinished_of(self.path))
+        return bool(abfm.sequences.checkpoints_of(self.path))
 
     def discard(self) -> None:
         """Remove the copy, also one that is being written, and what is beside it."""
@@ -128,7 +128,7 @@ class Autosave:
         if not same(self._state, state):  # discarded meanwhile
             self.path.unlink(missing_ok=True)
         elif document.is_complete and not is_sequence_running:
-            abfm.sequences.remove_unfinished(self.path)
+            abfm.sequences.remove_checkpoints(self.path)
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class Recovery:
     def discard(self) -> None:
         with suppress(OSError):
             self.path.unlink()
-        abfm.sequences.remove_unfinished(self.path)
+        abfm.sequences.remove_checkpoints(self.path)
 
 
 def recoverable(folder: StateFolder) -> list[Recovery]:

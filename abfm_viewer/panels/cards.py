@@ -92,7 +92,7 @@ def _ending(context: Context) -> _Work | None:
         return None
     step, elapsed = context.session.solver.step, waiting.elapsed
     text = f"{waiting.what} when the run has ended: {elapsed:.0f} s"
-    share, doing = (step.share(), step.words()) if step else (None, "taking its best field")
+    share, doing = (step.share(), step.text()) if step else (None, "taking its best field")
     tip = "Not now. The run ends all the same, with its best field."
     return _Work("ending the run", text, elapsed, share, doing, context.files.stop_waiting, tip)
 

@@ -10,7 +10,7 @@ import polyscope.imgui as imgui
 import abfm
 from abfm.outcome import Facts, Outcome
 from abfm.wording import capital, counted, sentence
-from abfm.workers.progress import Step, rounded
+from abfm.workers.progress import Step, rounded_time
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.document.kinds import SequenceDocument
@@ -120,13 +120,13 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     imgui.ProgressBar(now.iteration / max(limit, 1), (-1, ui.px(_BAR)), "")
     each = None if step else solver.seconds_each
     left = limit - now.iteration
-    at_most = f", at most {rounded(each * left)} more" if each and left > 0 else ""
+    at_most = f", at most {rounded_time(each * left)} more" if each and left > 0 else ""
     left_now = verdict_words.left_now(now, snapshot.problem.is_of_landmarks)
     best = snapshot.shown.residual
     has_better = best < now.residual and not snapshot.problem.is_of_landmarks
     earlier = f", best {best:.3g}" if has_better else ""
     ui.note(f"Iteration {now.iteration}/{limit}, {left_now}{earlier}", "ink")
-    ui.note(capital(step.words() if step else f"{verdict_words.place(now)}{at_most}"))
+    ui.note(capital(step.text() if step else f"{verdict_words.place(now)}{at_most}"))
     if now.warning:
         ui.note(sentence(now.warning), "failure")
 
@@ -136,7 +136,7 @@ def draw_step(ui: Ui, step: Step) -> None:
     share = step.share()
     running = -0.5 * (time.monotonic() - step.began)
     imgui.ProgressBar(running if share is None else share, (-1, ui.px(_BAR)), "")
-    ui.note(capital(step.words()))
+    ui.note(capital(step.text()))
 
 
 def draw_sequence(ui: Ui, session: Session) -> None:
@@ -160,7 +160,7 @@ def draw_sequence(ui: Ui, session: Session) -> None:
         ui.note("Frames or parameters changed since: match all frames again.", "ink")
     now = document.interval
     verdict = result.verdicts[now]
-    interval = abfm.sequences.of_interval(result, now)
+    interval = abfm.sequences.interval_headline(result, now)
     ui.note(f"Frame {now} to {now + 1}: {interval}", "muted" if outdated else verdict.kind.tone)
     if reason := verdict.why or verdict.reason:
         ui.note(sentence(reason))

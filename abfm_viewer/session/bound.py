@@ -56,7 +56,7 @@ class Bound:
 
     def stop(self) -> None:
         if self._run is not None:
-            self._run.cancel(briefly=True)
+            self._run.cancel(skip_checks=True)
         self._run = self._result = None
 
     def update(self) -> None:

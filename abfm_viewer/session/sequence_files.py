@@ -21,16 +21,16 @@ def read_frame_sequence(
     """Read frames on a mesh, and what a user should know of them; FunctionError if there are none
     for it, a `SeveralArraysError` if there are several arrays and none is chosen.
     """
-    from abfm.sequences.frames import checked  # with all that it loads
+    from abfm.sequences.frames import check_frames  # with all that it loads
 
     found = abfm.sequences.read_frames(path, mesh, array)
-    frames = checked(mesh, found.values, found.times, None, None)
+    frames = check_frames(mesh, found.values, found.times, None, None)
     return FrameSequence(path.name, frames), found.notes
 
 
 def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSequence:
     """Return a film of the cosine and sine of phases, or without a period that of the phases."""
-    from abfm.sequences.frames import checked  # with all that it loads
+    from abfm.sequences.frames import check_frames  # with all that it loads
 
     if sequence.phases is not None:
         phases = replace(sequence.phases, times=sequence.times, unit_of_time=sequence.unit)
@@ -42,7 +42,7 @@ def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSeq
     if frames.unknown is not None:
         values[:, frames.unknown] = np.nan
     circle, weights = abfm.functions.as_circle(values, period), np.repeat(frames.weights, 2)
-    made = checked(frames.mesh, circle, frames.times, frames.mask, weights)
+    made = check_frames(frames.mesh, circle, frames.times, frames.mask, weights)
     made = replace(made, unit_of_time=sequence.unit)
     return replace(sequence, frames=made, phases=frames)
 

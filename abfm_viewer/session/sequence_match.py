@@ -13,7 +13,7 @@ import numpy as np
 import abfm
 from abfm.tasks.monitor import Monitor
 from abfm.types import FloatArray
-from abfm.workers.control import Control, present_control
+from abfm.workers.control import Control, current_control
 from abfm.workers.progress import Step
 from abfm.workers.worker import WorkerEndedError, report
 from abfm_viewer.computing.background import Memo
@@ -85,7 +85,7 @@ class SequenceMatch:
     @property
     def words(self) -> str:
         """What a run does, in a line."""
-        doing = "paused" if self._run.paused else self.step.words()
+        doing = "paused" if self._run.paused else self.step.text()
         count = self.began.sequence.intervals if self.began else 0
         return f"{doing}, {len(self._fields)} of {count} intervals found"
 
@@ -168,5 +168,5 @@ def _task(document: SequenceDocument) -> abfm.sequences.SequenceTask:
 def _solve(
     _: object, task: abfm.sequences.SequenceTask, beside: Path | None, resumes_only: bool
 ) -> abfm.Sequence:
-    control = present_control() or Control()
+    control = current_control() or Control()
     return task.solve(Monitor(control, report, checkpoint=beside, resumes_only=resumes_only))

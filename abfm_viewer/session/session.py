@@ -12,7 +12,7 @@ import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers import progress
-from abfm.workers.progress import said
+from abfm.workers.progress import progress_text
 from abfm_viewer.computing.matching import Snapshot
 from abfm_viewer.document.document import (
     SIDES,
@@ -195,9 +195,9 @@ class Session(Parts):
     def busy(self) -> str:
         """Say what it computes in the background besides the solver, and for how long if known."""
         if self.loading.now:
-            return said("opening", self.loading.step)
+            return progress_text("opening", self.loading.step)
         busy = self.work.busy or self.bound.busy
-        return said(busy, self.step) if busy else self.steps.busy
+        return progress_text(busy, self.step) if busy else self.steps.busy
 
     @property
     def step(self) -> progress.Step | None:

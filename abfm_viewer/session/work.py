@@ -271,7 +271,7 @@ class MatchWork(Work):
     def progress(self) -> str:
         solver, snapshot = self.parts.solver, self.parts.matching.snapshot
         if snapshot is None:
-            return solver.step.words() if solver.step else "starting the solver"
+            return solver.step.text() if solver.step else "starting the solver"
         left = left_now(snapshot.iteration, snapshot.problem.is_of_landmarks)
         state = "paused" if solver.paused else "solving"
         return f"{state}, {place(snapshot.iteration)}, {left}"

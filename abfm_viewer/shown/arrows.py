@@ -185,7 +185,7 @@ def _sights(points: abfm.maps.SurfacePoints, radius: float, eye: Eye) -> IntArra
     angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     circle = radius * mesh.length_scale * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     ways = np.einsum("ak,pkx->pax", circle, frames).reshape(-1, 3)
-    ends, inside = abfm.flow.straight_ways(
+    ends, inside = abfm.flow.straightest_geodesics(
         mesh, points[np.repeat(np.arange(count), _DIRECTIONS)], ways
     )
     at = [
@@ -238,7 +238,7 @@ def _drawn(
     ways = scale * (places[..., :1] * along[:, None] + places[..., 1:] * across[:, None])
     count, each = places.shape[:2]
     starts = points[np.repeat(np.arange(count), each)]
-    stops, inside = abfm.flow.straight_ways(mesh, starts, ways.reshape(-1, 3))
+    stops, inside = abfm.flow.straightest_geodesics(mesh, starts, ways.reshape(-1, 3))
     whole = inside.reshape(count, each).all(axis=1)
     turned = normals_at(mesh, stops.faces, stops.barycentric).reshape(count, each, 3)
     own = normals_at(mesh, points.faces, points.barycentric)[:, None]

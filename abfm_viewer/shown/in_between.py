@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from abfm.sequences.between.in_between import in_between
+from abfm.sequences.between.interpolation import interpolate
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.shown.flow_state import FlowState
@@ -33,7 +33,7 @@ def carried(
     flow: FlowState, before: FloatArray, after: FloatArray, shares: FloatArray
 ) -> FloatArray:
     """Return the function at shares (T,) of the interval, (T, V): as `abfm.Sequence.at` has it."""
-    return in_between(flow.flow, before, after, shares, flow.motion)
+    return interpolate(flow.flow, before, after, shares, flow.motion)
 
 
 def _frames(flow: FlowState, before: FloatArray, after: FloatArray) -> Frames:

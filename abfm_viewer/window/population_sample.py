@@ -15,7 +15,7 @@ from abfm.batch import Cluster
 from abfm.functions import quoted
 from abfm.population import Channel, Cohort, Settings, Subject
 from abfm.types import FloatArray
-from abfm.workers.worker import Worker, stateless
+from abfm.workers.worker import Worker, no_state
 
 NAME = "population.npz"
 """What the population is written as."""
@@ -68,7 +68,7 @@ def made_apart(folder: Path) -> Path:
     """Make it in a process of its own, in seconds, unless it is there, and return its folder."""
     if (folder / NAME).is_file():
         return folder
-    with closing(Worker(stateless, _ENDED_MESSAGE)) as worker:
+    with closing(Worker(no_state, _ENDED_MESSAGE)) as worker:
         return worker.call(_made, os.fspath(folder)).result()
 
 

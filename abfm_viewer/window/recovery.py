@@ -184,7 +184,7 @@ class Recoveries:
             session.restore(replace(document, view=view), known, origin, saved=False)
             copy = self._autosave(session.document.identity)
             copy.take_over(recovery)
-            if isinstance(document, SequenceDocument) and copy.has_unfinished_sequence:
+            if isinstance(document, SequenceDocument) and copy.has_checkpoint:
                 session.recover_sequence()
             session.notices.say(f"recovered {document.name}: save it to keep it")
 

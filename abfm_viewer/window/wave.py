@@ -77,9 +77,9 @@ def wave_document(view: View) -> SequenceDocument:
     else:
         surface = Surface(load_mesh(asset_path("eight.off")), "eight.off")
         frames = drifting_wave(surface.mesh, times)[0]
-    from abfm.sequences.frames import checked  # with all that it loads
+    from abfm.sequences.frames import check_frames  # with all that it loads
 
-    sequence = FrameSequence("wave", checked(surface.mesh, frames, times, None, None))
+    sequence = FrameSequence("wave", check_frames(surface.mesh, frames, times, None, None))
     # met at once: a choice by held-out data takes some ten seconds
     settings = SequenceSettings(alpha=1.0, sigma=_SIGMA, order=1)
     return SequenceDocument(

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 import abfm
 from abfm import AbfmError
 from abfm.io import temporary_folder, write_atomically
-from abfm.numerics.factoring_apart import factoring_apart
+from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.reading import NO_LABEL
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
-from abfm.workers.progress import Step, telling
+from abfm.workers.progress import Step, reporting_steps
 from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.label_map import LabelMap
@@ -183,7 +183,7 @@ class Exporter:
         self._task, self._began = f"writing {export.path.name}", time.monotonic()
         self._told, self._control = None, Control()
 
-    @factoring_apart()
+    @factoring_in_subprocess()
     def _write_all(self, export: _Export) -> None:
         while True:
             self._write(export)
@@ -197,7 +197,7 @@ class Exporter:
     def _write(self, export: _Export) -> None:
         try:
             outputs.check(export.path, export.suffixes)
-            with telling(self._tell), controlled(self._control):
+            with reporting_steps(self._tell), controlled(self._control):
                 note = export.write()
             self.progress, self.message = 1.0, f"saved {export.path}{f'; {note}' if note else ''}"
         except Exception as error:

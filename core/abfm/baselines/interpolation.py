@@ -15,7 +15,7 @@ from abfm.errors import FunctionError, ParameterError, brief
 from abfm.matching.terms.functions import VALUE_MAX, VALUE_MIN
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
-from abfm.numerics.real_numbers import is_finite_number, is_whole_number, real_numbers
+from abfm.numerics.real_numbers import is_finite_number, is_integer, real_numbers
 from abfm.types import FloatArray
 
 _ITERATIONS = 500
@@ -59,7 +59,7 @@ class HeatKernel:
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:
         in_range = is_finite_number(width) and 0 < width <= _WIDTH_MAX
-        if not (in_range and is_whole_number(steps, 1, _STEPS_MAX)):
+        if not (in_range and is_integer(steps, 1, _STEPS_MAX)):
             raise ParameterError(
                 f"blur is {brief(width)}, steps is {brief(steps)}; expected a blur above 0, at "
                 f"most {_WIDTH_MAX:g}, and a whole number of steps from 1 to {_STEPS_MAX}"

@@ -19,10 +19,10 @@ from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
 from abfm.matching.solving.record import Iteration
 from abfm.outcome import Outcome
-from abfm.sequences import remove_unfinished
+from abfm.sequences import remove_checkpoints
 from abfm.tasks.monitor import Monitor, ignore
 from abfm.tasks.task import Task as Solvable
-from abfm.workers.control import CancelledError, Control, checkpoint, present_control
+from abfm.workers.control import CancelledError, Control, checkpoint, current_control
 from abfm.workers.progress import step
 
 IMPOSSIBLE_STEP = f"{Outcome.IMPOSSIBLE}: "
@@ -144,7 +144,7 @@ def _solved(task: Task, row: Row, prepared: Solvable) -> Answer:
     if ledger.is_seen(task.identity):
         path = ledger.result(prepared.digest)
         if ledger.has(prepared.digest):
-            remove_unfinished(path)
+            remove_checkpoints(path)
             entry = ledger.entry(row)  # of this run, if its answer was lost with a worker of Dask
             return Answer(entry.record if entry.state == "done" else Record(prepared.digest))
         return Answer(_save(task, row, prepared, path))
@@ -155,7 +155,7 @@ def _solved(task: Task, row: Row, prepared: Solvable) -> Answer:
 
 def _save(task: Task, row: Row, prepared: Solvable, path: Path) -> Record:
     """Solve, write the result, and return what it took."""
-    control, cost, began = present_control() or Control(), Cost(), time.monotonic()
+    control, cost, began = current_control() or Control(), Cost(), time.monotonic()
     _report_expected(task, row, prepared)
     with counted_row_products() as products:
         monitor = Monitor(control, cost.watch(prepared.goal), checkpoint=path)
@@ -168,7 +168,7 @@ def _save(task: Task, row: Row, prepared: Solvable, path: Path) -> Record:
     ):
         raise ResultError("a file of it changed while it was solved; run the same again")
     found.save(path)
-    remove_unfinished(path)
+    remove_checkpoints(path)
     seconds = time.monotonic() - began
     count = None if products.is_shared else products.count  # unknown in a worker of several threads
     return Record(prepared.digest, seconds=seconds, row_products=count, **dataclasses.asdict(cost))

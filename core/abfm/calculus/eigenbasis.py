@@ -10,7 +10,7 @@ from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import AbfmError, FunctionError, brief
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.cholesky import factor
-from abfm.numerics.real_numbers import is_whole_number
+from abfm.numerics.real_numbers import is_integer
 from abfm.types import FloatArray
 from abfm.workers.progress import step
 
@@ -31,7 +31,7 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])
-    if not is_whole_number(k, 1, most):
+    if not is_integer(k, 1, most):
         raise FunctionError(
             f"{brief(k)} eigenfunctions asked for; on a mesh of {count} vertices it can be 1 to "
             f"{most}"

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from abfm.calculus.operators import face_areas
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.numerics.available_memory import require_memory
 from abfm.numerics.real_numbers import real_numbers
-from abfm.numerics.spare_memory import ask_for
 from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import step
 
@@ -56,7 +56,7 @@ def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
 @per_mesh
 def _heat_solver(mesh: TriangleMesh) -> Any:
     with step("factoring for distances", len(mesh.vertices) ** 1.5):
-        ask_for(_BYTES_PER_VERTEX * len(mesh.vertices))
+        require_memory(_BYTES_PER_VERTEX * len(mesh.vertices))
         return potpourri3d.MeshHeatMethodDistanceSolver(mesh.vertices, mesh.faces, use_robust=True)
 
 

@@ -26,7 +26,7 @@ from abfm.errors import AdvectionError, MeshError, ParameterError, brief
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics import kernels
 from abfm.numerics.cholesky import factor
-from abfm.numerics.real_numbers import is_finite_number, is_whole_number, real_numbers
+from abfm.numerics.real_numbers import is_finite_number, is_integer, real_numbers
 from abfm.types import FloatArray, IntArray
 
 Projection = Callable[[FloatArray], FloatArray]
@@ -228,7 +228,7 @@ def commuting_fields(
             "v is zero, or overflows when squared: every field commutes with none; give a field"
         )
     most = len(areas)
-    if not is_whole_number(count, 1, most):
+    if not is_integer(count, 1, most):
         raise ParameterError(
             f"{brief(count)} commuting fields asked for; on {most} faces it can be 1 to {most}"
         )

@@ -27,7 +27,7 @@ from abfm.matching.judging.verdict import Verdict
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.outcome import outcome_of
 from abfm.types import FloatArray
-from abfm.workers.worker import Worker, stateless
+from abfm.workers.worker import Worker, no_state
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +213,7 @@ def stated_apart(figure: int) -> tuple[Example, Match | None]:
     geodesics would stop a window. A given flow comes `as_match`; AbfmError if it cannot be stated.
     """
     ended = f"figure {figure} was not set up: its process has ended; try again"
-    with closing(Worker(stateless, ended)) as worker:
+    with closing(Worker(no_state, ended)) as worker:
         return worker.call(_stated, figure).result()
 
 

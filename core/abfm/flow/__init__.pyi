@@ -1,5 +1,5 @@
 from .advection import Discretisation as Discretisation
-from .at_points import straight_ways as straight_ways
+from .at_points import straightest_geodesics as straightest_geodesics
 from .at_points import vectors_at as vectors_at
 from .continuous_flow import ContinuousFlow as ContinuousFlow
 from .flow import Flow as Flow

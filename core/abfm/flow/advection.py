@@ -75,12 +75,12 @@ class Advection:
         ahead, back = order[times[order] >= 0], order[times[order] < 0]
         part = self.parts[0]
         is_one = isinstance(part, ExponentialFlow) and len(self.parts) == 1
-        for chosen, carry in ((ahead, self._ahead), (back, self._back)):
+        for chosen, carry in ((ahead, self._to_later_times), (back, self._to_earlier_times)):
             if len(chosen):
                 out[chosen] = (part.span if is_one else carry)(f, times[chosen])
         return out
 
-    def _ahead(self, f: FloatArray, times: FloatArray) -> FloatArray:
+    def _to_later_times(self, f: FloatArray, times: FloatArray) -> FloatArray:
         """Carry to ascending times."""
         out = np.empty((len(times), len(f)))
         owner = np.maximum(np.ceil(times / self.step * (1 - 1e-12)) - 1, 0)
@@ -93,7 +93,7 @@ class Advection:
                 f = part.forward(f, self.step).end
         return out
 
-    def _back(self, f: FloatArray, times: FloatArray) -> FloatArray:
+    def _to_earlier_times(self, f: FloatArray, times: FloatArray) -> FloatArray:
         """Carry to negative times, each by itself."""
         out = np.empty((len(times), len(f)))
         for row, t in enumerate(-times):

@@ -22,7 +22,7 @@ def vectors_at(mesh: TriangleMesh, field: FloatArray, points: SurfacePoints) -> 
     return np.asarray(np.einsum("pk,pkx->px", found, face_frames(mesh)[points.faces]))
 
 
-def straight_ways(
+def straightest_geodesics(
     mesh: TriangleMesh, start: SurfacePoints, vectors: FloatArray
 ) -> tuple[SurfacePoints, BoolArray]:
     """Go straight over the faces from points (P,) by vectors (P, 3) of their faces' planes, which

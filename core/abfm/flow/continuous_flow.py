@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.errors import ParameterError, brief
 from abfm.flow.corner_fit import corner_vectors, corners
-from abfm.flow.flow_lines import AT_VERTEX, fields_in_a_row, walkers
+from abfm.flow.flow_lines import AT_VERTEX, checked_fields, start_points
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.subdivision import refined, to_children, to_parents
@@ -56,7 +56,7 @@ class ContinuousFlow:
 
     def __init__(self, mesh: TriangleMesh, velocity: ArrayLike, tau: float) -> None:
         self.mesh = mesh
-        self.fields, self._refined = fields_in_a_row(mesh, velocity)
+        self.fields, self._refined = checked_fields(mesh, velocity)
         fine = refined(mesh, self._refined)
         if not (is_finite_number(tau) and tau >= 0):
             raise ParameterError(
@@ -68,7 +68,7 @@ class ContinuousFlow:
             speeds = [np.linalg.norm(v / mesh.length_scale, axis=1) for v in self.fields]
             # faces that a point meets per unit of time, on average by areas sizes^2
             self._pace = np.array([float(sizes @ speed) for speed in speeds])
-        self._kept: tuple[int, IndexArray, SmoothFlow] | None = None
+        self._cache: tuple[int, IndexArray, SmoothFlow] | None = None
         self._spans(0.0, self.tau)
 
     def destinations(
@@ -118,17 +118,17 @@ class ContinuousFlow:
         """Return a field made continuous, at corners (F, 3) and for walks; that of the last one
         asked for is kept.
         """
-        kept = self._kept
+        kept = self._cache
         if kept is None or kept[0] != j:
             unit = refined(self.mesh, self._refined).normalized()
             vectors = corner_vectors(unit, self.fields[j] / self.mesh.length_scale)
-            self._kept = kept = j, vectors, from_corners(unit, vectors)
+            self._cache = kept = j, vectors, from_corners(unit, vectors)
         return kept[1:]
 
     def _walked(self, start: SurfacePoints | None, spans: list[tuple[int, float]]) -> SurfacePoints:
         """Walk along fields, by number, each for a time of either sign."""
         mesh, k = self.mesh, self._refined
-        faces, barycentric = walkers(mesh, vertex_points(mesh) if start is None else start)
+        faces, barycentric = start_points(mesh, vertex_points(mesh) if start is None else start)
         faces, barycentric = to_children(faces, barycentric, k)
         fine = refined(mesh, k)
         unit = fine.normalized()
@@ -137,7 +137,7 @@ class ContinuousFlow:
             first, duration = spans[0]
             vertices = fine.faces[faces[at_vertex], barycentric[at_vertex].argmax(axis=1)]
             leading = math.copysign(1.0, duration) * self._smooth(first)[0]
-            ahead = slots_ahead(unit, leading)[vertices]
+            ahead = downstream_slots(unit, leading)[vertices]
             faces[at_vertex], barycentric[at_vertex] = ahead // 3, np.eye(3)[ahead % 3]
         gradients, places = hat_gradients(unit), np.empty((len(faces), 2))
         enter(gradients, faces, barycentric, places)
@@ -147,7 +147,7 @@ class ContinuousFlow:
             for begin in range(0, len(faces), _CHUNK):
                 checkpoint()
                 chunk = slice(begin, begin + _CHUNK)
-                carry(flow, sizes, duration, faces[chunk], places[chunk])
+                advect_points(flow, sizes, duration, faces[chunk], places[chunk])
         leave(gradients, faces, places, barycentric)
         return SurfacePoints(mesh, *to_parents(faces, barycentric, k))
 
@@ -199,7 +199,7 @@ def _unfolding(mesh: TriangleMesh) -> FloatArray:
     return np.concatenate([_pairs(turns), _pairs(shifts)], axis=2)
 
 
-def on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
+def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
     """Return a field (F, 3), made continuous, at the centres of the subdivided mesh's faces."""
     vectors, corners = smooth_flow(mesh, field).vectors, mesh.vertices[mesh.faces]
     sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(mesh))
@@ -208,17 +208,17 @@ def on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3))
 
 
-def aside(vectors: IndexArray, middles: IndexArray, angles: FloatArray) -> FloatArray:
+def angular_offsets(vectors: IndexArray, middles: IndexArray, angles: FloatArray) -> FloatArray:
     """Return how far vectors lead aside of the middles of corners, in angles of these; infinite for
     those that lead nowhere.
     """
     return np.where(vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / angles)
 
 
-def slots_ahead(mesh: TriangleMesh, vectors: IndexArray) -> IntArray:
+def downstream_slots(mesh: TriangleMesh, vectors: IndexArray) -> IntArray:
     """Return each vertex's slot ``3 f + k`` in the face that `corner_vectors` lead into."""
     around = corners(mesh)
-    off = aside(vectors, around.middles, around.angles)
+    off = angular_offsets(vectors, around.middles, around.angles)
     slots = np.argsort(-off, axis=None, kind="stable")
     ahead = np.empty(len(mesh.vertices), dtype=np.int64)
     ahead[mesh.faces.ravel()[slots]] = slots  # of repeated vertices the last one stays
@@ -322,7 +322,7 @@ def leave(
 
 
 @kernel
-def carry(
+def advect_points(
     flow: SmoothFlow, sizes: FloatArray, duration: float, faces: IndexArray, places: FloatArray
 ) -> None:
     """Move points for a time of either sign, in steps short against that in which the field changes

@@ -34,7 +34,7 @@ def fitted(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
     return np.asarray(np.conj(fit.rotations) * found)
 
 
-def fitted_back(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
+def fitted_adjoint(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
     """Return the adjoint of `fitted`: of vectors at corners (F, 3) those in faces (F,)."""
     fit = _fit(mesh)
     found = _sums(mesh, fit.rotations * vectors)[mesh.corner_fans]
@@ -130,13 +130,13 @@ def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> Non
             angle = angles[here // 3, here % 3]
             turns[here // 3, here % 3] = turned + angle / 2
             turned += angle
-            here = around(neighbours, here, 1)
+            here = adjacent_slot(neighbours, here, 1)
             if here == start:
                 break
 
 
 @kernel
-def around(neighbours: IndexArray, slot: int, turn: int) -> int:
+def adjacent_slot(neighbours: IndexArray, slot: int, turn: int) -> int:
     """Return the vertex's slot in the next face, turning left (1) or right (2), -1 if none."""
     other = neighbours[slot // 3, (slot + turn) % 3]
     return -1 if other < 0 else 3 * (other // 3) + (other + turn) % 3
@@ -145,7 +145,7 @@ def around(neighbours: IndexArray, slot: int, turn: int) -> int:
 @kernel
 def clockwise_end(neighbours: IndexArray, slot: int) -> int:
     """Return the first slot of a vertex's fan of faces, or this one where the fan is closed."""
-    here, before = slot, around(neighbours, slot, 2)
+    here, before = slot, adjacent_slot(neighbours, slot, 2)
     while before >= 0 and before != slot:
-        here, before = before, around(neighbours, before, 2)
+        here, before = before, adjacent_slot(neighbours, before, 2)
     return slot if before == slot else here

@@ -296,7 +296,7 @@ def bessel_coefficients(x: float, count: int) -> FloatArray:
 
 
 @kernel
-def _without_traces(f: FloatArray) -> FloatArray:
+def _without_negligible(f: FloatArray) -> FloatArray:
     """Return a function (V,) with 0 for what is next to nothing of its largest value."""
     least = _NEGLIGIBLE_SHARE * np.abs(f).max()
     out: FloatArray = f.copy()
@@ -349,7 +349,7 @@ def chebyshev_forward(
     few) and ``max |phi_k| / max |f|``. ``terms`` (rows, V) receives the ``phi_k`` cyclically.
     """
     first, tolerance = truncation
-    coefficients, f = series.coefficients, _without_traces(f)
+    coefficients, f = series.coefficients, _without_negligible(f)
     most = _SWEEP if series.bounds.size > 2 else 1
     top = 0.0
     for i in range(f.size):
@@ -415,7 +415,7 @@ def chebyshev_backward(
     """Apply the adjoint of a sum of ``count`` terms, for ``mu`` by ``out``, with the values of the
     transposed matrix; adds the derivative by these to ``entries``.
     """
-    blocks, mu = series.bounds.size - 1, _without_traces(mu)
+    blocks, mu = series.bounds.size - 1, _without_negligible(mu)
     most = _SWEEP if blocks > 1 else 1
     work: FloatArray = np.zeros((3, mu.size))
     for i in range(mu.size):

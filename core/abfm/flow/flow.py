@@ -13,7 +13,7 @@ from abfm.calculus.vector_fields import check_field, to_frame
 from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection, Discretisation
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.flow.flow_lines import fields_in_a_row
+from abfm.flow.flow_lines import checked_fields
 from abfm.maps.distortion import Distortion, Map
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
@@ -42,10 +42,10 @@ def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterat
         begin, end = (from_time, until) if ahead else (until, from_time)
         points = lines.between(points, begin, end)
         from_time, went_ahead = until, ahead
-        yield PointMap.of_points(mesh, points, carrying(lines, time, inverse))
+        yield PointMap.of_points(mesh, points, map_of_points(lines, time, inverse))
 
 
-def carrying(lines: ContinuousFlow, time: float, inverse: bool) -> Map:
+def map_of_points(lines: ContinuousFlow, time: float, inverse: bool) -> Map:
     """Return what takes points where `flow_maps` takes vertices."""
     ahead = inverse != (time < 0)
     return partial(lines.destinations if ahead else lines.origins, t=abs(time))
@@ -97,7 +97,7 @@ class Flow:
             expected = " or ".join(map(repr, CHOICES["method"]))
             raise ParameterError(f"method is {brief(method)}; expected {expected}")
         self.mesh, self.tau, self.method = mesh, float(tau), method
-        self.fine_velocity, self.refined = fields_in_a_row(mesh, velocity)
+        self.fine_velocity, self.refined = checked_fields(mesh, velocity)
 
     @property
     def fine_mesh(self) -> TriangleMesh:
@@ -178,7 +178,7 @@ class Flow:
         return FlowMapQuality(there.distortion(), self._there_and_back(there, t))
 
     def _there_and_back(self, there: PointMap, t: float | None) -> ThereAndBack:
-        back = carrying(self._lines, self.tau if t is None else t, inverse=False)
+        back = map_of_points(self._lines, self.tau if t is None else t, inverse=False)
         return there_and_back(there, back)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:

@@ -15,8 +15,15 @@ from scipy import sparse
 
 from abfm.calculus.operators import hat_gradients
 from abfm.errors import AdvectionError
-from abfm.flow.continuous_flow import SmoothFlow, aside, enter, from_corners, leave, vector_at
-from abfm.flow.corner_fit import as_complex, corners, fitted, fitted_back
+from abfm.flow.continuous_flow import (
+    SmoothFlow,
+    angular_offsets,
+    enter,
+    from_corners,
+    leave,
+    vector_at,
+)
+from abfm.flow.corner_fit import as_complex, corners, fitted, fitted_adjoint
 from abfm.flow.flow_lines import AT_VERTEX
 from abfm.maps.surface_points import SurfacePoints
 from abfm.numerics.kernels import kernel
@@ -71,7 +78,7 @@ class FlowLineDerivative:
             vectors, count = fitted(self.mesh, as_complex(field)), self.steps(field, len(x))
             flow = from_corners(self.mesh, vectors)
             if j == 0:
-                self._fans.turn_ahead(vectors, faces, weights)
+                self._fans.turn_downstream(vectors, faces, weights)
                 enter(flow.gradients, faces, weights, places)
             tape = Tape(
                 np.empty((len(faces), count, 2), dtype=np.int64),
@@ -93,8 +100,8 @@ class FlowLineDerivative:
         found = np.empty((len(walk.tapes), len(self.mesh.faces), 2))
         for j in reversed(range(len(walk.tapes))):
             at_corners = np.zeros((len(self.mesh.faces), 3, 2))
-            go_back(walk.tapes[j], slopes, at_corners)
-            of_faces = fitted_back(self.mesh, as_complex(at_corners))
+            backpropagate(walk.tapes[j], slopes, at_corners)
+            of_faces = fitted_adjoint(self.mesh, as_complex(at_corners))
             found[j] = of_faces.view(np.float64).reshape(-1, 2)
         return found
 
@@ -139,9 +146,9 @@ class _Fans:
         self._middles = around.middles.ravel()[self._slots]
         self._angles = around.angles.ravel()[self._slots]
 
-    def turn_ahead(self, vectors: IndexArray, faces: IntArray, weights: FloatArray) -> None:
-        """Begin at vertices in the face that the vectors at corners lead into, as `slots_ahead`."""
-        off = aside(vectors.ravel()[self._slots], self._middles, self._angles)
+    def turn_downstream(self, vectors: IndexArray, faces: IntArray, weights: FloatArray) -> None:
+        """Begin at vertices in the face that corner vectors lead into, see `downstream_slots`."""
+        off = angular_offsets(vectors.ravel()[self._slots], self._middles, self._angles)
         order = np.argsort(-off, kind="stable")
         best = np.full(len(faces), -1)
         best[self._owners[order]] = self._slots[order]  # of repeated points the last one stays
@@ -291,7 +298,7 @@ def follow(
 
 
 @kernel
-def go_back(tape: Tape, slopes: FloatArray, at_corners: FloatArray) -> None:
+def backpropagate(tape: Tape, slopes: FloatArray, at_corners: FloatArray) -> None:
     """Take slopes (L, 2) at the ends of walks to their beginnings, and add what they say of the
     field's vectors at corners (F, 3, 2).
     """

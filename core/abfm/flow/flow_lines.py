@@ -27,7 +27,7 @@ Ending = Literal["time", "boundary", "stagnation", "step limit"]
 STEP_LIMIT = 100_000  # edges and vertices that a path may meet
 AT_VERTEX = 1.0 - 1e-12  # of the weights: a walker with so much on one corner is at the vertex
 _RATE_MAX = 1e150  # faces per unit of time: products of two still are numbers
-GOING_STATE, BOUNDARY_STATE, STAGNATION_STATE = 0, 1, 2
+MOVING_STATE, BOUNDARY_STATE, STAGNATION_STATE = 0, 1, 2
 _ENDINGS: tuple[Ending, ...] = ("step limit", "boundary", "stagnation")
 
 
@@ -40,7 +40,7 @@ class FlowLine:
     positions: FloatArray  # (K, 3), in the mesh's units
     faces: IntArray  # (K,), a face that holds each place
     barycentric: FloatArray  # (K, 3), the weights of its corners
-    ended: Ending
+    ending: Ending
     """Why the path ends: "time" where the whole duration was walked; "boundary" where it left the
     mesh; "stagnation" where the field is zero or pushes in from all sides, so that the point rests
     there; "step limit"."""
@@ -72,7 +72,7 @@ def flow_lines(
         End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for
         several fields.
     """
-    fields, k = fields_in_a_row(mesh, velocity)
+    fields, k = checked_fields(mesh, velocity)
     fine = refined(mesh, k)
     if not is_finite_number(duration):
         raise ParameterError(f"duration is {brief(duration)}; expected a finite time")
@@ -91,12 +91,12 @@ def flow_lines(
     flows = [face_flow(fine, field) for field in fields[: len(ends)]]
     spans = list(zip(flows, [0.0, *ends[:-1]], ends, strict=True))
     lines = []
-    for face, barycentric in zip(*to_children(*walkers(mesh, start), k), strict=True):
+    for face, barycentric in zip(*to_children(*start_points(mesh, start), k), strict=True):
         count, status = _walked(face, barycentric, spans, path)
         faces, weights = to_parents(path.faces[:count].copy(), path.weights[:count].copy(), k)
         positions = np.einsum("kc,kcx->kx", weights, mesh.vertices[mesh.faces[faces]])
-        ended: Ending = "time" if path.times[count - 1] == ends[-1] else _ENDINGS[status]
-        lines.append(FlowLine(sign * path.times[:count], positions, faces, weights, ended))
+        ending: Ending = "time" if path.times[count - 1] == ends[-1] else _ENDINGS[status]
+        lines.append(FlowLine(sign * path.times[:count], positions, faces, weights, ending))
     return lines
 
 
@@ -170,13 +170,13 @@ def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
     g, k = slot // 3, slot % 3
     if flow.rates[g, k] < 0.0:
         where[1] = c
-        return GOING_STATE
+        return MOVING_STATE
     where[0] = g
     first, last = b[(c + 1) % 3], b[(c + 2) % 3]
     b[k] = 0.0
     b[(k + 1) % 3] = last
     b[(k + 2) % 3] = first
-    return GOING_STATE
+    return MOVING_STATE
 
 
 @kernel
@@ -208,7 +208,7 @@ def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) 
     where[0], where[1] = face, along
     b[away_from] = 1.0
     if fastest > 0.0:
-        return GOING_STATE
+        return MOVING_STATE
     return STAGNATION_STATE if is_closed else BOUNDARY_STATE
 
 
@@ -228,7 +228,7 @@ def advance(
     for i in range(3):
         b[i] /= total
     if leave < 0:
-        return used, GOING_STATE
+        return used, MOVING_STATE
     for i in range(3):
         if b[i] >= AT_VERTEX:
             return used, leave_vertex(flow, where, b, i)
@@ -246,8 +246,8 @@ def trace(
     """Walk from a time to another; writes every crossing behind ``count`` of the path."""
     (where, b), (now, end) = walker, span
     rates = np.empty(3)
-    status = GOING_STATE
-    while status == GOING_STATE and now < end and count < path.times.size:
+    status = MOVING_STATE
+    while status == MOVING_STATE and now < end and count < path.times.size:
         rates[:] = flow.rates[where[0]]
         if where[1] >= 0:
             speed = sliding_speed(flow, where[0], where[1])
@@ -264,7 +264,7 @@ def trace(
     return count, status
 
 
-def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> tuple[FloatArray, int]:
+def checked_fields(mesh: TriangleMesh, velocity: ArrayLike) -> tuple[FloatArray, int]:
     """Check N fields, given as (4^k F, 3) or (N, 4^k F, 3); return them as the latter, and k, how
     often the mesh that they are on is subdivided.
     """
@@ -284,7 +284,7 @@ def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> tuple[FloatArray
     return array, k
 
 
-def walkers(mesh: TriangleMesh, start: SurfacePoints) -> tuple[IntArray, FloatArray]:
+def start_points(mesh: TriangleMesh, start: SurfacePoints) -> tuple[IntArray, FloatArray]:
     """Return faces (P,) and barycentric weights (P, 3), none negative, of points of the mesh."""
     if len(start.mesh.faces) != len(mesh.faces):
         raise ParameterError(

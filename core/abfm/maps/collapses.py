@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.mesh.coarsening import fill_star, next_slot
-from abfm.numerics.kernels import steady_kernel
+from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
@@ -53,7 +53,7 @@ def collapse(points: FloatArray, surface: Surface) -> Collapses:
     return Collapses(gone[0], gone[1], rounds)
 
 
-@steady_kernel
+@unfused_kernel
 def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
     """Put back the vertex that went last, at the slot opposite its edge; return the number of its
     corners, which are put into ``star``.
@@ -71,7 +71,7 @@ def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
     return count
 
 
-@steady_kernel
+@unfused_kernel
 def _fold(surface: Surface, slot: int, star: IndexArray) -> None:
     """Collapse an edge to its first end, as it is seen from the slot opposite to it."""
     faces, twins, corner_of = surface
@@ -92,7 +92,7 @@ class _Room(NamedTuple):
     seen: IntArray  # when each vertex was seen last, and at the end the time
 
 
-@steady_kernel
+@unfused_kernel
 def _is_free(surface: Surface, slot: int, room: _Room) -> bool:
     """Return whether the ends of an edge have two common neighbours only."""
     (faces, twins, _), (star, seen) = surface, room
@@ -105,7 +105,7 @@ def _is_free(surface: Surface, slot: int, room: _Room) -> bool:
     return common == 2
 
 
-@steady_kernel
+@unfused_kernel
 def _cheapest(
     points: FloatArray, surface: Surface, ring: IntArray, degrees: IntArray, room: _Room
 ) -> tuple[float, int]:
@@ -129,7 +129,7 @@ def _cheapest(
     return least, best
 
 
-@steady_kernel
+@unfused_kernel
 def _collapse_round(
     points: FloatArray, surface: Surface, alive: IntArray, gone: IntArray, done: int
 ) -> int:

@@ -25,7 +25,7 @@ from abfm.maps.star_moves import (
 )
 from abfm.maps.surface_points import cross, scalar
 from abfm.mesh.coarsening import next_slot
-from abfm.numerics.kernels import steady_kernel
+from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
 _ON_SPHERE = 0.02  # weight of the conformal energy
@@ -50,7 +50,7 @@ class Image(NamedTuple):
     weights: FloatArray  # (V_B,), of squared distances from there
 
 
-@steady_kernel
+@unfused_kernel
 def relocate(image: Image) -> None:
     """Find the images of all vertices, from their faces before and where they are on the sphere."""
     for v in range(image.faces.size):
@@ -59,7 +59,7 @@ def relocate(image: Image) -> None:
         )
 
 
-@steady_kernel
+@unfused_kernel
 def _locate(ground: Ground, direction: FloatArray, face: int, place: FloatArray) -> int:
     """Find the face in a direction, beginning at another one, and the place in space."""
     found, weights = np.array([face]), np.empty((1, 3))
@@ -70,7 +70,7 @@ def _locate(ground: Ground, direction: FloatArray, face: int, place: FloatArray)
     return int(found[0])
 
 
-@steady_kernel
+@unfused_kernel
 def push_to_sphere(image: Image, moves: FloatArray, room: Room) -> None:
     """Turn moves of images in space into those of their vertices on the sphere."""
     slopes = np.empty((2, 3))
@@ -80,7 +80,7 @@ def push_to_sphere(image: Image, moves: FloatArray, room: Room) -> None:
         moves[v] = along * slopes[0] + across * slopes[1]
 
 
-@steady_kernel
+@unfused_kernel
 def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> None:
     """Compute two axes in the face of A that holds a vertex, and how it moves on the sphere when
     its image moves along them.
@@ -104,7 +104,7 @@ def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> No
         slopes[k] -= scalar(slopes[k], direction) * direction
 
 
-@steady_kernel
+@unfused_kernel
 def relax(image: Image, room: Room) -> None:
     """Move each vertex by a Newton step toward the least energy of its faces."""
     slopes, place = np.empty((2, 3)), np.empty(3)
@@ -128,7 +128,7 @@ def relax(image: Image, room: Room) -> None:
             across *= STEP_FACTOR
 
 
-@steady_kernel
+@unfused_kernel
 def _energy(image: Image, v: int, direction: FloatArray, place: FloatArray, around: Room) -> float:
     """Return the energy of the faces at a vertex in some direction, with its image at a place."""
     (_, surface, sphere), places = image.state, image.places
@@ -146,7 +146,7 @@ def _energy(image: Image, v: int, direction: FloatArray, place: FloatArray, arou
     return total
 
 
-@steady_kernel
+@unfused_kernel
 def _dirichlet(
     shape: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
 ) -> tuple[float, tuple[float, float, float]]:
@@ -158,7 +158,7 @@ def _dirichlet(
     return total, cross(q, r)
 
 
-@steady_kernel
+@unfused_kernel
 def _set_model(image: Image, v: int, slopes: FloatArray, around: Room) -> None:
     """Compute the derivatives of the energy along the axes in the vertex' face."""
     (_, surface, sphere), places, model = image.state, image.places, around.model
@@ -203,7 +203,7 @@ def _set_model(image: Image, v: int, slopes: FloatArray, around: Room) -> None:
         model[2 + 2 * k] += 2 * image.weights[v]
 
 
-@steady_kernel
+@unfused_kernel
 def _first(
     dirichlet: float,
     shape: FloatArray,

@@ -37,7 +37,7 @@ from abfm.maps.surface_points import cross, scalar
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import fill_star, next_slot
 from abfm.mesh.topology import edge_slots, edges_of_faces, next_corner
-from abfm.numerics.kernels import steady_kernel
+from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -170,7 +170,7 @@ def _scaled(state: Embedding, alive: IntArray, room: Room) -> Embedding:
     return state._replace(points=state.points * np.sqrt(_AREA / _area_at(state, alive, room)))
 
 
-@steady_kernel
+@unfused_kernel
 def _area_at(state: Embedding, alive: IntArray, room: Room) -> float:
     """Return the area in space of the faces at vertices."""
     points, (faces, twins, corner_of), _ = state
@@ -183,14 +183,14 @@ def _area_at(state: Embedding, alive: IntArray, room: Room) -> float:
     return total
 
 
-@steady_kernel
+@unfused_kernel
 def sweep(state: Embedding, alive: IntArray, room: Room) -> None:
     """Move each of some vertices by one step."""
     for v in alive:
         _move(state, v, 1, room)
 
 
-@steady_kernel
+@unfused_kernel
 def _put_back(state: Embedding, vertices: IntArray, slots: IntArray, room: Room) -> bool:
     """Put vertices back, the last first, each with a few steps of itself and of its neighbours;
     return whether there was place for all.
@@ -210,7 +210,7 @@ def _put_back(state: Embedding, vertices: IntArray, slots: IntArray, room: Room)
     return True
 
 
-@steady_kernel
+@unfused_kernel
 def _place(state: Embedding, v: int, kept: int, star: IntArray) -> bool:
     """Place a vertex where its faces look outward: in the middle of its neighbours, or near the one
     that it was collapsed to, whose two sides of the ring look in the direction between their
@@ -234,7 +234,7 @@ def _place(state: Embedding, v: int, kept: int, star: IntArray) -> bool:
     return False
 
 
-@steady_kernel
+@unfused_kernel
 def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
     faces, sphere = state.surface.faces, state.sphere
     for corner in star:
@@ -244,7 +244,7 @@ def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
     return True
 
 
-@steady_kernel
+@unfused_kernel
 def set_shapes(state: Embedding, v: int, room: Room) -> int:
     """Find the corners at a vertex and the shapes of their faces; return how many there are."""
     points, (faces, twins, corner_of), _ = state
@@ -255,7 +255,7 @@ def set_shapes(state: Embedding, v: int, room: Room) -> int:
     return size
 
 
-@steady_kernel
+@unfused_kernel
 def _move(state: Embedding, v: int, steps: int, room: Room) -> None:
     """Take Newton steps of a vertex toward the least energy of its faces."""
     size, place, axes = set_shapes(state, v, room), state.sphere[v].copy(), room.axes
@@ -277,7 +277,7 @@ def _move(state: Embedding, v: int, steps: int, room: Room) -> None:
     state.sphere[v] = place
 
 
-@steady_kernel
+@unfused_kernel
 def _energy(state: Embedding, place: FloatArray, size: int, room: Room) -> float:
     """Return the symmetric Dirichlet energy of the faces at a vertex at some place, ``area (s_1^2 +
     s_2^2 + s_1^-2 + s_2^-2)`` with the stretches of each; infinite if one does not look outward.
@@ -296,7 +296,7 @@ def _energy(state: Embedding, place: FloatArray, size: int, room: Room) -> float
     return total
 
 
-@steady_kernel
+@unfused_kernel
 def _set_model(state: Embedding, place: FloatArray, size: int, room: Room) -> None:
     """Compute the derivatives of the energy along two axes, on the sphere."""
     faces, sphere, (first, second) = state.surface.faces, state.sphere, room.axes

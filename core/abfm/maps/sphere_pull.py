@@ -13,7 +13,7 @@ from abfm.maps.sphere_embedding import Embedding
 from abfm.maps.star_moves import FLAT_VOLUME, Room, normalize, volume
 from abfm.maps.surface_points import scalar
 from abfm.mesh.coarsening import fill_star, next_slot
-from abfm.numerics.kernels import steady_kernel
+from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
 _STEP = 0.5  # of the way
@@ -33,7 +33,7 @@ def pull_for(count: int) -> Pull:
     return Pull(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count))
 
 
-@steady_kernel
+@unfused_kernel
 def set_moves(
     places: FloatArray, targets: FloatArray, most: float, alive: IntArray, moves: FloatArray
 ) -> None:
@@ -43,7 +43,7 @@ def set_moves(
         moves[v] /= max(1.0, np.sqrt(scalar(moves[v], moves[v])) / most)
 
 
-@steady_kernel
+@unfused_kernel
 def average(surface: Surface, rounds: int, alive: IntArray, pull: Pull, star: IntArray) -> None:
     """Average moves over neighbours, so many times."""
     faces, twins, corner_of = surface
@@ -60,7 +60,7 @@ def average(surface: Surface, rounds: int, alive: IntArray, pull: Pull, star: In
             moves[v] = spare[v]
 
 
-@steady_kernel
+@unfused_kernel
 def shift(state: Embedding, alive: IntArray, pull: Pull, room: Room) -> None:
     """Move vertices on the sphere by half of their moves; those of faces that would turn over, or
     come near to it, by half as much, and so on.
@@ -80,7 +80,7 @@ def shift(state: Embedding, alive: IntArray, pull: Pull, room: Room) -> None:
         state.sphere[v] = moved[v]
 
 
-@steady_kernel
+@unfused_kernel
 def _hold_back(state: Embedding, alive: IntArray, pull: Pull, factor: float, room: Room) -> bool:
     """Reduce the shares of corners of faces that are turned over; return whether there are any."""
     (faces, twins, corner_of), sphere, moved = state.surface, state.sphere, pull.spare

@@ -23,7 +23,7 @@ from abfm.maps.surface_points import (
     vertex_points,
 )
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.numerics.kernels import steady_kernel
+from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
@@ -180,7 +180,7 @@ def through_sphere(domain: SphereLayout, codomain: SphereLayout) -> PointMap:
     return PointMap.of_points(domain.mesh, codomain.locate(domain.directions), carried)
 
 
-@steady_kernel
+@unfused_kernel
 def walk(own: Faces, points: FloatArray, faces: IndexArray, weights: FloatArray) -> None:
     """Find the faces (P,), given a first guess, and weights (P, 3) of directions (P, 3): from face
     to face over the side that the point is farthest behind; by all faces where that goes astray.
@@ -219,7 +219,7 @@ def walk(own: Faces, points: FloatArray, faces: IndexArray, weights: FloatArray)
             weights[p, k] /= total
 
 
-@steady_kernel
+@unfused_kernel
 def side_volumes(own: Faces, point: FloatArray, face: int, volumes: FloatArray) -> None:
     """Write the volumes (3,) that a point spans with each side of a face, of either sign: they are
     its barycentric weights, up to their sum.

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.maps.surface_points import Vector, cross, scalar
-from abfm.numerics.kernels import steady_kernel
+from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
 # what sides are longer by, as a share of their face's mean: needles need not stay such
@@ -36,17 +36,17 @@ def room_for(count: int) -> Room:
     return Room(star, shapes, np.empty((2, 3)), np.empty(5))
 
 
-@steady_kernel
+@unfused_kernel
 def difference(a: FloatArray, b: FloatArray) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@steady_kernel
+@unfused_kernel
 def normalize(a: FloatArray) -> None:
     a /= np.sqrt(scalar(a, a))
 
 
-@steady_kernel
+@unfused_kernel
 def volume(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     """Return six times the volume of a tetrahedron with the centre of the unit sphere: of a small
     face on it, twice the area; negative where it is turned over.
@@ -54,7 +54,7 @@ def volume(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     return scalar(a, cross(difference(b, a), difference(c, a)))
 
 
-@steady_kernel
+@unfused_kernel
 def shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float, float]:
     """Return half the cotangents of a face's angles, and its area, its sides somewhat longer."""
     p, q, r = difference(b, c), difference(c, a), difference(a, b)
@@ -65,7 +65,7 @@ def shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, fl
     return (v + w - u) / (8 * area), (w + u - v) / (8 * area), (u + v - w) / (8 * area), area
 
 
-@steady_kernel
+@unfused_kernel
 def set_tangents(normal: FloatArray, axes: FloatArray) -> None:
     """Compute two unit vectors perpendicular to a third and to each other."""
     least = np.argmin(np.abs(normal))
@@ -75,7 +75,7 @@ def set_tangents(normal: FloatArray, axes: FloatArray) -> None:
     axes[1] = cross(normal, axes[0])
 
 
-@steady_kernel
+@unfused_kernel
 def add_product(
     model: FloatArray,
     dirichlet: tuple[float, float, float],
@@ -95,7 +95,7 @@ def add_product(
     model[4] += metric[2] * phi[0] + 2 * d2 * v2 * phi[1] + value * phi[2] * v2 * v2
 
 
-@steady_kernel
+@unfused_kernel
 def step_to_minimum(model: FloatArray) -> tuple[float, float]:
     """Return the step along two axes to the minimum of a quadratic model, made convex."""
     g1, g2, h11, h12, h22 = model

@@ -18,7 +18,7 @@ from abfm.matching.solving.schedule import Schedule
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
-from abfm.workers.control import Control, present_control
+from abfm.workers.control import Control, current_control
 from abfm.workers.progress import step
 
 _MATCHES_MAX = 3  # matches with a sigma between two steps, each about as long as the first match
@@ -80,7 +80,7 @@ def limit_distortion(
         bound = measure(found).bound(most)
         if bound.is_kept:
             return found if found.bound == bound else replace(found, bound=bound)
-        search = _Search(found, most, measure, control or present_control())
+        search = _Search(found, most, measure, control or current_control())
         search.run()
         if search.best is None:
             return found.within(bound)

@@ -24,7 +24,7 @@ from abfm.matching.terms.data_term import DataTerm
 from abfm.mesh import MeshLike
 from abfm.outcome import Outcome
 from abfm.parameters import Parameters
-from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
+from abfm.workers.control import CancelledError, Control, checkpoint, controlled, current_control
 from abfm.workers.progress import step
 
 
@@ -104,12 +104,12 @@ def match(
             "them to abfm.Problem(...)"
         )
     energy, record = MatchingEnergy(problem), Record(on_iteration)
-    control = control or present_control() or Control()
+    control = control or current_control() or Control()
     # a cancelled match continues to its first evaluation
     with controlled(control, lambda: bool(record.history)):
         solution = solve(energy, record)
     path, number, reason = solution.path, solution.step, solution.reason
-    may_end = reason is not StopReason.CANCELLED or control.brief
+    may_end = reason is not StopReason.CANCELLED or control.skip_checks
     if math.isnan(path[number].verified_residual):
         with controlled(control, lambda: may_end):  # else it is verified although it was cancelled
             try:

@@ -25,7 +25,7 @@ from abfm.errors import (
     ParameterError,
     brief,
 )
-from abfm.flow.continuous_flow import on_children
+from abfm.flow.continuous_flow import field_on_children
 from abfm.functions.circular import warn_of_phases
 from abfm.functions.circular_channels import circular_channels
 from abfm.functions.family import texts_of
@@ -285,7 +285,7 @@ class Problem:
             raise ParameterError("a data term has no place on a finer mesh: do not refine")
         start, marks = self.fine_start, self.landmarks
         if start is not None and start.shape[1] == len(mesh.faces):
-            start = np.stack([on_children(mesh, field) for field in start])
+            start = np.stack([field_on_children(mesh, field) for field in start])
         return self._with(
             mesh=fine,
             terms=(functions, *others),

@@ -125,6 +125,6 @@ def _solve(task: _Task) -> Parcel:
         if is_here and time.monotonic() - checked > _CHECK_SECONDS:
             checked = time.monotonic()
             if not os.path.exists(task.wanted):
-                control.cancel(briefly=True)
+                control.cancel(skip_checks=True)
 
     return pack(match(problem, on_iteration=check, control=control), meshes)[0]

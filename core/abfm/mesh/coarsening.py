@@ -16,7 +16,7 @@ import numpy as np
 from abfm.errors import MeshError
 from abfm.mesh.topology import next_corner
 from abfm.mesh.triangle_mesh import TriangleMesh, per_mesh
-from abfm.numerics.kernels import kernel, steady_kernel
+from abfm.numerics.kernels import kernel, unfused_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
 _INDEX_TYPE = np.int32  # enough for slots of 700 million faces
@@ -147,12 +147,12 @@ def _squared_length(surface: _Surface, a: int, b: int) -> float:
     return length
 
 
-@steady_kernel
+@unfused_kernel
 def next_slot(slot: int) -> int:
     return slot - 2 if slot % 3 == 2 else slot + 1
 
 
-@steady_kernel
+@unfused_kernel
 def fill_star(star: IndexArray, twins: IndexArray, first: int) -> int:
     """Put the corners around the vertex of the first into ``star``; return how many they are."""
     # a generator would read better, but numba cannot compile what calls one from its cache

@@ -14,8 +14,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from abfm.numerics.factoring_apart import is_factored_apart
-from abfm.numerics.spare_memory import ask_for
+from abfm.numerics.available_memory import require_memory
+from abfm.numerics.factoring_in_subprocess import is_factored_in_subprocess
 from abfm.types import FloatArray
 from abfm.workers.progress import step
 from abfm.workers.worker import Call, Worker, WorkerEndedError
@@ -42,9 +42,9 @@ def factor(matrix: sparse.csr_array) -> Solve:
         return np.copy
     # in unknowns of a scalar system on vertices, which has seven entries a row
     work = unknowns * max(1.0, matrix.nnz / unknowns / 7) ** 2
-    if is_factored_apart(work):
-        return _Elsewhere(matrix)
-    with _told(unknowns):
+    if is_factored_in_subprocess(work):
+        return _SubprocessFactor(matrix)
+    with _factoring_step(unknowns):
         return _factored(matrix)
 
 
@@ -56,7 +56,7 @@ def _factored(matrix: sparse.csr_array) -> Solve:
     return solve
 
 
-def _told(unknowns: int, since: float | None = None) -> AbstractContextManager[object]:
+def _factoring_step(unknowns: int, since: float | None = None) -> AbstractContextManager[object]:
     """Tell the step: nested dissection of a surface's mesh takes n^(3/2) operations."""
     return step("factoring", unknowns**1.5, f" a system of {unknowns:,} unknowns", since)
 
@@ -72,7 +72,7 @@ class _Factor:
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._unknowns, self._has_solved, entries = matrix.shape[0], False, matrix.tocoo()
-        ask_for(_BYTES * matrix.nnz * np.log2(self._unknowns + 1))
+        require_memory(_BYTES * matrix.nnz * np.log2(self._unknowns + 1))
         row, column = entries.row.astype(np.int32), entries.col.astype(np.int32)
         data = entries.data.astype(np.float64)
         self._solver = CholeskySolverD(self._unknowns, row, column, data, MatrixType.COO)
@@ -102,29 +102,29 @@ class _Factor:
             each.__del__()
 
 
-class _Elsewhere:
+class _SubprocessFactor:
     """A factorisation in a process of its own, waited for at first use: several run at once."""
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()
         self._unknowns, self._since = matrix.shape[0], time.monotonic()
-        self._worker = Worker(_Kept, "the process that factors a linear system has ended")
-        self._factoring: Call[None] | None = self._worker.call(_Kept.factor, matrix)
+        self._worker = Worker(_FactorHolder, "the process that factors a linear system has ended")
+        self._factoring: Call[None] | None = self._worker.call(_FactorHolder.factor, matrix)
 
     def __call__(self, b: FloatArray) -> FloatArray:
         with self._lock:
             try:
                 if self._factoring is not None:
-                    with _told(self._unknowns, self._since):
+                    with _factoring_step(self._unknowns, self._since):
                         self._factoring.result()
                     self._factoring = None
-                return self._worker.call(_Kept.solve, b).result()
+                return self._worker.call(_FactorHolder.solve, b).result()
             except WorkerEndedError as error:
                 raise MemoryError(str(error)) from None
 
 
-class _Kept:
-    """A factorisation in the process of an `_Elsewhere`."""
+class _FactorHolder:
+    """A factorisation in the process of an `_SubprocessFactor`."""
 
     _solve: Solve | None = None
 

@@ -38,23 +38,23 @@ except (RuntimeWarning, ValueError) as error:
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
-class _Compiling(numba.core.event.Listener):
+class _CompilationListener(numba.core.event.Listener):
     """Tells who waits that a kernel is compiled, which takes seconds, once on a machine."""
 
     def __init__(self) -> None:
-        self._told = threading.local()
+        self._open_steps = threading.local()
 
     def on_start(self, event: object) -> None:
-        told = ExitStack()
-        told.enter_context(step("compiling, once on this machine"))
-        self._told.all = [*getattr(self._told, "all", []), told]
+        current = ExitStack()
+        current.enter_context(step("compiling, once on this machine"))
+        self._open_steps.all = [*getattr(self._open_steps, "all", []), current]
 
     def on_end(self, event: object) -> None:
-        self._told.all.pop().close()
+        self._open_steps.all.pop().close()
 
 
 _listen: Callable[[str, object], None] = numba.core.event.register
-_listen("numba:compile", _Compiling())
+_listen("numba:compile", _CompilationListener())
 
 
 class _Cache:
@@ -83,7 +83,7 @@ def kernel(function: Kernel) -> Kernel:
     return _compiled(function, {"contract"})
 
 
-def steady_kernel(function: Kernel) -> Kernel:
+def unfused_kernel(function: Kernel) -> Kernel:
     """Compile without fused products and sums: whether they come depends on what is inlined, which
     is another when it comes from disk, and what decides by signs would decide otherwise.
     """

@@ -15,10 +15,10 @@ import numpy as np
 from abfm.numerics.kernels import inner, kernel
 from abfm.types import FloatArray
 
-DECREASE = 1e-4
-CURVATURE = 0.9
-MOST_TRIALS = 12
-_ROUNDING = 1e-16
+WOLFE_DECREASE = 1e-4
+WOLFE_CURVATURE = 0.9
+TRIALS_MAX = 12
+_RELATIVE_ROUNDING = 1e-16
 
 
 class Evaluation(Protocol):
@@ -83,30 +83,31 @@ class LBFGS(Generic[Point]):
     memory: int = 10  # pairs kept
     # of a step as the user measures it
     size: Callable[[FloatArray], float] = lambda step: float(np.abs(step).max())
-    longest: float = np.inf  # the most that the size of a step may be
+    step_size_max: float = np.inf  # the most that the size of a step may be
     tolerance: float = 1e-6  # converged when the gradient's norm is this fraction of the first one
 
     def init(
         self,
         x: FloatArray,
         point: Point | None = None,
-        before: Iterate[Point] | None = None,
-        steeper: float = 1.0,
+        previous: Iterate[Point] | None = None,
+        curvature_ratio: float = 1.0,
     ) -> Iterate[Point]:
         """Return the first iterate, with its evaluation if there is one already.
 
-        What a search ``before`` has learned serves this one, whose energy bends about ``steeper``
-        times as much.
+        Reuse what the ``previous`` search learned. The curvature of this energy is about
+        ``curvature_ratio`` times as large.
         """
         point = self.evaluate(x) if point is None else point
         preconditioned, norm = self._preconditioned(point.gradient)
-        if before is None:
+        if previous is None:
             return Iterate(x, point, preconditioned, (), 1.0, norm, norm)
         pairs = tuple(
-            Pair(s, steeper * y, steeper * hy, rho / steeper) for s, y, hy, rho in before.pairs
+            Pair(s, curvature_ratio * y, curvature_ratio * hy, rho / curvature_ratio)
+            for s, y, hy, rho in previous.pairs
         )
-        scale = before.scale / steeper
-        return Iterate(x, point, preconditioned, pairs, scale, norm, norm, before.length)
+        scale = previous.scale / curvature_ratio
+        return Iterate(x, point, preconditioned, pairs, scale, norm, norm, previous.length)
 
     def step(self, state: Iterate[Point]) -> Iterate[Point]:
         """Do one iteration; where the search fails, again without the memory."""
@@ -115,7 +116,7 @@ class LBFGS(Generic[Point]):
         trial = None
         if slope < 0:
             full = self.size(direction)
-            longest = self.longest / full if full > 0 else 1.0
+            length_max = self.step_size_max / full if full > 0 else 1.0
             first = 1.0
             if self.precondition and state.pairs:
                 first = min(1.0, 2 * state.length / full)
@@ -127,12 +128,12 @@ class LBFGS(Generic[Point]):
                 lambda point: _inner(direction, point.gradient),
                 Trial(0.0, state.point.energy, slope, state.point),
                 first,
-                longest,
+                length_max,
             )
         if trial:
             return self._accept(state, trial, direction)
-        forgetful = replace(state, pairs=(), scale=1.0)
-        return self.step(forgetful) if state.pairs else replace(forgetful, failed=True)
+        without_pairs = replace(state, pairs=(), scale=1.0)
+        return self.step(without_pairs) if state.pairs else replace(without_pairs, failed=True)
 
     def stop_reason(self, state: Iterate[Point]) -> str | None:
         """Return why to stop at this iterate, or None to go on."""
@@ -140,7 +141,9 @@ class LBFGS(Generic[Point]):
             return "line search failed"
         if state.gradient_norm <= self.tolerance * state.first_norm:
             return "converged"
-        if self.precondition and state.gradient_norm**2 <= _ROUNDING * abs(state.point.energy):
+        if self.precondition and state.gradient_norm**2 <= _RELATIVE_ROUNDING * abs(
+            state.point.energy
+        ):
             # the decrease that a step of H_0 promises is below the energy's own rounding
             return "converged"
         return None
@@ -175,10 +178,10 @@ class LBFGS(Generic[Point]):
         if not state.pairs:
             return state.preconditioned
         q, found = state.point.gradient.flatten(), state.preconditioned.flatten()
-        weights = [take(pair, q, found) for pair in reversed(state.pairs)]
+        weights = [first_loop_update(pair, q, found) for pair in reversed(state.pairs)]
         found *= state.scale
         for pair, weight in zip(state.pairs, reversed(weights), strict=True):
-            give(pair, weight, found)
+            second_loop_update(pair, weight, found)
         return found.reshape(state.x.shape)
 
     def _preconditioned(self, gradient: FloatArray) -> tuple[FloatArray, float]:
@@ -191,7 +194,7 @@ class LBFGS(Generic[Point]):
 
 
 @kernel
-def take(pair: Pair, q: FloatArray, found: FloatArray) -> float:
+def first_loop_update(pair: Pair, q: FloatArray, found: FloatArray) -> float:
     """Take a pair out in the first loop: its change from ``q``, ``H_0`` of it from ``found``."""
     weight: float = pair.rho * inner(pair.s, q)
     for i in range(q.size):
@@ -201,7 +204,7 @@ def take(pair: Pair, q: FloatArray, found: FloatArray) -> float:
 
 
 @kernel
-def give(pair: Pair, weight: float, found: FloatArray) -> None:
+def second_loop_update(pair: Pair, weight: float, found: FloatArray) -> None:
     """Add a pair's step, in the second loop."""
     share = weight - pair.rho * inner(pair.y, found)
     for i in range(found.size):
@@ -217,9 +220,9 @@ def strong_wolfe(
     slope_at: Callable[[Point], float],
     start: Trial[Point],
     first: float,
-    longest: float,
+    length_max: float,
 ) -> Trial[Point] | None:
-    """Find a step length with sufficient decrease and, unless it is ``longest``, a flatter slope.
+    """Find a step length with sufficient decrease and, below ``length_max``, a flatter slope.
 
     Algorithms 3.5 and 3.6, from ``start`` of length 0 and negative slope; ``first`` is tried first,
     and slopes are asked for only where the value is low enough. After twelve trials, the lowest
@@ -227,23 +230,23 @@ def strong_wolfe(
     infinite: the step is shortened.
     """
     low, high = start, None
-    length = min(first, longest)
-    for _ in range(MOST_TRIALS):
+    length = min(first, length_max)
+    for _ in range(TRIALS_MAX):
         point = evaluate(length)
         value, slope = point.energy, np.nan
-        if value <= start.value + DECREASE * length * start.slope and value < low.value:
+        if value <= start.value + WOLFE_DECREASE * length * start.slope and value < low.value:
             slope = slope_at(point)
         trial = Trial(length, value, slope, point)
         if not np.isfinite(slope):
             high = trial
-        elif abs(slope) <= -CURVATURE * start.slope or (slope < 0 and length >= longest):
+        elif abs(slope) <= -WOLFE_CURVATURE * start.slope or (slope < 0 and length >= length_max):
             return trial
         else:
             if slope * ((high.length if high else np.inf) - low.length) >= 0:
                 high = low
             low = trial
         if high is None:
-            length = min(length * 4, longest)
+            length = min(length * 4, length_max)
         else:
             length = _interpolate(low, high)
             change = abs(high.length - low.length) * max(abs(low.slope), abs(start.slope))

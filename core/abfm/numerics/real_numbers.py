@@ -23,7 +23,7 @@ def real_numbers(
         raise error(f"{name} is no array: {one_line(problem, 80)}; expected real numbers") from None
     if array.dtype.kind not in "biuf":
         raise error(f"{name} has values of type {one_line(array.dtype, 40)}; expected real numbers")
-    return as_doubles(array)
+    return as_float64(array)
 
 
 def plain_array(values: Any) -> NDArray[Any]:
@@ -39,7 +39,7 @@ def plain_array(values: Any) -> NDArray[Any]:
     return array
 
 
-def as_doubles(array: NDArray[Any]) -> FloatArray:
+def as_float64(array: NDArray[Any]) -> FloatArray:
     """Return numbers as float64, row after row; infinities and NaN without a warning."""
     with np.errstate(over="ignore", invalid="ignore"):
         return array.astype(np.float64, order="C", copy=False)
@@ -54,7 +54,7 @@ def is_finite_number(value: object) -> bool:
     return array.ndim == 0 and array.dtype.kind in "iuf" and bool(np.isfinite(array))
 
 
-def is_whole_number(value: object, least: int, most: int) -> bool:
+def is_integer(value: object, least: int, most: int) -> bool:
     """Return whether it is one whole number between two, the ends included."""
     if not is_finite_number(value):
         return False

@@ -12,14 +12,14 @@ import numpy as np
 from abfm import sequences
 from abfm.calculus import face_normals
 from abfm.calculus.operators import vertex_areas
-from abfm.flow import flow_lines, straight_ways, vectors_at
+from abfm.flow import flow_lines, straightest_geodesics, vectors_at
 from abfm.maps import SurfacePoints, spread_points
 from abfm.pages.colormaps import ColorRange, color_range
 from abfm.pages.film_motion import CRITICAL_COLORS, OPACITY_MIN, fast_in, ways_of
 from abfm.pages.front import best_front, changes_in_time
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 from abfm.pages.registered import MOST_CHANNELS
-from abfm.sequences.report import motion_between, of_interval, uncertainty
+from abfm.sequences.report import interval_headline, motion_between, uncertainty
 from abfm.types import FloatArray
 from abfm.wording import share
 from abfm.workers.progress import stepped
@@ -79,7 +79,7 @@ def sequence_page(
     lines = [_path_lines(sequence)] if labels.share == 1 else []  # which are hidden at first
     ways = [_arrows(sequence, labels.share), *lines, *_tracks(sequence)]
     spans = [
-        Span(start, end, f"interval {i + 1}: {of_interval(sequence, i)}", verdict.kind.tone)
+        Span(start, end, f"interval {i + 1}: {interval_headline(sequence, i)}", verdict.kind.tone)
         for i, ((start, end), verdict) in enumerate(
             zip(pairwise(times), sequence.verdicts, strict=True)
         )
@@ -181,7 +181,7 @@ def _arrows(sequence: sequences.Sequence, share: float) -> Ways:
             vectors *= (longest * np.minimum(1.0, 1 / np.maximum(speed, 1e-300)))[:, None]
             seen, tips = (speed > _ARROW_SPEED_MIN) & (opacities > OPACITY_MIN), []
             for side in (-0.5, 0.5):
-                found, inside = straight_ways(mesh, points, side * vectors)
+                found, inside = straightest_geodesics(mesh, points, side * vectors)
                 turned = (normals_of_faces[found.faces] * normals).sum(axis=1)
                 seen &= inside & (turned > _ARROW_COSINE_MIN)
                 tips.append(found.positions)

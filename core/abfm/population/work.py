@@ -42,7 +42,7 @@ from abfm.reading import side_of
 from abfm.sequences.noise import noise
 from abfm.tasks.inputs import MESH_INPUTS, absolute, mesh_options
 from abfm.types import BoolArray, FloatArray, IntArray
-from abfm.workers.control import checkpoint, present_control
+from abfm.workers.control import checkpoint, current_control
 from abfm.workers.progress import step
 
 _TARGETS = "targets"  # folder of templates, functions that subjects are registered to, mean fields
@@ -217,7 +217,7 @@ class Work:
                 done(count / len(rows))
                 on_change(entry)
 
-            control = present_control()
+            control = current_control()
             entries = self._workers.run(rows, self.folder, on_change=report, control=control)
         checkpoint()
         return entries
@@ -225,7 +225,7 @@ class Work:
     def _carry(self, tasks: Sequence[Carrying], what: str) -> Generator[Answer, None, None]:
         """Yield what comes of computations, in their order."""
         with step(what, len(tasks), f" {len(tasks)} subjects") as done:
-            for count, answer in enumerate(self._workers.compute(tasks, present_control()), 1):
+            for count, answer in enumerate(self._workers.compute(tasks, current_control()), 1):
                 yield answer
                 done(count / len(tasks))
         checkpoint()

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import one_line
-from abfm.numerics.real_numbers import as_doubles
+from abfm.numerics.real_numbers import as_float64
 from abfm.reading.columns import Columns, Keys, even_times
 from abfm.reading.xml_trees import xml_tree
 from abfm.types import FloatArray
@@ -182,7 +182,7 @@ def _numbers(
 def _scaled(numbers: NDArray[Any], head: Any) -> FloatArray:
     """Return the values that stored numbers mean."""
     slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
-    table = as_doubles(numbers)
+    table = as_float64(numbers)
     if math.isfinite(slope) and slope and math.isfinite(intercept) and (slope, intercept) != (1, 0):
         table = table * slope + intercept
     return table

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief, did_you_mean, one_line
-from abfm.numerics.real_numbers import as_doubles
+from abfm.numerics.real_numbers import as_float64
 from abfm.reading.labels import NO_LABEL, Color, Labels
 from abfm.types import FloatArray, IntArray
 
@@ -100,7 +100,7 @@ class Columns:
 
     def table(self) -> FloatArray:
         """Return rows as the file has them, (n, C)."""
-        return as_doubles(self.values.reshape(len(self.values), -1))
+        return as_float64(self.values.reshape(len(self.values), -1))
 
     def on(self, mesh: Numbering) -> Columns:
         """Return columns (V, C) with one row for each vertex of the mesh.
@@ -131,7 +131,7 @@ class Columns:
                 f"it has {sizes}, and the mesh {counts[1]} vertices: use one value per vertex{hint}"
             )
         table = np.moveaxis(found.values, axis, 0)
-        table = mesh.restrict(as_doubles(table.reshape(len(table), -1)))
+        table = mesh.restrict(as_float64(table.reshape(len(table), -1)))
         known, count = len(found.names or found.numbers), table.shape[1]
         if known and (known != count or (axis and count > 1)):  # those of another axis
             names = found.names if len(found.names) == 1 else ()

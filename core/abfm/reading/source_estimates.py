@@ -9,7 +9,7 @@ import struct
 
 import numpy as np
 
-from abfm.numerics.real_numbers import as_doubles
+from abfm.numerics.real_numbers import as_float64
 from abfm.reading.columns import Columns
 
 _HEAD = struct.Struct(">ffI")
@@ -43,4 +43,4 @@ def read_stc(data: bytes) -> Columns:
         )
     values = np.frombuffer(data, ">f4", samples * count, end + 4).reshape(samples, count)
     times = (begin + step * np.arange(samples)) / 1000
-    return Columns(as_doubles(values).T, vertices=vertices, times=times)
+    return Columns(as_float64(values).T, vertices=vertices, times=times)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief
-from abfm.numerics.real_numbers import as_doubles
+from abfm.numerics.real_numbers import as_float64
 from abfm.reading.plain_files import inflated, most_inflated, read_bytes
 from abfm.reading.vtk_file import (
     POLYGON,
@@ -181,7 +181,7 @@ class _File:
             raise ValueError(
                 f"its array {called} has {len(numbers)} numbers; expected {count * columns}"
             )
-        return as_doubles(numbers).reshape(count, columns)
+        return as_float64(numbers).reshape(count, columns)
 
     def _decoded(self, begin: Beginning, size: int, kind: np.dtype[Any]) -> NDArray[Any]:
         """Return the numbers of so many bytes that follow the header of an array."""

@@ -1,3 +1,7 @@
+from .checkpoint_file import SequenceCheckpoint as SequenceCheckpoint
+from .checkpoint_file import checkpoints_of as checkpoints_of
+from .checkpoint_file import move_checkpoints as move_checkpoints
+from .checkpoint_file import remove_checkpoints as remove_checkpoints
 from .exports import check_pvd as check_pvd
 from .exports import export_intervals as export_intervals
 from .exports import export_pvd as export_pvd
@@ -6,13 +10,13 @@ from .exports import export_stc as export_stc
 from .exports import export_tracks as export_tracks
 from .exports import vertex_speed as vertex_speed
 from .frames import Frames as Frames
-from .parameters import CHOSEN_NAMES as CHOSEN_NAMES
-from .parameters import TAKEN_NAMES as TAKEN_NAMES
+from .parameters import AUTOMATIC_NAMES as AUTOMATIC_NAMES
+from .parameters import PARAMETER_NAMES as PARAMETER_NAMES
 from .parameters import SequenceParameters as SequenceParameters
 from .parameters import defaults as defaults
 from .reading.frames_file import FramesFile as FramesFile
 from .reading.reading_frames import read_frames as read_frames
-from .report import of_interval as of_interval
+from .report import interval_headline as interval_headline
 from .sequence import GAMMA as GAMMA
 from .sequence import Sequence as Sequence
 from .sequence import load_sequence as load_sequence
@@ -24,8 +28,4 @@ from .tracking.critical_points import critical_points as critical_points
 from .tracking.critical_points import face_indices as face_indices
 from .tracking.episodes import Episode as Episode
 from .tracking.tracks import Track as Track
-from .unfinished import Unfinished as Unfinished
-from .unfinished import move_unfinished as move_unfinished
-from .unfinished import remove_unfinished as remove_unfinished
-from .unfinished import unfinished_of as unfinished_of
 from .verdicts import is_unsolved as is_unsolved

@@ -175,14 +175,14 @@ def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:
     write_values(path, speed, sequence.mesh.structure, names, sequence.middles)
 
 
-def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int = 3) -> str:
+def export_tracks(path: str | os.PathLike[str], sequence: Sequence, min_intervals: int = 3) -> str:
     """Write a .csv of critical points, a line for each in each interval: its track, its kind, index
     and place there, the number of its face, and divergence and curl per unit of time.
 
-    ``least`` is as in `Sequence.tracks`; a note of how many shorter tracks are omitted is returned.
+    ``min_intervals`` is as in `Sequence.tracks`. Return a note with the number of shorter tracks.
     A ResultError reports why it cannot be written.
     """
-    rows, kept = [], sequence.tracks(least)
+    rows, kept = [], sequence.tracks(min_intervals)
     for number, track in enumerate(kept):
         places, faces = track.points.positions.tolist(), track.points.faces.tolist()
         for k, time in enumerate(track.times.tolist()):
@@ -195,7 +195,8 @@ def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int =
     if not omitted:
         return ""
     return (
-        f"{Path(path).name} is without {counted(omitted, 'track')} of fewer than {least} intervals"
+        f"{Path(path).name} omits {counted(omitted, 'track')} of fewer than {min_intervals} "
+        "intervals"
     )
 
 

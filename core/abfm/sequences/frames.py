@@ -79,7 +79,7 @@ class Frames:
         return Problem(self.mesh, f, g, parameters, mask=mask, weights=weights, circular=None)
 
 
-def checked(
+def check_frames(
     mesh: TriangleMesh,
     values: ArrayLike,
     times: ArrayLike | None,
@@ -149,7 +149,7 @@ def interval_parameters(
     """Return the parameters of the problem of an interval: its duration as tau."""
     duration = float(frames.durations[interval])
     absolute = sigma_of(frames, given, sigma, duration)
-    return given.of_interval(duration, absolute)
+    return given.for_interval(duration, absolute)
 
 
 def _fill_in(mesh: TriangleMesh, frames: FloatArray, seen: BoolArray, counted: BoolArray) -> None:

@@ -42,7 +42,7 @@ def noise_levels(frames: Frames) -> FloatArray:
     one for all that are compared, and 0 where no frame has any, as activity below a threshold.
     """
     mesh, rows = frames.mesh, [np.ascontiguousarray(frame.T) for frame in frames.values]
-    noisy = ~np.logical_and.reduce([flat(mesh, row) for row in rows])  # (C, V)
+    noisy = ~np.logical_and.reduce([is_flat(mesh, row) for row in rows])  # (C, V)
     if frames.mask is not None:
         noisy &= frames.mask > 0
     levels = np.zeros(noisy.shape)
@@ -60,7 +60,7 @@ def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
     return float(np.sqrt(2) * functions.relative_size(levels))
 
 
-def explains_little(functions: FunctionTerm, levels: FloatArray, left: float) -> bool:
+def explains_too_little(functions: FunctionTerm, levels: FloatArray, left: float) -> bool:
     """Return whether a field with such a residual explains little of the change beyond noise of
     levels (C, V).
     """
@@ -69,7 +69,7 @@ def explains_little(functions: FunctionTerm, levels: FloatArray, left: float) ->
     return left > max(NOISE_FACTOR * noise_floor(functions, levels), explained, _ROUNDED_RESIDUAL)
 
 
-def flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:
+def is_flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:
     """Return where functions (..., V) are as their neighbours, (..., V): noise never is, but what
     was put in place of values is.
     """

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from abfm.errors import ParameterError, brief
 from abfm.parameters import FIELDS, Parameters, Settings
 
-CHOSEN_NAMES = ("alpha", "order")
+AUTOMATIC_NAMES = ("alpha", "order")
 """Parameters of the norm of fields, which are chosen unless they are given; so is sigma."""
 
 
@@ -34,26 +34,28 @@ class SequenceParameters(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        unknown = [name for name in self.automatic if name not in CHOSEN_NAMES]
+        unknown = [name for name in self.automatic if name not in AUTOMATIC_NAMES]
         if unknown:
             raise ParameterError(
                 f"{brief(unknown[0])} cannot be automatic; expected names among "
-                f"{', '.join(CHOSEN_NAMES)}"
+                f"{', '.join(AUTOMATIC_NAMES)}"
             )
-        object.__setattr__(self, "automatic", tuple(n for n in CHOSEN_NAMES if n in self.automatic))
+        object.__setattr__(
+            self, "automatic", tuple(n for n in AUTOMATIC_NAMES if n in self.automatic)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as plain values."""
         return asdict(self)
 
-    def of_interval(self, duration: float, sigma: float) -> Parameters:
+    def for_interval(self, duration: float, sigma: float) -> Parameters:
         """Return the parameters of a match from one frame to the next, with an absolute sigma."""
-        own = {name: getattr(self, name) for name in TAKEN_NAMES}
+        own = {name: getattr(self, name) for name in PARAMETER_NAMES}
         own |= {"tau": duration, "sigma": sigma, "sigma_unit": "absolute"}
         return Parameters.of(**own, reach=0.0, levels=1, refine=0, segments=1)
 
 
-TAKEN_NAMES = tuple(each.name for each in fields(SequenceParameters) if each.name in FIELDS)
+PARAMETER_NAMES = tuple(each.name for each in fields(SequenceParameters) if each.name in FIELDS)
 """Parameters that may be given."""
 
 

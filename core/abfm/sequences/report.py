@@ -119,7 +119,7 @@ def _tracks(sequence: Sequence) -> dict[str, int]:
     return {kind: counts[kind] for kind in KINDS}
 
 
-def of_interval(sequence: Sequence, interval: int) -> str:
+def interval_headline(sequence: Sequence, interval: int) -> str:
     """Return the headline of an interval of a sequence, such as ``matched to 0.7%``."""
     residual = worse_residual(
         float(sequence.residual[interval]), float(sequence.verified_residual[interval])

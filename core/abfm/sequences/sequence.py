@@ -30,30 +30,30 @@ from abfm.mesh import MeshLike, TriangleMesh, as_mesh
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts
 from abfm.parameters import Parameters
-from abfm.sequences.between.in_between import in_between
-from abfm.sequences.between.left_out import LeftOut, left_out
-from abfm.sequences.frames import Frames, checked, interval_parameters
+from abfm.sequences.between.interpolation import interpolate
+from abfm.sequences.between.motion_evidence import MotionEvidence, motion_evidence
+from abfm.sequences.checkpoint_file import SequenceCheckpoint
+from abfm.sequences.frames import Frames, check_frames, interval_parameters
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
 from abfm.sequences.reading.reading_frames import frames_of
 from abfm.sequences.solution import Solution
 from abfm.sequences.solving.choosing import SIGMA_MAX, SIGMA_MIN
-from abfm.sequences.solving.solve import Said, SequenceSolver
+from abfm.sequences.solving.solve import IntervalMeasures, SequenceSolver
 from abfm.sequences.tracking.critical_points import CriticalPoints, critical_points
 from abfm.sequences.tracking.episodes import Episode, episodes
 from abfm.sequences.tracking.tracks import Track, tracks
 from abfm.sequences.uncertainty import Posterior, posterior
-from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import (
     NUMBERS,
     determines_motion,
     facts_of_intervals,
     motion_shares,
-    undetermined,
     verdict_of,
+    without_determined_motion,
 )
 from abfm.types import BoolArray, File, FloatArray
-from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
+from abfm.workers.control import CancelledError, Control, checkpoint, controlled, current_control
 from abfm.workers.progress import step, stepped
 
 GAMMA = 1.0
@@ -142,7 +142,7 @@ class Sequence(Solution, Display):
             flow = Flow(self.mesh, self.velocity[i], end - begin)
             motion = float(self.motion_shares[i])
             before, after = self.frames[i : i + 2]
-            [found] = in_between(flow, before, after, np.array([share]), motion)
+            [found] = interpolate(flow, before, after, np.array([share]), motion)
         return np.array(found if self._frames.channels_given else found[:, 0])
 
     @cached_property
@@ -236,11 +236,11 @@ class Sequence(Solution, Display):
         """Return sources, sinks, spirals and saddles of an interval's field."""
         return self._critical[interval]
 
-    def tracks(self, least: int = 3) -> list[Track]:
+    def tracks(self, min_intervals: int = 3) -> list[Track]:
         """Follow critical points through time; those of at least so many intervals, the longest
         ones first.
         """
-        return tracks(self.mesh, self._critical, self.middles, least)
+        return tracks(self.mesh, self._critical, self.middles, min_intervals)
 
     def episodes(self) -> list[Episode]:
         """Return when the field is slow, stable, and when it is fast, transient, among intervals
@@ -297,7 +297,7 @@ def sequence(
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     circular: bool | float = False,
-    unfinished: Unfinished | None = None,
+    checkpoint: SequenceCheckpoint | None = None,
     on_interval: Callable[[int], object] | None = None,
     on_field: Callable[[int, FloatArray], object] | None = None,
     control: Control | None = None,
@@ -339,7 +339,7 @@ def sequence(
         channels for each of theirs, with its weight.
     unfinished : Unfinished, optional
         A file for what is found meanwhile, from which the next run of the same goes on where this
-        one was killed or cancelled. ``unfinished.remove()`` is for when the result is safe.
+        one was killed or cancelled. ``checkpoint.remove()`` is for when the result is safe.
     on_interval : callable, optional
         Called with the number of each interval when it is first solved, in this thread.
     on_field : callable, optional
@@ -366,14 +366,14 @@ def sequence(
     """
     mesh, given = as_mesh(mesh), checked_parameters(parameters)
     gamma = _checked_gamma(gamma)
-    control = control or present_control() or Control()
+    control = control or current_control() or Control()
     with controlled(control):
         try:
             film = _film(mesh, frames, times, dt, mask, weights, circular)
             _refuse_extremes(film, given)
             solver = SequenceSolver(film, given, gamma, noise_levels(film))
-            keep = unfinished or Unfinished()
-            keep.take_up(solver)
+            keep = checkpoint or SequenceCheckpoint()
+            keep.restore(solver)
         except CancelledError:
             raise ParameterError("the sequence was cancelled before it began") from None
 
@@ -388,17 +388,17 @@ def sequence(
 
         for i in np.flatnonzero(solver.found).tolist():
             tell_field(i)
-        is_final, left = False, LeftOut()
+        is_final, left = False, MotionEvidence()
         try:
-            if keep.goes_on:
+            if keep.solve_remaining:
                 solver.run(tell, lambda: keep.keep(solver, at_once=False))
                 is_final = True
-                left = left_out(solver)
+                left = motion_evidence(solver)
         except CancelledError:
             control = Control()  # what was found is told though it was cancelled
         keep.keep(solver)
         if not is_final:
-            keep = Unfinished()  # what is told of fields that are not final is not kept
+            keep = SequenceCheckpoint()  # what is told of fields that are not final is not kept
     with controlled(control):
         return _told(solver, keep, left)
 
@@ -421,27 +421,29 @@ def _film(
     values, weights = circular_frames(found.values, weights, circular)
     if dt is not None:
         times = float(dt) * np.arange(len(found.values), dtype=np.float64)
-    film = checked(mesh, values, found.times if times is None else times, mask, weights)
+    film = check_frames(mesh, values, found.times if times is None else times, mask, weights)
     return replace(film, notes=found.notes)
 
 
-def _told(solver: SequenceSolver, keep: Unfinished, left: LeftOut) -> Sequence:
+def _told(solver: SequenceSolver, keep: SequenceCheckpoint, left: MotionEvidence) -> Sequence:
     """Return the sequence with what its witnesses say."""
     film, unit = solver.frames, solver.frames.mesh.length_scale
     count = len(solver.fields)
-    said: list[Said] = []
+    said: list[IntervalMeasures] = []
     with step("checking by flow lines") as tell, ThreadPoolExecutor(_THREADS) as threads:
         try:
-            said.append(solver.said(0))  # in this thread, which tells of kernels that are compiled
+            said.append(
+                solver.measures(0)
+            )  # in this thread, which tells of kernels that are compiled
             tell(1 / count)
-            for found in threads.map(solver.said, range(1, count)):
+            for found in threads.map(solver.measures, range(1, count)):
                 said.append(found)
                 tell(len(said) / count)
                 keep.keep(solver, at_once=False)
                 checkpoint()
         except CancelledError:
             threads.shutdown(cancel_futures=True)
-    said += [solver.said(i, by_flow_lines=False) for i in range(len(said), count)]
+    said += [solver.measures(i, by_flow_lines=False) for i in range(len(said), count)]
     numbers = {
         name: np.array([getattr(each, name) for each in said])
         for name in ("residual", "verified_residual", "folded", "energies")
@@ -453,7 +455,7 @@ def _told(solver: SequenceSolver, keep: Unfinished, left: LeftOut) -> Sequence:
         problem = film.problem(i, solver.parameters(i))
         floors.append(noise_floor(problem.functions, solver.levels))
         verdict = verdict_of(problem, each, solver.levels, bool(solver.found[i]))
-        verdicts.append(verdict if left.is_motion else undetermined(verdict))
+        verdicts.append(verdict if left.is_motion else without_determined_motion(verdict))
     return Sequence(
         _frames=film,
         velocity=velocity,

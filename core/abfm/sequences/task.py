@@ -16,6 +16,7 @@ from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
 from abfm.reading import FRAMES_ENDINGS
 from abfm.sequences import report
+from abfm.sequences.checkpoint_file import SequenceCheckpoint
 from abfm.sequences.exports import (
     check_pvd,
     export_intervals,
@@ -24,11 +25,10 @@ from abfm.sequences.exports import (
     export_stc,
     export_tracks,
 )
-from abfm.sequences.parameters import CHOSEN_NAMES, TAKEN_NAMES, defaults
+from abfm.sequences.parameters import AUTOMATIC_NAMES, PARAMETER_NAMES, defaults
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.sequences.reading.reading_frames import read_frames
 from abfm.sequences.sequence import GAMMA, GAMMA_MAX, Sequence, load_sequence, sequence
-from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import NUMBERS, facts_of_intervals
 from abfm.tasks.inputs import (
     CIRCULAR_INPUT,
@@ -49,7 +49,9 @@ from abfm.types import FloatArray
 
 SECONDS_MAX = 86400.0
 _FRAMES = "frames"
-_DEFAULTS = {name: getattr(defaults(), name) for name in TAKEN_NAMES} | dict.fromkeys(CHOSEN_NAMES)
+_DEFAULTS = {name: getattr(defaults(), name) for name in PARAMETER_NAMES} | dict.fromkeys(
+    AUTOMATIC_NAMES
+)
 _PARAMETER_HELP = {
     "alpha": "smoothness of the fields: weight of their Hodge Laplacian; not given, chosen by "
     "held-out patches of a few intervals",
@@ -227,7 +229,7 @@ class SequenceTask(Task):
 
     def solve(self, monitor: Monitor) -> Sequence:
         count = len(self.frames.values) - 1
-        checkpoint = Unfinished(
+        checkpoint = SequenceCheckpoint(
             monitor.checkpoint,
             lambda found: monitor.on_note(
                 f"resuming after {found} of {count} intervals, which an earlier run solved"
@@ -239,7 +241,7 @@ class SequenceTask(Task):
             self.frames.values,
             self.times,
             **self.options,
-            unfinished=checkpoint,
+            checkpoint=checkpoint,
             on_field=lambda interval, field: monitor.on_partial((interval, field)),
             control=monitor.control,
         )

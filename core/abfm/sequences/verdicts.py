@@ -14,8 +14,8 @@ from abfm.matching.solvability import narrowest, range_bound
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Facts, Outcome, worse_residual
-from abfm.sequences.noise import NOISE_FACTOR, explains_little, noise_floor
-from abfm.sequences.solving.solve import Said
+from abfm.sequences.noise import NOISE_FACTOR, explains_too_little, noise_floor
+from abfm.sequences.solving.solve import IntervalMeasures
 from abfm.types import FloatArray
 from abfm.wording import counted
 
@@ -71,7 +71,9 @@ def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Fac
     )
 
 
-def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) -> Verdict:
+def verdict_of(
+    problem: Problem, said: IntervalMeasures, levels: FloatArray, found: bool
+) -> Verdict:
     """Return what an interval came to: as of any match, but that nothing more is asked of it than
     its noise, of levels (C, V), allows.
     """
@@ -91,13 +93,13 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
         return replace(told, advice="", remedies=())
     if left <= NOISE_FACTOR * noise_floor(functions, levels) and not told.kind.is_good:
         told = told.with_cause(Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=_noise(functions))
-    if told.kind.is_good and explains_little(functions, levels, left):
+    if told.kind.is_good and explains_too_little(functions, levels, left):
         cause = _unexplained(functions, levels, said)
         return told.with_cause(Outcome.NOT_REACHED, cause, edges=narrowest(functions))
     return told if told.kind.is_good else replace(told, advice="", remedies=())
 
 
-def undetermined(verdict: Verdict) -> Verdict:
+def without_determined_motion(verdict: Verdict) -> Verdict:
     """Return the verdict of an interval of frames that determine no motion, by left-out frames."""
     if not verdict.kind.is_good:
         return verdict
@@ -143,14 +145,14 @@ def _noise(functions: FunctionTerm) -> str:
     return "noise, or what is narrower than edges," if is_coarse else "noise"
 
 
-def _unexplained(functions: FunctionTerm, levels: FloatArray, said: Said) -> Cause:
+def _unexplained(functions: FunctionTerm, levels: FloatArray, said: IntervalMeasures) -> Cause:
     """Return why a field explains little by the worse witness: what changes is no motion only where
     the other one has none either, and the mesh could carry it.
     """
-    if not explains_little(functions, levels, said.residual):
+    if not explains_too_little(functions, levels, said.residual):
         return Cause.ONLY_DISCRETE_FLOW
     by_lines = said.verified_residual
-    if not (math.isnan(by_lines) or explains_little(functions, levels, by_lines)):
+    if not (math.isnan(by_lines) or explains_too_little(functions, levels, by_lines)):
         return Cause.ONLY_FLOW_LINES
     is_coarse = narrowest(functions) < _FEW_EDGES
     return Cause.NO_MOTION_ON_MESH if is_coarse else Cause.NO_MOTION

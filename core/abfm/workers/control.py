@@ -25,8 +25,8 @@ class Control:
         self._lock = threading.Lock()
         self._running = threading.Event()
         self._running.set()
-        self._watchers: tuple[Callable[[Control], None], ...] = ()
-        self.cancelled = self.brief = False
+        self._observers: tuple[Callable[[Control], None], ...] = ()
+        self.cancelled = self.skip_checks = False
 
     @property
     def paused(self) -> bool:
@@ -35,47 +35,47 @@ class Control:
 
     def pause(self) -> None:
         """Hold the solve before its next evaluation."""
-        self.hold(True)
+        self.set_paused(True)
 
     def resume(self) -> None:
         """Go on after `pause`."""
-        self.hold(False)
+        self.set_paused(False)
 
-    def hold(self, paused: bool) -> None:
+    def set_paused(self, paused: bool) -> None:
         """Pause or resume."""
         with self._lock:
             if not paused:
                 self._running.set()
             elif not self.cancelled:  # a cancelled solve must still end
                 self._running.clear()
-        self._tell_watchers()
+        self._notify_observers()
 
-    def cancel(self, briefly: bool = False) -> None:
+    def cancel(self, skip_checks: bool = False) -> None:
         """Stop the solve; `match` returns its best iterate with the stop reason "cancelled".
 
-        Where that is only to go on from, ``briefly`` leaves out what takes its time: the result is
+        Where that is only to go on from, ``skip_checks`` saves time: the result is
         not verified.
         """
         with self._lock:
-            self.cancelled, self.brief = True, briefly
+            self.cancelled, self.skip_checks = True, skip_checks
             if not self._running.is_set():
                 self._running.set()
-        self._tell_watchers()
+        self._notify_observers()
 
     @contextmanager
-    def watched(self, watcher: Callable[[Control], None]) -> Iterator[None]:
+    def observed_by(self, observer: Callable[[Control], None]) -> Iterator[None]:
         """Tell a watcher of all that is asked of this control, also before."""
-        self._watchers = (*self._watchers, watcher)
+        self._observers = (*self._observers, observer)
         try:
             if self.paused or self.cancelled:
-                watcher(self)
+                observer(self)
             yield
         finally:
-            self._watchers = tuple(each for each in self._watchers if each is not watcher)
+            self._observers = tuple(each for each in self._observers if each is not observer)
 
-    def _tell_watchers(self) -> None:
-        for watcher in self._watchers:
-            watcher(self)
+    def _notify_observers(self) -> None:
+        for observer in self._observers:
+            observer(self)
 
     def wait(self) -> None:
         """Return when the solve may go on; raise `CancelledError` if it must not."""
@@ -86,30 +86,30 @@ class Control:
             raise CancelledError
 
 
-_listening: ContextVar[tuple[Control, Callable[[], bool]] | None] = ContextVar(
+_current: ContextVar[tuple[Control, Callable[[], bool]] | None] = ContextVar(
     "what this thread listens to, and whether it heeds it", default=None
 )
 
 
 @contextmanager
-def controlled(control: Control, heeds: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Let the checkpoints of this thread wait for a control, whenever the work ``heeds`` it."""
-    before = _listening.set((control, heeds))
+def controlled(control: Control, is_active: Callable[[], bool] = lambda: True) -> Iterator[None]:
+    """Let the checkpoints of this thread wait for a control, whenever the work ``is_active`` it."""
+    before = _current.set((control, is_active))
     try:
         yield
     finally:
-        _listening.reset(before)
+        _current.reset(before)
 
 
-def present_control() -> Control | None:
+def current_control() -> Control | None:
     """Return what this thread's checkpoints wait for."""
-    listening = _listening.get()
-    return listening[0] if listening else None
+    current = _current.get()
+    return current[0] if current else None
 
 
 def checkpoint() -> None:
     """Return when this thread's work may go on; raise `CancelledError` if it must not."""
-    if listening := _listening.get():
-        control, heeds = listening
-        if heeds():
+    if current := _current.get():
+        control, is_active = current
+        if is_active():
             control.wait()

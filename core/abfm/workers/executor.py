@@ -10,8 +10,8 @@ from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from abfm.workers.progress import tell, telling
-from abfm.workers.worker import Worker, stateless
+from abfm.workers.progress import report_step, reporting_steps
+from abfm.workers.worker import Worker, no_state
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -44,7 +44,7 @@ class Processes(Executor):
 
     def __init__(self, count: int) -> None:
         self._threads = ThreadPoolExecutor(count)  # each waits for one process
-        self._workers = [Worker(stateless, ENDED_MESSAGE, ONE_THREAD) for _ in range(count)]
+        self._workers = [Worker(no_state, ENDED_MESSAGE, ONE_THREAD) for _ in range(count)]
         self._idle = self._workers[::-1]  # the last one is called next
 
     def submit(
@@ -64,13 +64,13 @@ class Processes(Executor):
     def _call(self, call: Callable[[], Result], submitted: Context) -> Result:
         worker = self._idle.pop()
         try:
-            with telling(lambda step: submitted.run(tell, step)):
-                return worker.call(_called, call).result()
+            with reporting_steps(lambda step: submitted.run(report_step, step)):
+                return worker.call(_call_in_process, call).result()
         finally:
             self._idle.append(worker)
 
 
-def _called(state: None, call: Callable[[], Result]) -> Result:
+def _call_in_process(state: None, call: Callable[[], Result]) -> Result:
     return call()
 
 
@@ -78,7 +78,7 @@ def completed(
     submit: Callable[[Task], Future[Result]],
     tasks: deque[Task],
     is_wanted: Callable[[], bool],
-    most: int = CALLS_SUBMITTED_MAX,
+    submitted_max: int = CALLS_SUBMITTED_MAX,
 ) -> Iterator[tuple[Task, Future[Result]]]:
     """Submit tasks and yield each with its future as it ends, until no more are wanted. Nothing is
     cancelled.
@@ -96,7 +96,7 @@ def completed(
     """
     waiting, ended = dict[Future[Result], Task](), SimpleQueue[Future[Result]]()
     while (tasks or waiting) and is_wanted():
-        if tasks and len(waiting) < most:
+        if tasks and len(waiting) < submitted_max:
             task = tasks.popleft()
             future = submit(task)
             waiting[future] = task

@@ -28,8 +28,8 @@ class Parcel(NamedTuple):
 
     def unpack(self, known: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
         """Return the value, and what stands in it by name: ``known`` here or sent along."""
-        came = {name: pickle.loads(content) for name, content in self.values.items()}
-        named = {name: came[name] if name in came else known[name] for name in self.names}
+        received = {name: pickle.loads(content) for name, content in self.values.items()}
+        named = {name: received[name] if name in received else known[name] for name in self.names}
         unpickler = _Unpickler(io.BytesIO(self.content))
         unpickler.named = named
         return unpickler.load(), named
@@ -66,20 +66,20 @@ def pack(value: object, known: Container[str] = ()) -> tuple[Parcel, dict[str, A
 
 
 class Request(NamedTuple):
-    """A call: a function and its arguments, to be answered at once if it is ``aside``."""
+    """A call: a function and its arguments, to be answered at once if it is ``is_immediate``."""
 
     number: int
     parcel: Parcel
-    aside: bool
+    is_immediate: bool
 
 
-class Order(NamedTuple):
+class ControlUpdate(NamedTuple):
     """What a `Control` says to a call that may be under way."""
 
     number: int
     paused: bool
     cancelled: bool
-    brief: bool
+    skip_checks: bool
 
 
 MessageKind = Literal["step", "report", "warning", "value", "error"]

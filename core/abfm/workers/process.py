@@ -23,18 +23,18 @@ _running: weakref.WeakSet[subprocess.Popen[bytes]] = weakref.WeakSet()
 
 
 class ProcessEndedError(Exception):
-    """The other process has ended, by `OwnProcess.close` or from outside."""
+    """The other process has ended, by `ChildProcess.close` or from outside."""
 
 
-class OwnProcess:
+class ChildProcess:
     """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to
     it any more. Not by `multiprocessing`, whose new processes run the user's script again.
 
     Its environment is this process's, with some variables changed.
     """
 
-    def __init__(self, module: str, changed: Mapping[str, str] | None = None) -> None:
-        command, variables = [sys.executable, "-m", module], os.environ | (changed or {})
+    def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
+        command, variables = [sys.executable, "-m", module], os.environ | (environment or {})
         # In a group of its own: Ctrl-C on a terminal, which goes to a whole group, is this end's
         # business.
         pipe = subprocess.PIPE
@@ -84,7 +84,7 @@ class OwnProcess:
             raise ProcessEndedError from error
 
 
-def end_all() -> None:
+def kill_all() -> None:
     """End all that run, at once: for a process that ends itself so."""
     for process in list(_running):
         process.kill()
@@ -117,10 +117,10 @@ def _send(pipe: IO[bytes], message: object) -> None:
 
 def _receive(read: Callable[[memoryview], int]) -> Any:
     """Read one message; `read` fills a buffer, or its beginning."""
-    return pickle.loads(_filled(read, int.from_bytes(_filled(read, _LENGTH))))
+    return pickle.loads(_read_exactly(read, int.from_bytes(_read_exactly(read, _LENGTH))))
 
 
-def _filled(read: Callable[[memoryview], int], size: int) -> memoryview:
+def _read_exactly(read: Callable[[memoryview], int], size: int) -> memoryview:
     """Read so many bytes; EOFError if fewer come."""
     content, start = memoryview(bytearray(size)), 0
     while start < size:

@@ -25,7 +25,7 @@ Item = TypeVar("Item")
 # smaller works than this share of the largest one measured tell nothing about large ones
 _WORK_SHARE_MIN = 0.25
 _SECONDS_MIN = 1e-3  # seconds; shorter ones measure the clock
-_A_WHILE = 2.0  # seconds; how long less takes nobody asks
+_SECONDS_SHOWN_MIN = 2.0  # seconds; how long less takes nobody asks
 _SHARE_MAX = 0.99  # share of a step that takes longer than expected
 
 
@@ -44,7 +44,7 @@ class Step:
             return self.done
         return min(self._elapsed(now) / self.expected, _SHARE_MAX)
 
-    def seconds_left(self, now: float | None = None) -> float | None:
+    def seconds_remaining(self, now: float | None = None) -> float | None:
         """Seconds left, at least 0; None if unknown, as when it takes longer than expected."""
         elapsed = self._elapsed(now)
         if self.done is not None:
@@ -53,35 +53,39 @@ class Step:
             return None
         return self.expected - elapsed
 
-    def begun_now(self) -> Step:
+    def started_now(self) -> Step:
         """The same as it is told by another process, whose clock may be another one."""
         return replace(self, began=time.monotonic())
 
-    def words(self, now: float | None = None) -> str:
+    def text(self, now: float | None = None) -> str:
         """Return what is being done, and how long it goes on if known and a while."""
-        left, elapsed = self.seconds_left(now), self._elapsed(now)
-        if left is not None and left + elapsed >= _A_WHILE:
-            return f"{self.task}, about {rounded(left)} left"
-        return f"{self.task}, {rounded(elapsed)} so far" if elapsed >= _A_WHILE else self.task
+        left, elapsed = self.seconds_remaining(now), self._elapsed(now)
+        if left is not None and left + elapsed >= _SECONDS_SHOWN_MIN:
+            return f"{self.task}, about {rounded_time(left)} left"
+        return (
+            f"{self.task}, {rounded_time(elapsed)} so far"
+            if elapsed >= _SECONDS_SHOWN_MIN
+            else self.task
+        )
 
     def _elapsed(self, now: float | None) -> float:
         return max((time.monotonic() if now is None else now) - self.began, 0.0)
 
 
-def rounded(seconds: float) -> str:
+def rounded_time(seconds: float) -> str:
     """A time as one says it: ``8 s``, ``20 s``, ``3 min``."""
     if seconds >= 55:
         return f"{max(round(seconds / 60), 1)} min"
     return f"{max(round(seconds), 1) if seconds < 10 else 5 * round(seconds / 5)} s"
 
 
-def said(what: str, step: Step | None) -> str:
+def progress_text(what: str, step: Step | None) -> str:
     """Return what goes on, with the step that it is at if that is known."""
-    return f"{what}: {step.words()}" if step else what
+    return f"{what}: {step.text()}" if step else what
 
 
-Tell = Callable[[Step | None], None]
-_tell: ContextVar[Tell | None] = ContextVar("who is told", default=None)
+StepListener = Callable[[Step | None], None]
+_step_listener: ContextVar[StepListener | None] = ContextVar("who is told", default=None)
 _outer: ContextVar[Step | None] = ContextVar("the step around the present one", default=None)
 # seconds for a unit of work, and of how much it was measured here
 _rates: dict[str, tuple[float, float]] = {
@@ -97,18 +101,18 @@ _lock = threading.Lock()
 
 
 @contextmanager
-def telling(tell: Tell) -> Iterator[None]:
+def reporting_steps(report_step: StepListener) -> Iterator[None]:
     """Tell of every step that this thread begins meanwhile, and None when there is none."""
-    before = _tell.set(tell)
+    before = _step_listener.set(report_step)
     try:
         yield
     finally:
-        _tell.reset(before)
+        _step_listener.reset(before)
 
 
-def tell(now: Step | None) -> None:
+def report_step(now: Step | None) -> None:
     """Tell of a step that goes on elsewhere, and None at its end."""
-    if listener := _tell.get():
+    if listener := _step_listener.get():
         listener(now)
 
 
@@ -131,17 +135,17 @@ def step(
         nonlocal now
         if math.isfinite(share):
             now = replace(now, done=min(max(share, now.done or 0.0), 1.0))
-            tell(now)
+            report_step(now)
 
     inner = _outer.set(now)
-    tell(now)
+    report_step(now)
     try:
         yield done
         if work:
-            _learn(task, (time.monotonic() - now.began) / work, work)
+            _store_rate(task, (time.monotonic() - now.began) / work, work)
     finally:
         _outer.reset(inner)
-        tell(outer)
+        report_step(outer)
 
 
 @contextmanager
@@ -160,7 +164,7 @@ def _counted(items: Collection[Item], done: Callable[[float], None]) -> Iterator
         done(count / len(items))
 
 
-def _learn(task: str, rate: float, work: float) -> None:
+def _store_rate(task: str, rate: float, work: float) -> None:
     """Keep the rate of large works, which small ones do not tell: a busy machine is slow."""
     if rate * work < _SECONDS_MIN:
         return

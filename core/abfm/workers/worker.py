@@ -21,16 +21,16 @@ from queue import Empty, SimpleQueue
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from abfm.errors import AbfmError, AbfmWarning
-from abfm.workers.control import CancelledError, Control, controlled, present_control
-from abfm.workers.messages import Answer, MessageKind, Order, Request, pack
-from abfm.workers.process import OwnProcess, ProcessEndedError, Requests
-from abfm.workers.progress import tell, telling
+from abfm.workers.control import CancelledError, Control, controlled, current_control
+from abfm.workers.messages import Answer, ControlUpdate, MessageKind, Request, pack
+from abfm.workers.process import ChildProcess, ProcessEndedError, Requests
+from abfm.workers.progress import report_step, reporting_steps
 
 State = TypeVar("State")
 Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
 
-MODULE = "abfm.workers"
+WORKER_MODULE = "abfm.workers"
 # seconds for which reports wait for one another: each message costs the work the time of its own
 _REPORT_SECONDS = 0.02
 _answer: ContextVar[Callable[[MessageKind, object], None]] = ContextVar(
@@ -45,8 +45,8 @@ class WorkerEndedError(AbfmError):
 class Call(Generic[Result]):
     """A function that was called in the process; its `result` is to be waited for."""
 
-    def __init__(self, connection: _Connection, number: int, is_aside: bool) -> None:
-        self._connection, self.number, self.is_aside = connection, number, is_aside
+    def __init__(self, connection: _Connection, number: int, is_immediate: bool) -> None:
+        self._connection, self.number, self.is_immediate = connection, number, is_immediate
         self.named: dict[str, Any] = {}  # what was sent with it by name
         self.answers: deque[Answer] = deque()
 
@@ -57,14 +57,16 @@ class Call(Generic[Result]):
         control holds and ends the call, and ``on_report`` gets the reports. What is not waited for
         to its end is cancelled.
         """
-        control, is_over = present_control(), False
+        control, is_over = current_control(), False
 
-        def order(control: Control) -> None:
-            order = Order(self.number, control.paused, control.cancelled, control.brief)
-            self._connection.send_soon(order)
+        def send(control: Control) -> None:
+            update = ControlUpdate(
+                self.number, control.paused, control.cancelled, control.skip_checks
+            )
+            self._connection.send_update(update)
 
         try:
-            with control.watched(order) if control else nullcontext():
+            with control.observed_by(send) if control else nullcontext():
                 while True:
                     _, kind, parcel = self._connection.answer(self)
                     is_over = kind in ("value", "error")
@@ -72,7 +74,7 @@ class Call(Generic[Result]):
                     match kind:
                         case "step":
                             # the other process may have another clock
-                            tell(content and content.begun_now())
+                            report_step(content and content.started_now())
                         case "report":
                             on_report(content)
                         case "warning":
@@ -84,10 +86,10 @@ class Call(Generic[Result]):
                             raise content
         finally:
             if not is_over:
-                self._connection.send_soon(Order(self.number, False, True, True))
+                self._connection.send_update(ControlUpdate(self.number, False, True, True))
 
 
-def stateless() -> None:
+def no_state() -> None:
     """Make the state of a worker whose functions need none."""
 
 
@@ -109,9 +111,16 @@ class Worker(Generic[State]):
     """
 
     def __init__(
-        self, make: Callable[[], State], ended: str, changed: Mapping[str, str] | None = None
+        self,
+        make_state: Callable[[], State],
+        ended_message: str,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
-        self._make, self._ended, self._changed = make, ended, changed
+        self._make_state, self._ended_message, self._environment = (
+            make_state,
+            ended_message,
+            environment,
+        )
         self._lock = threading.Lock()
         self._connection: _Connection | None = None
         self._closed = False
@@ -126,12 +135,14 @@ class Worker(Generic[State]):
         """Call a function after those that were called before; what it gives is not waited for."""
         with self._lock:
             if self._closed:
-                raise WorkerEndedError(self._ended)
+                raise WorkerEndedError(self._ended_message)
             if self._connection is None or self._connection.process.has_ended:
                 try:
-                    self._connection = _Connection(self._make, self._ended, self._changed)
+                    self._connection = _Connection(
+                        self._make_state, self._ended_message, self._environment
+                    )
                 except OSError as error:
-                    raise WorkerEndedError(self._ended) from error
+                    raise WorkerEndedError(self._ended_message) from error
             connection = self._connection
         return connection.call(function, given, False)
 
@@ -146,7 +157,7 @@ class Worker(Generic[State]):
         WorkerEndedError if there was none.
         """
         if self._connection is None:
-            raise WorkerEndedError(self._ended)
+            raise WorkerEndedError(self._ended_message)
         return self._connection.call(function, given, True)
 
     @property
@@ -172,44 +183,47 @@ class _Connection:
     """To one process; of those that wait, one reads, and gives the others theirs: no thread."""
 
     def __init__(
-        self, make: Callable[[], object], ended: str, changed: Mapping[str, str] | None
+        self,
+        make_state: Callable[[], object],
+        ended_message: str,
+        environment: Mapping[str, str] | None,
     ) -> None:
-        self.process = OwnProcess(MODULE, changed)
+        self.process = ChildProcess(WORKER_MODULE, environment)
         self._numbers = itertools.count()
         self._has_ended = False
-        self._words = ended
+        self._ended_message = ended_message
         self._calls: weakref.WeakValueDictionary[int, Call[Any]] = weakref.WeakValueDictionary()
         self._sent: tuple[str, ...] = ()  # what the process has by name
         self._step: Answer | None = None  # what it is doing
         self._arrived = threading.Condition()
         self._is_reading = False
         self._sending = threading.Lock()
-        self._orders: deque[Order] = deque()
-        self._send(make)
+        self._updates: deque[ControlUpdate] = deque()
+        self._send(make_state)
 
     def call(
-        self, function: Callable[..., Result], given: tuple[Any, ...], is_aside: bool
+        self, function: Callable[..., Result], given: tuple[Any, ...], is_immediate: bool
     ) -> Call[Result]:
-        call = Call[Result](self, next(self._numbers), is_aside)
+        call = Call[Result](self, next(self._numbers), is_immediate)
         with self._arrived:
             self._calls[call.number] = call
-            if self._step is not None and not is_aside:
+            if self._step is not None and not is_immediate:
                 call.answers.append(self._step)
         with self._sending:
             parcel, call.named = pack((function, given), self._sent)
             self._sent = parcel.names or self._sent
-            self._send(Request(call.number, parcel, is_aside))
-        self._send_orders()
+            self._send(Request(call.number, parcel, is_immediate))
+        self._send_updates()
         return call
 
     @property
     def is_awaited(self) -> bool:
         return bool(self._calls)
 
-    def send_soon(self, order: Order) -> None:
+    def send_update(self, update: ControlUpdate) -> None:
         """Send an order, or let the thread do it that is sending a request: without waiting."""
-        self._orders.append(order)
-        self._send_orders()
+        self._updates.append(update)
+        self._send_updates()
 
     def answer(self, call: Call[Any]) -> Answer:
         """Wait for the next answer to a call."""
@@ -220,7 +234,7 @@ class _Connection:
                 if call.answers:
                     return call.answers.popleft()
                 if self._has_ended:
-                    raise WorkerEndedError(self._words)
+                    raise WorkerEndedError(self._ended_message)
                 self._is_reading = True
             answers: list[Answer] | None = None
             try:
@@ -231,29 +245,29 @@ class _Connection:
                     self.process.close()  # so that it leaves no zombie
                 with self._arrived:
                     self._is_reading, self._has_ended = False, answers is None
-                    self._hand_out(answers or [])
+                    self._distribute(answers or [])
                     self._arrived.notify_all()
 
     def _send(self, message: object) -> None:
         with suppress(ProcessEndedError):  # which is told when the answer does not come
             self.process.send(message)
 
-    def _send_orders(self) -> None:
-        while self._orders and self._sending.acquire(blocking=False):
+    def _send_updates(self) -> None:
+        while self._updates and self._sending.acquire(blocking=False):
             try:
                 with suppress(IndexError):
-                    self._send(self._orders.popleft())
+                    self._send(self._updates.popleft())
             finally:
                 self._sending.release()
 
-    def _hand_out(self, answers: list[Answer]) -> None:
+    def _distribute(self, answers: list[Answer]) -> None:
         """Give each to its call; steps to all that come after it, too, as they wait for it."""
         for answer in answers:
             is_step = answer.kind == "step"
             if is_step:
                 self._step = answer
             for number, call in list(self._calls.items()):
-                waits = is_step and number > answer.number and not call.is_aside
+                waits = is_step and number > answer.number and not call.is_immediate
                 if waits or number == answer.number:
                     call.answers.append(answer)
 
@@ -282,23 +296,23 @@ class Server:
         warnings.simplefilter("always", AbfmWarning)
         warnings.showwarning = partial(_show_warning, warnings.showwarning)
         for work in (self._compute, self._send):
-            threading.Thread(target=_to_the_end, args=(work,), daemon=True).start()
-        _to_the_end(self._listen)
+            threading.Thread(target=_run_and_exit, args=(work,), daemon=True).start()
+        _run_and_exit(self._listen)
 
     def _listen(self) -> None:
         self._state = next(iter(self._requests), tuple)()
         for message in self._requests:
             match message:
-                case Order(number, paused, cancelled, brief):
+                case ControlUpdate(number, paused, cancelled, skip_checks):
                     # of one that is over nothing is known
                     control = self._controls.get(number, Control())
-                    control.cancel(brief) if cancelled else control.hold(paused)
-                case Request(number, parcel, aside):
+                    control.cancel(skip_checks) if cancelled else control.set_paused(paused)
+                case Request(number, parcel, is_immediate):
                     given, named = parcel.unpack(self._named)
                     self._named = named or self._named
                     self._controls[number] = Control()
                     call = partial(self._call, number, named, *given)
-                    call() if aside else self._calls.put(call)
+                    call() if is_immediate else self._calls.put(call)
 
     def _compute(self) -> None:
         while True:
@@ -318,11 +332,11 @@ class Server:
 
         answering = _answer.set(answer)
         try:
-            with telling(partial(answer, "step")), controlled(self._controls[number]):
+            with reporting_steps(partial(answer, "step")), controlled(self._controls[number]):
                 value = function(self._state, *given)
             answer("value", value)
         except BaseException as error:  # also what is no Exception: else nobody would be answered
-            answer("error", _as_sent(error))
+            answer("error", _sendable(error))
         finally:
             _answer.reset(answering)
             del self._controls[number]
@@ -351,7 +365,7 @@ def _show_warning(
         before(message, category, *place)
 
 
-def _to_the_end(work: Callable[[], None]) -> None:
+def _run_and_exit(work: Callable[[], None]) -> None:
     """Work, and then end the process."""
     try:
         with suppress(BrokenPipeError):
@@ -362,7 +376,7 @@ def _to_the_end(work: Callable[[], None]) -> None:
         os._exit(0)
 
 
-def _as_sent(error: BaseException) -> BaseException:
+def _sendable(error: BaseException) -> BaseException:
     """Return an error without what it holds on to; a bug as what can surely be sent."""
     if isinstance(error, AbfmError | MemoryError | CancelledError):
         return error.with_traceback(None)

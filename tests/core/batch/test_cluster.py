@@ -14,7 +14,7 @@ from abfm.batch import Cluster, Workers, on_dask, run
 from abfm.batch.cluster import CONNECTING, NO_WORKERS, LostError
 from abfm.batch.run import ENDED_MESSAGE
 from abfm.errors import AbfmError, ResultError
-from abfm.workers.progress import telling
+from abfm.workers.progress import reporting_steps
 from tests.core.batch.rows import ONE, Deadly, pair, results
 from tests.messages import check_message, raises
 from tests.processes import children
@@ -160,7 +160,7 @@ def test_workers_are_waited_for_and_that_is_told(alone, tmp_path, monkeypatch):
     options = {"processes": False, "n_workers": 0, "threads_per_worker": 1}
     with (
         LocalCluster(**options, dashboard_address="127.0.0.1:0", silence_logs=60) as cluster,
-        telling(note),
+        reporting_steps(note),
     ):
         run(ROWS, tmp_path, Cluster(scheduler=cluster.scheduler_address))
     assert told == [CONNECTING, None, NO_WORKERS, None]

@@ -18,7 +18,7 @@ from abfm.io.atomic import temporary_file
 from abfm.matching import task
 from abfm.outcome import Outcome
 from abfm.tasks import Monitor
-from abfm.workers.progress import telling
+from abfm.workers.progress import reporting_steps
 from abfm.workers.worker import WorkerEndedError
 from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, Warned, pair, results
 from tests.messages import check_message, raises
@@ -355,7 +355,7 @@ def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
 
     monkeypatch.setattr(task, "match", solving)
     steps = []
-    with telling(lambda step: steps.append(step and step.task)):
+    with reporting_steps(lambda step: steps.append(step and step.task)):
         attempt(Task(impossible, str(tmp_path), ledger.make()))
         attempt(Task(row, str(tmp_path), ledger.make()))
     (before, _), after = seen, ledger.entry(impossible)

@@ -12,7 +12,7 @@ from abfm.batch.attempt import Task, attempt
 from abfm.batch.run import seen_here
 from abfm.sequences import defaults, export_pvd
 from abfm.workers.control import CancelledError, Control, controlled
-from abfm.workers.progress import telling
+from abfm.workers.progress import reporting_steps
 from tests.core.batch.rows import ONE
 from tests.messages import check_message
 from tests.spare_processes import spared
@@ -53,7 +53,7 @@ def test_a_run_that_is_killed_goes_on_and_finds_the_same(folder):
         if now is not None and now.task == "smoothing in time":
             control.cancel()
 
-    with telling(stop), controlled(control), pytest.raises(CancelledError):
+    with reporting_steps(stop), controlled(control), pytest.raises(CancelledError):
         attempt(task)
     [kept] = ledger.folder.glob("*.unfinished")
     content = kept.read_bytes()
@@ -74,7 +74,7 @@ def test_one_that_is_cancelled_before_it_begins_has_not_failed(folder):
         if now is not None and now.task == "filling in what is not compared":
             control.cancel()
 
-    with telling(stop), controlled(control), pytest.raises(CancelledError):
+    with reporting_steps(stop), controlled(control), pytest.raises(CancelledError):
         attempt(Task(row, str(ledger.folder), ledger.make()))
     assert ledger.entry(row).state == "missing"
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abfm.flow import straight_ways, vectors_at
+from abfm.flow import straightest_geodesics, vectors_at
 from abfm.maps import SurfacePoints
 from abfm.maps.surface_points import points_by_area
 from tests.shapes import icosphere, square
@@ -51,7 +51,7 @@ def test_ways_in_the_plane_end_where_the_vectors_do_or_at_the_boundary(scale):
     mesh = type(plane)(scale * plane.vertices, plane.faces)
     start = points_by_area(mesh, 300)
     vectors = scale * np.random.default_rng(0).uniform(-0.5, 0.5, (300, 3)) * [1, 1, 0]
-    ends, inside = straight_ways(mesh, start, vectors)
+    ends, inside = straightest_geodesics(mesh, start, vectors)
     wanted = start.positions + vectors
     is_on = (wanted[:, :2] > 0).all(axis=1) & (wanted[:, :2] < scale).all(axis=1)
     np.testing.assert_array_equal(inside, is_on)
@@ -68,7 +68,7 @@ def error_of_great_circles(level):
     everywhere[start.faces] = np.cross(begin, [0.3, 0.5, 0.8])
     directions = tangential(mesh, everywhere)[start.faces]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    ends, inside = straight_ways(mesh, start, 0.7 * directions)
+    ends, inside = straightest_geodesics(mesh, start, 0.7 * directions)
     assert inside.all()
     wanted = np.cos(0.7) * begin + np.sin(0.7) * directions
     return np.linalg.norm(ends.positions - wanted, axis=1).max()
@@ -83,6 +83,6 @@ def test_ways_on_the_sphere_are_great_circles_the_more_the_finer_it_is():
 def test_a_way_of_no_length_ends_where_it_begins():
     mesh = icosphere(1)
     start = SurfacePoints(mesh, np.array([3, 7]), np.array([[1.0, 0, 0], [0.2, 0.3, 0.5]]))
-    ends, inside = straight_ways(mesh, start, np.zeros((2, 3)))
+    ends, inside = straightest_geodesics(mesh, start, np.zeros((2, 3)))
     assert inside.all()
     np.testing.assert_allclose(ends.positions, start.positions, atol=1e-9)

@@ -218,13 +218,13 @@ def test_points_do_not_jump_away_from_a_source():
 def test_the_caller_may_end_the_work_between_chunks():
     control, calls = Control(), []
 
-    def heeds():
+    def is_active():
         calls.append(1)
         return len(calls) == 2
 
     control.cancel()
     mesh = torus(80, 60)
-    with pytest.raises(CancelledError), controlled(control, heeds):
+    with pytest.raises(CancelledError), controlled(control, is_active):
         ContinuousFlow(mesh, wavy_field(mesh, 2), 0.3).destinations()
 
 

@@ -8,7 +8,7 @@ from abfm.calculus.operators import face_frames
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AdvectionError
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.flow.corner_fit import as_complex, corner_vectors, fitted, fitted_back
+from abfm.flow.corner_fit import as_complex, corner_vectors, fitted, fitted_adjoint
 from abfm.flow.flow_line_derivative import FlowLineDerivative
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from tests.core.fields import rotation_field, wavy_field
@@ -49,7 +49,7 @@ def test_the_fit_is_that_of_the_continuous_field_and_has_its_adjoint(name):
         as_complex(rng.normal(size=(*n.shape, 2))) for n in (field[:, 0], expected)
     )
     there = np.vdot(at_corners, fitted(mesh, faces))
-    assert there == pytest.approx(np.vdot(fitted_back(mesh, at_corners), faces))
+    assert there == pytest.approx(np.vdot(fitted_adjoint(mesh, at_corners), faces))
 
 
 @pytest.mark.parametrize("count", [1, 3])

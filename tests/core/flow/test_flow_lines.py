@@ -47,7 +47,7 @@ def ends(lines):
 
 
 def endings(lines):
-    return {line.ended for line in lines}
+    return {line.ending for line in lines}
 
 
 def strip(left, right):
@@ -65,7 +65,7 @@ def test_a_constant_field_on_a_plane():
             near(line.at(t), line.positions[0] + t * velocity, 1e-14)
     inside = ((starts(lines) + 0.3 * velocity)[:, :2] > 0).all(axis=1)
     inside &= starts(lines)[:, 0] + 0.21 < 1
-    assert_array_equal([line.ended == "time" for line in lines], inside)
+    assert_array_equal([line.ending == "time" for line in lines], inside)
     assert endings(lines) == {"time", "boundary"}
 
 
@@ -131,7 +131,7 @@ def test_negative_times_run_backwards_and_lines_start_at_the_points_that_are_giv
     field, points = rotation_field(mesh, AXIS), project_onto_surface(mesh, mesh.vertices[:7])
     lines = flow_lines(mesh, field, points, 0.0)
     near(starts(lines), points.positions, 1e-15)
-    assert [line.ended for line in lines] == ["time"] * 7
+    assert [line.ending for line in lines] == ["time"] * 7
     assert flow_lines(mesh, field, vertex_points(mesh, np.zeros(0, int)), 1.0) == []
 
 
@@ -142,7 +142,7 @@ def test_each_field_lasts_its_part_the_last_goes_on_and_equal_ones_are_one():
     way = {0.5: (0.05, 0), 1: (0.1, 0), 1.7: (0.1, 0), 2: (0.1, 0), 3: (0.1, 0.15), 4: (0.1, 0.3)}
     for t, place in way.items():
         near(line.at(t) - line.positions[0], [*place, 0], 1e-14)
-    assert line.ended == "time"
+    assert line.ending == "time"
     [back] = flow_lines(mesh, fields, centre(mesh, 30), -0.5, tau=3.0)
     near(back.positions[-1] - back.positions[0], [-0.05, 0, 0], 1e-15)
     mesh = torus(12, 9)
@@ -156,14 +156,14 @@ def test_slides_along_an_edge_between_opposing_faces_and_rests_between_equal_one
     mesh, velocity = strip([1, 0.4, 0], [-3, 0.8, 0])
     start = SurfacePoints(mesh, np.array([0]), np.array([[0.6, 0.3, 0.1]]))
     [line], [longer] = (flow_lines(mesh, velocity, start, t) for t in (0.5, 50.0))
-    assert (line.ended, longer.ended) == ("time", "boundary")
+    assert (line.ending, longer.ending) == ("time", "boundary")
     meets = -line.positions[0, 0]
     near(line.at(meets), line.positions[0] + meets * np.array([1, 0.4, 0]), 1e-15)
     near(line.at(0.5) - line.at(meets), [0, 0.5 * (0.5 - meets), 0], 1e-15)
     near(longer.positions[-1], [0, 1, 0], 1e-15)
     mesh, velocity = strip([1, 0, 0], [-2, 0, 0])
     [line] = flow_lines(mesh, velocity, centre(mesh, 0), 5.0)
-    assert line.ended == "stagnation"
+    assert line.ending == "stagnation"
     near(line.at(5), [0, 0.5, 0], 1e-15)
 
 
@@ -176,7 +176,7 @@ def test_passes_through_vertices():
     middle = project_onto_surface(mesh, [[4.0, 4.0, 0.0]])
     for direction in (np.array([i, j, 0]) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j):
         [line] = flow_lines(mesh, constant(mesh, direction), middle, 3.5)
-        assert line.ended == "time"
+        assert line.ending == "time"
         near(line.positions[-1], [4, 4, 0] + 3.5 * direction, 1e-12)
 
 
@@ -212,13 +212,13 @@ def test_ends_at_the_boundary():
 def test_a_zero_field_leaves_points_where_they_are_and_a_long_way_ends_at_the_limit(monkeypatch):
     mesh = icosphere(1)
     for line in flow_lines(mesh, np.zeros((len(mesh.faces), 3)), random_start(mesh, 5), 1.0):
-        assert line.ended == "stagnation"
+        assert line.ending == "stagnation"
         assert_array_equal(line.times, [0])
         near(line.at(0.5), line.positions[0], 0)
     monkeypatch.setattr(MODULE, "STEP_LIMIT", 1000)
     mesh = icosphere(2)
     [line] = flow_lines(mesh, rotation_field(mesh, AXIS), centre(mesh, 0), 1e300)
-    assert line.ended == "step limit"
+    assert line.ending == "step limit"
     assert len(line.times) == 1001
 
 

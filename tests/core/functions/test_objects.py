@@ -14,7 +14,7 @@ import abfm
 from abfm import FunctionError, ParameterError
 from abfm.errors import AbfmWarning
 from abfm.functions import as_values
-from abfm.sequences.frames import checked
+from abfm.sequences.frames import check_frames
 from abfm.sequences.reading.reading_frames import frames_of
 from tests.messages import raises
 from tests.shapes import icosphere
@@ -288,7 +288,7 @@ def image(kind, step=0, unit=None):
 )
 def test_frames_of_objects(given, times):
     read = frames_of(given, BALL)
-    found = checked(BALL, read.values, read.times, None, None)
+    found = check_frames(BALL, read.values, read.times, None, None)
     assert_allclose(found.values[:, :, 0], FRAMES, atol=1e-6)
     assert_allclose(found.times, times)
 

@@ -396,7 +396,7 @@ def test_a_match_goes_to_another_process_without_what_was_computed_from_it(whole
 
 def test_what_is_not_known_stays_unknown(path):
     control, f = Control(), bump(MESH, [0, 0, 1], 0.2)
-    control.cancel(briefly=True)
+    control.cancel(skip_checks=True)
     whole = match(MESH, f, f[::-1].copy(), control=control)
     whole.save(path)
     for one in (whole, load(path)):

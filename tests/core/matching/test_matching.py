@@ -16,7 +16,7 @@ from abfm.calculus.operators import face_normals, l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.flow.exponential import ExponentialFlow
 from abfm.parameters import PAPER
-from abfm.workers.progress import telling
+from abfm.workers.progress import reporting_steps
 from tests.core.fields import bump, wavy_field
 from tests.messages import raises
 from tests.shapes import hemisphere, icosphere, torus, with_loose_vertex
@@ -161,19 +161,19 @@ def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
     assert steps < of_first + 300
 
 
-@pytest.mark.parametrize("briefly", [False, True])
-def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from(briefly):
+@pytest.mark.parametrize("skip_checks", [False, True])
+def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from(skip_checks):
     control = abfm.Control()
 
     def tell(step):
         if step is not None and step.task.startswith("checking"):
-            control.cancel(briefly)
+            control.cancel(skip_checks)
 
-    with telling(tell):
+    with reporting_steps(tell):
         match = matched(abfm.Parameters.of(iterations=5), control=control)
     assert match.stop_reason == "cancelled"
     assert match.velocity.any()
-    assert np.isnan(match.verified_residual) == briefly  # else it is checked in the end
+    assert np.isnan(match.verified_residual) == skip_checks  # else it is checked in the end
     assert "Continue" in [remedy.label for remedy in match.verdict.remedies]
 
 

@@ -11,7 +11,7 @@ from numba.core.dispatcher import Dispatcher
 
 import abfm
 import abfm.numerics.kernels  # which listens
-from abfm.workers.progress import telling
+from abfm.workers.progress import reporting_steps
 from tests.messages import check_names
 from tests.processes import python
 
@@ -79,7 +79,7 @@ def test_settings_that_numba_does_not_take_are_refused_in_one_line(value):
 def test_who_waits_is_told_that_a_kernel_is_compiled():
     twice = numba.njit(lambda x: 2 * x)  # which is not kept on disk, as kernels are
     told = []
-    with telling(told.append):
+    with reporting_steps(told.append):
         for _ in range(2):
             assert twice(3) == 6
     assert [each and each.task for each in told] == ["compiling, once on this machine", None]

@@ -9,7 +9,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import minimize, rosen, rosen_der
 
-from abfm.numerics.optimizer import CURVATURE, DECREASE, LBFGS, MOST_TRIALS, Trial, strong_wolfe
+from abfm.numerics.optimizer import (
+    LBFGS,
+    TRIALS_MAX,
+    WOLFE_CURVATURE,
+    WOLFE_DECREASE,
+    Trial,
+    strong_wolfe,
+)
 
 
 @dataclass
@@ -55,7 +62,7 @@ def test_a_perfect_preconditioner_needs_one_step():
 
 def test_steps_are_no_longer_than_allowed():
     lengths = []
-    search = LBFGS(lambda x: Point(float(0.5 * x @ x), x.copy()), longest=0.25)
+    search = LBFGS(lambda x: Point(float(0.5 * x @ x), x.copy()), step_size_max=0.25)
     state = search.init(np.full(4, 3.0))
     for _ in range(8):
         after = search.step(state)
@@ -107,15 +114,15 @@ def test_accepted_lengths_satisfy_the_strong_wolfe_conditions(bend, wave, first,
 
     found = strong_wolfe(evaluate, lambda point: float(point.gradient[0]), start, first, np.inf)
     assert found is not None
-    assert found.value <= start.value + DECREASE * found.length * start.slope
-    assert abs(found.slope) <= CURVATURE * abs(start.slope) or len(tried) == MOST_TRIALS
+    assert found.value <= start.value + WOLFE_DECREASE * found.length * start.slope
+    assert abs(found.slope) <= WOLFE_CURVATURE * abs(start.slope) or len(tried) == TRIALS_MAX
 
 
 def test_a_preconditioner_that_rounds_small_changes_away_is_no_division_by_zero():
     def quadratic(x):
         return Point(float(0.5 * x @ (x * [1, 1.001])), x * [1, 1.001])
 
-    search = LBFGS(quadratic, lambda gradient: np.round(gradient), longest=1e-3)
+    search = LBFGS(quadratic, lambda gradient: np.round(gradient), step_size_max=1e-3)
     with np.errstate(all="raise"):
         state, energies = run(search, [3.0, 2.0], most=5)
     assert all(after < before for before, after in pairwise(energies))

@@ -5,7 +5,7 @@ import pytest
 
 import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
-from abfm.sequences import SequenceParameters, Unfinished, defaults
+from abfm.sequences import SequenceCheckpoint, SequenceParameters, defaults
 from abfm.sequences.solving.choosing import NORMS, Norm, norms
 from tests.core.sequences.films import turning
 from tests.messages import raises
@@ -70,7 +70,7 @@ def test_resumed_run_keeps_the_choice(found, tmp_path):
     def kill(interval):
         raise KilledError
 
-    class AtOnce(Unfinished):
+    class AtOnce(SequenceCheckpoint):
         def keep(self, solver, at_once=True):
             super().keep(solver, True)
 
@@ -78,12 +78,12 @@ def test_resumed_run_keeps_the_choice(found, tmp_path):
         abfm.sequence(
             BALL,
             FRAMES,
-            unfinished=AtOnce(tmp_path / "s.npz"),
+            checkpoint=AtOnce(tmp_path / "s.npz"),
             on_interval=lambda i: kill(i) if i else None,
         )
     tasks = set()
-    with abfm.workers.progress.telling(lambda step: tasks.add(step and step.task)):
-        again = abfm.sequence(BALL, FRAMES, unfinished=Unfinished(tmp_path / "s.npz"))
+    with abfm.workers.progress.reporting_steps(lambda step: tasks.add(step and step.task)):
+        again = abfm.sequence(BALL, FRAMES, checkpoint=SequenceCheckpoint(tmp_path / "s.npz"))
     assert "choosing sigma" not in tasks
     assert again.parameters == found.parameters
     np.testing.assert_array_equal(again.velocity, found.velocity)

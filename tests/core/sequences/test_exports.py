@@ -25,7 +25,7 @@ from abfm.sequences import (
     vertex_speed,
 )
 from abfm.workers.control import CancelledError, Control, controlled
-from abfm.workers.progress import telling
+from abfm.workers.progress import reporting_steps
 from tests.core.reading.vtk_files import point_data
 from tests.core.sequences.turning_film import MESH, SPEED, TIMES, film, solved
 from tests.messages import check_message, raises
@@ -93,7 +93,7 @@ def test_a_film_that_is_cancelled_leaves_what_was_there(tmp_path):
             if now is not None and now.task == "writing frames" and (now.done or 0) > 0.5:
                 control.cancel()
 
-        with telling(stop), controlled(control), pytest.raises(CancelledError):
+        with reporting_steps(stop), controlled(control), pytest.raises(CancelledError):
             export_pvd(tmp_path / "a.pvd", solved())
         assert content() == before
 
@@ -147,7 +147,7 @@ def test_frames_for_paraview_are_written_where_their_folder_leads(tmp_path):
     def look(now):
         places.update(path.parent for path in tmp_path.rglob("*") if path.name.startswith(".abfm"))
 
-    with telling(look):
+    with reporting_steps(look):
         export_pvd(tmp_path / "a.pvd", solved())
     assert tmp_path / "disk" in places
     assert tmp_path not in places
@@ -210,9 +210,11 @@ def test_files_with_loose_vertices_are_counted_as_they_are(tmp_path):
 def test_tracks_are_rows_of_points(tmp_path):
     """The poles of the rotation, on its axis, in all intervals; a note counts omitted ones."""
     count = len(solved().tracks(1))
-    check_message(export_tracks(tmp_path / "none.csv", solved(), least=5), "none.csv", count, 5)
+    check_message(
+        export_tracks(tmp_path / "none.csv", solved(), min_intervals=5), "none.csv", count, 5
+    )
     assert table(tmp_path / "none.csv") == []
-    assert export_tracks(tmp_path / "t.csv", solved(), least=4) == ""
+    assert export_tracks(tmp_path / "t.csv", solved(), min_intervals=4) == ""
     rows = table(tmp_path / "t.csv")
     tracks = solved().tracks(4)
     assert len(rows) == sum(map(len, tracks)) >= 8

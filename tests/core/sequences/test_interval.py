@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.sequences import defaults
-from abfm.sequences.frames import checked, interval_parameters
+from abfm.sequences.frames import check_frames, interval_parameters
 from abfm.sequences.noise import noise
 from abfm.sequences.solving.interval import Interval, Neighbour, cooling
 from tests.core.sequences.films import SPHERE, turning
@@ -17,7 +17,7 @@ RNG = np.random.default_rng(0)
 def new_interval(sigma=0.5, neighbours=(), channels=1, duration=1.0):
     frames, _ = turning(SPHERE, 0.08, 2)
     stacked = np.stack([frames, frames**2, 1 - frames][:channels], axis=-1)
-    film = checked(SPHERE, stacked, [0.0, duration], None, None)
+    film = check_frames(SPHERE, stacked, [0.0, duration], None, None)
     parameters = interval_parameters(film, defaults(), sigma, 0)
     energy = MatchingEnergy(film.problem(0, parameters))
     return Interval(energy, neighbours), parameters.last_sigma
@@ -33,7 +33,7 @@ def test_the_second_derivative_is_that_of_the_linear_problem(channels, duration)
     """Where nothing moves it is exact for frames that hardly differ."""
     frames, _ = turning(SPHERE, 1e-5, 2)
     stacked = np.stack([frames, frames**2, 1 - frames][:channels], axis=-1)
-    film = checked(SPHERE, stacked, [0.0, duration], None, None)
+    film = check_frames(SPHERE, stacked, [0.0, duration], None, None)
     parameters = interval_parameters(film, defaults(), 0.5, 0)
     neighbours = [Neighbour(random_field(), 0.7)]
     interval = Interval(MatchingEnergy(film.problem(0, parameters)), neighbours)

@@ -15,12 +15,12 @@ from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
 from abfm.sequences import defaults
-from abfm.sequences.frames import checked
+from abfm.sequences.frames import check_frames
 from abfm.sequences.noise import noise_levels
-from abfm.sequences.solving.choosing import changes
-from abfm.sequences.solving.solve import Said, SequenceSolver
+from abfm.sequences.solving.choosing import change_rates
+from abfm.sequences.solving.solve import IntervalMeasures, SequenceSolver
 from abfm.sequences.verdicts import facts_of_intervals, verdict_of
-from abfm.workers.progress import telling
+from abfm.workers.progress import reporting_steps
 from tests.core.sequences import turning_film
 from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning
 from tests.core.surfaces import last_order
@@ -117,7 +117,7 @@ def test_sweeps_lower_the_energy_of_all_and_make_the_fields_alike(film):
     noisy = film[0] + 0.1 * film[0].std() * rng.standard_normal(film[0].shape)
     totals, changes = [], []
     for gamma in (0.0, 1.0, 10.0):
-        solver = SequenceSolver(checked(SPHERE, noisy, None, None, None), FAST, gamma)
+        solver = SequenceSolver(check_frames(SPHERE, noisy, None, None, None), FAST, gamma)
         solver.run(lambda i: None)
         changes.append(np.linalg.norm(np.diff(solver.fields, axis=0)))
         before = solver.total()
@@ -132,18 +132,18 @@ def test_smoothness_in_time_brings_fields_of_noisy_frames_closer():
     frames, wanted = turning(SPHERE, 0.05, 6)
     rng = np.random.default_rng(0)
     noisy = frames + 0.1 * frames.std() * rng.standard_normal(frames.shape)
-    alone, together = (
+    separate, together = (
         np.mean([off(SPHERE, v, wanted, f) for v, f in zip(found.velocity, frames, strict=False)])
         for found in (abfm.sequence(SPHERE, noisy, parameters=FAST, gamma=g) for g in (0.0, 3.0))
     )
-    assert together < alone
+    assert together < separate
 
 
 def test_gamma_0_is_frame_by_frame(film):
     absolute = replace(FAST, sigma_unit="absolute")  # whatever other frames there are
-    alone = abfm.sequence(SPHERE, film[0][:2], parameters=absolute, gamma=0)
+    separate = abfm.sequence(SPHERE, film[0][:2], parameters=absolute, gamma=0)
     among = abfm.sequence(SPHERE, film[0], parameters=absolute, gamma=0)
-    assert_array_equal(among.velocity[0], alone.velocity[0])
+    assert_array_equal(among.velocity[0], separate.velocity[0])
 
 
 def test_the_chosen_sigma_grows_with_the_noise():
@@ -215,7 +215,7 @@ def test_given_frames_are_not_changed():
     given = np.arange(2.0)[:, None] + mesh.vertices[:, 0]
     given[1, 4] = np.nan
     given.flags.writeable = False
-    assert np.isfinite(checked(mesh, given, None, None, None).values).all()
+    assert np.isfinite(check_frames(mesh, given, None, None, None).values).all()
 
 
 def test_frames_in_between(film, found):
@@ -345,7 +345,7 @@ def test_one_that_is_cancelled_before_there_is_a_sigma_has_no_motion(film):
         if now is not None and "sigma" in now.task:
             control.cancel()
 
-    with telling(stop):
+    with reporting_steps(stop):
         told = abfm.sequence(SPHERE, film[0], control=control)
     assert np.isnan(told.sigma)
     assert_array_equal(told.velocity, 0)
@@ -367,7 +367,7 @@ def test_sigma_is_chosen_by_intervals_in_which_what_is_compared_changes(film):
     other = np.random.default_rng(0).standard_normal(frames.shape)
     both = np.stack([frames, other], axis=2)
     plain, weighed, masked, unseen = (
-        changes(checked(SPHERE, values, None, mask, weights))
+        change_rates(check_frames(SPHERE, values, None, mask, weights))
         for values, mask, weights in (
             (frames, None, None),
             (both, None, [1, 0]),
@@ -414,13 +414,13 @@ def test_what_is_no_motion_ties_to_no_neighbour():
     other = np.exp(-((SPHERE.vertices[:, 2] - 1) ** 2) / 0.1) * [[2.0], [2.1], [2.2]]
     whole = abfm.sequence(SPHERE, np.concatenate([moved, other]), parameters=FAST)
     assert whole.verdicts[2].kind == "impossible"
-    scale = checked(SPHERE, whole.frames[:, :, 0], None, None, None).deviation
-    alone = abfm.sequence(
+    scale = check_frames(SPHERE, whole.frames[:, :, 0], None, None, None).deviation
+    separate = abfm.sequence(
         SPHERE, moved, parameters=replace(FAST, sigma=0.3 * scale, sigma_unit="absolute")
     )
     # but that sweeps end where the energy of all has settled
-    apart = np.linalg.norm(whole.velocity[:2] - alone.velocity)
-    assert apart < 0.05 * np.linalg.norm(alone.velocity)
+    apart = np.linalg.norm(whole.velocity[:2] - separate.velocity)
+    assert apart < 0.05 * np.linalg.norm(separate.velocity)
 
 
 def test_a_gap_in_time_is_matched_though_its_field_is_slow_beside_others():
@@ -433,13 +433,13 @@ def test_a_gap_in_time_is_matched_though_its_field_is_slow_beside_others():
 
 def test_what_squeezes_a_bump_is_no_motion_to_a_smaller_one_elsewhere():
     frames = np.concatenate([bumps([0], 0.4), bumps([3], 0.2)])
-    film = checked(SPHERE, frames, None, None, None)
-    problem = film.problem(0, FAST.of_interval(1.0, 0.3))
+    film = check_frames(SPHERE, frames, None, None, None)
+    problem = film.problem(0, FAST.for_interval(1.0, 0.3))
     functions = problem.functions
     gone = functions.source * 0.01  # as if all of it were squeezed away
     left = functions.residual(gone)
     assert left < 1.1 < 0.6 * functions.residual(functions.source)
-    said = Said(gone, np.zeros((2, 3)), left, left, 0.0)
+    said = IntervalMeasures(gone, np.zeros((2, 3)), left, left, 0.0)
     assert verdict_of(problem, said, noise_levels(film), True).kind == "not reached"
 
 
@@ -467,10 +467,10 @@ def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
     waves = [np.cos(20 * np.pi * (long.vertices[:, 1] / 40 - shift)) for shift in (0, 0.01)]
     [told] = abfm.sequence(long, waves).verdicts
     check_message(told.reason)
-    film = checked(mesh, [bump(0.0), bump(0.05)], None, None, None)
-    problem, levels = film.problem(0, FAST.of_interval(1.0, 0.3)), noise_levels(film)
-    left = film.problem(0, FAST.of_interval(1.0, 0.3)).functions.residual(problem.functions.source)
-    still = Said(problem.functions.source, np.zeros((2, 3)), left, left, 0.0)
+    film = check_frames(mesh, [bump(0.0), bump(0.05)], None, None, None)
+    problem, levels = film.problem(0, FAST.for_interval(1.0, 0.3)), noise_levels(film)
+    left = film.problem(0, FAST.for_interval(1.0, 0.3)).functions.residual(problem.functions.source)
+    still = IntervalMeasures(problem.functions.source, np.zeros((2, 3)), left, left, 0.0)
     told = verdict_of(problem, still, levels, True)
     check_message(told.reason, "0.88")
     only_lines = replace(still, verified_residual=left / 9)

@@ -60,7 +60,7 @@ def test_the_order_of_points_does_not_matter():
 def test_what_jumps_is_not_one_track():
     still = heights(0.0, 4)
     away = heights(2.0, 2)[1:] * 4
-    found = tracks(SPHERE, [*still, *away], np.arange(8.0), least=1)
+    found = tracks(SPHERE, [*still, *away], np.arange(8.0), min_intervals=1)
     assert sorted(len(t) for t in found) == [4, 4, 4, 4]
 
 
@@ -73,10 +73,10 @@ def test_one_field_may_miss_a_point_and_two_may_not():
     assert sorted(len(t) for t in tracks(SPHERE, gap, np.arange(9.0))) == [3, 3, 4, 4]
 
 
-@pytest.mark.parametrize("least", [0, 1.5, "two"])
-def test_least_is_a_number_of_fields(least):
+@pytest.mark.parametrize("min_intervals", [0, 1.5, "two"])
+def test_least_is_a_number_of_fields(min_intervals):
     with raises(AbfmError):
-        tracks(SPHERE, [], np.empty(0), least)
+        tracks(SPHERE, [], np.empty(0), min_intervals)
 
 
 def test_episodes_of_a_speed_that_comes_and_goes():

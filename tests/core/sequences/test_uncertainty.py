@@ -48,8 +48,8 @@ def test_errors_are_about_as_large_as_the_uncertainty(noise):
 def test_noise_and_fewer_frames_leave_more_uncertain():
     least, some, much = (solved(noise)[0].speed_uncertainty.mean() for noise in (0.0, 0.1, 0.3))
     assert least < some < much < np.inf
-    alone = replace(solved(0.3)[0], gamma=0.0)
-    assert alone.speed_uncertainty.mean() > much
+    separate = replace(solved(0.3)[0], gamma=0.0)
+    assert separate.speed_uncertainty.mean() > much
 
 
 def test_flat_places_are_not_determined():

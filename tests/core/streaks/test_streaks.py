@@ -186,7 +186,7 @@ def test_streaks_lie_along_exact_flow_lines():
     unit, found = field / np.linalg.norm(field, axis=1, keepdims=True), []
     for directions in (unit, np.cross(face_normals(mesh), unit)):
         lines = flow_lines(mesh, directions, start, distance)
-        whole = [line.ended == "time" for line in lines]
+        whole = [line.ending == "time" for line in lines]
         ends = np.array([line.positions[-1] for line in lines])
         found.append(correlation(atlas, image, start.positions[whole], ends[whole]))
     assert found[0] > 0.75

@@ -10,7 +10,7 @@ from contextlib import closing
 import pytest
 
 from abfm.workers.executor import Processes, completed, in_order
-from abfm.workers.progress import step, telling
+from abfm.workers.progress import reporting_steps, step
 from abfm.workers.worker import WorkerEndedError
 from tests.processes import children, python
 
@@ -29,7 +29,7 @@ def reported(name):
 
 def test_calls_are_computed_in_one_thread_each_and_report_steps(processes):
     seen = []
-    with telling(lambda now: seen.append(now and now.task)):
+    with reporting_steps(lambda now: seen.append(now and now.task)):
         threads, pid = processes.submit(reported, "a step").result()
     assert isinstance(processes, Executor)
     assert (threads, "a step" in seen) == ("1", True)

@@ -9,10 +9,10 @@ import pytest
 
 import abfm
 from abfm import Parameters
-from abfm.numerics.factoring_apart import factoring_apart
+from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.workers import progress
 from abfm.workers.control import CancelledError, Control, controlled
-from abfm.workers.progress import Step, rounded, said, step, stepped, telling
+from abfm.workers.progress import Step, progress_text, reporting_steps, rounded_time, step, stepped
 from tests.mesh_writers import off_file
 from tests.shapes import icosphere
 
@@ -25,7 +25,7 @@ def nothing_measured(monkeypatch):
 
 def told_by(work):
     told = []
-    with telling(told.append):
+    with reporting_steps(told.append):
         work()
     return told
 
@@ -41,7 +41,7 @@ def test_shares_grow_from_0_never_reach_1_unless_counted_and_times_left_fall():
         shares = [now.share(moment) for moment in moments]
         assert shares[0] == 0
         assert all(a <= b < 1 for a, b in pairwise(shares))
-        left = [now.seconds_left(moment) for moment in moments]
+        left = [now.seconds_remaining(moment) for moment in moments]
         known = [seconds for seconds in left if seconds is not None]
         assert all(math.isfinite(seconds) and seconds >= 0 for seconds in known)
         assert known == sorted(known, reverse=True)
@@ -58,7 +58,7 @@ def test_shares_grow_from_0_never_reach_1_unless_counted_and_times_left_fall():
 )
 def test_what_is_unknown_is_said_to_be_unknown(known, now, share, left):
     step = Step("factoring", began=100.0, **known)
-    assert (step.share(now), step.seconds_left(now)) == (share, left)
+    assert (step.share(now), step.seconds_remaining(now)) == (share, left)
 
 
 @pytest.mark.parametrize(
@@ -73,14 +73,14 @@ def test_what_is_unknown_is_said_to_be_unknown(known, now, share, left):
     ],
 )
 def test_words_tell_how_long_it_goes_on_where_that_takes_a_while(known, now, words):
-    assert Step("factoring", began=100.0, **known).words(now) == words
+    assert Step("factoring", began=100.0, **known).text(now) == words
 
 
 def test_times_are_rounded_as_one_says_them_and_what_goes_on_is_said_with_its_step():
     told = {0: "1 s", 7.6: "8 s", 12: "10 s", 43: "45 s", 55: "1 min", 100: "2 min", 3600: "60 min"}
-    assert {seconds: rounded(seconds) for seconds in told} == told
-    assert said("opening", None) == "opening"
-    assert said("opening", Step("reading an OFF mesh")) == "opening: reading an OFF mesh"
+    assert {seconds: rounded_time(seconds) for seconds in told} == told
+    assert progress_text("opening", None) == "opening"
+    assert progress_text("opening", Step("reading an OFF mesh")) == "opening: reading an OFF mesh"
 
 
 def test_a_counted_step_goes_from_0_to_1_and_never_back():
@@ -97,7 +97,11 @@ def test_a_counted_step_goes_from_0_to_1_and_never_back():
 
 def test_a_stepped_loop_is_counted_cancelled_and_ended():
     def work(stop):
-        with telling(told.append), controlled(control), stepped("walking", range(4)) as items:
+        with (
+            reporting_steps(told.append),
+            controlled(control),
+            stepped("walking", range(4)) as items,
+        ):
             for item in items:
                 seen.append(item)
                 stop(item)
@@ -142,15 +146,15 @@ def test_smaller_steps_tell_how_long_larger_ones_take(monkeypatch):
     for work in (10.0, 20.0, 80.0):  # each takes two seconds
         told = told_by(lambda work=work: step("factoring", work).__enter__())
         expected.append(told[0].expected)
-        progress._learn("factoring", 2.0 / work, work)
+        progress._store_rate("factoring", 2.0 / work, work)
     assert expected == [None, 4.0, 8.0]
 
 
 def test_small_works_say_nothing_of_large_ones_that_were_measured():
-    progress._learn("factoring", 1.0, 100.0)
-    progress._learn("factoring", 9.0, 1.0)
+    progress._store_rate("factoring", 1.0, 100.0)
+    progress._store_rate("factoring", 9.0, 1.0)
     assert progress._rates["factoring"] == (1.0, 100.0)
-    progress._learn("factoring", 3.0, 50.0)
+    progress._store_rate("factoring", 3.0, 50.0)
     assert progress._rates["factoring"] == (2.0, 100.0)
 
 
@@ -182,7 +186,7 @@ def test_a_match_tells_of_coarser_meshes_factors_and_the_check_and_is_the_same()
 
 def test_a_factorisation_in_another_process_is_told_while_it_is_waited_for():
     mesh = icosphere(2)
-    with factoring_apart(1):
+    with factoring_in_subprocess(1):
         regularizer = abfm.matching.objective.regularizer.regularizer(mesh, 0.01)
         momentum = np.zeros((len(mesh.faces), 2))
         told, again = (tasks_of(lambda: regularizer.inverse(momentum)) for _ in range(2))

@@ -18,8 +18,8 @@ from abfm.errors import AbfmWarning
 from abfm.workers import process, threads
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.messages import pack
-from abfm.workers.process import OwnProcess, ProcessEndedError
-from abfm.workers.progress import telling
+from abfm.workers.process import ChildProcess, ProcessEndedError
+from abfm.workers.progress import reporting_steps
 from abfm.workers.threads import DaemonThreads
 from abfm.workers.worker import Worker, WorkerEndedError
 from tests.core.workers import jobs
@@ -76,7 +76,7 @@ def test_errors_come_back_and_the_next_call_is_answered(shared, given, error, na
 
 def test_steps_are_told_to_who_waits_and_reports_come_in_their_order(shared):
     told, reports = [], []
-    with telling(told.append):
+    with reporting_steps(told.append):
         shared.call(jobs.count_apart, 50).result(reports.append)
     assert [step and step.task for step in told] == ["counting", None]
     assert reports == list(range(50))
@@ -92,7 +92,7 @@ def test_who_waits_for_its_turn_is_told_what_is_done_meanwhile(shared, tmp_path)
             told.append(step.task)
             (tmp_path / "end").touch()
 
-    with telling(tell):
+    with reporting_steps(tell):
         assert shared.call(jobs.give_back, 2).result() == 2
     assert told == ["holding"]
     first.result()
@@ -228,7 +228,7 @@ for message in requests:
 def echo(tmp_path, monkeypatch):
     (tmp_path / "echo_of_messages.py").write_text(ECHO)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *filter(None, sys.path)]))
-    process = OwnProcess("echo_of_messages")
+    process = ChildProcess("echo_of_messages")
     yield process
     process.close()
 
@@ -263,7 +263,7 @@ def test_a_process_that_is_closed_ends_who_waits_for_it(echo):
 def test_nothing_of_it_stays_open(closed, monkeypatch):
     told = []
     monkeypatch.setattr(sys, "unraisablehook", told.append)
-    process = OwnProcess("abfm.workers")
+    process = ChildProcess("abfm.workers")
     if closed:
         process.close()
     del process

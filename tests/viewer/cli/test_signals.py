@@ -214,8 +214,8 @@ def test_ignored_signal_stays_ignored():
 def test_helper_process_ends_with_its_parent():
     """A kill leaves that no time to end its helpers."""
     script = (
-        "import os; from abfm.workers.process import OwnProcess\n"
-        "process = OwnProcess('abfm.workers')\n"
+        "import os; from abfm.workers.process import ChildProcess\n"
+        "process = ChildProcess('abfm.workers')\n"
         "print(process.pid, os.getpgid(process.pid) != os.getpgid(0), flush=True)\n"
         "os.kill(os.getpid(), 9)\n"
     )

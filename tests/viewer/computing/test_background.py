@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from abfm import FunctionError
-from abfm.numerics.factoring_apart import is_factored_apart
+from abfm.numerics.factoring_in_subprocess import is_factored_in_subprocess
 from abfm.workers.control import CancelledError
 from abfm_viewer.computing import background
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
@@ -196,10 +196,10 @@ def test_what_could_not_begin_as_there_was_no_thread_begins_with_the_next_reques
 def test_large_systems_are_factored_apart_beside_the_frame_loop_and_small_ones_and_others_here(
     latest,
 ):
-    latest.ask("sizes", lambda: [is_factored_apart(size) for size in (14_000, 15_000)])
+    latest.ask("sizes", lambda: [is_factored_in_subprocess(size) for size in (14_000, 15_000)])
     until(lambda: latest.key == "sizes")
     assert latest.value == [False, True]
-    assert not is_factored_apart(10**9)
+    assert not is_factored_in_subprocess(10**9)
 
 
 @pytest.fixture

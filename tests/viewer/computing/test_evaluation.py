@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abfm import AbfmError, FunctionError, TriangleMesh, function
-from abfm.workers.progress import telling
+from abfm.workers.progress import reporting_steps
 from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.computing.evaluation import Functions
@@ -76,7 +76,7 @@ def test_large_meshes_get_a_process_and_closed_ones_start_none(monkeypatch):
     functions = Functions(SPARSE)
     for spec, has_one in (("coordinate:x", False), ("geodesic:vertex=3", True)):
         steps = []
-        with telling(lambda step, steps=steps: steps.append(step and step.task)):
+        with reporting_steps(lambda step, steps=steps: steps.append(step and step.task)):
             functions.evaluate(spec)
         assert ("in a subprocess" in steps) == has_one
         assert (functions._worker.pid is not None) == has_one

@@ -168,7 +168,7 @@ def test_a_process_that_ends_is_tried_again(run, tmp_path, tries):
 
 
 def test_a_process_that_does_not_start_fails_the_run(run, monkeypatch):
-    monkeypatch.setattr(worker_module, "MODULE", "abfm.workers.nothing")
+    monkeypatch.setattr(worker_module, "WORKER_MODULE", "abfm.workers.nothing")
     monkeypatch.setattr(Process, "_idle_workers", [])
     assert Started(run, jobs.pid).ended() is None
     assert run.failed

@@ -15,7 +15,7 @@ from abfm import StopReason
 from abfm.matching import Remedy, Verdict
 from abfm.matching.report import advice_in_options, numbers
 from abfm.outcome import VERDICTS, Outcome, outcome_of
-from abfm.sequences.report import of_interval
+from abfm.sequences.report import interval_headline
 from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.solve import status_of
 from abfm_viewer.document import verdict_words
@@ -223,4 +223,4 @@ def test_an_interval_of_a_film_is_told_as_a_match_is(kind, left, by_lines, said)
         verified_residual=np.array([by_lines]),
         parameters=abfm.Parameters(),
     )
-    assert of_interval(sequence, 0) == said
+    assert interval_headline(sequence, 0) == said

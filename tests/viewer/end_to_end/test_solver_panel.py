@@ -6,7 +6,7 @@ import pytest
 
 import abfm
 from abfm.matching import Remedy
-from abfm.workers.control import present_control
+from abfm.workers.control import current_control
 from abfm_viewer.computing.iterates import IteratePicture
 from abfm_viewer.computing.run import Process
 from tests.messages import check_message
@@ -182,7 +182,7 @@ def report_a_squeezed_source(gui, notes, monkeypatch):
         def post(now):
             on_partial(replace(now, look=IteratePicture(now.warning, now.advected)))
             if now.iteration == 20:
-                present_control().pause()
+                current_control().pause()
 
         return abfm.match(task.problem, on_iteration=post)
 

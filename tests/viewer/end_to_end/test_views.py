@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from abfm.flow.continuous_flow import on_children
+from abfm.flow.continuous_flow import field_on_children
 from abfm.workers.progress import step
 from abfm_viewer.automation import DriverError
 from abfm_viewer.computing import evaluation
@@ -181,7 +181,7 @@ def see_a_finer_mesh(gui):
     with raises(DriverError, "Finer mesh"):  # it was found on the mesh itself
         gui.menu("View", "Finer mesh")
     gui.key("escape")
-    fields = np.stack([on_children(own, field) for field in session.result.velocity])
+    fields = np.stack([field_on_children(own, field) for field in session.result.velocity])
     session.editor.amend(result=replace(session.result, fine_velocity=fields))
     gui.menu("View", "Finer mesh")
     assert session.view.finer

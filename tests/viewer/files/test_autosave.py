@@ -12,8 +12,8 @@ import pytest
 
 import abfm
 from abfm.io.atomic import temporary_file
-from abfm.sequences import defaults, unfinished_of
-from abfm.sequences.frames import checked
+from abfm.sequences import checkpoints_of, defaults
+from abfm.sequences.frames import check_frames
 from abfm_viewer.document.document import Channel, Surface
 from abfm_viewer.document.frame_sequence import FrameSequence
 from abfm_viewer.document.kinds import MatchDocument, SequenceDocument
@@ -26,7 +26,7 @@ from tests.viewer.sessions import until
 SURFACE = Surface(icosphere(1), "sphere")
 DOCUMENT = MatchDocument((SURFACE,), (Channel("coordinate:x", "coordinate:y"),))
 SEQUENCE = FrameSequence(
-    "film", checked(SURFACE.mesh, np.eye(3, len(SURFACE.mesh.vertices)), None, None, None)
+    "film", check_frames(SURFACE.mesh, np.eye(3, len(SURFACE.mesh.vertices)), None, None, None)
 )
 CHANGED = replace(DOCUMENT, surfaces=(replace(SURFACE, name="changed"),))
 
@@ -306,15 +306,15 @@ def test_what_is_beside_a_copy_goes_with_it_and_is_taken_over_with_it(autosave, 
     for name in ("autosave-1-2.abfm", "autosave-1-2.abfm-1a2b3c4d.unfinished"):
         (tmp_path / name).touch()
     [recovery] = recoverable(StateFolder(tmp_path))
-    assert not autosave.has_unfinished_sequence
+    assert not autosave.has_checkpoint
     autosave.take_over(recovery)
-    assert autosave.has_unfinished_sequence
-    [path] = unfinished_of(autosave.path)
+    assert autosave.has_checkpoint
+    [path] = checkpoints_of(autosave.path)
     assert {*tmp_path.iterdir()} == {autosave.path, path}
     later = Autosave(StateFolder(tmp_path))  # a process of the same number
     later.close()
     [recovery] = recoverable(StateFolder(tmp_path))
-    assert len(unfinished_of(recovery.path)) == 1
+    assert len(checkpoints_of(recovery.path)) == 1
     recovery.discard()
     assert list(tmp_path.iterdir()) == []
 
@@ -325,5 +325,5 @@ def test_what_ended_processes_left_of_films_without_a_copy_is_removed(autosave, 
     (tmp_path / "autosave-1-2.abfm").touch()
     own = begun(autosave)  # its copy is not there yet
     [recovery] = recoverable(StateFolder(tmp_path))
-    assert {*tmp_path.iterdir()} == {recovery.path, *unfinished_of(recovery.path), own}
+    assert {*tmp_path.iterdir()} == {recovery.path, *checkpoints_of(recovery.path), own}
     assert recovery.path.name == "autosave-1-2.abfm"

@@ -32,7 +32,7 @@ from abfm.pages.colormaps import NAMES
 from abfm.pages.front import Front
 from abfm.reading.labels import Labels
 from abfm.sequences import defaults
-from abfm.sequences.frames import checked
+from abfm.sequences.frames import check_frames
 from abfm.workers.control import Control
 from abfm_viewer.document import document as documents
 from abfm_viewer.document.document import (
@@ -183,7 +183,7 @@ def sequence_document(solved=True):
     """Phases with a mask, compared by cosine and sine; of the fields the second is missing."""
     values = np.arange(3)[:, None] + X
     values[:, 4] = np.nan
-    phases = checked(SPHERE, values, (0.0, 0.5, 2.0), None, [2.0])
+    phases = check_frames(SPHERE, values, (0.0, 0.5, 2.0), None, [2.0])
     shown = circular_sequence(FrameSequence("wave", replace(phases, notes=("a note",))), 7.0)
     control, settings = Control(), defaults(alpha=0.1, sigma=0.5, order=1)
     found = sequence(

@@ -33,7 +33,7 @@ def test_functions_tell_what_takes_long_also_from_their_process(monkeypatch):
     mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces)  # one that has no eigenfunctions yet
     functions = evaluation.Functions(mesh)
     told = []
-    with progress.telling(told.append):
+    with progress.reporting_steps(told.append):
         functions.evaluate("eigenfunction:3")
     assert "computing eigenfunctions: 32" in [now.task for now in told if now]
     assert told[-1] is None

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 import abfm
-from abfm.numerics.factoring_apart import is_factored_apart
+from abfm.numerics.factoring_in_subprocess import is_factored_in_subprocess
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 from abfm_viewer.document.document import SIDES, Channel, Surface
@@ -60,9 +60,9 @@ def test_cancelled_movie_reports_progress_and_leaves_older_file(exporter, docume
     exporter.movie = replace(exporter.movie, seconds=600)
     exporter.save_movie(path, document, dict)
     assert exporter.step.task == "writing a.gif"
-    assert exporter.step.seconds_left() is None
+    assert exporter.step.seconds_remaining() is None
     until(lambda: exporter.progress > 0)
-    assert exporter.step.seconds_left() > 0
+    assert exporter.step.seconds_remaining() > 0
     exporter.cancel()
     exporter.wait()
     assert (exporter.message, exporter.failed) == ("export cancelled", False)
@@ -99,7 +99,7 @@ def test_errors_of_exports_are_reported(exporter, document, out, monkeypatch):
 
 def test_exports_factor_large_systems_apart(exporter, document, out, monkeypatch):
     asked = []
-    monkeypatch.setattr(outputs, "write", lambda *_: asked.append(is_factored_apart(10**9)))
+    monkeypatch.setattr(outputs, "write", lambda *_: asked.append(is_factored_in_subprocess(10**9)))
     exporter.save_result(out / "a.npz", document.result, lambda: None)
     exporter.wait()
     assert asked == [True]

@@ -10,7 +10,7 @@ import pytest
 
 import abfm
 from abfm.sequences import defaults
-from abfm.sequences.frames import checked
+from abfm.sequences.frames import check_frames
 from abfm_viewer.computing.run import Process, Run
 from abfm_viewer.document.document import Surface
 from abfm_viewer.document.frame_sequence import FrameSequence, SequenceSettings
@@ -28,7 +28,7 @@ TURNED = [SPHERE.vertices[:, 0] * np.cos(a) + SPHERE.vertices[:, 1] * np.sin(a) 
 FRAMES = np.array([np.exp(2 * each) for each in TURNED])
 DOCUMENT = SequenceDocument(
     (Surface(SPHERE, "sphere"),),
-    FrameSequence("waves", checked(SPHERE, FRAMES, None, None, None)),
+    FrameSequence("waves", check_frames(SPHERE, FRAMES, None, None, None)),
     settings=SequenceSettings(sigma=0.3, gamma=0.5),
 )
 
@@ -133,7 +133,7 @@ def long_sequence(session, tmp_path):
     angles = 0.1 * np.arange(120)[:, None]
     x, y, _ = SPHERE.vertices.T
     frames = np.exp(2 * (x * np.cos(angles) + y * np.sin(angles)))
-    many = replace(DOCUMENT.sequence, frames=checked(SPHERE, frames, None, None, None))
+    many = replace(DOCUMENT.sequence, frames=check_frames(SPHERE, frames, None, None, None))
     session.restore(replace(DOCUMENT, sequence=many), {}, None)
     return session
 
@@ -178,7 +178,7 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(long_sequence):
 
 def test_chosen_settings_are_shown_and_stay_automatic(session):
     """Held-out data choose the norm and sigma."""
-    few = replace(DOCUMENT.sequence, frames=checked(SPHERE, FRAMES[:5], None, None, None))
+    few = replace(DOCUMENT.sequence, frames=check_frames(SPHERE, FRAMES[:5], None, None, None))
     session.restore(replace(DOCUMENT, sequence=few, settings=SequenceSettings()), {}, None)
     session.match()
     until(lambda: not session.solver.running, session)

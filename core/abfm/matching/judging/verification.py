@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import AdvectionError, MeshError
-from abfm.flow.continuous_flow import ContinuousFlow, on_children
+from abfm.flow.continuous_flow import ContinuousFlow, field_on_children
 from abfm.flow.flow import Flow
-from abfm.flow.flow_lines import fields_in_a_row
+from abfm.flow.flow_lines import checked_fields
 from abfm.maps.distortion import CUT_FACES_MAX, folds
 from abfm.matching.problem import Problem, mask_on_children
 from abfm.matching.solvability import RESOLUTION_MIN, narrowest
@@ -103,7 +103,7 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     AbfmError
         If an array does not fit, or the fields lead over too many faces.
     """
-    fields, k = fields_in_a_row(problem.mesh, velocity)
+    fields, k = checked_fields(problem.mesh, velocity)
     problem = problem.refined(k)
     mesh, p = problem.mesh, problem.parameters
     functions = problem.functions.on(mesh)
@@ -126,7 +126,7 @@ def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Para
     carried, duration = source, parameters.tau / len(fields)
     try:
         for field in fields:  # one by one, as each takes its memory
-            flow = Flow(fine, on_children(mesh, field), duration, parameters.paper.method)
+            flow = Flow(fine, field_on_children(mesh, field), duration, parameters.paper.method)
             carried = flow.push(carried, duration)
     except AdvectionError:
         return np.inf

@@ -15,7 +15,7 @@ import numpy as np
 from abfm.calculus.operators import Matrix, face_frames, face_normals, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.clusters import vertex_clusters
-from abfm.flow.continuous_flow import on_children
+from abfm.flow.continuous_flow import field_on_children
 from abfm.flow.corner_fit import corner_vectors
 from abfm.maps.point_maps import PointMap
 from abfm.matching.objective.matching_energy import MatchingEnergy
@@ -93,7 +93,7 @@ class Subdivision:
         return np.ascontiguousarray(interpolated(self.coarse, f.T).T)
 
     def field_to_fine(self, field: FloatArray) -> FloatArray:
-        return to_frame(refined(self.coarse, 1), on_children(self.coarse, field))
+        return to_frame(refined(self.coarse, 1), field_on_children(self.coarse, field))
 
 
 def _read(field: FloatArray, points: PointMap) -> FloatArray:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from abfm.functions.sources import between_sources
 from abfm.mesh import TriangleMesh
-from abfm.numerics.real_numbers import as_doubles
+from abfm.numerics.real_numbers import as_float64
 from abfm.reading import Columns, counts_of, vertex_axis
 from abfm.types import FloatArray
 
@@ -77,7 +77,7 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
         )
     elif frames_first and given.shape[0] in counts:
         notes.append("it has as many frames as vertices: its rows are taken as the frames")
-    values = np.ascontiguousarray(as_doubles(np.moveaxis(given, axis, 1)))
+    values = np.ascontiguousarray(as_float64(np.moveaxis(given, axis, 1)))
     if times is not None and times.shape != (len(values),):
         raise ValueError(f"it has {times.size} times for {len(values)} frames")
     return FramesFile(values, times, tuple(notes))

@@ -85,7 +85,7 @@ class _ChoiceInput(NamedTuple):
         return MatchingEnergy(self.frames.problem(interval, found))
 
 
-def chosen(frames: Frames, given: SequenceParameters, levels: FloatArray) -> Choice:
+def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -> Choice:
     """Return the norm with the smallest residual on held-out patches of a few intervals, and the
     largest sigma that explains nearly as much with it as its best one.
 
@@ -99,7 +99,7 @@ def chosen(frames: Frames, given: SequenceParameters, levels: FloatArray) -> Cho
     if given.sigma is not None and len(candidates) == 1:
         return Choice(candidates[0], given.sigma)
     sigmas = cooling(given.sigma or SIGMA_MIN, SIGMA_MAX)
-    looked_at = _spread(changes(frames), _INTERVALS)
+    looked_at = _spread(change_rates(frames), _INTERVALS)
     first = _HeldOut(made_for, looked_at, candidates[0], sigmas)
     if not first.walks:
         if given.sigma is not None:
@@ -231,7 +231,7 @@ class _Walk:
 
     def look_further(self) -> None:
         """Begin with each sigma at what a match finds without the patches of each fold."""
-        self.starts = [searched(interval.energy) for interval, _ in self.folds]
+        self.starts = [long_range_field(interval.energy) for interval, _ in self.folds]
 
     def follow(self, sigma: float, fields: Sequence[FloatArray]) -> tuple[float, list[FloatArray]]:
         """Go on from fields (F, 2) of each fold; return the mean square of what is left of what
@@ -249,7 +249,7 @@ class _Walk:
         return float(np.mean(left)), found
 
 
-def searched(energy: MatchingEnergy) -> FloatArray:
+def long_range_field(energy: MatchingEnergy) -> FloatArray:
     """Return the field (F, 2) of an ordinary match, which looks further: one over a time of 1,
     whatever the interval's, by which the balance of its terms would be another.
     """
@@ -258,7 +258,7 @@ def searched(energy: MatchingEnergy) -> FloatArray:
     return to_frame(energy.mesh, found.velocity[0] * speed)
 
 
-def changes(frames: Frames) -> FloatArray:
+def change_rates(frames: Frames) -> FloatArray:
     """Return how much each interval changes of what is compared, (T - 1,)."""
     durations = frames.durations
     counts = np.sqrt(frames.weights) * np.ones((len(frames.mesh.vertices), 1))

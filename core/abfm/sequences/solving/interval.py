@@ -55,7 +55,7 @@ class FieldPoint:
 
 class Interval:
     """The minimisation between two frames, in the units of the mesh scaled to unit area; sigma is
-    absolute. A shift (C, V), see `defect`, is taken off what the discrete flow carries.
+    absolute. A shift (C, V), see `advection_defect`, is taken off what the discrete flow carries.
     """
 
     def __init__(

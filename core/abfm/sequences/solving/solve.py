@@ -15,10 +15,10 @@ from abfm.matching.solvability import is_measured
 from abfm.matching.solving.measures import flow_line_measures
 from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames, interval_parameters, sigma_of
-from abfm.sequences.noise import NOISE_FACTOR, explains_little, noise_floor, noise_levels
+from abfm.sequences.noise import NOISE_FACTOR, explains_too_little, noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters
-from abfm.sequences.solving.choosing import SIGMA_MAX, Norm, chosen, searched
-from abfm.sequences.solving.defect import defect
+from abfm.sequences.solving.advection_defect import advection_defect
+from abfm.sequences.solving.choosing import SIGMA_MAX, Norm, choose_norm, long_range_field
 from abfm.sequences.solving.interval import FieldPoint, Interval, Neighbour
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
@@ -33,7 +33,7 @@ _GAIN_SHARE_MIN = 0.01  # share of its energy that a sweep gains, which is then 
 
 
 @dataclass(frozen=True, eq=False)
-class Said:
+class IntervalMeasures:
     """What was found of an interval: as in `Match`."""
 
     advected: FloatArray  # (C, V)
@@ -61,12 +61,12 @@ class SequenceSolver:
         self.found = np.zeros(len(self.fields), dtype=bool)
         self.sigma = parameters.sigma or np.nan
         self.is_chosen = bool(parameters.sigma) and not parameters.automatic
-        self.in_vain = 0  # searches
-        self.alone = np.zeros(len(self.fields), dtype=bool)  # no motion, which ties to none
-        self.swept = 0  # intervals, in all sweeps
+        self.failed_searches = 0  # searches
+        self.is_uncoupled = np.zeros(len(self.fields), dtype=bool)  # no motion, which ties to none
+        self.swept_intervals = 0  # intervals, in all sweeps
         self.before = np.nan  # energy of all, when the last sweep began
         # what flow lines leave of each interval, and the share of faces that they fold
-        self.witnessed = np.full((len(self.fields), 2), np.nan)
+        self.flow_line_checks = np.full((len(self.fields), 2), np.nan)
         self._defects: dict[int, FloatArray] = {}  # of fields, where they were asked for
 
     def run(
@@ -76,13 +76,13 @@ class SequenceSolver:
         All that it goes on from is in its public attributes, after each step.
         """
         if not self.is_chosen:
-            self.choose(*chosen(self.frames, self.given, self.levels))
+            self.choose(*choose_norm(self.frames, self.given, self.levels))
         count = len(self.fields)
         with step("following the frames") as tell:
             for i in np.flatnonzero(~self.found).tolist():
                 checkpoint()
                 self._keep(i, found := self.first_found(i))
-                self.alone[i] = self._is_no_motion(self.energy(i), found)
+                self.is_uncoupled[i] = self._is_no_motion(self.energy(i), found)
                 self.found[i] = True
                 tell((i + 1) / count)
                 on_interval(i)
@@ -99,7 +99,7 @@ class SequenceSolver:
 
     def _is_no_motion(self, energy: MatchingEnergy, found: FieldPoint) -> bool:
         left = energy.residual(found.at.advected)
-        return explains_little(energy.functions, self.levels, left)
+        return explains_too_little(energy.functions, self.levels, left)
 
     def first_found(self, i: int) -> FieldPoint:
         """Return the field of an interval from that of the one before; where frames are far apart
@@ -110,16 +110,16 @@ class SequenceSolver:
         interval = self._interval(i, [i - 1] if i else [])
         energy = interval.energy
         found = interval.find(last, warmest, start)
-        if self.in_vain >= _VAIN_SEARCHES_MAX or not self._is_far(energy, found):
+        if self.failed_searches >= _VAIN_SEARCHES_MAX or not self._is_far(energy, found):
             return found
         if start is not None:
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
         if self._is_far(energy, found):
-            further = interval.go_on(last, searched(energy))
+            further = interval.go_on(last, long_range_field(energy))
             if not self._is_better(energy, further, found) or self._is_far(energy, further, True):
-                self.in_vain += 1
+                self.failed_searches += 1
                 return found
-            self.in_vain = 0
+            self.failed_searches = 0
             # what is near may have been missed as the field before led astray
             anew = found if start is None else interval.find(last, warmest, None)
             found = further if self._is_better(energy, further, anew) else anew
@@ -141,7 +141,7 @@ class SequenceSolver:
         first = energy.residual(energy.functions.source)
         left = energy.residual(found.at.advected)
         if by_flow_lines:
-            apart = defect(energy, found.field)
+            apart = advection_defect(energy, found.field)
             left = max(left, energy.residual(found.at.advected - apart))
         return left > max(
             _SHARE_MAX * first, NOISE_FACTOR * noise_floor(energy.functions, self.levels)
@@ -150,22 +150,22 @@ class SequenceSolver:
     def _settle(self, on_step: Callable[[], object] = lambda: None) -> None:
         """Sweep back and forth until the energy of all, by flow lines, hardly falls."""
         count = len(self.fields)
-        if not self.swept:
+        if not self.swept_intervals:
             with stepped("asking flow lines", range(count)) as intervals:
                 for i in intervals:
                     self._ask_flow_lines(i)
             self.before = self.total()
         with step("smoothing in time") as tell:
-            while self.swept < _SWEEPS * count:
-                sweep, done = divmod(self.swept, count)
+            while self.swept_intervals < _SWEEPS * count:
+                sweep, done = divmod(self.swept_intervals, count)
                 i = done if sweep % 2 else count - 1 - done
                 self._go_on(i, [j for j in (i - 1, i + 1) if 0 <= j < count])
-                self.swept += 1
+                self.swept_intervals += 1
                 if done == count - 1:
                     before, self.before = self.before, self.total()
                     if not before - self.before > _GAIN_SHARE_MIN * before:
-                        self.swept = _SWEEPS * count
-                tell(self.swept / (_SWEEPS * count))
+                        self.swept_intervals = _SWEEPS * count
+                tell(self.swept_intervals / (_SWEEPS * count))
                 on_step()
         self._defects.clear()
 
@@ -173,23 +173,23 @@ class SequenceSolver:
         """Go on with each interval by itself until its energy, by flow lines, hardly falls."""
         count = len(self.fields)
         with step("correcting by flow lines") as tell:
-            while self.swept < _SWEEPS * count:
-                i, times = divmod(self.swept, _SWEEPS)
+            while self.swept_intervals < _SWEEPS * count:
+                i, times = divmod(self.swept_intervals, _SWEEPS)
                 if not times:
                     self._ask_flow_lines(i)
                 before = self.energies[i]
                 self._go_on(i)
                 is_settled = not before - self.energies[i] > _GAIN_SHARE_MIN * before
-                self.swept += _SWEEPS - times if is_settled else 1
-                if self.swept % _SWEEPS == 0:
+                self.swept_intervals += _SWEEPS - times if is_settled else 1
+                if self.swept_intervals % _SWEEPS == 0:
                     del self._defects[i]  # which nobody asks for again
-                tell(self.swept / (_SWEEPS * count))
+                tell(self.swept_intervals / (_SWEEPS * count))
                 on_step()
 
     def _ask_flow_lines(self, i: int) -> None:
         """Take the energy of an interval's field for what flow lines say."""
         checkpoint()
-        self._defects[i] = defect(self.energy(i), self.fields[i])
+        self._defects[i] = advection_defect(self.energy(i), self.fields[i])
         interval = self._interval(i, shift=self._defects[i])
         self.energies[i] = interval.go_on(self._sigmas(i)[0], self.fields[i], 0).at.energy
 
@@ -200,10 +200,10 @@ class SequenceSolver:
         checkpoint()
         field, sigma = self.fields[i], self._sigmas(i)[0]
         if i not in self._defects:  # of an earlier run
-            self._defects[i] = defect(self.energy(i), field)
+            self._defects[i] = advection_defect(self.energy(i), field)
         interval = self._interval(i, beside, self._defects[i])
         found = interval.go_on(sigma, field)
-        left = defect(interval.energy, found.field)
+        left = advection_defect(interval.energy, found.field)
         there = self._interval(i, beside, left).go_on(sigma, found.field, 0)
         if there.energy < self.energies[i] + interval.tied(field):
             self._defects[i] = left
@@ -222,7 +222,7 @@ class SequenceSolver:
         """How much the fields of neighbouring intervals are held together: gamma times the shorter
         one's duration, where both are motions; a gap is not to be as fast as what is beside it.
         """
-        if self.alone[i] or self.alone[j]:
+        if self.is_uncoupled[i] or self.is_uncoupled[j]:
             return 0.0
         return self.gamma * float(min(self.frames.durations[i], self.frames.durations[j]))
 
@@ -254,15 +254,15 @@ class SequenceSolver:
     def _keep(self, i: int, found: FieldPoint) -> None:
         self.fields[i], self.energies[i] = found.field, found.at.energy
 
-    def said(self, i: int, by_flow_lines: bool = True) -> Said:
+    def measures(self, i: int, by_flow_lines: bool = True) -> IntervalMeasures:
         """Return what the discrete flow and flow lines say of the field of an interval."""
         energy, field = self.energy(i), self.fields[i]
         sigma = energy.parameters.last_sigma
         objective = energy.objective(sigma)
         rest, at = (objective.evaluate(x[None]) for x in (np.zeros_like(field), field))
         energies = np.array([(e.energy, e.regularity, e.mismatch) for e in (rest, at)])
-        if by_flow_lines and self.found[i] and np.isnan(self.witnessed[i]).any():
+        if by_flow_lines and self.found[i] and np.isnan(self.flow_line_checks[i]).any():
             told = flow_line_measures(energy, to_ambient(energy.mesh, field)[None])
-            self.witnessed[i] = [told.get(name, np.nan) for name in _CHECK_NAMES]
-        known = zip(_CHECK_NAMES, self.witnessed[i].tolist(), strict=True)
-        return Said(at.advected, energies, energy.left(at), **dict(known))
+            self.flow_line_checks[i] = [told.get(name, np.nan) for name in _CHECK_NAMES]
+        known = zip(_CHECK_NAMES, self.flow_line_checks[i].tolist(), strict=True)
+        return IntervalMeasures(at.advected, energies, energy.left(at), **dict(known))

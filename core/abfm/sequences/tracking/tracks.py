@@ -13,7 +13,7 @@ from abfm.calculus.operators import edge_graph, edge_lengths
 from abfm.errors import ParameterError, brief
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh
-from abfm.numerics.real_numbers import is_whole_number
+from abfm.numerics.real_numbers import is_integer
 from abfm.sequences.tracking.critical_points import CriticalPoints, PointKind
 from abfm.types import FloatArray, IntArray
 
@@ -56,15 +56,17 @@ def tracks(
     mesh: TriangleMesh,
     found: Sequence[CriticalPoints],
     times: FloatArray,
-    least: int = 3,
+    min_intervals: int = 3,
 ) -> list[Track]:
     """Link the critical points of fields at times (T,): those of one index that are closest to each
     other together, none farther than six edges; one field may miss a point.
 
-    Returns those that were seen in so many fields at ``least``, the longest ones first.
+    Returns those that were seen in so many fields at ``min_intervals``, the longest ones first.
     """
-    if not is_whole_number(least, 1, 1_000_000_000):
-        raise ParameterError(f"least is {brief(least)}; expected a whole number of at least 1")
+    if not is_integer(min_intervals, 1, 1_000_000_000):
+        raise ParameterError(
+            f"min_intervals is {brief(min_intervals)}; expected an integer of at least 1"
+        )
     going: list[list[tuple[int, int]]] = []  # of (field, point), those that may go on
     ended: list[list[tuple[int, int]]] = []
     for step, points in enumerate(found):
@@ -79,7 +81,7 @@ def tracks(
         ended += [t for t in going if step - t[-1][0] > _MISSED_FIELDS_MAX]
         going = [t for t in going if step - t[-1][0] <= _MISSED_FIELDS_MAX]
         going += [[(step, i)] for i in range(len(points)) if i not in taken]
-    chosen = [t for t in ended + going if len(t) >= least]
+    chosen = [t for t in ended + going if len(t) >= min_intervals]
     chosen.sort(key=lambda t: (-len(t), t[0]))
     return [_track(mesh, found, times, t) for t in chosen]
 

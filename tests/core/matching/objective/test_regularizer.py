@@ -16,7 +16,7 @@ from abfm.matching.objective.regularizer import Regularizer, regularizer
 from abfm.mesh import TriangleMesh
 from abfm.numerics import cholesky
 from abfm.numerics.cholesky import factor
-from abfm.numerics.factoring_apart import factoring_apart
+from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.parameters import Parameters
 from tests.core.fields import rotation_field
 from tests.core.surfaces import SURFACES
@@ -163,7 +163,7 @@ def test_factors_in_processes_of_their_own_give_the_same_bits():
     mesh = icosphere(3)
     m, apart = random_field(mesh), Regularizer(mesh, 0.1)
     expected = Regularizer(mesh, 0.1).inverse(m)
-    with factoring_apart(1000):  # the edges' system, not the vertices'
+    with factoring_in_subprocess(1000):  # the edges' system, not the vertices'
         for _ in range(2):
             assert_array_equal(apart.inverse(m), expected)
     elsewhere = [isinstance(solve, cholesky._Elsewhere) for solve in apart._solvers]
@@ -171,14 +171,14 @@ def test_factors_in_processes_of_their_own_give_the_same_bits():
 
 
 def test_a_process_that_was_ended_is_told_as_want_of_memory_and_one_that_nobody_needs_ends():
-    with factoring_apart(1):
+    with factoring_in_subprocess(1):
         solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
     assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
     solve._worker.close()
     for _ in range(2):
         with pytest.raises(MemoryError, match="has ended"):
             solve(np.ones(3))
-    with factoring_apart(1):
+    with factoring_in_subprocess(1):
         solve = factor(sparse.csr_array(sparse.eye_array(3)))
     solve(np.ones(3))
     process = solve._worker._connection.process._process
@@ -191,8 +191,8 @@ def test_a_process_that_was_ended_is_told_as_want_of_memory_and_one_that_nobody_
 def test_systems_are_factored_apart_only_where_that_was_asked_for():
     matrix = sparse.csr_array(sparse.eye_array(3))
     found = []
-    with factoring_apart(1):
-        with factoring_apart(4):
+    with factoring_in_subprocess(1):
+        with factoring_in_subprocess(4):
             found.append(factor(matrix))
         other = threading.Thread(target=lambda: found.append(factor(matrix)))
         other.start()

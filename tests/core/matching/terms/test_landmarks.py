@@ -235,7 +235,7 @@ def test_cancelled_in_a_thread_that_is_controlled_it_keeps_its_field(iterations)
 
     def cancel(now):
         if now.iteration == iterations:
-            control.cancel(briefly=True)
+            control.cancel(skip_checks=True)
 
     with controlled(control):
         found = abfm.match(abfm.Problem(SPHERE, None, None, landmarks=PAIRS), on_iteration=cancel)

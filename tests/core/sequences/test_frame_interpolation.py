@@ -11,8 +11,8 @@ from abfm.calculus.operators import vertex_areas
 from abfm.flow.flow import Flow
 from abfm.matching.judging.cause import Cause
 from abfm.sequences import defaults, load_sequence
-from abfm.sequences.between.in_between import in_between
-from abfm.sequences.between.left_out import left_out
+from abfm.sequences.between.interpolation import interpolate
+from abfm.sequences.between.motion_evidence import motion_evidence
 from abfm.sequences.solving.solve import SequenceSolver
 from tests.core.sequences.films import SPHERE, bumps, turning
 from tests.messages import check_message
@@ -106,7 +106,7 @@ def test_in_between_is_the_frames_at_both_ends():
     frames, field = turning(SPHERE, 0.1, 2)
     flow = Flow(SPHERE, field, 1.0)
     for motion in (0.0, 0.5, 1.0):
-        found = in_between(flow, *frames, np.array([0.0, 1.0]), motion)
+        found = interpolate(flow, *frames, np.array([0.0, 1.0]), motion)
         assert_allclose(found, frames, atol=1e-14)
 
 
@@ -165,5 +165,5 @@ def test_leaving_out_changes_no_field():
     solver = SequenceSolver(found._frames, FAST, 1.0)
     solver.run(lambda i: None)
     before = solver.fields.copy()
-    assert left_out(solver).share == found.motion_share
+    assert motion_evidence(solver).share == found.motion_share
     assert_array_equal(solver.fields, before)

@@ -7,14 +7,14 @@ from numpy.testing import assert_array_equal
 import abfm
 from abfm import Control
 from abfm.sequences import (
-    Unfinished,
+    SequenceCheckpoint,
+    checkpoint_file,
+    checkpoints_of,
     defaults,
-    move_unfinished,
-    remove_unfinished,
-    unfinished,
-    unfinished_of,
+    move_checkpoints,
+    remove_checkpoints,
 )
-from abfm.workers.progress import telling
+from abfm.workers.progress import reporting_steps
 from tests.core.sequences.films import SPHERE, bumps
 from tests.core.sequences.turning_film import MESH, TIMES, film
 
@@ -23,22 +23,22 @@ class Killed(BaseException):
     """The end of a process."""
 
 
-class Deadly(Unfinished):
+class Deadly(SequenceCheckpoint):
     """Writes after each step, and is killed then, unless it came so far before."""
 
     been = 0
 
     def keep(self, solver, at_once=True):
         super().keep(solver)
-        checked = np.isfinite(solver.witnessed).all(axis=1)
-        come = np.count_nonzero(solver.found) + solver.swept + np.count_nonzero(checked)
+        checked = np.isfinite(solver.flow_line_checks).all(axis=1)
+        come = np.count_nonzero(solver.found) + solver.swept_intervals + np.count_nonzero(checked)
         if come > Deadly.been:
             Deadly.been = come
             raise Killed
 
 
-def solved(unfinished=None, gamma=1.0, **more):
-    return abfm.sequence(MESH, film(), TIMES, gamma=gamma, unfinished=unfinished, **more)
+def solved(checkpoint=None, gamma=1.0, **more):
+    return abfm.sequence(MESH, film(), TIMES, gamma=gamma, checkpoint=checkpoint, **more)
 
 
 @pytest.fixture(scope="module")
@@ -59,27 +59,27 @@ def test_one_that_is_killed_after_each_step_finds_the_same_bit_for_bit(tmp_path)
     given = SPHERE, frames, None, defaults(order=1, alpha=1, sigma=0.3)
     taken_up, kills, found = [], 0, None
     while found is None:
-        unfinished = Deadly(tmp_path / "s.npz", taken_up.append)
+        checkpoint = Deadly(tmp_path / "s.npz", taken_up.append)
         try:
-            found = abfm.sequence(*given, unfinished=unfinished)
+            found = abfm.sequence(*given, checkpoint=checkpoint)
         except Killed:
             kills += 1
     assert_same(found, abfm.sequence(*given))
     assert taken_up[:2] == [1, 2]
     assert set(taken_up[2:]) == {3}  # of three intervals, in sweeps and when they are checked
     assert len(taken_up) == kills > 3 + 2 * 3
-    assert [path.name for path in tmp_path.iterdir()] == [unfinished.path.name]
-    unfinished.remove()
+    assert [path.name for path in tmp_path.iterdir()] == [checkpoint.path.name]
+    checkpoint.remove()
     assert not any(tmp_path.iterdir())
 
 
 def test_one_that_is_cancelled_goes_on_where_it_was(whole, tmp_path):
     control, again, tasks = Control(), [], set()
     stop = {"control": control, "on_interval": lambda i: control.cancel() if i == 1 else None}
-    part = solved(Unfinished(tmp_path / "s.npz"), **stop)
+    part = solved(SequenceCheckpoint(tmp_path / "s.npz"), **stop)
     assert [np.abs(field).max() > 0 for field in part.velocity] == [True, True, False, False]
-    with telling(lambda now: tasks.add(now and now.task)):
-        found = solved(Unfinished(tmp_path / "s.npz"), on_interval=again.append)
+    with reporting_steps(lambda now: tasks.add(now and now.task)):
+        found = solved(SequenceCheckpoint(tmp_path / "s.npz"), on_interval=again.append)
     assert_same(found, whole)
     assert again == [2, 3]
     assert "following the frames" in tasks
@@ -87,20 +87,20 @@ def test_one_that_is_cancelled_goes_on_where_it_was(whole, tmp_path):
 
 
 def test_what_is_checked_by_flow_lines_is_not_checked_again(whole, tmp_path):
-    first = Unfinished(tmp_path / "s.npz")
+    first = SequenceCheckpoint(tmp_path / "s.npz")
     solved(first)
     arrays = dict(np.load(first.path))
     arrays["witnessed"][2] = 0.5, 0.25
     with first.path.open("wb") as file:
         np.savez(file, **arrays)
-    found = solved(Unfinished(tmp_path / "s.npz"))
+    found = solved(SequenceCheckpoint(tmp_path / "s.npz"))
     assert (found.verified_residual[2], found.folded[2]) == (0.5, 0.25)
     others = [0, 1, 3]
     assert_array_equal(found.verified_residual[others], whole.verified_residual[others])
 
 
 def test_another_problem_or_a_damaged_file_begins_anew(whole, tmp_path):
-    first, other = (Unfinished(tmp_path / "s.npz", pytest.fail) for _ in range(2))
+    first, other = (SequenceCheckpoint(tmp_path / "s.npz", pytest.fail) for _ in range(2))
     solved(first)
     solved(other, gamma=0.0)
     assert first.path.name.startswith("s.npz-")
@@ -108,35 +108,40 @@ def test_another_problem_or_a_damaged_file_begins_anew(whole, tmp_path):
     content = first.path.read_bytes()
     for damaged in (content[:-100], b"", other.path.read_bytes()):
         first.path.write_bytes(damaged)
-        assert_same(solved(Unfinished(tmp_path / "s.npz", pytest.fail)), whole)
+        assert_same(solved(SequenceCheckpoint(tmp_path / "s.npz", pytest.fail)), whole)
     assert first.path.read_bytes() == content
 
 
 def test_what_an_earlier_run_found_is_told_without_going_on(whole, tmp_path):
     told = {}
-    none = solved(Unfinished(tmp_path / "s.npz", pytest.fail, goes_on=False))
+    none = solved(SequenceCheckpoint(tmp_path / "s.npz", pytest.fail, solve_remaining=False))
     assert not none.solved.any()
     assert not any(tmp_path.iterdir())
     control = Control()
     stop = {"control": control, "on_interval": lambda i: control.cancel() if i == 1 else None}
-    part = solved(Unfinished(tmp_path / "s.npz"), **stop)
-    [path] = unfinished_of(tmp_path / "s.npz")
+    part = solved(SequenceCheckpoint(tmp_path / "s.npz"), **stop)
+    [path] = checkpoints_of(tmp_path / "s.npz")
     kept = path.read_bytes()
-    again = solved(Unfinished(tmp_path / "s.npz", goes_on=False), on_field=told.setdefault)
+    again = solved(
+        SequenceCheckpoint(tmp_path / "s.npz", solve_remaining=False), on_field=told.setdefault
+    )
     assert_same(again, part)
     assert_array_equal(again.solved, [True, True, False, False])
     assert np.isfinite(again.verified_residual[:2]).all()
     assert path.read_bytes() == kept  # nothing is told there of fields that are not final
     assert list(told) == [0, 1]
     assert_array_equal(np.stack([*told.values()]), part.velocity[:2])
-    assert_same(solved(Unfinished(tmp_path / "s.npz")), whole)
+    assert_same(solved(SequenceCheckpoint(tmp_path / "s.npz")), whole)
 
 
 def test_other_code_begins_anew(tmp_path, monkeypatch):
-    first, other = Unfinished(tmp_path / "s.npz"), Unfinished(tmp_path / "s.npz", pytest.fail)
+    first, other = (
+        SequenceCheckpoint(tmp_path / "s.npz"),
+        SequenceCheckpoint(tmp_path / "s.npz", pytest.fail),
+    )
     solved(first)
-    assert unfinished._code() == unfinished._code()
-    monkeypatch.setattr(unfinished, "_code", lambda: "another")
+    assert checkpoint_file._code() == checkpoint_file._code()
+    monkeypatch.setattr(checkpoint_file, "_code", lambda: "another")
     solved(other)
     assert first.path != other.path
 
@@ -144,7 +149,7 @@ def test_other_code_begins_anew(tmp_path, monkeypatch):
 def test_what_is_beside_one_result_is_moved_beside_another(tmp_path):
     for name in ("a-1.npz-1a2b3c4d.unfinished", "a-1.npz-2.unfinished", "a-1-1.npz-3.unfinished"):
         (tmp_path / name).touch()
-    move_unfinished(tmp_path / "a-1.npz", tmp_path / "b.npz")
+    move_checkpoints(tmp_path / "a-1.npz", tmp_path / "b.npz")
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {"b.npz-1a2b3c4d.unfinished", "b.npz-2.unfinished", "a-1-1.npz-3.unfinished"}
 
@@ -152,12 +157,12 @@ def test_what_is_beside_one_result_is_moved_beside_another(tmp_path):
 def test_what_is_left_beside_a_result_is_removed_and_nothing_else(tmp_path):
     for name in ("s[1].npz-1a2b3c4d.unfinished", "s1.npz-1a2b3c4d.unfinished", "s[1].npz"):
         (tmp_path / name).touch()
-    remove_unfinished(tmp_path / "s[1].npz")
+    remove_checkpoints(tmp_path / "s[1].npz")
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {"s1.npz-1a2b3c4d.unfinished", "s[1].npz"}
 
 
 def test_where_it_cannot_be_written_the_film_is_solved_all_the_same(whole, tmp_path):
-    unfinished = Unfinished(tmp_path / "no folder" / "s.npz")
-    assert_same(solved(unfinished), whole)
-    unfinished.remove()
+    checkpoint = SequenceCheckpoint(tmp_path / "no folder" / "s.npz")
+    assert_same(solved(checkpoint), whole)
+    checkpoint.remove()

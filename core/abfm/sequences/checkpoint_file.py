@@ -43,7 +43,7 @@ _KIND = results.FileKind(
 )
 
 
-class Unfinished:
+class SequenceCheckpoint:
     """A file for what was found of a film, while it is solved and until its result is safe.
 
     It is named by the result, by all that makes the problem and by the code that solves it, so that
@@ -65,13 +65,13 @@ class Unfinished:
         self,
         result: str | os.PathLike[str] | None = None,
         on_found: Callable[[int], object] = lambda count: None,
-        goes_on: bool = True,
+        solve_remaining: bool = True,
     ) -> None:
-        self._result, self._on_found, self.goes_on = result, on_found, goes_on
+        self._result, self._on_found, self.solve_remaining = result, on_found, solve_remaining
         self._problem, self._next = "", 0.0
         self.path: Path | None = None  # known, once a film is solved
 
-    def take_up(self, solver: SequenceSolver) -> None:
+    def restore(self, solver: SequenceSolver) -> None:
         """Have a solver go on from what there is of its problem: nothing, where that is damaged."""
         if self._result is None:
             return
@@ -84,12 +84,15 @@ class Unfinished:
             if found["problem"] == self._problem and fits:
                 known = slice(len(fields))
                 solver.fields[known], solver.energies[known] = fields, found["energies"]
-                solver.alone[known], solver.found[known] = found["alone"], True
-                solver.witnessed[known] = found["witnessed"]
+                solver.is_uncoupled[known], solver.found[known] = found["alone"], True
+                solver.flow_line_checks[known] = found["witnessed"]
                 norm = Norm(int(found["order"]), float(found["alpha"]))
                 solver.choose(norm, float(found["sigma"]))
                 solver.before = float(found["before"])
-                solver.in_vain, solver.swept = int(found["in_vain"]), int(found["swept"])
+                solver.failed_searches, solver.swept_intervals = (
+                    int(found["in_vain"]),
+                    int(found["swept"]),
+                )
                 self._on_found(len(fields))
 
     def keep(self, solver: SequenceSolver, at_once: bool = True) -> None:
@@ -107,11 +110,11 @@ class Unfinished:
             "sigma": solver.sigma,
             "fields": solver.fields[known],
             "energies": solver.energies[known],
-            "alone": solver.alone[known],
-            "in_vain": solver.in_vain,
-            "swept": solver.swept,
+            "alone": solver.is_uncoupled[known],
+            "in_vain": solver.failed_searches,
+            "swept": solver.swept_intervals,
             "before": solver.before,
-            "witnessed": solver.witnessed[known],
+            "witnessed": solver.flow_line_checks[known],
         }
         with suppress(ResultError):
             results.save_arrays(self.path, arrays, _KIND)
@@ -125,21 +128,21 @@ class Unfinished:
                 self.path.unlink()
 
 
-def unfinished_of(result: Path) -> list[Path]:
+def checkpoints_of(result: Path) -> list[Path]:
     """Return the files of films that are not finished beside where their result will be."""
     return sorted(result.parent.glob(f"{glob.escape(result.name)}-*{_SUFFIX}"))
 
 
-def remove_unfinished(result: Path) -> None:
+def remove_checkpoints(result: Path) -> None:
     """Remove what is left beside a result that is there, by a run that was killed just then."""
-    for path in unfinished_of(result):
+    for path in checkpoints_of(result):
         with suppress(OSError):
             path.unlink()
 
 
-def move_unfinished(result: Path, other: Path) -> None:
+def move_checkpoints(result: Path, other: Path) -> None:
     """Have what is beside one result beside another one, where the next run is to go on."""
-    for path in unfinished_of(result):
+    for path in checkpoints_of(result):
         with suppress(OSError):
             path.replace(other.with_name(other.name + path.name.removeprefix(result.name)))
 

@@ -10,7 +10,7 @@ _factored_apart: ContextVar[float] = ContextVar("unknowns from which on", defaul
 
 
 @contextmanager
-def factoring_apart(unknowns: float = _UNKNOWNS_MIN) -> Iterator[None]:
+def factoring_in_subprocess(unknowns: float = _UNKNOWNS_MIN) -> Iterator[None]:
     """Factor systems of so many unknowns, or fewer with long rows, in processes of their own.
 
     cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. So what
@@ -23,6 +23,6 @@ def factoring_apart(unknowns: float = _UNKNOWNS_MIN) -> Iterator[None]:
         _factored_apart.reset(before)
 
 
-def is_factored_apart(unknowns: float) -> bool:
+def is_factored_in_subprocess(unknowns: float) -> bool:
     """Tell whether this thread has asked for it, for systems of this size."""
     return unknowns >= _factored_apart.get()

@@ -7,7 +7,7 @@ import pytest
 
 from abfm.calculus.vector_fields import to_frame
 from abfm.sequences import defaults
-from abfm.sequences.frames import checked
+from abfm.sequences.frames import check_frames
 from abfm.sequences.solving import solve
 from abfm.sequences.solving.interval import Interval
 from tests.shapes import icosphere
@@ -33,7 +33,7 @@ class Turned:
         frames = np.array([pattern(SPHERE.vertices, degrees) for degrees in (0, 20, 0)])
         rng = np.random.default_rng(0)
         frames += 0.02 * frames.std() * rng.standard_normal(frames.shape)  # it is measured
-        film = checked(SPHERE, frames, None, None, None)
+        film = check_frames(SPHERE, frames, None, None, None)
         self.solver = solve.SequenceSolver(film, defaults(order=1, alpha=1, sigma=0.3), 0.0)
         interval, mesh = self.solver._interval(1, [0]), self.solver.energy(1).mesh
         sigma = self.solver._sigmas(1)[0]
@@ -45,7 +45,7 @@ class Turned:
         """Solve where the field before leads to no motion, and what looks further turns on."""
         patch = monkeypatch.setattr
         patch(Interval, "find", lambda *given: from_no_motion if given[-1] is None else self.still)
-        patch(solve, "searched", lambda energy: self.on.field)
+        patch(solve, "long_range_field", lambda energy: self.on.field)
         points = {id(self.on.field): self.on}
         patch(Interval, "go_on", lambda self_, sigma, x, *_: points.get(id(x), self.still))
         return self.solver.first_found(1)
@@ -59,16 +59,18 @@ def turned():
 def test_what_is_near_is_looked_for_anew_before_what_is_far_is_taken(turned, monkeypatch):
     assert turned.back.energy < 2 * turned.on.energy < turned.still.energy
     assert turned.found(monkeypatch, turned.back) is turned.back
-    assert turned.solver.in_vain == 0
+    assert turned.solver.failed_searches == 0
 
 
 def test_what_is_far_is_taken_where_nothing_near_comes_as_close(turned, monkeypatch):
     assert turned.found(monkeypatch, turned.still) is turned.on
-    assert turned.solver.in_vain == 0
+    assert turned.solver.failed_searches == 0
 
 
 def test_what_is_far_is_not_taken_where_flow_lines_do_not_carry_it_there(turned, monkeypatch):
     source = turned.solver.energy(1).functions.source
-    monkeypatch.setattr(solve, "defect", lambda energy, field: turned.on.at.advected - source)
+    monkeypatch.setattr(
+        solve, "advection_defect", lambda energy, field: turned.on.at.advected - source
+    )
     assert turned.found(monkeypatch, turned.still) is turned.still
-    assert turned.solver.in_vain == 1
+    assert turned.solver.failed_searches == 1

@@ -6,7 +6,7 @@ import abfm.flow
 from abfm.types import FloatArray
 
 
-def in_between(
+def interpolate(
     flow: abfm.flow.Flow, before: FloatArray, after: FloatArray, shares: FloatArray, motion: float
 ) -> FloatArray:
     """Return the function at shares (T,) of an interval, (T, V) or (T, V, C).

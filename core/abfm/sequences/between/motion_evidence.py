@@ -11,7 +11,7 @@ from abfm.calculus.operators import face_areas, gradient, vertex_areas
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import AdvectionError
 from abfm.flow.flow import Flow
-from abfm.sequences.between.in_between import in_between
+from abfm.sequences.between.interpolation import interpolate
 from abfm.sequences.frames import Frames
 from abfm.sequences.solving.solve import SequenceSolver
 from abfm.types import FloatArray
@@ -28,7 +28,7 @@ _CHANGE_MAX = 0.5
 that of their mean, up to which they are the same motion."""
 
 
-class LeftOut(NamedTuple):
+class MotionEvidence(NamedTuple):
     """What frames that were left out say of the motion.
 
     Attributes
@@ -44,7 +44,7 @@ class LeftOut(NamedTuple):
     is_motion: bool = True
 
 
-def left_out(solver: SequenceSolver) -> LeftOut:
+def motion_evidence(solver: SequenceSolver) -> MotionEvidence:
     """Leave out a frame of a few pairs of intervals, and find the motion between its neighbours.
 
     With ``f`` the frame, ``b`` the blend of its neighbours at its time and ``a`` what the motion
@@ -68,16 +68,16 @@ def left_out(solver: SequenceSolver) -> LeftOut:
             product, square = product + found.product, square + found.square
             variance, fields = variance + found.variance, fields + found.fields
     if not square > 0:
-        return LeftOut()
+        return MotionEvidence()
     of_mean = float(fields[1:, 1:].sum()) / 4
     cosine = float(fields[0, 1:].sum()) / 2 / max(np.sqrt(fields[0, 0] * of_mean), 1e-300)
     if cosine < _COSINE_MIN:
         change = fields[1, 1] + fields[2, 2] - 2 * fields[1, 2]
         is_same = bool(change <= _CHANGE_MAX**2 * of_mean)
-        return LeftOut() if is_same else LeftOut(0.0, False)
+        return MotionEvidence() if is_same else MotionEvidence(0.0, False)
     if product + _STANDARD_ERRORS * np.sqrt(variance) < _SHARE_OF_A_MOTION * square:
-        return LeftOut(0.0, False)
-    return LeftOut(float(np.clip(product / square, 0, 1)))
+        return MotionEvidence(0.0, False)
+    return MotionEvidence(float(np.clip(product / square, 0, 1)))
 
 
 class _Evidence(NamedTuple):
@@ -94,10 +94,10 @@ def _middles(solver: SequenceSolver) -> list[int]:
 
     If most intervals are motions, only frames between two of these count.
     """
-    alone, frames = solver.alone, solver.frames
-    if 2 * np.count_nonzero(alone) >= len(alone):
-        alone = np.zeros_like(alone)
-    candidates = 1 + np.flatnonzero(~alone[:-1] & ~alone[1:])
+    is_uncoupled, frames = solver.is_uncoupled, solver.frames
+    if 2 * np.count_nonzero(is_uncoupled) >= len(is_uncoupled):
+        is_uncoupled = np.zeros_like(is_uncoupled)
+    candidates = 1 + np.flatnonzero(~is_uncoupled[:-1] & ~is_uncoupled[1:])
     counts = _counts(frames)
     changes = np.array(
         [np.linalg.norm(counts * (frames.values[i + 1] - frames.values[i - 1])) for i in candidates]
@@ -123,14 +123,14 @@ def _evidence(solver: SequenceSolver, middle: int) -> _Evidence:
     sigma = solver.sigma
     if solver.given.sigma_unit == "relative":
         sigma *= frames.deviation / pair.deviation
-    alone = SequenceSolver(pair, replace(solver.given, sigma=sigma), 0.0, solver.levels)
-    field, mesh = alone.first_found(0).field, frames.mesh
+    pair_solver = SequenceSolver(pair, replace(solver.given, sigma=sigma), 0.0, solver.levels)
+    field, mesh = pair_solver.first_found(0).field, frames.mesh
     duration = float(pair.durations[0])
     flow = Flow(mesh, to_ambient(mesh, field) * mesh.length_scale, duration)
     shares = np.array([float(frames.times[middle] - pair.times[0]) / duration])
     counts = _counts(frames)
     before, after = pair.values
-    blend, moved = (counts * in_between(flow, before, after, shares, x)[0] for x in (0.0, 1.0))
+    blend, moved = (counts * interpolate(flow, before, after, shares, x)[0] for x in (0.0, 1.0))
     apart, missing = moved - blend, counts * frames.values[middle] - blend
     # of the frame itself, and of the blend
     variances = (1 + shares**2 + (1 - shares) ** 2) * (counts * solver.levels.T) ** 2

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def ask_for(size: float) -> None:
+def require_memory(size: float) -> None:
     """Raise a MemoryError unless so many bytes can be had now, before a library needs them.
 
     Where memory runs out inside them, some free twice, some abort, and some go on with what they

@@ -16,7 +16,7 @@ from abfm.types import FloatArray
 _SMOOTHING_STEPS = 4  # times, halfway to the mean of neighbours
 
 
-def defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
+def advection_defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
     """Return what the discrete flow of a field (F, 2) carries, less what its flow lines do, (C, V);
     0 where they lead over too many faces.
 
@@ -28,13 +28,13 @@ def defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
         flow = ContinuousFlow(mesh, to_ambient(mesh, x), energy.parameters.tau)
     except ParameterError:
         return np.zeros_like(source)
-    apart = advect_functions(energy.flow, x, source) - bent(flow.origins(), source)
+    apart = advect_functions(energy.flow, x, source) - quadratic_values(flow.origins(), source)
     for _ in range(_SMOOTHING_STEPS):
         apart = 0.5 * (apart + means_of_neighbours(mesh, apart))
     return apart
 
 
-def bent(points: SurfacePoints, functions: FloatArray) -> FloatArray:
+def quadratic_values(points: SurfacePoints, functions: FloatArray) -> FloatArray:
     """Evaluate functions (C, V) at points, (C, P), as their slopes at vertices say that they bend
     along edges: linear ones inside faces would flatten a wave wherever a flow line ends in a face.
 
