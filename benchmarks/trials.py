@@ -7,9 +7,10 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from abfm import Control, TriangleMesh, batch
+from abfm import TriangleMesh, batch
 from abfm.batch import Cluster, LedgerEntry
 from abfm.io import temporary_folder
+from abfm.workers import Control
 from benchmarks.common import Log, Report, machine
 
 

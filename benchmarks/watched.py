@@ -6,8 +6,10 @@ from time import perf_counter
 
 import numpy as np
 
-from abfm import Control, Iteration, Match, Parameters, Problem, match
+from abfm import Match, Parameters, Problem, match
+from abfm.matching import Iteration
 from abfm.types import FloatArray
+from abfm.workers import Control
 
 MISMATCH = Parameters.goal
 """Relative mismatch to which iterations and seconds are counted."""

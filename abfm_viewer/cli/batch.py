@@ -13,7 +13,7 @@ from pathlib import Path
 from textwrap import TextWrapper
 from typing import Any
 
-from abfm import AbfmError, Control, ResultError
+from abfm import AbfmError, ResultError
 from abfm.batch import Ledger, LedgerEntry, Row, combinations, read_table
 from abfm.batch import run as run_rows
 from abfm.batch.cluster import LostError
@@ -28,6 +28,7 @@ from abfm.outcome import Outcome
 from abfm.parameters import option
 from abfm.tasks.inputs import MESH_INPUTS, mesh_options
 from abfm.wording import counted
+from abfm.workers import Control
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import (

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
 
-from abfm import Control
+from abfm.workers import Control
 from abfm_viewer import signals
 
 # seconds: `timeout` and terminals may send a signal to a process and to its group

@@ -18,7 +18,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from abfm import Iteration
+from abfm.matching import Iteration
 from abfm.workers.progress import Step, reporting_steps
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError, print_line

@@ -41,7 +41,7 @@ Fields = tuple[FloatArray, FloatArray]
 """The fields (N, F, 3) of an iterate and the source advected by them (V, C)."""
 
 
-def better(now: abfm.Iteration, before: abfm.Iteration) -> bool:
+def better(now: abfm.matching.Iteration, before: abfm.matching.Iteration) -> bool:
     """Return whether an iterate is at least as good as an earlier one of the same problem."""
     return now.residual <= before.residual
 
@@ -119,9 +119,9 @@ class _Reports:
         self._next_picture = 0.0
         self._wait = max(FIRST_FIELD_SECONDS, _FIELD_WAIT_RATIO * _SECONDS_PER_VERTEX * vertices)
         self._next_fields = clock.perf_counter() + self._wait
-        self._sent: abfm.Iteration | None = None  # with its fields
+        self._sent: abfm.matching.Iteration | None = None  # with its fields
 
-    def add(self, iteration: abfm.Iteration) -> None:
+    def add(self, iteration: abfm.matching.Iteration) -> None:
         view = IteratePicture(iteration.warning)
         if (began := clock.perf_counter()) >= self._next_picture:
             view.picture = iteration.advected
@@ -139,7 +139,7 @@ class _Reports:
             self._next_fields, self._sent = began + took + self._wait, best
 
 
-def _with_fields(last: abfm.Iteration) -> abfm.Iteration:
+def _with_fields(last: abfm.matching.Iteration) -> abfm.matching.Iteration:
     return replace(last, view=IteratePicture(last.warning, last.advected, last.velocity))
 
 
@@ -153,7 +153,9 @@ def fields(cache: ProcessCache, run: int, iteration: int) -> Fields:
     return found.velocity, found.advected
 
 
-def _best_and_recent(iterates: tuple[abfm.Iteration, ...]) -> tuple[abfm.Iteration, ...]:
+def _best_and_recent(
+    iterates: tuple[abfm.matching.Iteration, ...],
+) -> tuple[abfm.matching.Iteration, ...]:
     """Return the best iterate, followed by the newest of the others."""
     best, *others = iterates
     for one in others:

@@ -91,15 +91,15 @@ class Snapshot:
     """
 
     problem: ProblemSpec
-    iteration: abfm.Iteration
-    shown: abfm.Iteration
+    iteration: abfm.matching.Iteration
+    shown: abfm.matching.Iteration
 
 
 class _History:
     """The numbers of all iterates of a run; one thread adds to it, others read."""
 
     def __init__(self) -> None:
-        self._iterates: list[abfm.Iteration] = []  # without fields
+        self._iterates: list[abfm.matching.Iteration] = []  # without fields
         self._restarts: list[int] = []
         self._record = Memo[RunRecord]()
 
@@ -108,7 +108,7 @@ class _History:
         if self._iterates:
             self._restarts.append(len(self._iterates))
 
-    def add(self, now: abfm.Iteration) -> None:
+    def add(self, now: abfm.matching.Iteration) -> None:
         self._iterates.append(replace(now, view=IteratePicture(None), path=()))
 
     def record(self, residual: float, parameters: Parameters) -> RunRecord | None:
@@ -214,7 +214,7 @@ class Matching:
         history, now = self._history, snapshot.shown
         if (record := history.record(now.residual, snapshot.problem.parameters)) is None:
             raise AbfmError("the run of this iterate is over")
-        reason = abfm.StopReason.CANCELLED
+        reason = abfm.matching.StopReason.CANCELLED
         kind = outcome_of(now.residual, snapshot.problem.parameters.goal)
         found = abfm.Match(
             problem=snapshot.problem.problem(functions),
@@ -260,7 +260,7 @@ class Matching:
     ) -> abfm.Match:
         problem, number = spec.problem(functions), next(_numbers)
 
-        def take(now: abfm.Iteration) -> None:
+        def take(now: abfm.matching.Iteration) -> None:
             assert isinstance(now.view, IteratePicture)
             now.view.fetch = partial(self._run.process.call_now, fields, number, now.iteration)
             self._post(spec, now)
@@ -276,7 +276,7 @@ class Matching:
                 raise
             return solve(problem)  # a start found with other parameters may be too fast for these
 
-    def _post(self, problem: ProblemSpec, now: abfm.Iteration) -> None:
+    def _post(self, problem: ProblemSpec, now: abfm.matching.Iteration) -> None:
         view, shown, before = now.view, now, self.snapshot
         assert isinstance(view, IteratePicture)
         if view.field is not None:  # the best iterate, reported again with its fields

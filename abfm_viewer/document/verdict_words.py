@@ -8,7 +8,7 @@ import abfm
 from abfm.wording import counted, sentence, share
 
 
-def left_now(now: abfm.Iteration, is_of_landmarks: bool) -> str:
+def left_now(now: abfm.matching.Iteration, is_of_landmarks: bool) -> str:
     """``residual 0.31``, or of landmarks alone ``farthest landmark 3.1% away``."""
     if not is_of_landmarks:
         return f"residual {now.residual:.3g}"
@@ -45,7 +45,7 @@ def refinement(match: abfm.Match) -> str:
     return found if match.refined else ""
 
 
-def place(now: abfm.Iteration) -> str:
+def place(now: abfm.matching.Iteration) -> str:
     """Say where in its course a match is: ``mesh 1/3, stage 2, reach 0.5``."""
     mesh = f"mesh {now.level + 1}/{now.levels}, " if now.levels > 1 else ""
     return f"{mesh}stage {now.stage + 1}{f', reach {now.reach:g}' if now.reach else ''}"

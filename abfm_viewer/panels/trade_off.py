@@ -17,7 +17,7 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.toolkit import Ui, finite
 
-Steps: TypeAlias = "tuple[abfm.PathStep, ...]"
+Steps: TypeAlias = "tuple[abfm.matching.PathStep, ...]"
 
 _SOLVER_CHOICE = "solver's choice"
 _STEP = (

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from abfm import Correspondence, Match, PathStep, Registration
+from abfm import Correspondence, Match, Registration
 from abfm.io.sheets import Checker, Panel, Up
 from abfm.maps import Distortion
+from abfm.matching import PathStep
 from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front
 from abfm.pages.registered import (

@@ -145,14 +145,14 @@ class Work(ABC):
         return None
 
     @property
-    def foreseen(self) -> abfm.Facts | None:
+    def foreseen(self) -> abfm.outcome.Facts | None:
         """What is known of a match before it is solved; None if nothing prevents it, or before
         that is known.
         """
         return None
 
     @property
-    def facts(self) -> abfm.Facts | None:
+    def facts(self) -> abfm.outcome.Facts | None:
         """What is reported of the result."""
         result = self.parts.document.result
         return None if result is None else result.facts
@@ -208,7 +208,7 @@ class MatchWork(Work):
         self._run = run
         self._defaults: Latest[tuple[str, str]] = parts.jobs.latest()
         self._coarse_meshes: Latest[None] = parts.jobs.latest()
-        self._foreseen: Latest[abfm.Facts | None] = parts.jobs.latest()
+        self._foreseen: Latest[abfm.outcome.Facts | None] = parts.jobs.latest()
         self._is_outdated = Memo[bool]()
         self._compared: tuple[abfm.Match | None, bool] = None, False  # a result, and its answer
 
@@ -315,7 +315,7 @@ class MatchWork(Work):
         )
 
     @property
-    def foreseen(self) -> abfm.Facts | None:
+    def foreseen(self) -> abfm.outcome.Facts | None:
         if self.parts.solver.running or self.obstacle:
             return None
         goal = Parameters(goal=self.document.parameters.goal)
@@ -374,7 +374,7 @@ class PairWork(MatchWork):
 
     def __init__(self, parts: Parts, run: MatchRun) -> None:
         super().__init__(parts, run)
-        self._facts: Latest[abfm.Facts] = parts.jobs.latest()
+        self._facts: Latest[abfm.outcome.Facts] = parts.jobs.latest()
 
     @property
     def document(self) -> PairDocument:
@@ -387,7 +387,7 @@ class PairWork(MatchWork):
         return self.parts.initial_maps.prepared(self.document)
 
     @property
-    def facts(self) -> abfm.Facts | None:
+    def facts(self) -> abfm.outcome.Facts | None:
         """What is reported of the match on B, marked as incomplete, until the complete map is
         measured.
         """
@@ -513,7 +513,7 @@ class SequenceWork(Work):
             parts.notices.say(_broken_off(count, len(found), earlier))
 
 
-def _foreseen(spec: ProblemSpec, functions: Evaluators) -> abfm.Facts | None:
+def _foreseen(spec: ProblemSpec, functions: Evaluators) -> abfm.outcome.Facts | None:
     return abfm.matching.expected_facts(spec.problem(functions))
 
 

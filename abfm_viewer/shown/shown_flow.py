@@ -184,7 +184,7 @@ class ShownFlow(Jobs):
         time, tau, channel = self.time, flow.parameters.tau, session.document.channel
         if abs(time - tau) <= 1e-9 * tau:
             snapshot = session.matching.snapshot
-            found: abfm.Match | abfm.Iteration | None = None
+            found: abfm.Match | abfm.matching.Iteration | None = None
             if flow.final:
                 found = None if session.outdated else session.result
             elif snapshot and len(snapshot.problem.channels) == len(session.channels):

@@ -1,18 +1,25 @@
-"""Advection-based function matching on surfaces: find the tangent field whose flow carries one
-function to another.
+"""Advection-based function matching on surfaces.
 
-Names are imported when they are first used, here and in the rooms, so that a program that only
-reads meshes starts without the solver. ``__init__.pyi`` beside each ``__init__.py`` lists them.
+`match` finds the tangent vector field whose flow transports one function to another. `register`,
+`sequence` and `register_population` build on it.
 
-What is refused is an AbfmError, whatever asks for it: of the kind of what does not fit (a function,
-a mesh, a parameter, a file, the length of a flow), saying what was given and what is expected.
+Names and packages are imported when they are first used, so that a program that only reads meshes
+starts without the solver. Each ``__init__.pyi`` lists the names of its package.
+
+Bad input raises a subclass of `AbfmError` (a function, a mesh, a parameter, a file, or a flow that
+is too long). The message says what was given and what was expected.
 """
 
 import pkgutil
 
 import lazy_loader
 
-__getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
-_rooms = {module.name for module in pkgutil.iter_modules(__path__)}
-# from abfm import * would take the name of Python's own io
-__all__ = [name for name in _names if name not in _rooms]
+__getattr__, _, _names = lazy_loader.attach_stub(__name__, __file__)
+_modules = {module.name for module in pkgutil.iter_modules(__path__)}
+_INTERNAL_MODULES = {"loading"}
+# without modules: from abfm import * would hide Python's own io
+__all__ = [name for name in _names if name not in _modules]
+
+
+def __dir__() -> list[str]:
+    return [name for name in _names if name not in _INTERNAL_MODULES]

@@ -205,7 +205,9 @@ class Parameters(Settings):
         super().__post_init__()
         for name, kind in NESTED.items():
             if not isinstance(value := getattr(self, name), kind):
-                raise ParameterError(f"{name} is {brief(value)}; expected abfm.{kind.__name__}()")
+                raise ParameterError(
+                    f"{name} is {brief(value)}; expected abfm.parameters.{kind.__name__}()"
+                )
         if self.solver.segments == 0 and self.paper.method == "linearised":
             object.__setattr__(self, "solver", replace(self.solver, segments=10))
         stages, factor = self.paper.cooling_stages, self.paper.cooling_factor

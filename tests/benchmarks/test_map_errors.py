@@ -7,8 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from abfm import Control, PointMap
+from abfm import PointMap
 from abfm.calculus.operators import vertex_areas
+from abfm.workers import Control
 from benchmarks import map_errors
 from benchmarks.trials import Trials
 from tests.shapes import icosphere

@@ -7,11 +7,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from abfm import Control, Parameters, Problem, TriangleMesh
+from abfm import Parameters, Problem, TriangleMesh
 from abfm.batch import Ledger, problem_row
 from abfm.batch import ledger as ledgers
 from abfm.batch.attempt import Task, attempt
 from abfm.calculus.geodesics import geodesic_distance
+from abfm.workers import Control
 from benchmarks import success
 from benchmarks.success import GOAL, record_of
 from benchmarks.trials import Trials

@@ -79,6 +79,63 @@ def test_public_names_are_no_modules_whatever_is_imported_first():
         assert names == [public for public in front.__all__ if public not in rooms], code
 
 
+PUBLIC_NAMES = [
+    "load",
+    "load_mesh",
+    "TriangleMesh",
+    "function",
+    "Parameters",
+    "Problem",
+    "match",
+    "Match",
+    "register",
+    "Registration",
+    "Correspondence",
+    "PointMap",
+    "sequence",
+    "Sequence",
+    "register_population",
+    "Population",
+    "solve_many",
+    "advect",
+    "Flow",
+    "MatchingEnergy",
+    "Monitor",
+    "AbfmError",
+    "AdvectionError",
+    "FunctionError",
+    "MeshError",
+    "ParameterError",
+    "ResultError",
+]
+PUBLIC_PACKAGES = [
+    "baselines",
+    "batch",
+    "calculus",
+    "experiments",
+    "flow",
+    "functions",
+    "io",
+    "maps",
+    "matching",
+    "mesh",
+    "outcome",
+    "pages",
+    "parameters",
+    "population",
+    "registration",
+    "sequences",
+    "streaks",
+    "tasks",
+    "workers",
+]
+
+
+def test_public_names_are_those_of_the_list():
+    assert sorted(abfm.__all__) == sorted(PUBLIC_NAMES)
+    assert sorted(dir(abfm)) == sorted(PUBLIC_NAMES + PUBLIC_PACKAGES)
+
+
 def test_every_public_name_is_listed_and_others_are_refused():
     assert set(abfm.__all__) <= set(dir(abfm))
     for name in abfm.__all__:

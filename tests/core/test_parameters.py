@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abfm import ParameterError, Parameters, SolverSettings
+from abfm import ParameterError, Parameters
 from abfm.matching import Remedy
-from abfm.parameters import FIELDS, FIRST_SIGMA_MAX, LAST_SIGMA, TABLE_1, row_of
+from abfm.parameters import FIELDS, FIRST_SIGMA_MAX, LAST_SIGMA, TABLE_1, SolverSettings, row_of
 from tests.messages import raises
 
 

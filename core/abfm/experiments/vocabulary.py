@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from abfm import Flow, Iteration, Match, MatchingEnergy, Parameters, Problem, StopReason, match
+from abfm import Flow, Match, MatchingEnergy, Parameters, Problem, match
 from abfm.assets import asset_path
 from abfm.calculus import to_frame
 from abfm.errors import MeshError, ParameterError
 from abfm.functions import function
 from abfm.io.sheets import Sheet
 from abfm.maps import MapQuality, map_quality
+from abfm.matching import Iteration, StopReason
 from abfm.matching.judging.cause import Cause, sentence_of
 from abfm.matching.judging.verdict import Verdict
 from abfm.mesh import TriangleMesh, load_mesh
@@ -282,7 +283,7 @@ def affordable_iterations(mesh: TriangleMesh, most: int) -> int:
 
 
 def witnessed(found: Match) -> tuple[list[Measure], str, str]:
-    """Ask `abfm.verify`: measures, a label for the panel, and what is not known, if anything."""
+    """Verify a match: return measures, a label of the panel, and what is unknown, if anything."""
     try:
         said = found.verify()
     except ParameterError as error:

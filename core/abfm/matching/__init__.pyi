@@ -23,5 +23,6 @@ from .solvability import peaks as peaks
 from .solvability import resolution as resolution
 from .solve_many import solve_many as solve_many
 from .solving.levels import prepare as prepare
+from .solving.record import Iteration as Iteration
 from .solving.record import StopReason as StopReason
 from .task import MatchTask as MatchTask

@@ -67,8 +67,9 @@ class Match(Display):
         largest error of a landmark, in tenths of sqrt(area), if that is larger. Goal and verdict
         use it.
     verified_residual : float
-        The residual of the source along flow lines of the continuous fields (see `abfm.verify`),
-        estimated from some of the vertices on large meshes; NaN if unknown.
+        The residual of the source along flow lines of the continuous fields (see
+        `abfm.matching.verify`), estimated from some of the vertices on large meshes; NaN if
+        unknown.
     folded : float
         Share of the faces, 0 to 1, that this flow folds (`Verification.folded`); NaN if unknown.
     stop_reason : StopReason
@@ -394,7 +395,7 @@ class Match(Display):
         return self.flow.distortion(t)
 
     def verify(self, subdivided: bool = True) -> Verification:
-        """Verify that the fields carry the source to the target, see `abfm.verify`."""
+        """Verify that the fields carry the source to the target, see `abfm.matching.verify`."""
         return verify(self.problem, self.fine_velocity, subdivided)
 
     def save(self, path: File) -> None:

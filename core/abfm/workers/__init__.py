@@ -1,1 +1,5 @@
-"""Long work: how far it is, whether it is still wanted, and processes that it runs in."""
+"""Long computations: progress, pause and cancel, and the subprocesses that they run in."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

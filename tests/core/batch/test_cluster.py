@@ -93,7 +93,7 @@ def test_a_scheduler_that_goes_is_told_with_what_is_left(elsewhere, tmp_path, ca
 
 
 def test_a_run_elsewhere_that_is_cancelled_keeps_what_is_done(elsewhere, tmp_path):
-    control = abfm.Control()
+    control = abfm.workers.Control()
     cluster = Cluster(scheduler=elsewhere.scheduler_address)
     many = [pair(target=target) for target in range(20, 60)]
     entries = run(
@@ -114,11 +114,11 @@ def test_no_scheduler_is_told(tmp_path):
     # what answers is none
     refuse = Mock(side_effect=MemoryError("out of memory"))
     with raises(ResultError, "tcp://1"):
-        on_dask._client(refuse, "tcp://1", abfm.Control())
+        on_dask._client(refuse, "tcp://1", abfm.workers.Control())
 
 
 def test_who_waits_for_a_scheduler_may_cancel_that(tmp_path, monkeypatch):
-    control, waited, closed = abfm.Control(), threading.Event(), threading.Event()
+    control, waited, closed = abfm.workers.Control(), threading.Event(), threading.Event()
 
     def connect(*given, **named):
         control.cancel()

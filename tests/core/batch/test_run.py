@@ -126,7 +126,7 @@ def test_processes_are_kept_from_one_run_to_the_next_and_replaced_after_a_cancel
     tmp_path, monkeypatch
 ):
     made, module = [], sys.modules["abfm.workers.executor"]
-    usual, control = module.Worker, abfm.Control()
+    usual, control = module.Worker, abfm.workers.Control()
 
     def make(*given):
         made.append(usual(*given))
@@ -151,7 +151,7 @@ def test_processes_are_kept_from_one_run_to_the_next_and_replaced_after_a_cancel
 
 
 def test_a_process_is_replaced_that_was_ended_though_it_was_told_by_an_error(tmp_path, monkeypatch):
-    made, control = [], abfm.Control()
+    made, control = [], abfm.workers.Control()
 
     class Here:
         """A worker in this process, which says no more once it is closed."""
@@ -400,7 +400,7 @@ def test_a_row_is_tried_three_times_at_most(tmp_path, monkeypatch):
 
 
 def test_a_run_that_is_cancelled_keeps_what_is_done(tmp_path):
-    control = abfm.Control()
+    control = abfm.workers.Control()
     rows = [pair(target=target) for target in (9, 12, 15)]
     with temporary_file(tmp_path, ".json") as temporary:
         abandoned = tmp_path / "ledger" / temporary.name

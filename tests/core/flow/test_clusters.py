@@ -271,7 +271,7 @@ F, G = (bump(KNOTS, [np.cos(angle), np.sin(angle), 0], 0.2) for angle in (0.0, 0
 @cache
 def matched(end=None, **changes):
     """A match, perhaps cancelled; levels and values of each iterate; row products."""
-    seen, control = [], abfm.Control()
+    seen, control = [], abfm.workers.Control()
 
     def note(i):
         seen.append((i.level, i.levels, i.vertices))

@@ -70,7 +70,9 @@ OF_FUNCTIONS = {
     "channels": lambda f: calculus.channels(MESH, f, "f"),
     "transport": lambda f: baselines.optimal_transport(MESH, f, G, 0.5),
     "blend": lambda f: baselines.linear_blend(f, f, 0.5),
-    "verify": lambda f: abfm.verify(abfm.Problem(MESH, f, G), V, subdivided=False).residual,
+    "verify": lambda f: (
+        abfm.matching.verify(abfm.Problem(MESH, f, G), V, subdivided=False).residual
+    ),
     "pull back": lambda f: START.pull_back(f),
 }
 OF_FIELDS = {
@@ -222,7 +224,7 @@ def test_functions_whose_squares_leave_the_numbers_are_refused(size, unit):
     with raises(abfm.FunctionError):
         matched(size * F, size * G, sigma_unit=unit)
     with raises(abfm.FunctionError):
-        abfm.verify(abfm.Problem(MESH, size * F, size * G), np.zeros((len(MESH.faces), 3)))
+        abfm.matching.verify(abfm.Problem(MESH, size * F, size * G), np.zeros((len(MESH.faces), 3)))
 
 
 @pytest.mark.parametrize("reach", [0.0, 1.0])

@@ -91,7 +91,9 @@ def test_flows(name, move):
     check(lambda m, x: ContinuousFlow(m, x, 1.0).destinations().positions)
     check(lambda m, x: ContinuousFlow(m, x, 1.0).origins().positions)
     check(lambda m, x: ends_of(flow_lines(m, x, vertex_points(m), 1.0)))
-    witnesses = [abfm.verify(abfm.Problem(m, x, x), y) for m, x, y in ((mesh, f, v), (other, h, w))]
+    witnesses = [
+        abfm.matching.verify(abfm.Problem(m, x, x), y) for m, x, y in ((mesh, f, v), (other, h, w))
+    ]
     for which in ("flow_lines", "subdivided", "resolution", "folded", "overturned"):
         one, other_one = (getattr(each, which) for each in witnesses)
         assert other_one == pytest.approx(one, rel=SOLVES, abs=SOLVES)

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from abfm import Control, Parameters, ResultError, load, match
+from abfm import Parameters, ResultError, load, match
 from abfm.io import FORMAT_VERSION, load_arrays, save_arrays
 from abfm.io.results import open_archive
 from abfm.matching import Remedy, prepare
 from abfm.reading import open_plain, plain_files, read_bytes
+from abfm.workers import Control
 from tests.core.fields import bump
 from tests.core.reading import hostile
 from tests.core.reading.hostile import members, npy_of, refusal, zipped

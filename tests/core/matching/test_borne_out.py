@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from abfm import Parameters, Problem, StopReason, load, match
-from abfm.matching import Verdict
+from abfm import Parameters, Problem, load, match
+from abfm.matching import StopReason, Verdict
 from abfm.outcome import Outcome
 from tests.core.fields import bump
 from tests.messages import check_message

@@ -6,9 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from abfm import Control, Parameters, Problem, load, match
+from abfm import Parameters, Problem, load, match
 from abfm.errors import ParameterError
 from abfm.matching import SHARE, limit_distortion
+from abfm.workers import Control
 from tests.messages import raises
 from tests.shapes import icosphere
 

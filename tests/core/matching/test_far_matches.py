@@ -128,7 +128,7 @@ def test_linearised_steps_over_several_meshes():
 
 @pytest.fixture
 def control():
-    return abfm.Control()
+    return abfm.workers.Control()
 
 
 @pytest.mark.parametrize("iteration", [0, 3, 20])

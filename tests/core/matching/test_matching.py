@@ -140,7 +140,7 @@ def test_a_mask_may_come_with_the_vertices_of_the_file():
 
 def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
     """With many sub-steps no more are made than the few until the next checkpoint."""
-    control, steps, of_first = abfm.Control(), 0, 0
+    control, steps, of_first = abfm.workers.Control(), 0, 0
     forward = ExponentialFlow.forward
 
     def counted(*words):
@@ -163,7 +163,7 @@ def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
 
 @pytest.mark.parametrize("skip_checks", [False, True])
 def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from(skip_checks):
-    control = abfm.Control()
+    control = abfm.workers.Control()
 
     def tell(step):
         if step is not None and step.task.startswith("checking"):
@@ -179,7 +179,7 @@ def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from(skip_checks):
 
 @pytest.mark.parametrize("paused", [False, True])
 def test_cancelled_before_it_began_gives_the_start_and_is_not_paused(paused):
-    control = abfm.Control()
+    control = abfm.workers.Control()
     control.cancel()
     if paused:
         control.pause()
@@ -189,7 +189,7 @@ def test_cancelled_before_it_began_gives_the_start_and_is_not_paused(paused):
 
 
 def test_pause_holds_and_resume_continues_to_the_same_result():
-    control, reached, results = abfm.Control(), threading.Event(), []
+    control, reached, results = abfm.workers.Control(), threading.Event(), []
 
     def on_iteration(item):
         if item.iteration == 4:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm import Control, Parameters
+from abfm import Parameters
 from abfm.errors import AbfmError
 from abfm.flow.exponential import Workspace
 from abfm.matching.objective.matching_energy import MatchingEnergy, Objective
@@ -16,6 +16,7 @@ from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solving.continuation import State, solve
 from abfm.matching.solving.descent import Descent
 from abfm.matching.solving.record import Record
+from abfm.workers import Control
 from tests.core.fields import bump
 from tests.messages import check_message
 from tests.shapes import icosphere

@@ -5,9 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import abfm
-from abfm import MatchingEnergy, Outcome, Parameters, Problem
+from abfm import MatchingEnergy, Parameters, Problem
 from abfm.matching.solvability import is_measured, squeezed, stood_still, value_gap
 from abfm.matching.solving.measures import measured
+from abfm.outcome import Outcome
 from tests.core.fields import bump
 from tests.shapes import ellipsoid, icosphere
 

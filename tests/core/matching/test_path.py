@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from abfm import MatchingEnergy, Parameters, PathStep, ResultError, load, match
+from abfm import MatchingEnergy, Parameters, ResultError, load, match
 from abfm.io import load_arrays, save_arrays
-from abfm.matching import path_table
+from abfm.matching import PathStep, path_table
 from abfm.matching.path import COLUMNS, as_stored
 from abfm.matching.result import match_of
 from abfm.matching.solving.measures import measured

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abfm import ParameterError, read_subjects
+from abfm import ParameterError
 from abfm.functions import parse
-from abfm.population import Channel, Cohort, Subject
+from abfm.population import Channel, Cohort, Subject, read_subjects
 from abfm.population.subjects import _cohort
 from tests.messages import raises
 

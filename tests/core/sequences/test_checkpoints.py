@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import abfm
-from abfm import Control
 from abfm.sequences import (
     SequenceCheckpoint,
     checkpoint_file,
@@ -14,6 +13,7 @@ from abfm.sequences import (
     move_checkpoints,
     remove_checkpoints,
 )
+from abfm.workers import Control
 from abfm.workers.progress import reporting_steps
 from tests.core.sequences.films import SPHERE, bumps
 from tests.core.sequences.turning_film import MESH, TIMES, film

@@ -250,7 +250,7 @@ def test_intervals_are_rows_with_verdicts(tmp_path):
 
 
 def test_what_was_not_solved_has_empty_cells(tmp_path):
-    control = abfm.Control()
+    control = abfm.workers.Control()
     found = abfm.sequence(
         MESH,
         film(),

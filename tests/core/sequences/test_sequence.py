@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
-from abfm import AbfmError, Control, TriangleMesh
+from abfm import AbfmError, TriangleMesh
 from abfm.calculus.operators import curl, divergence, face_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.maps import vertex_points
@@ -20,6 +20,7 @@ from abfm.sequences.noise import noise_levels
 from abfm.sequences.solving.choosing import change_rates
 from abfm.sequences.solving.solve import IntervalMeasures, SequenceSolver
 from abfm.sequences.verdicts import facts_of_intervals, verdict_of
+from abfm.workers import Control
 from abfm.workers.progress import reporting_steps
 from tests.core.sequences import turning_film
 from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm import Outcome
 from abfm.batch import KINDS, Cluster, run
 from abfm.batch.table import known_columns
 from abfm.errors import AbfmError, ParameterError
 from abfm.loading import task_of
+from abfm.outcome import Outcome
 from abfm.population.task import PopulationTask
 from abfm.sequences.task import SequenceTask
 from abfm.workers.control import CancelledError

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from abfm import Parameters, PathStep, load_mesh, match
+from abfm import Parameters, load_mesh, match
 from abfm.functions import function
+from abfm.matching import PathStep
 from tests.viewer.cli.conftest import MESHES
 
 

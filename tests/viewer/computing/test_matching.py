@@ -301,10 +301,10 @@ def test_a_run_that_is_killed_after_a_change_leaves_what_was_found_since_or_befo
 
 def iterate(**given):
     """An iterate with what is given."""
-    names = (field.name for field in fields(abfm.Iteration) if field.default is MISSING)
+    names = (field.name for field in fields(abfm.matching.Iteration) if field.default is MISSING)
     numbers = {"energy": 6.0, "regularity": 1.0, "mismatch_energy": 5.0, "residual": 0.4}
     known = dict.fromkeys(names, 0) | numbers | {"sigma": 0.1, "shares": {}}
-    return abfm.Iteration(**(known | given))
+    return abfm.matching.Iteration(**(known | given))
 
 
 def test_a_new_attempt_replaces_no_better_field(matching):

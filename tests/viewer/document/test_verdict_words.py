@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import abfm
-from abfm import StopReason
-from abfm.matching import Remedy, Verdict
+from abfm.matching import Remedy, StopReason, Verdict
 from abfm.matching.report import advice_in_options, numbers
 from abfm.outcome import VERDICTS, Outcome, outcome_of
 from abfm.sequences.report import interval_headline

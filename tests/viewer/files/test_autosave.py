@@ -235,7 +235,7 @@ def test_what_is_taken_over_goes_when_it_is_saved_and_halves_with_the_next_copy(
 @pytest.fixture
 def film():
     """A document with all fields of its film, and one with those of some intervals."""
-    frames, control = SEQUENCE.frames, abfm.Control()
+    frames, control = SEQUENCE.frames, abfm.workers.Control()
     given = frames.mesh, frames.values[:, :, 0], None, defaults(sigma=0.5), 0
     whole = abfm.sequence(*given)
     part = abfm.sequence(*given, on_interval=lambda _: control.cancel(), control=control)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from PIL import ImageFont
 
 import abfm
-from abfm import StopReason
 from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
+from abfm.matching import StopReason
 from abfm.outcome import Outcome
 from abfm.pages.colormaps import table
 from abfm_viewer.appearance.theme import LIGHT_PALETTE

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm import Outcome, Parameters, Problem
+from abfm import Parameters, Problem
 from abfm.matching import expected_facts
+from abfm.outcome import Outcome
 from tests.core.fields import bump
 from tests.messages import check_message
 from tests.shapes import icosphere

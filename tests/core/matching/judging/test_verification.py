@@ -26,7 +26,7 @@ def verify(mesh, f, g, velocity, *, linearised=False, subdivided=True, **given):
     """Ask the witnesses of a problem with these functions."""
     parameters = Parameters.of(method="linearised" if linearised else "nonlinear")
     problem = abfm.Problem(mesh, f, g, parameters, **given)
-    return abfm.verify(problem, velocity, subdivided)
+    return abfm.matching.verify(problem, velocity, subdivided)
 
 
 def turned(mesh, axis, width):
@@ -144,8 +144,8 @@ def test_a_match_verifies_itself():
     f, g, _ = turned(mesh, 0.5 * AXIS, 0.25)
     match = abfm.match(mesh, f, g, abfm.Parameters.of(iterations=30, segments=2))
     one = match.verify()
-    assert isinstance(one, abfm.Verification)
-    assert one == abfm.verify(match.problem, match.velocity)
+    assert isinstance(one, abfm.matching.Verification)
+    assert one == abfm.matching.verify(match.problem, match.velocity)
     assert abs(one.residual - match.residual) < 0.1
     assert np.isnan(match.verify(subdivided=False).subdivided)
 

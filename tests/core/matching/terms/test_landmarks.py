@@ -231,7 +231,7 @@ def test_files_hold_functions_without_weight(tmp_path):
 @pytest.mark.parametrize("iterations", [1, 3])
 def test_cancelled_in_a_thread_that_is_controlled_it_keeps_its_field(iterations):
     """As in a process that is told so from outside: nothing is asked of a thread that ends."""
-    control = abfm.Control()
+    control = abfm.workers.Control()
 
     def cancel(now):
         if now.iteration == iterations:
