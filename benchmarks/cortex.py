@@ -23,7 +23,7 @@ from abfm.functions import read_column, read_labels
 from abfm.maps.spherical import sphere_directions
 from abfm.registration import MEASURED_PARAMETERS
 from abfm.registration.initial import initial_map
-from abfm.registration.initial.given import MapInput
+from abfm.registration.initial.map_input import MapInput
 from abfm.types import BoolArray, FloatArray
 from benchmarks.common import Cells, Table, decimals, fsaverage5, main
 
@@ -113,8 +113,8 @@ class Evaluation:
         distortion = found.distortion()
         area, shape = distortion.log2_area, distortion.log2_shape
         numbers = [
-            self.correlation(found.carry(self.a.depth), self.b.depth),
-            self.correlation(found.carry(self.a.curvature), self.b.curvature),
+            self.correlation(found.transfer(self.a.depth), self.b.depth),
+            self.correlation(found.transfer(self.a.curvature), self.b.curvature),
             self.dice(found),
             area.mean,
             area.p95,
@@ -126,7 +126,7 @@ class Evaluation:
             name,
             *(decimals(number, ".3f", "") for number in numbers),
             str(distortion.folded),
-            f"{found.there_and_back().median:.1g}",
+            f"{found.round_trip().median:.1g}",
             decimals(seconds, ".0f", ""),
         ]
 
@@ -146,7 +146,7 @@ class Evaluation:
         if not (self.a.labels and self.b.labels):
             return float("nan")
         ours, theirs = (np.searchsorted(names, side.labels) for side in (self.b, self.a))
-        carried = found.carry_labels(theirs)
+        carried = found.transfer_labels(theirs)
         values = []
         for index, name in enumerate(names):
             one, other = (ours == index) & self.cortex, (carried == index) & self.cortex

@@ -13,7 +13,7 @@ from abfm.maps import vertex_points
 from abfm.maps.continuous_map import continuous_map
 from abfm.maps.spherical import SphereLayout
 from abfm.mesh.shapes import even_sphere, five_limbs
-from abfm.registration.initial.spheres import OnSphere, rotation_by_functions
+from abfm.registration.initial.sphere_rotations import SphereFunctions, rotation_by_functions
 from abfm_viewer.window import warm_up
 
 _FEW = abfm.Parameters.of(iterations=2, refine=0)
@@ -32,7 +32,7 @@ def compile_kernels():
     pairs = [[3, 4], [77, 78], [150, 151], [290, 291]]
     abfm.register(body, other, initial="embedding", landmarks=pairs, parameters=_FEW)
     ball = even_sphere(100)
-    on_sphere = OnSphere(SphereLayout(ball, ball.vertices), ball.vertices.T[:1])
+    on_sphere = SphereFunctions(SphereLayout(ball, ball.vertices), ball.vertices.T[:1])
     rotation_by_functions(on_sphere, on_sphere, np.ones(1))
     torn = np.arange(len(body.vertices))
     torn[:20] = torn[19::-1]

@@ -96,11 +96,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data:
         data = partial(read_values, arguments.data, hemisphere=side)
         columns = _read_on(way, data)
-        carried = way.b.on_file(way.carry(columns.table(), by))
+        carried = way.b.on_file(way.transfer(columns.table(), by))
         write_values(out, carried, way.b.structure, columns.names, columns.times)
     elif arguments.labels:
         labels = _labels(way, arguments.labels, arguments.column, side)
-        carried = way.b.on_file(way.carry_labels(labels.values, by), NO_LABEL)
+        carried = way.b.on_file(way.transfer_labels(labels.values, by), NO_LABEL)
         write_labels(out, Labels(carried, labels.names, labels.colors), way.b.structure)
     elif arguments.points:
         places = _points(way, arguments.points, int(arguments.one_based))
@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _carry_texture(way: Correspondence, arguments: argparse.Namespace) -> None:
     with task_progress(quiet=not sys.stderr.isatty()):
         texture, alpha_mode = pictures.read_texture(arguments.texture, way.a, arguments.image)
-        found = abfm.registration.carry_texture(way, texture, arguments.size)
+        found = abfm.registration.transfer_texture(way, texture, arguments.size)
         pictures.write_texture(arguments.out, found, alpha_mode)
 
 
@@ -169,7 +169,7 @@ def _labels(way: Correspondence, path: str, column: str | None, side: str) -> La
 def _points(way: Correspondence, path: str, first: int) -> np.ndarray:
     table = read_values(path).table()
     if table.shape[1] == 3:
-        return way.carry_points(_on_surface(way.a, table, path)).positions
+        return way.transfer_points(_on_surface(way.a, table, path)).positions
     if table.shape[1] != 1:
         raise FunctionError(f"{path} has {table.shape[1]} columns; expected 1, or 3: x, y, z")
     place = way.a.local_vertices(table[:, 0] - first)
@@ -178,7 +178,7 @@ def _points(way: Correspondence, path: str, first: int) -> np.ndarray:
         raise FunctionError(
             f"{path}: line {wrong[0] + 1} has {table[wrong[0], 0]:g}, which is no vertex in use"
         )
-    return way.carry_points(place).positions
+    return way.transfer_points(place).positions
 
 
 def _on_surface(mesh: TriangleMesh, places: np.ndarray, path: str) -> SurfacePoints:

@@ -15,7 +15,7 @@ from abfm.errors import printable
 from abfm.functions import read_values, vertex_map
 from abfm.io import write_values
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import BOUNDS, MapAccuracy, map_accuracy
+from abfm.maps.quality import ERROR_BOUNDS, MapAccuracy, map_accuracy
 from abfm.registration import report
 from abfm.registration.initial import Landmarks, map_from_file
 from abfm.registration.task import vertex_numbers
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_note(quality.warning, "warning")
     facts = {
         **report.distortion_details(quality.distortion),
-        "there_and_back": quality.there_and_back._asdict(),
+        "there_and_back": quality.round_trip._asdict(),
         "warning": quality.warning,
         "report": quality.report(),
     }
@@ -144,7 +144,7 @@ def _accuracy_facts(accuracy: MapAccuracy) -> dict[str, Any]:
     return {
         "vertices": len(accuracy.vertices),
         **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
-        "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
+        "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in ERROR_BOUNDS},
         "report": accuracy.report(),
     }
 

@@ -94,13 +94,13 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
     (document, on_b), back = document_of_result(match, path), initial.inverse()
     names = [_column(path, f"source {number}") for number in range(len(document.channels))]
     known = {name: values for name, values in on_b.items() if name not in names}
-    functions = back.carry(match.source) if found.functions is None else found.functions
+    functions = back.transfer(match.source) if found.functions is None else found.functions
     for name, values in zip(names, functions.T, strict=True):
         known[f"{OF_A}{name}"] = values
     pair = Surface(initial.a, "A"), Surface(match.mesh, f"B of {path.name}")
     landmarks: tuple[Landmark, ...] = ()
     if (marks := match.problem.landmarks) is not None:
-        starts = points_of(back.carry_points(marks.points(match.mesh)))
+        starts = points_of(back.transfer_points(marks.points(match.mesh)))
         given = zip(starts, document.landmarks, strict=True)
         landmarks = tuple(one.placed("source", start) for start, one in given)
     drafted = {one.name: getattr(document, one.name) for one in fields(document)}

@@ -194,7 +194,7 @@ def _map(context: Context) -> None:
     quality = quantities.map_quality() if view.coloring in _MAPS else None
     if quality is None:
         return
-    found, back = quality.distortion, quality.there_and_back
+    found, back = quality.distortion, quality.round_trip
     area, shape = found.log2_area, found.log2_shape
     ui.note(
         f"|log2| of areas' factors: mean {area.mean:.3f}, 95% below {area.p95:.3f}; of stretches' "

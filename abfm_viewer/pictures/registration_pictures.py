@@ -110,12 +110,12 @@ def _map(found: Correspondence, distortion: Distortion, front: Front) -> Row:
     board = (places - low) * (0.5 * _FIELDS / extent)
     boards = [(found.a, board, "A")]
     if not isinstance(found, Registration):
-        boards.append((found.b, found.carry(board), "on B"))
+        boards.append((found.b, found.transfer(board), "on B"))
     elif found.a is found.b:
-        boards = [(found.a, board, "at first"), (found.b, found.carry(board), "carried")]
+        boards = [(found.a, board, "at first"), (found.b, found.transfer(board), "carried")]
     else:
-        boards.append((found.b, found.initial.carry(board), "on B, at first"))
-        boards.append((found.b, found.carry(board), "on B, registered"))
+        boards.append((found.b, found.initial.transfer(board), "on B, at first"))
+        boards.append((found.b, found.transfer(board), "on B, registered"))
     panels = [Panel(mesh, Checker(each), title) for mesh, each, title in boards]
     changed = {"areas: log2 J": distortion.area, "shapes: log2 R": distortion.conformal}
     logs = {title: log2_of(each) for title, each in changed.items()}

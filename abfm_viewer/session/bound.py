@@ -73,7 +73,7 @@ class Bound:
         if found is None or bound is None or not bound.is_kept:
             self._notices.say(f"the distortion stays: {found.why if found else why}", is_error=True)
         elif np.array_equal(found.match.fine_velocity, result.fine_velocity):
-            faces = f"{100 * abfm.matching.SHARE:g}% of the faces"
+            faces = f"{100 * abfm.matching.BOUNDED_SHARE:g}% of the faces"
             self._notices.say(f"{faces} keep {most:g} already")
         else:
             if found.errors is not None:
@@ -91,5 +91,5 @@ def _within(
     if initial is None:
         found = abfm.matching.limit_distortion(result, most)
         return _Found(found, "; ".join(found.facts.warnings), found.landmark_errors)
-    both = abfm.registration.within(abfm.Registration(initial, result), most)
+    both = abfm.registration.limit_distortion(abfm.Registration(initial, result), most)
     return _Found(both.match, "; ".join(both.notes), both.landmark_errors)

@@ -21,7 +21,7 @@ from abfm_viewer.document.surface_points import paired
 from abfm_viewer.session.functions import DocumentFunctions
 
 if TYPE_CHECKING:
-    from abfm.registration.initial.given import Initial, MapInput
+    from abfm.registration.initial.map_input import Initial, MapInput
 
 _FIRST_WORD = "closest"
 """The word of the map that is shown while candidates are compared."""
@@ -184,7 +184,7 @@ class InitialMaps:
 
     def _map(self, maps: Memo[Initial], way: _MapChoice, given: _ChannelValues) -> Initial:
         """Return the map, found anew where something changed that it asks for."""
-        from abfm.registration.initial.given import Initial, MapInput
+        from abfm.registration.initial.map_input import Initial, MapInput
 
         if not isinstance(way.by, str):
             return Initial(way.by.correspondence, warnings=way.by.warnings)
@@ -210,6 +210,6 @@ class InitialMaps:
 
 def _found(_: object, word: str | None, given: MapInput) -> Initial:
     """Find a map, which takes seconds, in which libraries hold the interpreter."""
-    from abfm.registration.initial.words import initial_map
+    from abfm.registration.initial.methods import initial_map
 
     return initial_map(word, given)

@@ -432,7 +432,7 @@ class PairWork(MatchWork):
             self.parts.notices.say(text)
             return None
         on_a = surface_points(self.document.surface(slot).mesh, [point])
-        [carried] = points_of(prepared.initial.correspondence.carry_points(on_a))
+        [carried] = points_of(prepared.initial.correspondence.transfer_points(on_a))
         return carried
 
     def take_usual_parameters(self) -> None:

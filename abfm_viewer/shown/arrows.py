@@ -167,7 +167,7 @@ def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.m
     """
     spread = abfm.maps.spread_points(mesh)
     if eye is None:
-        return spread.apart(spacing)
+        return spread.with_spacing(spacing)
     finer = np.arange(spread.count(_CANDIDATE_SPACING * spacing))
     sights = _sights(spread.points[finer], spacing / 2, eye)
     # what is not seen is there nevertheless, as the surface may turn

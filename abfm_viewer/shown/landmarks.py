@@ -139,6 +139,6 @@ class ShownLandmarks(Jobs):
 
         def start() -> abfm.maps.SurfacePoints:
             points = surface_points(mesh, sources)
-            return points if initial is None else initial.carry_points(points)
+            return points if initial is None else initial.transfer_points(points)
 
         return self._starts.get((mesh, initial, sources), start)

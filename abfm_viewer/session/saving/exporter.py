@@ -145,7 +145,7 @@ class Exporter:
             way = found
             if isinstance(way, abfm.Match):
                 way = abfm.Correspondence(way.point_map())
-            carried = way.b.on_file(way.carry_labels(labels.values, "area"), NO_LABEL)
+            carried = way.b.on_file(way.transfer_labels(labels.values, "area"), NO_LABEL)
             abfm.io.write_labels(path, labels.labels(carried), way.b.structure)
 
         self._start(path, LABELS, write)

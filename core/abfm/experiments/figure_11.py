@@ -15,7 +15,7 @@ from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Soug
 from abfm.flow import flow_lines
 from abfm.io.sheets import Checker, Curve, Panel, Plot, Sheet, Values
 from abfm.maps import MapQuality, SurfacePoints, functional_map, point_map
-from abfm.maps.functional_maps import carry, spectral_coefficients
+from abfm.maps.functional_maps import spectral_coefficients, transfer
 from abfm.mesh import per_mesh
 from abfm.parameters import TABLE_1, TableRow
 from abfm.types import FloatArray, IntArray
@@ -242,7 +242,7 @@ class Poses:
         """Return the match of some of A's coordinates."""
         places = coordinates(self.a)
         source = self.start.pull_back(places)[:, axes]
-        target = carry(self.a, self.b, self.wanted, places)[:, axes]
+        target = transfer(self.a, self.b, self.wanted, places)[:, axes]
         iterations = 20 if small else words.affordable_iterations(self.b, 500)
         problem = Problem(self.b, source, target, row.parameters(iterations=iterations))
         specs = tuple((f"file:start_{'xyz'[x]}.npy", f"file:target_{'xyz'[x]}.npy") for x in axes)
@@ -301,7 +301,7 @@ def bent(mesh: TriangleMesh) -> TriangleMesh:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Matches, all three coordinates as two of them carry them, and the maps read off."""
+    """Matches, all three coordinates as two of them transfer them, and the maps read off."""
 
     one: Match
     three: Match

@@ -14,10 +14,10 @@ from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection, Discretisation
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow_lines import checked_fields
-from abfm.maps.distortion import Distortion, Map
+from abfm.maps.distortion import Distortion, SurfaceMap
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import FlowMapQuality, ThereAndBack, there_and_back
+from abfm.maps.quality import FlowMapQuality, RoundTrip, round_trip
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh, per_mesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined
 from abfm.numerics.real_numbers import is_finite_number, real_numbers
@@ -45,7 +45,7 @@ def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterat
         yield PointMap.of_points(mesh, points, map_of_points(lines, time, inverse))
 
 
-def map_of_points(lines: ContinuousFlow, time: float, inverse: bool) -> Map:
+def map_of_points(lines: ContinuousFlow, time: float, inverse: bool) -> SurfaceMap:
     """Return what takes points where `flow_maps` takes vertices."""
     ahead = inverse != (time < 0)
     return partial(lines.destinations if ahead else lines.origins, t=abs(time))
@@ -168,18 +168,18 @@ class Flow:
         """
         return self.point_map(t, inverse=True).distortion()
 
-    def there_and_back(self, t: float | None = None) -> ThereAndBack:
-        """Measure how far from itself a vertex comes back, in edges: `abfm.maps.there_and_back`."""
-        return self._there_and_back(self.point_map(t, inverse=True), t)
+    def round_trip(self, t: float | None = None) -> RoundTrip:
+        """Measure how far from itself a vertex comes back, in edges: `abfm.maps.round_trip`."""
+        return self._round_trip(self.point_map(t, inverse=True), t)
 
     def map_quality(self, t: float | None = None) -> FlowMapQuality:
         """Tell what the map of time ``t`` does to faces, and whether points come back."""
         there = self.point_map(t, inverse=True)
-        return FlowMapQuality(there.distortion(), self._there_and_back(there, t))
+        return FlowMapQuality(there.distortion(), self._round_trip(there, t))
 
-    def _there_and_back(self, there: PointMap, t: float | None) -> ThereAndBack:
+    def _round_trip(self, there: PointMap, t: float | None) -> RoundTrip:
         back = map_of_points(self._lines, self.tau if t is None else t, inverse=False)
-        return there_and_back(there, back)
+        return round_trip(there, back)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
         """Return the flow to time ``t`` (tau by default) on coefficients in the first k

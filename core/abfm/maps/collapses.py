@@ -85,17 +85,17 @@ def _fold(surface: Surface, slot: int, star: IndexArray) -> None:
         corner_of[kept] = next_slot(next_slot(p))
 
 
-class _Room(NamedTuple):
-    """Room for what is around a vertex."""
+class _Workspace(NamedTuple):
+    """Workspace for what is around a vertex."""
 
     star: IntArray  # corners there
     seen: IntArray  # when each vertex was seen last, and at the end the time
 
 
 @unfused_kernel
-def _is_free(surface: Surface, slot: int, room: _Room) -> bool:
+def _is_free(surface: Surface, slot: int, workspace: _Workspace) -> bool:
     """Return whether the ends of an edge have two common neighbours only."""
-    (faces, twins, _), (star, seen) = surface, room
+    (faces, twins, _), (star, seen) = surface, workspace
     seen[-1] += 1
     for corner in star[: fill_star(star, twins, next_slot(slot))]:
         seen[faces[next_slot(corner)]] = seen[-1]
@@ -107,7 +107,7 @@ def _is_free(surface: Surface, slot: int, room: _Room) -> bool:
 
 @unfused_kernel
 def _cheapest(
-    points: FloatArray, surface: Surface, ring: IntArray, degrees: IntArray, room: _Room
+    points: FloatArray, surface: Surface, ring: IntArray, degrees: IntArray, workspace: _Workspace
 ) -> tuple[float, int]:
     """Return what the cheapest collapse of the vertex of some corners costs, and its slot: the
     square of the longest edge that it makes, times the number of edges where these are many.
@@ -124,7 +124,7 @@ def _cheapest(
             cost = max(cost, length)
         cost *= max(degrees[kept] + ring.size - 4, _DEGREE_MAX)
         slot = twins[next_slot(next_slot(corner))]
-        if cost < least and _is_free(surface, slot, room):
+        if cost < least and _is_free(surface, slot, workspace):
             least, best = cost, slot
     return least, best
 
@@ -138,21 +138,21 @@ def _collapse_round(
     """
     faces, twins, corner_of = surface
     count = corner_of.size
-    room = _Room(np.empty(count, dtype=np.int64), np.zeros(count + 1, dtype=np.int64))
-    ring, degrees = np.empty_like(room.star), np.empty_like(room.star)
+    workspace = _Workspace(np.empty(count, dtype=np.int64), np.zeros(count + 1, dtype=np.int64))
+    ring, degrees = np.empty_like(workspace.star), np.empty_like(workspace.star)
     touched = np.zeros(count, dtype=np.bool_)
     costs, best = np.empty(alive.size), np.empty_like(alive)
     for v in alive:
         degrees[v] = fill_star(ring, twins, corner_of[v])
     for i in range(alive.size):
         size = fill_star(ring, twins, corner_of[alive[i]])
-        costs[i], best[i] = _cheapest(points, surface, ring[:size], degrees, room)
+        costs[i], best[i] = _cheapest(points, surface, ring[:size], degrees, workspace)
     most = min(done + max(int(_SHARE * alive.size), 1), gone.shape[1])
     for i in np.argsort(costs, kind="mergesort"):
         v, slot = alive[i], best[i]
         if done == most or costs[i] == np.inf:
             break
-        if touched[v] or not _is_free(surface, slot, room):
+        if touched[v] or not _is_free(surface, slot, workspace):
             continue
         for corner in ring[: fill_star(ring, twins, corner_of[v])]:
             touched[faces[next_slot(corner)]] = True

@@ -13,7 +13,7 @@ geodesic error is 0.0252 sqrt(area) after 0.0260, and no more than before for 15
 import numpy as np
 
 from abfm.calculus.smoothing import smoothed
-from abfm.maps.image_relaxation import Ground, Image, push_to_sphere, relax, relocate
+from abfm.maps.image_relaxation import Codomain, Image, push_to_sphere, relax, relocate
 from abfm.maps.point_maps import PointMap
 from abfm.maps.sphere_embedding import (
     Embedding,
@@ -24,9 +24,9 @@ from abfm.maps.sphere_embedding import (
     sweep,
     unfolding,
 )
-from abfm.maps.sphere_pull import average, pull_for, set_moves, shift
+from abfm.maps.sphere_pull import allocate_moves, average, set_moves, shift
 from abfm.maps.spherical import Faces
-from abfm.maps.star_moves import room_for
+from abfm.maps.star_moves import allocate_workspace
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
@@ -80,9 +80,9 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
     with step("moving the map to less distortion", len(points_b)):
         surface = surface_of(faces_a, len(points_a))
         corners, neighbours = surface.faces.reshape(-1, 3), surface.twins.reshape(-1, 3)
-        ground = Ground(Faces(corners, neighbours, sphere_a, 1.0), points_a)
+        codomain = Codomain(Faces(corners, neighbours, sphere_a, 1.0), points_a)
         state = Embedding(points_b, surface_of(faces_b, len(points_b)), sphere_b)
-        _relax(state, ground, _with_middles(b, places))
+        _relax(state, codomain, _with_middles(b, places))
     check_embedded(sphere_b, faces_b)
     return sphere_a[: len(a.vertices)], sphere_b[: len(b.vertices)]
 
@@ -97,7 +97,7 @@ def _with_middles(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
 def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatArray:
     """Unfold a surface on the sphere, pulled to targets (V, 3)."""
     count, turned = len(points), False
-    pull, room = pull_for(count), room_for(count)
+    pull, workspace = allocate_moves(count), allocate_workspace(count)
     with step("pulling the map together", count) as done:
         for state, alive in unfolding(points, faces):
             done(len(alive) / count)
@@ -110,10 +110,10 @@ def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatAr
             for rounds in np.repeat(_AVERAGING_ROUNDS, pulls).tolist():
                 checkpoint()
                 set_moves(state.sphere, targets, _MOVE_LENGTH_MAX, alive, pull.moves)
-                average(state.surface, rounds, alive, pull, room.star)
-                shift(state, alive, pull, room)
+                average(state.surface, rounds, alive, pull, workspace.star)
+                shift(state, alive, pull, workspace)
                 for _ in range(_SWEEPS):
-                    sweep(state, alive, room)
+                    sweep(state, alive, workspace)
     return state.sphere
 
 
@@ -127,27 +127,27 @@ def _turned(sphere: FloatArray, targets: FloatArray) -> FloatArray:
     return np.asarray(turned)
 
 
-def _relax(state: Embedding, ground: Ground, targets: FloatArray) -> None:
+def _relax(state: Embedding, codomain: Codomain, targets: FloatArray) -> None:
     """Move a surface on the sphere so that its image is less distorted and near to targets."""
     count = len(targets)
-    alive, pull, room = np.arange(count), pull_for(count), room_for(count)
+    alive, pull, workspace = np.arange(count), allocate_moves(count), allocate_workspace(count)
     corners = state.surface.faces.reshape(-1, 3)
     a, b, c = np.moveaxis(state.points[corners], 1, 0)
     sizes = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     areas = np.bincount(corners.ravel(), np.repeat(sizes, 3), count)
     faces, weights = np.zeros(count, dtype=np.int64), areas / _LOOSE_DISTANCE**2
-    image = Image(state, ground, faces, np.zeros((count, 3)), targets, weights)
+    image = Image(state, codomain, faces, np.zeros((count, 3)), targets, weights)
     relocate(image)
     for rounds in np.repeat(_AVERAGED_ON_A, _PULLS_ON_A).tolist():
         checkpoint()
         set_moves(image.places, targets, _LONGEST_ON_A, alive, pull.moves)
-        average(state.surface, rounds, alive, pull, room.star)
-        push_to_sphere(image, pull.moves, room)
-        shift(state, alive, pull, room)
+        average(state.surface, rounds, alive, pull, workspace.star)
+        push_to_sphere(image, pull.moves, workspace)
+        shift(state, alive, pull, workspace)
         relocate(image)
         for _ in range(_SWEEPS_ON_A):
-            relax(image, room)
+            relax(image, workspace)
     weights *= (_LOOSE_DISTANCE / _TIGHT_DISTANCE) ** 2
     for _ in range(_LAST_SWEEPS):
         checkpoint()
-        relax(image, room)
+        relax(image, workspace)

@@ -15,7 +15,7 @@ from abfm.maps.surface_points import SurfacePoints, finite_points, project_onto_
 from abfm.mesh import TriangleMesh
 from abfm.types import BoolArray, FloatArray, IntArray
 
-SHARE = 0.99
+BOUNDED_SHARE = 0.99
 """Share of the faces that keep a bound: single ones, as at the ends of creases, may exceed it."""
 CUT_FACES_MAX = 2048  # faces that are looked at closely, unless said
 _PARTS = 8  # along each side
@@ -32,10 +32,10 @@ _STRETCH_MIN = 1e-6  # of a stretch: logarithms of less are those of this
 # normals at its corners have a mean this short: they are about 30 degrees apart
 _LONG_STRETCH = 2.0
 _BENT_NORMAL_LENGTH = 0.95
-Map = Callable[[SurfacePoints], SurfacePoints]
+SurfaceMap = Callable[[SurfacePoints], SurfacePoints]
 
 
-class Log2(NamedTuple):
+class Log2Statistics(NamedTuple):
     """The absolute value of a logarithm to base 2 over a surface, by area."""
 
     mean: float
@@ -67,7 +67,7 @@ class Bound(NamedTuple):
     @property
     def is_kept(self) -> bool:
         """Return whether 99% of the faces are within the bound, and none is folded."""
-        return self.share >= SHARE and not self.folded
+        return self.share >= BOUNDED_SHARE and not self.folded
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,12 +92,12 @@ class Distortion:
         return int((self.area <= _COLLAPSED_AREA_MAX).sum())
 
     @property
-    def log2_area(self) -> Log2:
+    def log2_area(self) -> Log2Statistics:
         """``|log2 J|``, as HCP's and MSM's pipelines tell how much areas change."""
         return self._log2(self.area)
 
     @property
-    def log2_shape(self) -> Log2:
+    def log2_shape(self) -> Log2Statistics:
         """``|log2 R|``, as they tell how much shapes change."""
         return self._log2(self.conformal)
 
@@ -116,7 +116,7 @@ class Distortion:
 
     def bound(self, most: float) -> Bound:
         """Return how a bound of ``|log2 J|`` and ``|log2 R|`` is kept."""
-        return Bound(most, self.share_within(most), self.bound_of(SHARE), self.folded)
+        return Bound(most, self.share_within(most), self.bound_of(BOUNDED_SHARE), self.folded)
 
     def scaled(self, factor: float) -> Distortion:
         """Return it with all stretches times a factor, as of surfaces in other units of length."""
@@ -130,12 +130,12 @@ class Distortion:
             f"{self.log2_shape.report()}; folded faces: {self.folded} of {len(self.area)}"
         )
 
-    def _log2(self, ratios: FloatArray) -> Log2:
+    def _log2(self, ratios: FloatArray) -> Log2Statistics:
         values = np.abs(np.log2(np.clip(ratios, _STRETCH_MIN, 1 / _STRETCH_MIN)))
         areas = self.weights
         p95, p98 = np.percentile(values, (95, 98), method="inverted_cdf", weights=areas)
         mean = np.average(values, weights=areas)
-        return Log2(float(mean), float(p95), float(p98), float(values.max()))
+        return Log2Statistics(float(mean), float(p95), float(p98), float(values.max()))
 
 
 def chord_distortion(
@@ -172,7 +172,7 @@ def log2_changes(
 
 
 def distortion_of_flow(
-    mesh: TriangleMesh, faces: IntArray, corners: SurfacePoints, carried: Map
+    mesh: TriangleMesh, faces: IntArray, corners: SurfacePoints, interior_map: SurfaceMap
 ) -> Distortion:
     """Measure what a map that is known inside faces, too, does to some faces (S,), by number, whose
     corners it takes to points (3 S,).
@@ -180,13 +180,14 @@ def distortion_of_flow(
     Faces that triangles between their mapped corners measure badly are cut into 64 parts, each
     mapped by itself: those that look turned over, as smooth flows make slivers of faces, and those
     that are stretched along a bent surface. Their stretches are the geometric means over the parts,
-    and they are flipped by the rule of `folds`. The others are measured as in `chord_distortion`.
+    and they are flipped by the rule of `folded_shares`. The others are measured as in
+    `chord_distortion`.
     """
     chords = _of_corners(mesh, faces, corners.positions.reshape(-1, 3, 3), corners.mesh)
     normals = face_normals(corners.mesh)[corners.faces].reshape(-1, 3, 3).mean(axis=1)
     bent = np.linalg.norm(normals, axis=1) < _BENT_NORMAL_LENGTH
     cut = np.flatnonzero(chords.flipped | (bent & (chords.singular_values[:, 0] > _LONG_STRETCH)))
-    turned, stretches = by_parts(mesh, carried, faces[cut])
+    turned, stretches = stretches_by_parts(mesh, interior_map, faces[cut])
     flipped, values = chords.flipped.copy(), chords.singular_values.copy()
     flipped[cut] &= turned > _TURNED_SHARE_MIN
     values[cut] = stretches
@@ -196,7 +197,10 @@ def distortion_of_flow(
 def _of_corners(
     mesh: TriangleMesh, faces: IntArray, corners: FloatArray, onto: TriangleMesh
 ) -> Distortion:
-    flipped, stretches = turned_over(onto, corners), _stretches(corners, hat_gradients(mesh)[faces])
+    flipped, stretches = (
+        flipped_triangles(onto, corners),
+        _stretches(corners, hat_gradients(mesh)[faces]),
+    )
     return _of_stretches(stretches, flipped, face_areas(mesh)[faces])
 
 
@@ -219,15 +223,15 @@ def _stretches(corners: FloatArray, gradients: FloatArray) -> FloatArray:
     return np.stack([largest, np.minimum(smallest, largest)], axis=-1)
 
 
-def turned_over(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
+def flipped_triangles(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
     """Say which triangles (S, 3, 3) look against the surface closest to their middles, (S,)."""
     landed = project_onto_surface(mesh, corners.mean(axis=1))
     return np.asarray((_areas(corners) * face_normals(mesh)[landed.faces]).sum(axis=1) < 0)
 
 
-def folds(
+def folded_shares(
     mesh: TriangleMesh,
-    carried: Map,
+    interior_map: SurfaceMap,
     faces: IntArray,
     corners: FloatArray,
     most: int = CUT_FACES_MAX,
@@ -239,16 +243,18 @@ def folds(
     is folded where more than three quarters of its 64 parts, each mapped by itself, are turned
     over, too. Of more than ``most`` faces to cut, evenly chosen ones stand for all.
     """
-    overturned = faces[turned_over(mesh, corners)]
+    overturned = faces[flipped_triangles(mesh, corners)]
     if not len(overturned):
         return 0.0, 0.0
     share = len(overturned) / len(faces)
     chosen = np.linspace(0, len(overturned) - 1, min(len(overturned), most)).astype(np.int64)
-    turned, _ = by_parts(mesh, carried, overturned[chosen])
+    turned, _ = stretches_by_parts(mesh, interior_map, overturned[chosen])
     return share * float((turned > _TURNED_SHARE_MIN).mean()), share
 
 
-def by_parts(mesh: TriangleMesh, carried: Map, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+def stretches_by_parts(
+    mesh: TriangleMesh, interior_map: SurfaceMap, faces: IntArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the share of the 64 parts of each of S faces that a map turns over, (S,), and the
     geometric means of the parts' stretches.
     """
@@ -259,7 +265,7 @@ def by_parts(mesh: TriangleMesh, carried: Map, faces: IntArray) -> tuple[FloatAr
         chunk = slice(begin, begin + _CHUNK)
         cut = faces[chunk]
         start = SurfacePoints(mesh, np.repeat(cut, len(weights)), np.tile(weights, (len(cut), 1)))
-        end, shape = carried(start), (len(cut), len(weights), 3)
+        end, shape = interior_map(start), (len(cut), len(weights), 3)
         before, after = (points.positions.reshape(shape)[:, parts] for points in (start, end))
         normals = face_normals(end.mesh)[end.faces].reshape(shape)[:, parts].mean(axis=2)
         least = -_AREA_ROUNDING * np.linalg.norm(_areas(before), axis=-1)

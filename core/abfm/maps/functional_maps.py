@@ -42,7 +42,7 @@ def functional_map(points: PointMap, k: int) -> FloatArray:
     return spectral_coefficients(points.domain, points.pull_back(_basis(points.codomain, k)), k)
 
 
-def carry(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike) -> FloatArray:
+def transfer(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike) -> FloatArray:
     """Carry a function of the source to the target: ``Phi_target C Phi_source^+ h``."""
     matrix = _check(C)
     coefficients = spectral_coefficients(source, h, matrix.shape[1])
@@ -56,8 +56,8 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Point
     The delta function at a vertex of the source has its row of ``Phi_source`` as coefficients, and
     ``C`` makes of it that row of ``Phi_source C^T``; each vertex of the target goes to that whose
     carried delta function is nearest to its own row of ``Phi_target``. Looking up rows of
-    ``Phi_target C`` among those of ``Phi_source`` instead would carry back by the adjoint of ``C``,
-    which is its inverse only where ``C`` is orthogonal.
+    ``Phi_target C`` among those of ``Phi_source`` instead would transfer back by the adjoint of
+    ``C``, which is its inverse only where ``C`` is orthogonal.
     """
     matrix = _check(C)
     rows = nearest_rows(matrix, _basis(source, matrix.shape[1]), _basis(target, matrix.shape[0]))

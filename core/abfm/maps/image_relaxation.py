@@ -15,7 +15,7 @@ from abfm.maps.spherical import Faces, side_volumes, walk
 from abfm.maps.star_moves import (
     STEP_FACTOR,
     STEP_TRIES,
-    Room,
+    Workspace,
     add_product,
     difference,
     normalize,
@@ -32,7 +32,7 @@ _ON_SPHERE = 0.02  # weight of the conformal energy
 _GUARD = 1e-300
 
 
-class Ground(NamedTuple):
+class Codomain(NamedTuple):
     """Surface A, closed, on the sphere."""
 
     layout: Faces
@@ -43,7 +43,7 @@ class Image(NamedTuple):
     """Surface B on A."""
 
     state: Embedding
-    ground: Ground
+    codomain: Codomain
     faces: IntArray  # (V_B,), of A, that hold its vertices
     places: FloatArray  # (V_B, 3), where these are in space
     targets: FloatArray  # (V_B, 3), where they belong
@@ -55,28 +55,28 @@ def relocate(image: Image) -> None:
     """Find the images of all vertices, from their faces before and where they are on the sphere."""
     for v in range(image.faces.size):
         image.faces[v] = _locate(
-            image.ground, image.state.sphere[v], image.faces[v], image.places[v]
+            image.codomain, image.state.sphere[v], image.faces[v], image.places[v]
         )
 
 
 @unfused_kernel
-def _locate(ground: Ground, direction: FloatArray, face: int, place: FloatArray) -> int:
+def _locate(codomain: Codomain, direction: FloatArray, face: int, place: FloatArray) -> int:
     """Find the face in a direction, beginning at another one, and the place in space."""
     found, weights = np.array([face]), np.empty((1, 3))
-    walk(ground.layout, direction.reshape(1, 3), found, weights)
+    walk(codomain.layout, direction.reshape(1, 3), found, weights)
     place[:] = 0.0
     for k in range(3):
-        place += weights[0, k] * ground.points[ground.layout.corners[found[0], k]]
+        place += weights[0, k] * codomain.points[codomain.layout.corners[found[0], k]]
     return int(found[0])
 
 
 @unfused_kernel
-def push_to_sphere(image: Image, moves: FloatArray, room: Room) -> None:
+def push_to_sphere(image: Image, moves: FloatArray, workspace: Workspace) -> None:
     """Turn moves of images in space into those of their vertices on the sphere."""
     slopes = np.empty((2, 3))
     for v in range(image.faces.size):
-        _set_frame(image, v, room.axes, slopes)
-        along, across = scalar(moves[v], room.axes[0]), scalar(moves[v], room.axes[1])
+        _set_frame(image, v, workspace.axes, slopes)
+        along, across = scalar(moves[v], workspace.axes[0]), scalar(moves[v], workspace.axes[1])
         moves[v] = along * slopes[0] + across * slopes[1]
 
 
@@ -85,7 +85,7 @@ def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> No
     """Compute two axes in the face of A that holds a vertex, and how it moves on the sphere when
     its image moves along them.
     """
-    (layout, points), direction = image.ground, image.state.sphere[v]
+    (layout, points), direction = image.codomain, image.state.sphere[v]
     corners = layout.corners[image.faces[v]]
     p, s = points[corners], layout.directions[corners]
     first, second, normal = difference(p[1], p[0]), difference(p[2], p[0]), np.empty(3)
@@ -105,22 +105,24 @@ def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> No
 
 
 @unfused_kernel
-def relax(image: Image, room: Room) -> None:
+def relax(image: Image, workspace: Workspace) -> None:
     """Move each vertex by a Newton step toward the least energy of its faces."""
     slopes, place = np.empty((2, 3)), np.empty(3)
     for v in range(image.faces.size):
-        size = set_shapes(image.state, v, room)
-        around = Room(room.star[:size], room.shapes[:size], room.axes, room.model)
-        _set_frame(image, v, room.axes, slopes)
+        size = set_shapes(image.state, v, workspace)
+        around = Workspace(
+            workspace.star[:size], workspace.shapes[:size], workspace.axes, workspace.model
+        )
+        _set_frame(image, v, workspace.axes, slopes)
         _set_model(image, v, slopes, around)
-        along, across = step_to_minimum(room.model)
+        along, across = step_to_minimum(workspace.model)
         sphere = image.state.sphere
         energy = _energy(image, v, sphere[v], image.places[v], around)
         for _ in range(STEP_TRIES):
             moved = sphere[v] + along * slopes[0] + across * slopes[1]
             normalize(moved)
             if is_outward(image.state, around.star, moved):
-                face = _locate(image.ground, moved, image.faces[v], place)
+                face = _locate(image.codomain, moved, image.faces[v], place)
                 if _energy(image, v, moved, place, around) < energy:
                     sphere[v], image.places[v], image.faces[v] = moved, place, face
                     break
@@ -129,7 +131,9 @@ def relax(image: Image, room: Room) -> None:
 
 
 @unfused_kernel
-def _energy(image: Image, v: int, direction: FloatArray, place: FloatArray, around: Room) -> float:
+def _energy(
+    image: Image, v: int, direction: FloatArray, place: FloatArray, around: Workspace
+) -> float:
     """Return the energy of the faces at a vertex in some direction, with its image at a place."""
     (_, surface, sphere), places = image.state, image.places
     total: float = 0.0
@@ -159,7 +163,7 @@ def _dirichlet(
 
 
 @unfused_kernel
-def _set_model(image: Image, v: int, slopes: FloatArray, around: Room) -> None:
+def _set_model(image: Image, v: int, slopes: FloatArray, around: Workspace) -> None:
     """Compute the derivatives of the energy along the axes in the vertex' face."""
     (_, surface, sphere), places, model = image.state, image.places, around.model
     model[:] = 0.0

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.errors import AbfmError
-from abfm.maps.distortion import Distortion, Map, chord_distortion, distortion_of_flow
+from abfm.maps.distortion import Distortion, SurfaceMap, chord_distortion, distortion_of_flow
 from abfm.maps.surface_points import (
     ClosestPoints,
     SurfacePoints,
@@ -35,7 +35,7 @@ class PointMap:
         Weights of its corners, not negative, summing to 1.
     distances : (V,) array, optional
         How far images were from the codomain before they were brought onto it, in its units; or 0.
-    carried : callable, optional
+    interior_map : callable, optional
         Takes points inside faces of the domain to points of the codomain; else these are between
         the images of corners.
     """
@@ -45,7 +45,7 @@ class PointMap:
     faces: IntArray
     barycentric: FloatArray
     distances: FloatArray = field(default_factory=lambda: np.zeros(1))
-    carried: Map | None = field(default=None, repr=False)
+    interior_map: SurfaceMap | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         count = len(self.domain.vertices)
@@ -72,12 +72,12 @@ class PointMap:
         cls,
         domain: TriangleMesh,
         points: SurfacePoints,
-        carried: Map | None = None,
+        interior_map: SurfaceMap | None = None,
         distances: FloatArray | None = None,
     ) -> PointMap:
-        """Return the map to points (V,) of a surface; ``carried`` and distances as of all maps."""
+        """Return the map to points (V,) of a surface."""
         off = np.zeros(1) if distances is None else distances
-        return cls(domain, points.mesh, points.faces, points.barycentric, off, carried)
+        return cls(domain, points.mesh, points.faces, points.barycentric, off, interior_map)
 
     @classmethod
     def project(
@@ -114,9 +114,9 @@ class PointMap:
         """Return where points of the domain lie; between the images of corners, which are brought
         onto the codomain, where points inside faces are not known.
         """
-        if self.carried is None:
+        if self.interior_map is None:
             return project_onto_surface(self.codomain, points.pull_back(self.positions))
-        return self.carried(points)
+        return self.interior_map(points)
 
     def followed_by(self, other: PointMap) -> PointMap:
         """Return this map and then another one, whose domain is this one's codomain."""
@@ -131,7 +131,7 @@ class PointMap:
             other.codomain,
             found.faces,
             found.barycentric,
-            carried=lambda points: other.at(self.at(points)),
+            interior_map=lambda points: other.at(self.at(points)),
         )
 
     def onto_mirror(self) -> PointMap:
@@ -142,9 +142,9 @@ class PointMap:
         def seen(found: SurfacePoints) -> SurfacePoints:
             return SurfacePoints(mirror, found.faces, found.barycentric[:, order])
 
-        own = self.carried
-        carried = None if own is None else lambda given: seen(own(given))
-        return PointMap.of_points(self.domain, seen(self.points), carried)
+        own = self.interior_map
+        interior_map = None if own is None else lambda given: seen(own(given))
+        return PointMap.of_points(self.domain, seen(self.points), interior_map)
 
     def inverse(self) -> PointMap:
         """Return where each vertex of the codomain comes from: by the point of the mapped domain,
@@ -160,10 +160,10 @@ class PointMap:
         )
         distances = np.linalg.norm(places - lying, axis=1)
 
-        def carried(points: SurfacePoints) -> SurfacePoints:
+        def interior_map(points: SurfacePoints) -> SurfacePoints:
             return self._nearest_image(points.positions)
 
-        return PointMap.of_points(self.codomain, found, carried, distances)
+        return PointMap.of_points(self.codomain, found, interior_map, distances)
 
     def _nearest_image(self, places: FloatArray) -> SurfacePoints:
         """Return the points of the domain whose images are closest to places in space (P, 3)."""
@@ -174,8 +174,8 @@ class PointMap:
         not known (`chord_distortion`), and else by parts where these mislead
         (`abfm.maps.distortion.distortion_of_flow`).
         """
-        if self.carried is None:
+        if self.interior_map is None:
             return chord_distortion(self.domain, self.positions, self.codomain)
         faces = self.domain.faces
         corners = self.points[faces.ravel()]
-        return distortion_of_flow(self.domain, np.arange(len(faces)), corners, self.carried)
+        return distortion_of_flow(self.domain, np.arange(len(faces)), corners, self.interior_map)

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 from abfm.calculus.geodesics import path_length
 from abfm.calculus.operators import edge_lengths
 from abfm.errors import ParameterError
-from abfm.maps.distortion import Distortion, Map
+from abfm.maps.distortion import Distortion, SurfaceMap
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
-BOUNDS = (0.05, 0.1, 0.25)  # errors whose shares a report gives, in sqrt(area)
+ERROR_BOUNDS = (0.05, 0.1, 0.25)  # errors whose shares a report gives, in sqrt(area)
 # A map has faults beyond distances from the surface, in sqrt(area), or a share of folded faces.
 # Of 30 flows of known smooth fields on five surfaces every one beyond the first had points more
 # than 0.16 from the ends of exact flow lines; every one beyond the second was wrong by 0.03 on
@@ -57,7 +57,9 @@ class MapAccuracy:
 
     def report(self) -> str:
         """Return the numbers in a line."""
-        shares = (f"{100 * self.share_under(bound):.1f} % under {bound:g}" for bound in BOUNDS)
+        shares = (
+            f"{100 * self.share_under(bound):.1f} % under {bound:g}" for bound in ERROR_BOUNDS
+        )
         return (
             f"geodesic error: mean {self.mean:.4f}, median {self.median:.4f}, largest "
             f"{self.maximum:.4f}; {', '.join(shares)}"
@@ -141,7 +143,7 @@ def map_quality(points: PointMap) -> MapQuality:
     return MapQuality(float(distances.max()), float(rms), float(folded))
 
 
-class ThereAndBack(NamedTuple):
+class RoundTrip(NamedTuple):
     """How far from where they were vertices come back, in edges, each in the mean of its own."""
 
     median: float
@@ -152,7 +154,7 @@ class ThereAndBack(NamedTuple):
         return f"there and back: median {self.median:.2g}, 95% {self.p95:.2g} edges from the start"
 
 
-def there_and_back(there: PointMap, back: Map) -> ThereAndBack:
+def round_trip(there: PointMap, back: SurfaceMap) -> RoundTrip:
     """Measure how far each vertex is from where a map, and then a way back for points, such as
     `PointMap.at` of another one, bring it; on large meshes 10,000 vertices, evenly chosen.
     """
@@ -162,7 +164,7 @@ def there_and_back(there: PointMap, back: Map) -> ThereAndBack:
     asked = np.linspace(0, count - 1, min(count, _ASKED_VERTICES_MAX)).astype(np.int64)
     off = back(there.points[asked]).distances_from(mesh.vertices[asked]) / edges[asked]
     median, p95 = np.percentile(off, (50, 95))
-    return ThereAndBack(float(median), float(p95))
+    return RoundTrip(float(median), float(p95))
 
 
 @dataclass(frozen=True)
@@ -172,12 +174,12 @@ class FlowMapQuality:
     """
 
     distortion: Distortion
-    there_and_back: ThereAndBack
+    round_trip: RoundTrip
 
     @property
     def warning(self) -> str | None:
         """Say why this is no map, and what helps; None where nothing exceeds its bound."""
-        folded, off = self.distortion.flipped.mean(), self.there_and_back.p95
+        folded, off = self.distortion.flipped.mean(), self.round_trip.p95
         wrong = [f"{100 * folded:.0f}% of the faces are folded"] * bool(folded > FOLDED_SHARE_MAX)
         if off > RETURN_DISTANCE_MAX:
             wrong.append(f"5% of the vertices come back {off:.2g} edges from where they were")
@@ -188,4 +190,4 @@ class FlowMapQuality:
 
     def report(self) -> str:
         """Return the numbers in two lines."""
-        return f"{self.distortion.report()}\n{self.there_and_back.report()}"
+        return f"{self.distortion.report()}\n{self.round_trip.report()}"

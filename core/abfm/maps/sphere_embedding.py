@@ -23,11 +23,11 @@ from abfm.maps.star_moves import (
     FLAT_VOLUME,
     STEP_FACTOR,
     STEP_TRIES,
-    Room,
+    Workspace,
     add_product,
+    allocate_workspace,
     difference,
     normalize,
-    room_for,
     set_tangents,
     shape,
     step_to_minimum,
@@ -148,35 +148,37 @@ def unfolding(points: FloatArray, faces: IntArray) -> Iterator[tuple[Embedding, 
     there. They may be moved meanwhile, if no face turns over.
     """
     count, surface = len(points), surface_of(faces, len(points))
-    collapses, room = collapse(points, surface), room_for(count)
+    collapses, workspace = collapse(points, surface), allocate_workspace(count)
     whole = Embedding(points, surface, _tetrahedron(surface, count, collapses))
     ends = collapses.rounds
     alive = np.setdiff1d(np.arange(count), collapses.vertices)
-    state = _scaled(whole, alive, room)
+    state = _scaled(whole, alive, workspace)
     yield state, alive
     for start, end in zip(ends[-2::-1], ends[:0:-1], strict=True):
         checkpoint()
-        if not _put_back(state, collapses.vertices[start:end], collapses.slots[start:end], room):
+        if not _put_back(
+            state, collapses.vertices[start:end], collapses.slots[start:end], workspace
+        ):
             raise MeshError(_THIN_FACES_MESSAGE)
         alive = np.setdiff1d(np.arange(count), collapses.vertices[:start])
-        state = _scaled(whole, alive, room)
+        state = _scaled(whole, alive, workspace)
         for _ in range(_SWEEPS + _MOVES // len(alive)):
             checkpoint()
-            sweep(state, alive, room)
+            sweep(state, alive, workspace)
         yield state, alive
 
 
-def _scaled(state: Embedding, alive: IntArray, room: Room) -> Embedding:
-    return state._replace(points=state.points * np.sqrt(_AREA / _area_at(state, alive, room)))
+def _scaled(state: Embedding, alive: IntArray, workspace: Workspace) -> Embedding:
+    return state._replace(points=state.points * np.sqrt(_AREA / _area_at(state, alive, workspace)))
 
 
 @unfused_kernel
-def _area_at(state: Embedding, alive: IntArray, room: Room) -> float:
+def _area_at(state: Embedding, alive: IntArray, workspace: Workspace) -> float:
     """Return the area in space of the faces at vertices."""
     points, (faces, twins, corner_of), _ = state
     total = 0.0
     for v in alive:
-        for corner in room.star[: fill_star(room.star, twins, corner_of[v])]:
+        for corner in workspace.star[: fill_star(workspace.star, twins, corner_of[v])]:
             b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
             if v < b and v < c:
                 total += shape(points[v], points[b], points[c])[3]
@@ -184,29 +186,29 @@ def _area_at(state: Embedding, alive: IntArray, room: Room) -> float:
 
 
 @unfused_kernel
-def sweep(state: Embedding, alive: IntArray, room: Room) -> None:
+def sweep(state: Embedding, alive: IntArray, workspace: Workspace) -> None:
     """Move each of some vertices by one step."""
     for v in alive:
-        _move(state, v, 1, room)
+        _move(state, v, 1, workspace)
 
 
 @unfused_kernel
-def _put_back(state: Embedding, vertices: IntArray, slots: IntArray, room: Room) -> bool:
+def _put_back(state: Embedding, vertices: IntArray, slots: IntArray, workspace: Workspace) -> bool:
     """Put vertices back, the last first, each with a few steps of itself and of its neighbours;
     return whether there was place for all.
     """
     surface = state.surface
-    around = np.empty_like(room.star)
+    around = np.empty_like(workspace.star)
     for i in range(vertices.size - 1, -1, -1):
         v, kept = vertices[i], surface.faces[next_slot(slots[i])]
-        size = unfold(surface, v, slots[i], room.star)
-        around[:size] = room.star[:size]
+        size = unfold(surface, v, slots[i], workspace.star)
+        around[:size] = workspace.star[:size]
         if not _place(state, v, kept, around[:size]):
             return False
-        _move(state, v, 3, room)
+        _move(state, v, 3, workspace)
         for corner in around[:size]:
-            _move(state, surface.faces[next_slot(corner)], 1, room)
-        _move(state, v, 1, room)
+            _move(state, surface.faces[next_slot(corner)], 1, workspace)
+        _move(state, v, 1, workspace)
     return True
 
 
@@ -245,29 +247,29 @@ def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
 
 
 @unfused_kernel
-def set_shapes(state: Embedding, v: int, room: Room) -> int:
+def set_shapes(state: Embedding, v: int, workspace: Workspace) -> int:
     """Find the corners at a vertex and the shapes of their faces; return how many there are."""
     points, (faces, twins, corner_of), _ = state
-    size = fill_star(room.star, twins, corner_of[v])
+    size = fill_star(workspace.star, twins, corner_of[v])
     for k in range(size):
-        b, c = faces[next_slot(room.star[k])], faces[next_slot(next_slot(room.star[k]))]
-        room.shapes[k] = shape(points[v], points[b], points[c])
+        b, c = faces[next_slot(workspace.star[k])], faces[next_slot(next_slot(workspace.star[k]))]
+        workspace.shapes[k] = shape(points[v], points[b], points[c])
     return size
 
 
 @unfused_kernel
-def _move(state: Embedding, v: int, steps: int, room: Room) -> None:
+def _move(state: Embedding, v: int, steps: int, workspace: Workspace) -> None:
     """Take Newton steps of a vertex toward the least energy of its faces."""
-    size, place, axes = set_shapes(state, v, room), state.sphere[v].copy(), room.axes
+    size, place, axes = set_shapes(state, v, workspace), state.sphere[v].copy(), workspace.axes
     for _ in range(steps):
         set_tangents(place, axes)
-        _set_model(state, place, size, room)
-        along, across = step_to_minimum(room.model)
-        energy = _energy(state, place, size, room)
+        _set_model(state, place, size, workspace)
+        along, across = step_to_minimum(workspace.model)
+        energy = _energy(state, place, size, workspace)
         for _ in range(STEP_TRIES):
             moved = place + along * axes[0] + across * axes[1]
             normalize(moved)
-            if _energy(state, moved, size, room) < energy:
+            if _energy(state, moved, size, workspace) < energy:
                 place[:] = moved
                 break
             along *= STEP_FACTOR
@@ -278,18 +280,18 @@ def _move(state: Embedding, v: int, steps: int, room: Room) -> None:
 
 
 @unfused_kernel
-def _energy(state: Embedding, place: FloatArray, size: int, room: Room) -> float:
+def _energy(state: Embedding, place: FloatArray, size: int, workspace: Workspace) -> float:
     """Return the symmetric Dirichlet energy of the faces at a vertex at some place, ``area (s_1^2 +
     s_2^2 + s_1^-2 + s_2^-2)`` with the stretches of each; infinite if one does not look outward.
     """
     faces, sphere, total = state.surface.faces, state.sphere, 0.0
     for k in range(size):
-        after = next_slot(room.star[k])
+        after = next_slot(workspace.star[k])
         b, c = sphere[faces[after]], sphere[faces[next_slot(after)]]
         covered = volume(place, b, c)
         if not covered > FLAT_VOLUME:
             return np.inf
-        at_place, at_b, at_c, area = room.shapes[k]
+        at_place, at_b, at_c, area = workspace.shapes[k]
         p, q, r = difference(b, c), difference(c, place), difference(place, b)
         dirichlet = at_place * scalar(p, p) + at_b * scalar(q, q) + at_c * scalar(r, r)
         total += dirichlet * (1 + (2 * area / covered) ** 2)
@@ -297,14 +299,14 @@ def _energy(state: Embedding, place: FloatArray, size: int, room: Room) -> float
 
 
 @unfused_kernel
-def _set_model(state: Embedding, place: FloatArray, size: int, room: Room) -> None:
+def _set_model(state: Embedding, place: FloatArray, size: int, workspace: Workspace) -> None:
     """Compute the derivatives of the energy along two axes, on the sphere."""
-    faces, sphere, (first, second) = state.surface.faces, state.sphere, room.axes
-    room.model[:] = 0.0
+    faces, sphere, (first, second) = state.surface.faces, state.sphere, workspace.axes
+    workspace.model[:] = 0.0
     for k in range(size):
-        after = next_slot(room.star[k])
+        after = next_slot(workspace.star[k])
         b, c = sphere[faces[after]], sphere[faces[next_slot(after)]]
-        at_place, at_b, at_c, area = room.shapes[k]
+        at_place, at_b, at_c, area = workspace.shapes[k]
         p, q, r = difference(b, c), difference(c, place), difference(place, b)
         dirichlet = at_place * scalar(p, p) + at_b * scalar(q, q) + at_c * scalar(r, r)
         d1 = 2 * (at_c * scalar(first, r) - at_b * scalar(first, q))
@@ -317,4 +319,4 @@ def _set_model(state: Embedding, place: FloatArray, size: int, room: Room) -> No
         bend = (2 * dirichlet * inverse - outward) / (1 + inverse)
         curvature = 2 * (at_b + at_c) + bend
         phi = 1 + inverse, -2 * inverse, 6 * inverse
-        add_product(room.model, (dirichlet, d1, d2), (curvature, 0.0, curvature), slopes, phi)
+        add_product(workspace.model, (dirichlet, d1, d2), (curvature, 0.0, curvature), slopes, phi)

@@ -10,7 +10,7 @@ import numpy as np
 
 from abfm.maps.collapses import Surface
 from abfm.maps.sphere_embedding import Embedding
-from abfm.maps.star_moves import FLAT_VOLUME, Room, normalize, volume
+from abfm.maps.star_moves import FLAT_VOLUME, Workspace, normalize, volume
 from abfm.maps.surface_points import scalar
 from abfm.mesh.coarsening import fill_star, next_slot
 from abfm.numerics.kernels import unfused_kernel
@@ -21,16 +21,16 @@ _VOLUME_SHARE_MIN = 0.1  # of a face's volume that a move leaves
 _HALVINGS = 12
 
 
-class Pull(NamedTuple):
-    """Room for moves of V vertices."""
+class MoveArrays(NamedTuple):
+    """Workspace for moves of V vertices."""
 
     moves: FloatArray  # (V, 3)
     spare: FloatArray  # (V, 3)
     shares: FloatArray  # (V,)
 
 
-def pull_for(count: int) -> Pull:
-    return Pull(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count))
+def allocate_moves(count: int) -> MoveArrays:
+    return MoveArrays(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count))
 
 
 @unfused_kernel
@@ -44,7 +44,9 @@ def set_moves(
 
 
 @unfused_kernel
-def average(surface: Surface, rounds: int, alive: IntArray, pull: Pull, star: IntArray) -> None:
+def average(
+    surface: Surface, rounds: int, alive: IntArray, pull: MoveArrays, star: IntArray
+) -> None:
     """Average moves over neighbours, so many times."""
     faces, twins, corner_of = surface
     moves, spare = pull.moves, pull.spare
@@ -61,7 +63,7 @@ def average(surface: Surface, rounds: int, alive: IntArray, pull: Pull, star: In
 
 
 @unfused_kernel
-def shift(state: Embedding, alive: IntArray, pull: Pull, room: Room) -> None:
+def shift(state: Embedding, alive: IntArray, pull: MoveArrays, workspace: Workspace) -> None:
     """Move vertices on the sphere by half of their moves; those of faces that would turn over, or
     come near to it, by half as much, and so on.
     """
@@ -75,18 +77,20 @@ def shift(state: Embedding, alive: IntArray, pull: Pull, room: Room) -> None:
             moved[v] = state.sphere[v] + shares[v] * moves[v]
             normalize(moved[v])
         tries += 1
-        turned = _hold_back(state, alive, pull, 0.5 if tries <= _HALVINGS else 0.0, room)
+        turned = _hold_back(state, alive, pull, 0.5 if tries <= _HALVINGS else 0.0, workspace)
     for v in alive:
         state.sphere[v] = moved[v]
 
 
 @unfused_kernel
-def _hold_back(state: Embedding, alive: IntArray, pull: Pull, factor: float, room: Room) -> bool:
+def _hold_back(
+    state: Embedding, alive: IntArray, pull: MoveArrays, factor: float, workspace: Workspace
+) -> bool:
     """Reduce the shares of corners of faces that are turned over; return whether there are any."""
     (faces, twins, corner_of), sphere, moved = state.surface, state.sphere, pull.spare
     turned = False
     for v in alive:
-        for corner in room.star[: fill_star(room.star, twins, corner_of[v])]:
+        for corner in workspace.star[: fill_star(workspace.star, twins, corner_of[v])]:
             b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
             if b < v or c < v:
                 continue

@@ -30,7 +30,7 @@ class SpreadPoints:
     gaps: FloatArray
     normals: FloatArray
 
-    def apart(self, spacing: float) -> SurfacePoints:
+    def with_spacing(self, spacing: float) -> SurfacePoints:
         """Return points no two of which are nearer than a spacing, in square roots of the area,
         while every place is about as near to one of them. The spacing is at least `SPACING_MIN`;
         points of a larger one are among those of a smaller one.
@@ -38,7 +38,7 @@ class SpreadPoints:
         return self.points[np.arange(self.count(spacing))]
 
     def count(self, spacing: float) -> int:
-        """Return how many points are `apart`: the first ones."""
+        """Return how many points are `with_spacing`: the first ones."""
         return int(np.count_nonzero(self.gaps >= spacing))
 
     def thinned(self, order: IntArray, spacing: float) -> IntArray:

@@ -22,8 +22,8 @@ STEP_FACTOR = 0.4
 STEP_TRIES = 12
 
 
-class Room(NamedTuple):
-    """Room for what is around a vertex of a mesh with V vertices."""
+class Workspace(NamedTuple):
+    """Workspace for what is around a vertex of a mesh with V vertices."""
 
     star: IntArray  # (V,), its corners
     shapes: FloatArray  # (V, 4), of their faces, see `shape`
@@ -31,9 +31,9 @@ class Room(NamedTuple):
     model: FloatArray  # (5,), two first derivatives and the second ones: 11, 12, 22
 
 
-def room_for(count: int) -> Room:
+def allocate_workspace(count: int) -> Workspace:
     star, shapes = np.empty(count, dtype=np.int64), np.empty((count, 4))
-    return Room(star, shapes, np.empty((2, 3)), np.empty(5))
+    return Workspace(star, shapes, np.empty((2, 3)), np.empty(5))
 
 
 @unfused_kernel

@@ -47,8 +47,8 @@ class Symmetry:
     # how far from the surface the worst vertex is carried, as a fraction of sqrt(area)
     error: float
 
-    def carry(self, points: FloatArray) -> FloatArray:
-        return _carry(self.linear, self.centre, points)
+    def apply(self, points: FloatArray) -> FloatArray:
+        return _apply(self.linear, self.centre, points)
 
 
 class SymmetryError(AbfmError):
@@ -141,12 +141,12 @@ def _chosen(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
 
     def gap(s: Symmetry) -> float:
         """How far the worst vertex is carried from that of the map, in sqrt(area)."""
-        offsets = s.carry(vertices) - vertices[s.vertex_map]
+        offsets = s.apply(vertices) - vertices[s.vertex_map]
         return float(np.linalg.norm(offsets, axis=1).max()) / scale if exact else s.error
 
     def motion(s: Symmetry) -> float:
         """How far the symmetry moves vertices, squared, on average."""
-        return float(((s.carry(vertices) - vertices) ** 2).sum(axis=1).mean())
+        return float(((s.apply(vertices) - vertices) ** 2).sum(axis=1).mean())
 
     gaps = [gap(s) for s in exact or tried]
     good = [
@@ -155,7 +155,7 @@ def _chosen(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     return max(good, key=lambda s: (round(motion(s) / scale**2, 6), -s.error))
 
 
-def _carry(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatArray:
+def _apply(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(centre + (points - centre) @ np.swapaxes(linear, -1, -2))
 
 
@@ -207,7 +207,7 @@ def _screened(
     group: _Isometries, centre: FloatArray, axes: FloatArray, points: FloatArray
 ) -> FloatArray:
     """Select axes that carry points nearest to the surface, but move them, most before less."""
-    carried = _carry(group.linear(axes), centre, points)
+    carried = _apply(group.linear(axes), centre, points)
     motion = ((carried - points) ** 2).sum(axis=2).mean(axis=1)
     most = np.argsort(-np.round(motion, 6), kind="stable")
     moving = most[motion[most] > _NO_MOTION**2]
@@ -233,7 +233,7 @@ def _refined(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Move axes (K, 3) and points on them so that gaps to the surface shrink; returns all three."""
     for left in reversed(range(_REFINEMENTS if group.order == 2 else 1)):
-        carried = _carry(group.linear(axes), centres[:, None], points)
+        carried = _apply(group.linear(axes), centres[:, None], points)
         places = carried.reshape(-1, 3)
         landed = group.closest.to(places)
         gaps = landed.distances_from(places).reshape(len(axes), -1).max(axis=1)
@@ -254,7 +254,7 @@ def _verified(
     """Try the symmetry by its axis and a point on it, both for unit area, on all vertices."""
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     linear = group.linear(axis)
-    places = _carry(linear, centre, group.surface.vertices)
+    places = _apply(linear, centre, group.surface.vertices)
     landed = group.closest.to(places)
     vertex_map, error = landed.nearest_vertices(), float(landed.distances_from(places).max())
     is_permutation = bool(np.bincount(vertex_map).max() == 1)

@@ -1,4 +1,4 @@
-from .bounded import SHARE as SHARE
+from .bounded import BOUNDED_SHARE as BOUNDED_SHARE
 from .bounded import check_bound as check_bound
 from .bounded import limit_distortion as limit_distortion
 from .judging.cause import Cause as Cause

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from abfm.errors import AbfmError, ParameterError, brief
-from abfm.maps.distortion import SHARE as SHARE
+from abfm.maps.distortion import BOUNDED_SHARE as BOUNDED_SHARE
 from abfm.maps.distortion import Distortion
 from abfm.matching.match import match
 from abfm.matching.path import PathStep

@@ -84,7 +84,7 @@ def registration_page(
     of_landmarks = match.problem.is_of_landmarks
     on_a = found.a.vertices if of_landmarks else functions_on_a(found)
     layers_of_a = [Layer(name, on_a[:, c], colors) for c, (name, colors) in enumerate(shown)]
-    start = found.initial.carry(on_a) if of_landmarks else None
+    start = found.initial.transfer(on_a) if of_landmarks else None
     moving = _moving(match, shown, share, start)
     carried = Panel("A on B", found.b, moving, of_b, _lines(match, share))
     marks_on_a = _marks_on_a(found)
@@ -102,7 +102,7 @@ def correspondence_page(found: Correspondence, title: str, up: str | None = None
     """Return the page of a map: A with its coordinates, and B with those that come from A; with the
     facts of the map if it has any.
     """
-    coordinates, carried = found.a.vertices, found.carry(found.a.vertices)
+    coordinates, carried = found.a.vertices, found.transfer(found.a.vertices)
     colors = [color_range(values) for values in coordinates.T]
     sides = zip(
         ("A", "A on B"), (found.a, found.b), (coordinates, carried), fronts(found, up), strict=True
@@ -250,7 +250,7 @@ def _marks_on_a(found: Registration) -> list[Ways]:
     marks = found.match.problem.landmarks
     if marks is None:
         return []
-    places = found.initial.inverse().carry_points(marks.points(found.b)).positions
+    places = found.initial.inverse().transfer_points(marks.points(found.b)).positions
     return [Ways.points("landmarks", places, _ALL_TIMES, _MARK)]
 
 

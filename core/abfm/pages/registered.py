@@ -47,7 +47,7 @@ def functions_on_a(found: Registration) -> FloatArray:
     """Return A's functions (V_A, C), as they are compared; or what the initial map brings back."""
     if found.functions is not None:
         return found.functions
-    return found.initial.inverse().carry(found.match.source)
+    return found.initial.inverse().transfer(found.match.source)
 
 
 def counts(match: Match) -> FloatArray:

@@ -27,8 +27,8 @@ from abfm.population.subjects import Subject
 from abfm.reading import array_from, read_bytes
 from abfm.registration import load_registration
 from abfm.registration.initial import initial_map, read_landmarks
-from abfm.registration.initial.given import MapInput
-from abfm.registration.initial.turned_spheres import LANDMARKS_MIN
+from abfm.registration.initial.map_input import MapInput
+from abfm.registration.initial.sphere_maps import LANDMARKS_MIN
 from abfm.registration.task import INITIAL_INPUT
 from abfm.tasks.inputs import Rename, renamed_spec
 from abfm.tasks.meshes import mesh_of
@@ -152,7 +152,7 @@ class Carrying:
             return Carried(carried(before(points), own), carried(after(points), own))
         points = vertex_points(template)
         there = after(points)
-        whole = PointMap(template, own.mesh, there.faces, there.barycentric, carried=after)
+        whole = PointMap(template, own.mesh, there.faces, there.barycentric, interior_map=after)
         log2_area, facts = map_facts(registration, whole, drift)
         return Carried(
             carried(before(points), own),

@@ -13,7 +13,7 @@ from abfm.calculus.operators import face_areas
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.functions.known import filled, known_functions
 from abfm.io import results
-from abfm.maps.distortion import Map
+from abfm.maps.distortion import SurfaceMap
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.terms.functions import mask_from_input
@@ -91,11 +91,11 @@ def map_facts(
 
 def maps(
     found: Registration, surface: TriangleMesh, template: TriangleMesh, shift: Shift
-) -> tuple[Map, Map]:
+) -> tuple[SurfaceMap, SurfaceMap]:
     """Return where on a subject points of the template lie: by the initial map, and along the mean
     field, back along the subject's flow, and then by that.
     """
-    match, initial = found.match, found.initial.between(surface, template)
+    match, initial = found.match, found.initial.on_surfaces(surface, template)
     lines = ContinuousFlow(template, match.fine_velocity, match.parameters.tau)
     return initial.points.at, lambda points: initial.points.at(lines.origins(shift(points)))
 

@@ -57,7 +57,7 @@ class Settings:
                     f"above 0, to {LARGEST_WEIGHT:g}: what is not to be registered by is held out"
                 )
         if self.initial:
-            initial.word_of(self.initial)
+            initial.method_of(self.initial)
         if not (isinstance(self.rounds, int) and 1 <= self.rounds <= 1000):
             raise ParameterError(f"rounds is {brief(self.rounds)}; expected 1 to 1000")
         if not (math.isfinite(self.bound) and self.bound >= 0):

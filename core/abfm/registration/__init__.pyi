@@ -3,11 +3,11 @@ from .correspondence import load_correspondence as load_correspondence
 from .initial.landmark_pairs import Landmarks as Landmarks
 from .initial.landmark_pairs import read_landmarks as read_landmarks
 from .register import MEASURED_PARAMETERS as MEASURED_PARAMETERS
-from .register import Prepared as Prepared
+from .register import PreparedRegistration as PreparedRegistration
+from .register import limit_distortion as limit_distortion
 from .register import prepare as prepare
 from .register import register as register
-from .register import within as within
 from .registration import Registration as Registration
 from .registration import load_registration as load_registration
 from .textures import Texture as Texture
-from .textures import carry_texture as carry_texture
+from .textures import transfer_texture as transfer_texture

@@ -15,16 +15,16 @@ from abfm.display import Display
 from abfm.errors import AbfmError, FunctionError, ParameterError, brief
 from abfm.functions import as_values
 from abfm.io import results
-from abfm.maps.distortion import Distortion, turned_over
+from abfm.maps.distortion import Distortion, flipped_triangles
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import MapAccuracy, ThereAndBack, map_accuracy, there_and_back
+from abfm.maps.quality import MapAccuracy, RoundTrip, map_accuracy, round_trip
 from abfm.maps.spherical import SphereLayout, through_sphere
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import File, FloatArray, IntArray
 
-By: TypeAlias = Literal["point", "area"]
-_ASKED_FACES_MAX = 20_000  # faces that are asked for the coverage
+TransferMethod: TypeAlias = Literal["point", "area"]
+_COVERAGE_FACES_MAX = 20_000  # faces that are asked for the coverage
 _WEIGHT_MIN = 1e-12  # of a weight that carries
 _CANDIDATES = "candidates", "candidate_costs"  # in files
 _ROUNDING = 1e-9  # sqrt(area) between places that are one
@@ -60,7 +60,7 @@ class Correspondence(Display):
     >>> from abfm.assets import asset_path
     >>> a, b = (abfm.load_mesh(asset_path(f"human_{pose}.off")) for pose in "AB")
     >>> same = abfm.Correspondence(abfm.PointMap.of_vertices(b, a))
-    >>> same.carry(a.vertices).shape == b.vertices.shape
+    >>> same.transfer(a.vertices).shape == b.vertices.shape
     True
     """
 
@@ -112,20 +112,20 @@ class Correspondence(Display):
         """Where on B each vertex of A lies."""
         return self.points.inverse() if self._back is None else self._back
 
-    def carry(self, h: ArrayLike, by: By = "point") -> FloatArray:
+    def transfer(self, h: ArrayLike, by: TransferMethod = "point") -> FloatArray:
         """Carry a function of A, (V_A,) or (V_A, C), to B, (V_B,) or (V_B, C).
 
         ``by="point"`` takes at each vertex of B the value where it lies on A, linear inside faces;
         ``by="area"`` means over all vertices of A around it, see `to_matrix`. What is not finite
-        makes what is carried of it so.
+        makes what is transferred of it so.
         """
         given = as_values(self.a, h, "h")
         if given.ndim not in (1, 2):
             raise FunctionError(f"h has shape {given.shape}; expected (V_A,) or (V_A, C)")
-        carried: FloatArray = _without_zeros(self.to_matrix(by)) @ self.a.restrict(given)
-        return carried
+        transferred: FloatArray = _without_zeros(self.to_matrix(by)) @ self.a.restrict(given)
+        return transferred
 
-    def carry_labels(self, labels: ArrayLike, by: By = "point") -> IntArray:
+    def transfer_labels(self, labels: ArrayLike, by: TransferMethod = "point") -> IntArray:
         """Carry labels of A, whole numbers (V_A,), to B, (V_B,): at each vertex the label that has
         most weight there, the smallest of several; never a mixture.
         """
@@ -139,7 +139,7 @@ class Correspondence(Display):
         shares = sparse.csr_array(weights @ one_each)
         return np.asarray(known[np.asarray(shares.argmax(axis=1)).ravel()])
 
-    def carry_points(self, points: SurfacePoints | ArrayLike) -> SurfacePoints:
+    def transfer_points(self, points: SurfacePoints | ArrayLike) -> SurfacePoints:
         """Return where points of A, or vertices (P,) by number, lie on B."""
         given = points if isinstance(points, SurfacePoints) else vertex_points(self.a, points)
         if len(given.mesh.faces) != len(self.a.faces):
@@ -150,7 +150,7 @@ class Correspondence(Display):
         """Return the correspondence from B to A."""
         return Correspondence(self.back, self.points)
 
-    def between(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
+    def on_surfaces(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
         """Return the same one between surfaces of the same faces that are elsewhere in space, such
         as cortices of which it took the spheres: by the same faces and weights.
         """
@@ -159,16 +159,16 @@ class Correspondence(Display):
                 raise ParameterError(f"the map is of another surface {name} than the one given")
         if _same_places(a, self.a) and _same_places(b, self.b):
             return self
-        return self._moved(a, b).chosen_of(self.candidates)
+        return self._on_surfaces(a, b).with_candidates(self.candidates)
 
-    def chosen_of(self, candidates: tuple[Candidate, ...]) -> Correspondence:
+    def with_candidates(self, candidates: tuple[Candidate, ...]) -> Correspondence:
         """Return this map as the one that was chosen of several."""
         found = object.__new__(type(self))  # copies otherwise go through files' arrays
         found.__dict__.update(self.__dict__)
         found.candidates = candidates
         return found
 
-    def _moved(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
+    def _on_surfaces(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
         return Correspondence(_placed(self.points, b, a), _placed(self.back, a, b))
 
     def compose(self, other: Correspondence) -> Correspondence:
@@ -177,10 +177,10 @@ class Correspondence(Display):
             other.points.followed_by(self.points), self.back.followed_by(other.back)
         )
 
-    def to_matrix(self, by: By = "point") -> sparse.csr_array:
+    def to_matrix(self, by: TransferMethod = "point") -> sparse.csr_array:
         """Return the matrix (V_B, V_A) of `carry`; rows sum to 1.
 
-        By points rows have at most three entries. By area each vertex of A gives its area to the
+        By points, rows have at most three entries. By area, each vertex of A gives its area to the
         vertices of B around it, so that the mean over A is kept, by the areas that the rows were
         given; where B is finer than A it is the interpolation by points, weighed alike (adaptive
         barycentric area resampling, as in Connectome Workbench).
@@ -189,10 +189,10 @@ class Correspondence(Display):
             return self.points.to_matrix()
         if by != "area":
             raise ParameterError(f"by is {brief(by)}; expected 'point' or 'area'")
-        shares = self.shares()
+        shares = self.area_shares()
         return sparse.csr_array(sparse.diags_array(1 / shares.sum(axis=1)) @ shares)
 
-    def shares(self) -> sparse.csr_array:
+    def area_shares(self) -> sparse.csr_array:
         """Return what of the area of each vertex of A goes to each of B, (V_B, V_A): columns sum to
         the areas of A, except for vertices that nothing of B is near to.
         """
@@ -234,7 +234,7 @@ class Correspondence(Display):
         """Return how many faces of A are flipped where its vertices alone are moved to B, as files
         of surfaces hold a map, such as a sphere.reg: their faces stay straight between vertices.
         """
-        flipped = int(turned_over(self.b, self.back.positions[self.a.faces]).sum())
+        flipped = int(flipped_triangles(self.b, self.back.positions[self.a.faces]).sum())
         return len(self.a.faces) - flipped if self.is_mirrored else flipped
 
     def coverage(self) -> float:
@@ -243,7 +243,7 @@ class Correspondence(Display):
         20,000 faces, evenly chosen, stand for all.
         """
         count = len(self.a.faces)
-        asked = np.linspace(0, count - 1, min(count, _ASKED_FACES_MAX)).astype(np.int64)
+        asked = np.linspace(0, count - 1, min(count, _COVERAGE_FACES_MAX)).astype(np.int64)
         lengths = edge_lengths(self.a)[self.a.face_edges[asked]].max(axis=1)
         middles = SurfacePoints(self.a, asked, np.full((len(asked), 3), 1 / 3))
         returned = self.points.at(self.back.at(middles))
@@ -251,9 +251,9 @@ class Correspondence(Display):
         areas = face_areas(self.a)[asked]
         return float(areas[reached].sum() / areas.sum())
 
-    def there_and_back(self) -> ThereAndBack:
+    def round_trip(self) -> RoundTrip:
         """Measure how far vertices of B come back from where they were, in edges."""
-        return there_and_back(self.points, self.back.at)
+        return round_trip(self.points, self.back.at)
 
     def accuracy(self, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
         """Measure geodesic errors against the true vertex of A for each of B, (V_B,), by default
@@ -307,7 +307,7 @@ class _ThroughSphere(Correspondence):
     def inverse(self) -> Correspondence:
         return _ThroughSphere(*self._layouts[::-1])
 
-    def _moved(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
+    def _on_surfaces(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
         pairs = zip((a, b), self._layouts, strict=True)
         return _ThroughSphere(*(SphereLayout(mesh, own.directions) for mesh, own in pairs))
 
@@ -325,7 +325,7 @@ def load_correspondence(path: File) -> Correspondence:
 def _between(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Correspondence:
     names, costs = (arrays[key].tolist() if key in arrays else [] for key in _CANDIDATES)
     candidates = tuple(Candidate(*each) for each in zip(names, costs, strict=True))
-    return _of_points(a, b, arrays).chosen_of(candidates)
+    return _of_points(a, b, arrays).with_candidates(candidates)
 
 
 def _of_points(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Correspondence:
@@ -337,15 +337,15 @@ def _of_points(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Corr
         return Correspondence.of_same_faces(a, b)
     nearest = there.inverse()
     if np.allclose(nearest.positions, back.positions, rtol=0, atol=_ROUNDING * b.length_scale):
-        back = PointMap(a, b, back.faces, back.barycentric, carried=nearest.carried)
+        back = PointMap(a, b, back.faces, back.barycentric, interior_map=nearest.interior_map)
     return Correspondence(there, back)
 
 
 def _by_number(domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
-    def carried(points: SurfacePoints) -> SurfacePoints:
+    def interior_map(points: SurfacePoints) -> SurfacePoints:
         return SurfacePoints(codomain, points.faces, points.barycentric)
 
-    return PointMap.of_points(domain, vertex_points(codomain), carried)
+    return PointMap.of_points(domain, vertex_points(codomain), interior_map)
 
 
 def _is_by_number(points: PointMap) -> bool:
@@ -360,15 +360,15 @@ def _same_places(one: TriangleMesh, other: TriangleMesh) -> bool:
 
 def _placed(points: PointMap, domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
     """Return the same map between surfaces of the same faces."""
-    own = points.carried
+    own = points.interior_map
 
-    def carried(given: SurfacePoints) -> SurfacePoints:
+    def interior_map(given: SurfacePoints) -> SurfacePoints:
         assert own is not None
         found = own(SurfacePoints(points.domain, given.faces, given.barycentric))
         return SurfacePoints(codomain, found.faces, found.barycentric)
 
     placed = SurfacePoints(codomain, points.faces, points.barycentric)
-    return PointMap.of_points(domain, placed, None if own is None else carried)
+    return PointMap.of_points(domain, placed, None if own is None else interior_map)
 
 
 def _without_zeros(matrix: sparse.csr_array) -> sparse.csr_array:

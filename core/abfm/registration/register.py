@@ -20,7 +20,8 @@ from abfm.functions.spec import files_in
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
-from abfm.matching.bounded import SHARE, check_bound, limit_distortion
+from abfm.matching.bounded import BOUNDED_SHARE, check_bound
+from abfm.matching.bounded import limit_distortion as limit_match_distortion
 from abfm.matching.match import match
 from abfm.matching.problem import Problem
 from abfm.matching.result import Match
@@ -35,11 +36,11 @@ from abfm.matching.terms.functions import (
 from abfm.mesh import MeshLike, TriangleMesh, as_meshes
 from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
-from abfm.registration.initial.counting import warn_of_counting
-from abfm.registration.initial.given import MapInput
 from abfm.registration.initial.landmark_pairs import Landmarks, by_surface
+from abfm.registration.initial.map_input import MapInput
+from abfm.registration.initial.methods import initial_map
 from abfm.registration.initial.searching.search import is_searched
-from abfm.registration.initial.words import initial_map
+from abfm.registration.initial.vertex_numbering import warn_of_numbering
 from abfm.registration.registration import Registration
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import Control
@@ -59,7 +60,7 @@ _CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are r
 _RANGE_SHARE_MAX = 0.25
 
 
-class Prepared(NamedTuple):
+class PreparedRegistration(NamedTuple):
     """What `register` matches: a problem on B, whose source came by the initial map."""
 
     initial: Correspondence
@@ -68,19 +69,19 @@ class Prepared(NamedTuple):
     functions: FloatArray | None = None  # A's, (V_A, C), as they are compared
     warnings: tuple[str, ...] = ()  # of the initial map
 
-    def matched_by(self, match: Match) -> Registration:
+    def with_match(self, match: Match) -> Registration:
         """Return the registration that a match of the problem makes."""
         return Registration(self.initial, match, self.notes, self.functions, self.warnings)
 
-    def solved(
+    def solve(
         self,
         max_distortion: float | None = None,
         on_iteration: Callable[[Iteration], object] | None = None,
         control: Control | None = None,
     ) -> Registration:
         """Return the registration that solving the problem makes, see `register`."""
-        found = self.matched_by(match(self.problem, on_iteration=on_iteration, control=control))
-        return found if max_distortion is None else within(found, max_distortion, control)
+        found = self.with_match(match(self.problem, on_iteration=on_iteration, control=control))
+        return found if max_distortion is None else limit_distortion(found, max_distortion, control)
 
 
 def register(
@@ -116,7 +117,7 @@ def register(
         their means in standard deviations, both where the masks are above 0; where they correlate
         by less than -0.3 by the initial map, the sign of A's is turned, and that is told.
     initial : Correspondence, PointMap or str, optional
-        See `abfm.registration.initial.words`; by default chosen by what is given.
+        See `abfm.registration.initial.methods`; by default chosen by what is given.
     landmarks : (L, 2) array of int, pair of SurfacePoints, or Landmarks, optional
         Vertices, or points, of A and of B that belong together: the flow takes where the initial
         map has A's to B's. Without f and g they are all that is matched. Vertices of a
@@ -132,7 +133,7 @@ def register(
         weights need functions.
     max_distortion : float, optional
         The most ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, none of which may be folded, see
-        `within`.
+        `limit_distortion`.
     circular : bool or float
         Whether f and g are phases, which are compared by cosine and sine, or their period: two
         channels for each of theirs, with its weight. Texts may be ``circular:...`` by themselves.
@@ -157,10 +158,10 @@ def register(
         weights=weights,
         circular=circular,
     )
-    return prepared.solved(max_distortion, on_iteration, control)
+    return prepared.solve(max_distortion, on_iteration, control)
 
 
-def within(
+def limit_distortion(
     found: Registration, max_distortion: float, control: Control | None = None
 ) -> Registration:
     """Return the closest registration on the way of one that keeps a bound: for 99% of the faces
@@ -172,18 +173,18 @@ def within(
     """
 
     def measure(match: Match) -> Distortion:
-        return found.matched_by(match).distortion()
+        return found.with_match(match).distortion()
 
-    chosen = found.matched_by(limit_distortion(found.match, max_distortion, measure, control))
+    chosen = found.with_match(limit_match_distortion(found.match, max_distortion, measure, control))
     bound = chosen.match.bound
     if bound is None or bound.is_kept:
         return chosen
     first = found.initial.distortion()
     told = f"the initial map alone keeps {max_distortion:g} on only"
     share = f"{100 * first.share_within(max_distortion):.1f}% of the faces"
-    could = f"{SHARE:.0%} of them keep {first.bound_of(SHARE):.3g}"
+    could = f"{BOUNDED_SHARE:.0%} of them keep {first.bound_of(BOUNDED_SHARE):.3g}"
     ends = "no flow was looked for that keeps less"
-    return chosen.matched_by(
+    return chosen.with_match(
         chosen.match, (f"{told} {share}, {first.folded} folded, {could}: {ends}",)
     )
 
@@ -201,7 +202,7 @@ def prepare(
     mask_b: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     circular: bool | float = False,
-) -> Prepared:
+) -> PreparedRegistration:
     """Return the initial map and the problem on B that `register` solves."""
     are_made = tuple(not isinstance(given, TriangleMesh) for given in (a, b))
     a, b = as_meshes(a, b)
@@ -220,7 +221,9 @@ def prepare(
             )
         first = initial_map(initial, MapInput(a, b, landmarks=marks))
         problem = Problem(b, None, None, parameters, **_on_b(first.correspondence, marks))
-        return Prepared(first.correspondence, problem, first.notes, None, first.warnings)
+        return PreparedRegistration(
+            first.correspondence, problem, first.notes, None, first.warnings
+        )
     f, g = texts_or_values(a, f, "f"), texts_or_values(b, g, "g")
     f, g, weights = circular_channels(f, g, weights, circular)
     for mesh, functions in ((a, f), (b, g)):
@@ -244,10 +247,10 @@ def prepare(
         given = MapInput(a, b, mask_a=on_a, mask_b=on_b, landmarks=marks)
     first = initial_map(initial, given)
     found = first.correspondence
-    carried = found.carry(source.T, by="area").T
+    carried = found.transfer(source.T, by="area").T
     masks = [] if on_b is None else [on_b]
     if on_a is not None:
-        masks.append(np.clip(found.carry(on_a), 0, None))
+        masks.append(np.clip(found.transfer(on_a), 0, None))
     mask = np.prod(masks, axis=0) if masks else None
     carried, target, source, measured, notes = _comparable(b, carried, target, source, mask, counts)
     if phases and not phase_warning(b, np.concatenate([carried, target])):  # which `Problem` gives
@@ -266,7 +269,7 @@ def prepare(
     ).with_known_values(mask)
     told = (*_unknown("A", known_a, mask_a), *_unknown("B", known_b, mask_b))
     notes = [*first.notes, *told, *notes]
-    return Prepared(found, problem, tuple(notes), source.T.copy(), first.warnings)
+    return PreparedRegistration(found, problem, tuple(notes), source.T.copy(), first.warnings)
 
 
 def _landmarks(
@@ -296,13 +299,13 @@ def _landmarks(
         for mesh, numbers, is_made in zip((a, b), pairs.T, are_made, strict=True)
     ]
     found = Landmarks.of_vertices(a, b, *rows)
-    warn_of_counting(a, b, a.vertex_ids[rows[0]], b.vertex_ids[rows[1]], first=0)
+    warn_of_numbering(a, b, a.vertex_ids[rows[0]], b.vertex_ids[rows[1]], first=0)
     return found
 
 
 def _on_b(initial: Correspondence, marks: Landmarks) -> dict[str, Any]:
     """Return the landmarks of a problem on B: from where the initial map has A's."""
-    pair = initial.carry_points(marks.a), marks.b
+    pair = initial.transfer_points(marks.a), marks.b
     return {"landmarks": pair, "landmark_weights": marks.weights}
 
 

@@ -57,7 +57,7 @@ class Registration(Correspondence):
         self.initial, self.match, self.notes = initial, match, notes
         self.functions, self.warnings = functions, warnings
 
-    def matched_by(self, match: Match, notes: tuple[str, ...] = ()) -> Registration:
+    def with_match(self, match: Match, notes: tuple[str, ...] = ()) -> Registration:
         """Return the registration with another match, and notes added."""
         notes = (*self.notes, *notes)
         return Registration(self.initial, match, notes, self.functions, self.warnings)
@@ -94,7 +94,7 @@ class Registration(Correspondence):
         if self.functions is None or problem.is_of_landmarks:
             return math.nan
         try:
-            carried = found.carry(self.functions)
+            carried = found.transfer(self.functions)
         except AbfmError:  # by a field that leads over too many faces
             return math.nan
         return problem.functions.residual(np.ascontiguousarray(carried.T))
@@ -175,7 +175,7 @@ class Registration(Correspondence):
 
     def at_step(self, step: int) -> Registration:
         """Return the registration at another step of the path of its match."""
-        return self.matched_by(self.match.at_step(step))
+        return self.with_match(self.match.at_step(step))
 
     def arrays(self) -> dict[str, Any]:
         """Return what files hold: the initial map, the notes, A's functions, and the match."""
@@ -229,4 +229,4 @@ def load_registration(path: File) -> Registration:
         return Registration(initial, match, notes, functions, warnings)
 
     found = results.loaded(path, results.REGISTRATION, made)
-    return found.matched_by(found.match.reverified())
+    return found.with_match(found.match.reverified())

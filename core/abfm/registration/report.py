@@ -30,7 +30,7 @@ def lines(found: Registration) -> list[str]:
 
 def map_details(found: Correspondence, distortion: Distortion | None = None) -> dict[str, Any]:
     """Return what is reported of a map from B to A; its distortion may be known already."""
-    distortion, back = distortion or found.distortion(), found.there_and_back()
+    distortion, back = distortion or found.distortion(), found.round_trip()
     return {
         **distortion_details(distortion),
         "collapsed": distortion.collapsed,
@@ -62,7 +62,7 @@ def map_lines(found: Correspondence) -> list[str]:
     """Return the report of a map from B to A for people."""
     return [
         found.distortion().report(),
-        f"{found.there_and_back().report()}; {100 * found.coverage():.1f}% of A is covered",
+        f"{found.round_trip().report()}; {100 * found.coverage():.1f}% of A is covered",
     ]
 
 

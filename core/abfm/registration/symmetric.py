@@ -71,7 +71,7 @@ class SymmetricRegistration(Correspondence):
         self.asymmetry, self.facts = asymmetry, facts
 
     @classmethod
-    def of_both(cls, forward: Registration, backward: Registration) -> SymmetricRegistration:
+    def average(cls, forward: Registration, backward: Registration) -> SymmetricRegistration:
         """Return the mean of a registration of A to B and one of B to A."""
         apart = forward.points.positions - backward.back.positions
         asymmetry = np.linalg.norm(apart, axis=1) / forward.a.length_scale
@@ -207,7 +207,7 @@ class SymmetricTask(Task):
             forward = self.forward.solve(monitor)
         with step("registering B to A"):
             backward = self.backward.solve(monitor)
-        return SymmetricRegistration.of_both(forward, backward)
+        return SymmetricRegistration.average(forward, backward)
 
     def notes(self) -> list[str]:
         return self.forward.notes()

@@ -17,7 +17,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.options import read_flag
 from abfm.parameters import Parameters, as_option
 from abfm.registration import report
-from abfm.registration.initial import WORDS, read_landmarks, word_of
+from abfm.registration.initial import METHODS, method_of, read_landmarks
 from abfm.registration.register import MEASURED_PARAMETERS, prepare
 from abfm.registration.registration import Registration, load_registration
 from abfm.tasks.inputs import (
@@ -41,7 +41,7 @@ _START = "weights and start"
 
 
 def _initial(text: str) -> str:
-    word_of(text)
+    method_of(text)
     return text
 
 
@@ -112,7 +112,7 @@ def _advice(found: Registration, result: str) -> str:
     return match_report.advice_in_options(found.verdict, found.facts)
 
 
-_WORDS = "\n".join(f"  {word.form}\n      {word.about}" for word in WORDS)
+_WORDS = "\n".join(f"  {word.form}\n      {word.about}" for word in METHODS)
 _MEASURED_OPTIONS = ", ".join(
     as_option(name, value) for name, value in MEASURED_PARAMETERS.changed().items()
 )
@@ -159,7 +159,7 @@ class RegistrationTask(Task):
     parameters : mapping of str
         Those that are given; the others depend on the functions.
     max_distortion : float, optional
-        See `abfm.registration.within`.
+        See `abfm.registration.limit_distortion`.
     """
 
     a: TriangleMesh
@@ -234,7 +234,7 @@ class RegistrationTask(Task):
             monitor.on_note(note)
         parameters = prepared.problem.parameters.with_values(**self.parameters)
         prepared = prepared._replace(problem=prepared.problem.with_parameters(parameters))
-        found = prepared.solved(self.max_distortion, monitor.on_partial, monitor.control)
+        found = prepared.solve(self.max_distortion, monitor.on_partial, monitor.control)
         for note in found.notes[len(prepared.notes) :]:
             monitor.on_note(note)
         return found

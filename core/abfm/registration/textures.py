@@ -105,7 +105,7 @@ class Texture:
         return found
 
 
-def carry_texture(
+def transfer_texture(
     correspondence: Correspondence, texture: Texture, size: int | None = None
 ) -> Texture:
     """Carry a texture of surface A to surface B, as one image that is laid out anew.

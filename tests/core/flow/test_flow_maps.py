@@ -9,9 +9,9 @@ from abfm.calculus.operators import face_areas
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
-from abfm.maps.distortion import chord_distortion, folds
+from abfm.maps.distortion import chord_distortion, folded_shares
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import there_and_back
+from abfm.maps.quality import round_trip
 from abfm.mesh.subdivision import subdivided
 from abfm.workers.control import CancelledError, Control, controlled
 from tests.core.fields import rotation_field, wavy_field
@@ -144,25 +144,25 @@ def test_flipped_faces_are_those_that_folds_counts_and_smooth_flows_have_none(se
     there, back = flow.point_map(t, inverse=True), flow.point_map(t)
     for found in (there, back):
         faces = np.arange(len(BALL.faces))
-        folded, overturned = folds(
-            BALL, found.carried, faces, found.positions[BALL.faces], len(faces)
+        folded, overturned = folded_shares(
+            BALL, found.interior_map, faces, found.positions[BALL.faces], len(faces)
         )
         assert found.distortion().folded == round(folded * len(faces))
         assert chord_distortion(BALL, found.positions).folded == round(overturned * len(faces))
         assert folded == 0
         assert overturned > 0 or seed == 1 or t < 1
-    assert there_and_back(there, back.at).median < 0.1
+    assert round_trip(there, back.at).median < 0.1
 
 
 def test_there_and_back_is_told_in_edges():
     mesh = square(8)
     still = PointMap.of_vertices(mesh, mesh)
-    assert there_and_back(still, still.at) == (0, 0)
+    assert round_trip(still, still.at) == (0, 0)
     moved = PointMap.project(mesh, mesh, mesh.vertices * 0.9)
-    found = there_and_back(still, moved.at)
+    found = round_trip(still, moved.at)
     lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1), axis=2).ravel()
     local = [lengths[(mesh.edges == v).any(axis=1)].mean() for v in range(len(mesh.vertices))]
     expected = np.linalg.norm(0.1 * mesh.vertices, axis=1) / local
     assert_allclose(found, np.percentile(expected, (50, 95)), rtol=1e-9)
-    assert there_and_back(moved, still.at).median == pytest.approx(found.median)
-    assert Flow(BALL, ROW, 0.5).there_and_back().median < 0.1
+    assert round_trip(moved, still.at).median == pytest.approx(found.median)
+    assert Flow(BALL, ROW, 0.5).round_trip().median < 0.1

@@ -245,7 +245,7 @@ def test_entries_place_values_alike():
     assert_allclose(registered.functions[:, 0], X)
     still = np.zeros((len(BALL.faces), 3))
     assert_array_equal(abfm.advect(BALL, still, f, 1.0), X)
-    assert_allclose(registered.initial.carry(f), X)
+    assert_allclose(registered.initial.transfer(f), X)
     with raises(ParameterError, "mask"):
         abfm.Problem(BALL, f, g, mask=pandas.Series(X, index=["a"] * COUNT))
     with pytest.warns(AbfmWarning, match="no value"):

@@ -11,7 +11,7 @@ from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError
 from abfm.maps import functional_map, point_map, vertex_points, zoom_out
-from abfm.maps.functional_maps import carry, refined, spectral_coefficients
+from abfm.maps.functional_maps import refined, spectral_coefficients, transfer
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.mesh import TriangleMesh, load_mesh
@@ -113,7 +113,7 @@ def test_carried_functions_are_those_of_the_point_map_and_coefficients_the_weigh
     a, b, truth = isometric
     smooth = basis(a, 12) @ np.random.default_rng(2).normal(size=(12, 2))
     for h in (smooth, smooth[:, 0]):
-        found = carry(a, b, functional_map(truth, 12), h)
+        found = transfer(a, b, functional_map(truth, 12), h)
         assert_allclose(found, truth.pull_back(h), atol=1e-6)
     mesh, weights = ellipsoid(2, 1, 2, 3), np.arange(1.0, 6)
     assert_allclose(spectral_coefficients(mesh, basis(mesh, 5) @ weights, 5), weights)
@@ -166,7 +166,7 @@ COUNT = len(BALL.vertices)
 
 @pytest.mark.parametrize("bad", [np.full((3, 3), np.nan), np.zeros(3), np.zeros((0, 3))])
 def test_what_is_no_functional_map_is_refused(bad):
-    for use, more in ((point_map, ()), (carry, (BALL.vertices,)), (zoom_out, (5,))):
+    for use, more in ((point_map, ()), (transfer, (BALL.vertices,)), (zoom_out, (5,))):
         with raises(ParameterError):
             use(BALL, BALL, bad, *more)
 

@@ -13,7 +13,7 @@ from abfm.experiments.fields import feet, stream_field
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.maps import quality
-from abfm.maps.distortion import CUT_FACES_MAX, by_parts, chord_distortion, folds
+from abfm.maps.distortion import CUT_FACES_MAX, chord_distortion, folded_shares, stretches_by_parts
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import FOLDED_SHARE_MAX, MapAccuracy, MapQuality, map_accuracy, map_quality
 from abfm.maps.surface_points import project_onto_surface, vertex_points
@@ -181,7 +181,7 @@ def by_positions(mesh, move):
 
 def shares(mesh, carried, most=CUT_FACES_MAX):
     places = carried(vertex_points(mesh)).positions
-    return folds(mesh, carried, np.arange(len(mesh.faces)), places[mesh.faces], most)
+    return folded_shares(mesh, carried, np.arange(len(mesh.faces)), places[mesh.faces], most)
 
 
 def folded_over(x):
@@ -226,7 +226,7 @@ def test_of_very_many_faces_some_stand_for_all():
 def test_parts_cover_a_face():
     mesh = square(3)
     half = by_positions(mesh, lambda x: np.abs(x - [0.5, 0, 0]) + np.array([0.25, 0, 0]))
-    turned, _ = by_parts(mesh, half, np.arange(len(mesh.faces)))
+    turned, _ = stretches_by_parts(mesh, half, np.arange(len(mesh.faces)))
     left = (mesh.vertices[mesh.faces][..., 0] < 0.5).sum(axis=1)
     assert (turned[left == 3] == 1).all()
     assert (turned[left == 0] == 0).all()

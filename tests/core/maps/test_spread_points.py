@@ -17,7 +17,7 @@ LIMBS = five_limbs(2000)
 
 def spread(mesh, spacing):
     """Return places in square roots of the area."""
-    return spread_points(mesh).apart(spacing).positions / mesh.length_scale
+    return spread_points(mesh).with_spacing(spacing).positions / mesh.length_scale
 
 
 def sheet(thickness):
@@ -32,7 +32,7 @@ def sheet(thickness):
 @pytest.mark.parametrize("mesh", [LIMBS, icosphere(3), square(6)], ids=["limbs", "ball", "square"])
 def test_no_two_are_nearer_than_the_spacing_and_no_place_is_much_farther(mesh, spacing):
     places = spread(mesh, spacing)
-    normals = face_normals(mesh)[spread_points(mesh).apart(spacing).faces]
+    normals = face_normals(mesh)[spread_points(mesh).with_spacing(spacing).faces]
     apart = cdist(places, places) + 9 * np.eye(len(places))
     apart[normals @ normals.T < 0] = 9  # of thin parts both sides have their own
     assert apart.min() >= spacing
@@ -52,7 +52,7 @@ def test_few_are_among_many_and_their_gaps_descend():
     found = spread_points(LIMBS)
     assert (found.gaps[1:] <= found.gaps[:-1]).all()
     assert found.gaps[-1] >= SPACING_MIN
-    few, many = found.apart(0.1), found.apart(0.03)
+    few, many = found.with_spacing(0.1), found.with_spacing(0.03)
     assert 0 < len(few.faces) < len(many.faces)
     np.testing.assert_array_equal(few.positions, many.positions[: len(few.faces)])
 
@@ -63,13 +63,13 @@ def test_the_same_mesh_has_the_same_ones_and_they_turn_move_and_grow_with_it():
     rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     rotation *= np.linalg.det(rotation)
     moved = TriangleMesh(1e-3 * LIMBS.vertices @ rotation.T + 0.1, LIMBS.faces)
-    there = spread_points(moved).apart(0.05).positions
-    here = spread_points(LIMBS).apart(0.05).positions
+    there = spread_points(moved).with_spacing(0.05).positions
+    here = spread_points(LIMBS).with_spacing(0.05).positions
     np.testing.assert_allclose(there, 1e-3 * here @ rotation.T + 0.1, atol=1e-9)
 
 
 def test_both_sides_of_a_thin_sheet_have_as_many():
-    heights = spread_points(sheet(0.001)).apart(0.06).positions[:, 2]
+    heights = spread_points(sheet(0.001)).with_spacing(0.06).positions[:, 2]
     below, above = (heights < 1e-6).sum(), (heights > 0.001 - 1e-6).sum()
     assert min(below, above) >= 100
     assert abs(below - above) < 0.1 * (below + above)

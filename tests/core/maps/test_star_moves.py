@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from abfm.maps import sphere_embedding
-from abfm.maps.image_relaxation import Ground, Image, relax, relocate
+from abfm.maps.image_relaxation import Codomain, Image, relax, relocate
 from abfm.maps.sphere_embedding import Embedding, surface_of, sweep
 from abfm.maps.spherical import Faces
-from abfm.maps.star_moves import add_product, room_for, shape, step_to_minimum, volume
+from abfm.maps.star_moves import add_product, allocate_workspace, shape, step_to_minimum, volume
 from abfm.mesh.shapes import geodesic_sphere, two_armed
 
 
@@ -84,7 +84,7 @@ def test_sweeps_on_the_sphere_go_down():
     state = Embedding(mesh.vertices.copy(), surface_of(mesh.faces.copy(), count), sphere)
     energies = [stretches(mesh.vertices, sphere, mesh.faces)]
     for _ in range(4):
-        sweep(state, np.arange(count), room_for(count))
+        sweep(state, np.arange(count), allocate_workspace(count))
         energies.append(stretches(mesh.vertices, sphere, mesh.faces))
     assert (np.diff(energies) < 0).all()
     assert energies[-1] < 1.02 * stretches(mesh.vertices, mesh.vertices, mesh.faces)
@@ -101,11 +101,11 @@ def test_an_image_relaxes_to_an_isometry():
     faces, places = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
     weights = np.full(count, 1e2 / count)
     state = Embedding(points, surface, sphere)
-    image = Image(state, Ground(layout, points), faces, places, points, weights)
+    image = Image(state, Codomain(layout, points), faces, places, points, weights)
     relocate(image)
     start = np.linalg.norm(image.places - mesh.vertices, axis=1).mean()
     for _ in range(60):
-        relax(image, room_for(count))
+        relax(image, allocate_workspace(count))
     assert np.linalg.det(sphere[mesh.faces]).min() > 0
     assert np.linalg.norm(image.places - mesh.vertices, axis=1).mean() < 0.1 * start
     least = stretches(mesh.vertices, mesh.vertices, mesh.faces)

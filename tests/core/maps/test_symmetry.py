@@ -42,7 +42,7 @@ def exact(mesh, kind, order=2):
     assert_allclose(np.linalg.matrix_power(found.linear, order), np.eye(3), atol=1e-12)
     assert not np.allclose(found.linear, np.eye(3))
     assert (found.vertex_map != vertices).any()
-    assert_allclose(found.carry(mesh.vertices), mesh.vertices[found.vertex_map], atol=1e-9)
+    assert_allclose(found.apply(mesh.vertices), mesh.vertices[found.vertex_map], atol=1e-9)
     sign = -1 if kind == "mirror" else 1
     assert np.linalg.det(found.linear) == pytest.approx(sign)
     assert_allclose(found.linear @ found.axis, sign * found.axis, atol=1e-12)
@@ -126,7 +126,7 @@ def test_a_mirror_of_the_shape_that_the_mesh_does_not_have():
     assert not found.is_permutation
     assert 1e-6 < found.error < 0.01
     assert np.abs(found.axis).max() > np.cos(np.radians(1))
-    offset = turned[found.vertex_map] - found.carry(turned)
+    offset = turned[found.vertex_map] - found.apply(turned)
     assert np.linalg.norm(offset, axis=1).max() < 0.2  # no more than an edge
 
 

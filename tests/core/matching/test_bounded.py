@@ -8,7 +8,7 @@ import pytest
 
 from abfm import Parameters, Problem, load, match
 from abfm.errors import ParameterError
-from abfm.matching import SHARE, limit_distortion
+from abfm.matching import BOUNDED_SHARE, limit_distortion
 from abfm.workers import Control
 from tests.messages import raises
 from tests.shapes import icosphere
@@ -32,13 +32,13 @@ def test_nearly_all_faces_keep_the_bound_and_a_tighter_one_leaves_more(found, mo
     within = limit_distortion(found, most)
     told = within.distortion()
     logs = np.abs(np.log2([told.area, told.conformal]))
-    assert (logs <= most).all(axis=0).mean() == told.share_within(most) >= SHARE
-    least = told.bound_of(SHARE)
-    assert told.share_within(least) >= SHARE > told.share_within(least * (1 - 1e-9))
+    assert (logs <= most).all(axis=0).mean() == told.share_within(most) >= BOUNDED_SHARE
+    least = told.bound_of(BOUNDED_SHARE)
+    assert told.share_within(least) >= BOUNDED_SHARE > told.share_within(least * (1 - 1e-9))
     assert told.folded == 0
     assert found.residual < within.residual < found.initial_residual
     # the bound is used: the field is none that keeps half of it, too
-    assert told.share_within(0.4 * most) < SHARE
+    assert told.share_within(0.4 * most) < BOUNDED_SHARE
     looser = limit_distortion(found, 2 * most)
     assert looser.residual <= within.residual
 
@@ -113,7 +113,7 @@ def test_landmarks_come_as_close_as_the_bound_lets_them():
     for most in (0.5, 0.25):
         within = limit_distortion(found, most)
         assert keeps(within, most)
-        assert within.distortion().share_within(0.5 * most) < SHARE
+        assert within.distortion().share_within(0.5 * most) < BOUNDED_SHARE
         left.append(within.landmark_errors.mean())
     assert not keeps(found, 0.5)
     left.append(found.problem.landmarks.initial_errors.mean())
@@ -146,7 +146,7 @@ def test_facts_and_files_name_the_bound(found, tmp_path):
     facts = within.facts
     assert facts.numbers["max_distortion"] == 0.4
     assert facts.numbers["share_within"] == within.distortion().share_within(0.4)
-    assert facts.numbers["distortion_99"] == within.distortion().bound_of(SHARE)
+    assert facts.numbers["distortion_99"] == within.distortion().bound_of(BOUNDED_SHARE)
     assert "0.4" in facts.headline
     assert "0.4" in facts.reason
     assert "max_distortion" not in found.facts.numbers

@@ -35,62 +35,62 @@ def linear(mesh, turn=None):
 def test_functions_go_with_the_points(a, b):
     found = spheres(a, b)
     for by in ("point", "area"):
-        carried = found.carry(linear(a, TURN), by)
+        carried = found.transfer(linear(a, TURN), by)
         assert np.abs(carried - linear(b)).max() < 0.1
-        assert_allclose(found.carry(np.ones(len(a.vertices)), by), 1)
+        assert_allclose(found.transfer(np.ones(len(a.vertices)), by), 1)
         matrix = found.to_matrix(by)
         assert_allclose(matrix.sum(axis=1), 1)
         assert_allclose(matrix @ linear(a, TURN), carried, atol=1e-12)
         assert matrix.min() >= 0
     assert np.diff(found.to_matrix().indptr).max() == 3
-    assert found.carry(np.ones((len(a.vertices), 2))).shape == (len(b.vertices), 2)
+    assert found.transfer(np.ones((len(a.vertices), 2))).shape == (len(b.vertices), 2)
 
 
 @pytest.mark.parametrize(("a", "b"), [(FINE, COARSE), (COARSE, FINE)])
 def test_by_area_what_all_vertices_have_is_kept(a, b):
     """Each vertex of A gives away its area, so that sums over A and over B are the same."""
     found = spheres(a, b)
-    shares = found.shares()
+    shares = found.area_shares()
     assert_allclose(shares.sum(axis=0), vertex_areas(a))
     h = np.random.default_rng(0).normal(size=len(a.vertices))
-    carried = found.carry(h, "area")
+    carried = found.transfer(h, "area")
     assert_allclose(shares.sum(axis=1) @ carried, vertex_areas(a) @ h)
 
 
 def test_averages_of_noise_are_quieter_than_samples_of_it():
     found = spheres(FINE, COARSE)
     noise = np.random.default_rng(0).normal(size=len(FINE.vertices))
-    assert found.carry(noise, "area").std() < 0.6 * found.carry(noise).std()
+    assert found.transfer(noise, "area").std() < 0.6 * found.transfer(noise).std()
 
 
 def test_labels_are_never_mixed():
     found = spheres(FINE, COARSE)
     labels = np.where(linear(FINE, TURN) > 0.1, 1000, -7)
     for by in ("point", "area"):
-        carried = found.carry_labels(labels, by)
+        carried = found.transfer_labels(labels, by)
         assert set(carried) == {1000, -7}
         clear = np.abs(linear(COARSE) - 0.1) > 0.15
         assert_array_equal(carried[clear], np.where(linear(COARSE) > 0.1, 1000, -7)[clear])
     with raises(FunctionError):
-        found.carry_labels(linear(FINE))
+        found.transfer_labels(linear(FINE))
 
 
 def test_index_places_labels_and_masked_ones_are_refused():
     found = spheres(FINE, COARSE)
     labels = np.where(linear(FINE, TURN) > 0.1, 1000, -7)
-    expected = found.carry_labels(labels)
+    expected = found.transfer_labels(labels)
     order = np.random.default_rng(0).permutation(len(labels))
-    assert_array_equal(found.carry_labels(pandas.Series(labels[order], index=order)), expected)
-    assert_array_equal(found.carry_labels(np.ma.array(labels)), expected)
+    assert_array_equal(found.transfer_labels(pandas.Series(labels[order], index=order)), expected)
+    assert_array_equal(found.transfer_labels(np.ma.array(labels)), expected)
     with raises(FunctionError, "float64"):
-        found.carry_labels(np.ma.array(labels, mask=labels < 0))
+        found.transfer_labels(np.ma.array(labels, mask=labels < 0))
 
 
 def test_points_go_there_and_back_and_vertices_to_the_nearest():
     found = spheres(FINE, COARSE)
-    on_b = found.carry_points(np.arange(40))
+    on_b = found.transfer_points(np.arange(40))
     assert_allclose(found.points.at(on_b).positions, FINE.vertices[:40], atol=1e-12)
-    assert found.there_and_back().p95 < 1e-10
+    assert found.round_trip().p95 < 1e-10
     nearest = found.to_vertices()
     offsets = TURN.apply(FINE.vertices[nearest]) - COARSE.vertices
     assert np.linalg.norm(offsets, axis=1).max() < 0.08
@@ -142,7 +142,7 @@ def test_vertices_alone_have_a_way_back_by_the_nearest_images():
     found = Correspondence(PointMap.of_vertices(renumbered, FINE, order))
     assert_allclose(found.back.positions, FINE.vertices, atol=1e-12)
     assert_array_equal(found.to_vertices(), order)
-    assert found.there_and_back().p95 < 1e-10
+    assert found.round_trip().p95 < 1e-10
     assert found.distortion().log2_area.maximum < 1e-9
     errors = found.accuracy(order)
     assert errors.maximum < 1e-9
@@ -157,16 +157,16 @@ def test_what_was_found_on_spheres_holds_between_their_surfaces(way):
         "numbers": Correspondence.of_same_faces,
     }[way](*balls)
     a, b = (TriangleMesh(ball.vertices * [1, 2, 3], ball.faces) for ball in balls)
-    found = on_balls.between(a, b)
+    found = on_balls.on_surfaces(a, b)
     assert found.a is a
     assert found.b is b
     assert_allclose(found.points.positions, on_balls.points.positions * [1, 2, 3], atol=1e-12)
     middles = [
         SurfacePoints(mesh, np.arange(40), np.full((40, 3), 1 / 3)) for mesh in (a, balls[0])
     ]
-    there, expected = found.carry_points(middles[0]), on_balls.carry_points(middles[1])
+    there, expected = found.transfer_points(middles[0]), on_balls.transfer_points(middles[1])
     assert_allclose(there.positions, expected.positions * [1, 2, 3], atol=1e-12)
-    assert on_balls.between(*balls) is on_balls
+    assert on_balls.on_surfaces(*balls) is on_balls
 
 
 def test_what_is_squeezed_to_a_point_has_no_way_back():
@@ -178,8 +178,8 @@ def test_what_is_squeezed_to_a_point_has_no_way_back():
 def test_equal_faces_are_the_same_points():
     wavy = TriangleMesh(FINE.vertices * (1 + 0.1 * np.sin(5 * FINE.vertices[:, :1])), FINE.faces)
     found = Correspondence.of_same_faces(wavy, FINE)
-    assert_array_equal(found.carry(linear(wavy)), linear(wavy))
-    assert found.there_and_back().p95 == 0
+    assert_array_equal(found.transfer(linear(wavy)), linear(wavy))
+    assert found.round_trip().p95 == 0
     with raises(AbfmError):
         Correspondence.of_same_faces(FINE, COARSE)
 
@@ -188,14 +188,14 @@ def test_rows_of_files_count_as_the_file_does():
     loose = with_loose_vertex(FINE)
     found = spheres(loose, COARSE)
     h = np.arange(len(FINE.vertices) + 1.0)
-    assert_array_equal(found.carry(h), found.carry(np.delete(h, 5)))
-    assert_allclose(found.carry(h, "area"), found.carry(np.delete(h, 5), "area"))
+    assert_array_equal(found.transfer(h), found.transfer(np.delete(h, 5)))
+    assert_allclose(found.transfer(h, "area"), found.transfer(np.delete(h, 5), "area"))
     with raises(FunctionError):
-        found.carry(h[:-7])
+        found.transfer(h[:-7])
     with raises(FunctionError):
-        found.carry(3.0)
+        found.transfer(3.0)
     with raises(AbfmError):
-        found.carry_points(SurfacePoints(COARSE, np.array([0]), np.array([[1.0, 0, 0]])))
+        found.transfer_points(SurfacePoints(COARSE, np.array([0]), np.array([[1.0, 0, 0]])))
     with raises(ParameterError, "point", "area"):
         found.to_matrix("volume")
 
@@ -222,9 +222,11 @@ def test_files_keep_all(found, tmp_path):
     again = abfm.load(tmp_path / "c.npz")
     assert_array_equal(again.points.positions, found.points.positions)
     assert_array_equal(again.back.positions, found.back.positions)
-    assert again.there_and_back() == found.there_and_back()
+    assert again.round_trip() == found.round_trip()
     points = SurfacePoints(found.a, np.arange(20), np.full((20, 3), 1 / 3))
-    assert_array_equal(again.carry_points(points).positions, found.carry_points(points).positions)
+    assert_array_equal(
+        again.transfer_points(points).positions, found.transfer_points(points).positions
+    )
     again.save(tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "c.npz").read_bytes()
 

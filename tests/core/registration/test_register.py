@@ -15,8 +15,8 @@ from abfm.matching import Cause
 from abfm.matching.task import facts_of_file
 from abfm.mesh.shapes import even_sphere
 from abfm.registration.initial.landmark_pairs import Landmarks
-from abfm.registration.initial.spheres import (
-    OnSphere,
+from abfm.registration.initial.sphere_rotations import (
+    SphereFunctions,
     rotation_by_functions,
     rotation_by_landmarks,
 )
@@ -40,7 +40,7 @@ def hills(directions, seed=0, count=300, width=0.15):
 def on_sphere(mesh, turn=None, **others):
     directions = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1)[:, None]
     seen = directions if turn is None else turn.inv().apply(directions)
-    return OnSphere(SphereLayout(mesh, directions), hills(seen)[None], **others)
+    return SphereFunctions(SphereLayout(mesh, directions), hills(seen)[None], **others)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -57,7 +57,7 @@ def test_a_sphere_stays_as_it_stands_where_no_other_place_is_better():
     """Any turn about z is as good, and so is upside down with the other sign."""
 
     def heights(mesh, values):
-        return OnSphere(SphereLayout(mesh, mesh.vertices), values[None])
+        return SphereFunctions(SphereLayout(mesh, mesh.vertices), values[None])
 
     known = heights(B, B.vertices[:, 2])
     found = rotation_by_functions(heights(A, 1e160 * A.vertices[:, 2]), known, np.ones(1))
@@ -71,7 +71,7 @@ def test_a_sphere_stays_as_it_stands_where_no_other_place_is_better():
 
 def test_the_other_sign_is_taken_where_it_is_clearly_better():
     b = on_sphere(B, TURN)
-    found = rotation_by_functions(on_sphere(A), OnSphere(b.layout, -b.functions), np.ones(1))
+    found = rotation_by_functions(on_sphere(A), SphereFunctions(b.layout, -b.functions), np.ones(1))
     assert (found.rotation * TURN.inv()).magnitude() < np.radians(0.5)
     assert found.correlation > 0.97
     turned = prepare(A, B, A.vertices[:, 2], B.vertices @ [0.6, 0, 0.8])
@@ -84,7 +84,7 @@ def test_what_masks_hide_does_not_turn_the_sphere():
     hidden = B.vertices[:, 2] > 0.6
     b.functions[0, hidden] = 50
     found = rotation_by_functions(
-        on_sphere(A), OnSphere(b.layout, b.functions, 1.0 - hidden), np.ones(1)
+        on_sphere(A), SphereFunctions(b.layout, b.functions, 1.0 - hidden), np.ones(1)
     )
     assert (found.rotation * TURN.inv()).magnitude() < np.radians(0.5)
 
@@ -123,15 +123,17 @@ def test_a_sphere_is_turned_and_then_bent_to_where_it_belongs(found):
     after = np.linalg.norm(found.points.positions - wanted, axis=1)
     assert np.median(after) < 0.35 * np.median(before)
     assert found.distortion().folded == 0
-    assert found.there_and_back().median < 0.01
+    assert found.round_trip().median < 0.01
     assert found.coverage() == 1
     assert found.verdict.kind in ("registered", "matched", "nearly")
     check_message(found.notes[0])
 
 
 def test_its_functions_go_as_the_match_says(found):
-    carried = found.carry(hills(A.vertices))
-    expected = found.match.push(found.initial.carry(hills(A.vertices)), found.match.parameters.tau)
+    carried = found.transfer(hills(A.vertices))
+    expected = found.match.push(
+        found.initial.transfer(hills(A.vertices)), found.match.parameters.tau
+    )
     assert np.abs(carried - expected).mean() < 0.1 * expected.std()
 
 
@@ -229,7 +231,7 @@ def test_functions_of_a_are_kept_as_they_are_compared():
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     for ours, theirs in ((f, g), (3 * f + 7, -g), (f[:, 1], g[:, 1]), (f[:, 1], 5 * g[:, 1])):
         prepared = prepare(A, B, ours, theirs, initial=same, mask_b=B.vertices[:, 2] > -0.5)
-        carried = prepared.initial.carry(prepared.functions, by="area")
+        carried = prepared.initial.transfer(prepared.functions, by="area")
         assert_allclose(carried, prepared.problem.source, atol=1e-9)
     assert prepare(B, B, landmarks=[[0, 1]]).functions is None
 

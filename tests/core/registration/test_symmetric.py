@@ -52,7 +52,7 @@ def test_exchanged_surfaces_give_the_inverse_map(inputs, found):
 def test_mean_lies_between_both_maps(inputs, tmp_path):
     task = Row("s", {"task": "symmetric", **inputs}).task()
     forward, backward = task.forward.solve(Monitor()), task.backward.solve(Monitor())
-    mean = SymmetricRegistration.of_both(forward, backward)
+    mean = SymmetricRegistration.average(forward, backward)
     ends = forward.points.positions, backward.back.positions
     apart = np.linalg.norm(ends[0] - ends[1], axis=1)
     for end in ends:

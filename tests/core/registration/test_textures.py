@@ -13,7 +13,7 @@ from abfm.errors import AbfmError, ParameterError
 from abfm.maps import project_onto_surface
 from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.mesh.shapes import even_sphere
-from abfm.registration import Texture, carry_texture, textures
+from abfm.registration import Texture, textures, transfer_texture
 from tests.core.surfaces import last_order, renumbered
 from tests.messages import raises
 from tests.shapes import icosphere, open_cylinder, square, tetrahedron
@@ -50,7 +50,7 @@ def test_the_same_surface_shows_the_same_and_errors_fall_with_the_square_of_texe
     same, points = Correspondence.of_same_faces(mesh, mesh), points_by_area(mesh, 4000)
     expected, errors = texture.at(points), []
     for size in (64, 128, 256, 1024):
-        found = carry_texture(same, texture, size)
+        found = transfer_texture(same, texture, size)
         assert found.images[0].shape == (size, size, 4)
         errors.append(np.abs(found.at(points) - expected))
     assert last_order([each.mean() for each in errors[:3]]) > 1.8
@@ -64,7 +64,7 @@ def test_a_turned_and_renumbered_sphere_shows_what_is_in_the_same_direction():
     b = TriangleMesh(TURN.apply(other.vertices.copy()), other.faces)
     found = Correspondence.through_sphere(a, b, a.vertices, TURN.inv().apply(b.vertices.copy()))
     texture = Texture(a, by_longitude(a), [waves(256, 128)])
-    carried = carry_texture(found, texture, 512)
+    carried = transfer_texture(found, texture, 512)
     points = points_by_area(b, 3000)
     there = project_onto_surface(a, TURN.inv().apply(points.positions))
     clear = np.abs(there.positions[:, 2]) < 0.8  # of the poles, around which the texture is torn
@@ -80,8 +80,8 @@ def test_there_and_back_is_nearly_what_it_was():
     points = points_by_area(a, 3000)
     errors = []
     for size in (128, 256, 512):
-        there = carry_texture(found, texture, size)
-        back = carry_texture(found.inverse(), there, size)
+        there = transfer_texture(found, texture, size)
+        back = transfer_texture(found.inverse(), there, size)
         errors.append(np.abs(back.at(points) - texture.at(points)).mean())
     assert errors[-1] < 1
     assert errors[0] > 4 * errors[-1]
@@ -98,7 +98,7 @@ def test_no_colours_are_smeared_along_a_seam():
     is_white = np.abs((np.arange(200) + 0.5) / 200 - 0.5) < 0.25
     image = np.broadcast_to(255 * is_white[:, None], (8, 200, 3)).astype(np.uint8)
     found = Correspondence(PointMap.project(b, a, b.vertices))
-    carried = carry_texture(found, Texture(a, seam, [image]), 512)
+    carried = transfer_texture(found, Texture(a, seam, [image]), 512)
     points = points_by_area(b, 5000)
     turns = np.arctan2(points.positions[:, 1], points.positions[:, 0]) / (2 * np.pi) % 1
     clear = np.abs(np.abs(turns - 0.5) - 0.25) > 0.02
@@ -142,7 +142,7 @@ def test_each_face_has_its_image_and_corners_their_tints():
     levels = np.repeat([[160.0], [40.0], [80.0], [160.0]], 4, axis=1)
     levels[3] *= [0.5, 1, 1, 0.25]
     assert_allclose(texture.at(points), levels)
-    carried = carry_texture(Correspondence.of_same_faces(mesh, mesh), texture, 256)
+    carried = transfer_texture(Correspondence.of_same_faces(mesh, mesh), texture, 256)
     assert_allclose(carried.at(points), levels, atol=0.6)
     assert len(carried.images) == 1
 
@@ -152,7 +152,7 @@ def test_colours_stay_between_those_of_the_image():
     mesh = icosphere(1)
     image = np.random.default_rng(0).integers(100, 140, (9, 11, 3)).astype(np.uint8)
     texture = Texture(mesh, by_longitude(mesh), [image])
-    [found] = carry_texture(Correspondence.of_same_faces(mesh, mesh), texture, 100).images
+    [found] = transfer_texture(Correspondence.of_same_faces(mesh, mesh), texture, 100).images
     assert found.min() >= 100
     assert found.max() < 140
 
@@ -163,7 +163,7 @@ def test_images_of_many_faces_are_larger(monkeypatch, many, size):
     monkeypatch.setattr(textures, "_MANY_FACES", many)
     mesh = icosphere(1)
     texture = Texture(mesh, by_longitude(mesh), [waves(8, 8)])
-    found = carry_texture(Correspondence.of_same_faces(mesh, mesh), texture)
+    found = transfer_texture(Correspondence.of_same_faces(mesh, mesh), texture)
     assert found.images[0].shape == (size, size, 4)
 
 
@@ -195,6 +195,6 @@ def test_textures_of_other_surfaces_and_images_too_small_are_refused():
     texture = Texture(mesh, by_longitude(mesh), [waves(8, 8)])
     other = Correspondence.of_same_faces(tetrahedron(), tetrahedron())
     with raises(AbfmError, 80, 4):
-        carry_texture(other, texture)
+        transfer_texture(other, texture)
     with raises(ParameterError, 80, 28):
-        carry_texture(Correspondence.of_same_faces(mesh, mesh), texture, 27)
+        transfer_texture(Correspondence.of_same_faces(mesh, mesh), texture, 27)

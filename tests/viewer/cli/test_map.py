@@ -79,7 +79,7 @@ def test_json_of_a_map(wild, turned, tmp_path, abfm):
         found = load(path).flow.map_quality(time)
         for name in ("log2_area", "log2_shape"):
             assert told[name] == getattr(found.distortion, name)._asdict()
-        assert told["there_and_back"] == found.there_and_back._asdict()
+        assert told["there_and_back"] == found.round_trip._asdict()
         assert (told["folded"], told["warning"]) == (found.distortion.folded, found.warning)
         assert said.err == (f"warning: {found.warning}\n" if found.warning else "")
 

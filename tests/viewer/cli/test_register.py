@@ -111,7 +111,7 @@ def test_data_labels_and_points_there_and_back(registration, files, apply, tmp_p
     for by in ("area", "point"):
         apply(f"--data={{f}}/a.npy --by={by} --out={{t}}/d.csv")
         carried = np.loadtxt(tmp_path / "d.csv", delimiter=",")
-        np.testing.assert_allclose(carried, found.carry(np.load(files / "a.npy"), by))
+        np.testing.assert_allclose(carried, found.transfer(np.load(files / "a.npy"), by))
     told = apply("--labels={f}/a.label.gii --out={t}/l.label.gii")
     assert told.out == f"wrote {tmp_path}/l.label.gii\n"
     labels, wanted = read_labels(tmp_path / "l.label.gii"), read_labels(files / "b.label.gii")
@@ -153,7 +153,7 @@ def write_two_columns(folder):
 def test_a_column_of_labels_is_chosen(registration, tmp_path, apply):
     write_two_columns(tmp_path)
     left = (A.vertices[:, 0] > 0).astype(int)
-    wanted = library.load(registration).carry_labels(left, "area")
+    wanted = library.load(registration).transfer_labels(left, "area")
     for name, column in (("two.csv", "left"), ("two.csv", "1"), ("two.label.gii", "left")):
         apply(f"--labels {{t}}/{name} --column {column} --out {{t}}/x.csv")
         np.testing.assert_array_equal(np.loadtxt(tmp_path / "x.csv"), wanted)

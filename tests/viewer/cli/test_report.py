@@ -94,7 +94,7 @@ def test_numbers_are_those_of_the_registration(written, page):
         assert told[name]["log2_shape"] == pytest.approx(distortion.log2_shape._asdict())
         assert told[name]["folded"] == distortion.folded
         assert told[name]["coverage"] == pytest.approx(one.coverage())
-        apart = one.there_and_back()._asdict()
+        apart = one.round_trip()._asdict()
         assert told[name]["there_and_back"] == pytest.approx(apart, abs=1e-9)
     match = found.match
     assert told["residual"] == pytest.approx(match.residual)
@@ -160,7 +160,7 @@ def test_match_on_one_surface_has_its_page(abfm, tmp_path):
 def test_symmetric_registration_has_its_page(registered, abfm, tmp_path):
     functions = waves(B.vertices), waves(A.vertices)
     backward = library.register(B, A, *functions, initial="closest", parameters=BRIEF)
-    found = SymmetricRegistration.of_both(registered, backward)
+    found = SymmetricRegistration.average(registered, backward)
     found.save(tmp_path / "s.npz")
     abfm(f"report {{t}}/s.npz --out {{t}}/s.html {SMALL}")
     page = page_at(tmp_path / "s.html")

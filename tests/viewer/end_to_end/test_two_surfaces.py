@@ -259,7 +259,7 @@ def show_and_carry_labels(gui, tmp_path):
     gui.wait(lambda _: (paints["advected"].values == table.linear_colors(keys)).all())
     match(gui)
     gui.drag("time", session.parameters.tau)
-    expected = session.document.complete_result.carry_labels(keys)
+    expected = session.document.complete_result.transfer_labels(keys)
     shown = table.linear_colors(expected)
 
     def are_shown():
@@ -273,7 +273,7 @@ def show_and_carry_labels(gui, tmp_path):
     gui.type("file name", "carried.label.gii")
     gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
     found = read_labels(tmp_path / "carried.label.gii")
-    assert_array_equal(found.values, session.document.complete_result.carry_labels(keys, "area"))
+    assert_array_equal(found.values, session.document.complete_result.transfer_labels(keys, "area"))
     assert found.names == {3: "front", 8: "back"}
     save_project(tmp_path / "p.abfm", session.document, {})
     again = load_project(tmp_path / "p.abfm")[0]

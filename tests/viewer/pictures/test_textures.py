@@ -14,7 +14,7 @@ from PIL import Image
 from abfm import Correspondence, MeshError, load_mesh
 from abfm.io import write_textured
 from abfm.maps.surface_points import points_by_area
-from abfm.registration import Texture, carry_texture
+from abfm.registration import Texture, transfer_texture
 from abfm_viewer.pictures import read_texture, textures, write_texture
 from tests.messages import raises
 from tests.shapes import icosphere
@@ -116,7 +116,7 @@ def test_images_are_bounded_together(tmp_path, monkeypatch):
 def test_carried_texture_is_read_again(tmp_path, name):
     texture, mode = read(tmp_path, encoded(RGBA))
     assert mode == "OPAQUE"
-    carried = carry_texture(Correspondence.of_same_faces(MESH, MESH), texture, 300)
+    carried = transfer_texture(Correspondence.of_same_faces(MESH, MESH), texture, 300)
     write_texture(tmp_path / name, carried, "BLEND")
     again, mode = read_texture(tmp_path / name, load_mesh(tmp_path / name))
     assert mode == "BLEND"

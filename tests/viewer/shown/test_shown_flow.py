@@ -266,7 +266,7 @@ def test_distortions_are_those_of_the_match_once_the_time_stands(session, shown,
         until(stands, session)
         expected = session.result.flow.map_quality(time)
         np.testing.assert_array_equal(quantities.distortion().area, expected.distortion.area)
-        assert quantities.map_quality().there_and_back == expected.there_and_back
+        assert quantities.map_quality().round_trip == expected.round_trip
     monkeypatch.setattr(type(shown.flow), "settled", False)
     session.set_time(0.5)
     until(lambda: (quantities.distortion(), not (quantities.busy or shown.flow.busy))[1], session)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from abfm.maps.distortion import SHARE, Bound
+from abfm.maps.distortion import BOUNDED_SHARE, Bound
 from abfm.matching import solvability
 from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
 from abfm.matching.judging.obstacles import Obstacle, differing, missing_values, obstacle
@@ -94,7 +94,7 @@ def sentence_of_bound(bound: Bound) -> str:
 
 
 def _bound_details(bound: Bound) -> dict[str, float]:
-    shares = {"share": 100 * bound.share, "percent": 100 * SHARE}
+    shares = {"share": 100 * bound.share, "percent": 100 * BOUNDED_SHARE}
     return {"most": bound.max_distortion, "largest": bound.largest, **shares}
 
 

@@ -11,7 +11,7 @@ from abfm.errors import AdvectionError, MeshError
 from abfm.flow.continuous_flow import ContinuousFlow, field_on_children
 from abfm.flow.flow import Flow
 from abfm.flow.flow_lines import checked_fields
-from abfm.maps.distortion import CUT_FACES_MAX, folds
+from abfm.maps.distortion import CUT_FACES_MAX, folded_shares
 from abfm.matching.problem import Problem, mask_on_children
 from abfm.matching.solvability import RESOLUTION_MIN, narrowest
 from abfm.matching.solving.measures import flow_line_residual
@@ -109,7 +109,7 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     functions = problem.functions.on(mesh)
     flow, faces = ContinuousFlow(mesh, fields, p.tau), np.arange(len(mesh.faces))
     lines, places = flow_line_residual(functions, flow, faces)
-    folded, overturned = folds(mesh, flow.origins, faces, places, CUT_FACES_MAX)
+    folded, overturned = folded_shares(mesh, flow.origins, faces, places, CUT_FACES_MAX)
     on_fine = np.nan
     if subdivided and len(mesh.vertices) <= SUBDIVIDED_LIMIT:
         on_fine = _on_subdivided(functions, fields, p)

@@ -5,7 +5,7 @@ import numpy as np
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.maps.distortion import folds, log2_changes
+from abfm.maps.distortion import folded_shares, log2_changes
 from abfm.maps.surface_points import vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.settings import SETTINGS
@@ -39,7 +39,7 @@ def flow_line_measures(energy: MatchingEnergy, fields: FloatArray) -> dict[str, 
     area, area_95, shape = log2_changes(mesh, faces, places)
     return {
         "verified_residual": left,
-        "folded": folds(mesh, flow.origins, faces, places, SETTINGS.cut_faces_max)[0],
+        "folded": folded_shares(mesh, flow.origins, faces, places, SETTINGS.cut_faces_max)[0],
         "log2_area": area,
         "log2_shape": shape,
         "log2_area_95": area_95,

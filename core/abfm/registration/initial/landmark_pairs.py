@@ -20,7 +20,7 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import Format, open_file, rows_of
 from abfm.reading.text_tables import is_number
-from abfm.registration.initial.counting import warn_of_counting
+from abfm.registration.initial.vertex_numbering import warn_of_numbering
 from abfm.types import FloatArray
 
 _WORDS = ("name", "weight", "curve")  # columns beside the places, by their names
@@ -148,7 +148,7 @@ def read_landmarks(
         )
         if not is_vts and len(rows) == len(single) and len(rows[0].a) == 1:
             of_a, of_b = np.array([[*row.a, *row.b] for row in rows]).astype(np.int64).T
-            warn_of_counting(a, b, of_a, of_b, first)
+            warn_of_numbering(a, b, of_a, of_b, first)
         return Landmarks(on_a, on_b, np.array(weights), tuple(names))
     except AbfmError as error:
         raise AbfmError(f"landmarks {brief(path)}: {error}") from None

@@ -121,10 +121,10 @@ def test_of_many_motions_that_fit_the_one_that_moves_nothing_is_chosen():
 def test_poses_of_a_body_stay_as_they_stand_though_turned_ones_come_hardly_nearer():
     found = align(*POSES)
     assert Rotation.from_matrix(found.rotation).magnitude() < 0.6  # not half a turn
-    assert found.rms < np.sqrt(np.mean(both_ways(*POSES) ** 2))
+    assert found.rms < np.sqrt(np.mean(two_way_map(*POSES) ** 2))
 
 
-def both_ways(a, b):
+def two_way_map(a, b):
     """Distances of points of either surface from the other, in sqrt(area) of A."""
     some = [points_by_area(mesh, 500).positions for mesh in (a, b)]
     gaps = [

@@ -10,7 +10,7 @@ from abfm.maps import PointMap, map_accuracy
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
 from abfm.registration.initial import Landmarks, initial_map
-from abfm.registration.initial.given import MapInput
+from abfm.registration.initial.map_input import MapInput
 from tests.shapes import icosphere
 
 BODY = shapes.five_limbs(200)

@@ -15,11 +15,11 @@ from abfm.maps.functional_maps import nearest
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
 from abfm.registration.initial import Landmarks, initial_map, turned_spheres
-from abfm.registration.initial.given import MapInput
+from abfm.registration.initial.map_input import MapInput
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import coarse_shape, ranks
 from abfm.registration.initial.searching.map_cost import map_cost
-from abfm.registration.initial.searching.reversible import both_ways, relax
+from abfm.registration.initial.searching.reversible import relax, two_way_map
 from abfm.registration.initial.searching.search import Relaxed, Start, _Search
 from tests.messages import raises
 from tests.shapes import icosphere
@@ -31,7 +31,7 @@ TURN = Rotation.from_rotvec([2, 1, -1])
 
 def cost_of(a, b, there):
     descriptors = a.descriptors, b.descriptors
-    return map_cost(a, b, both_ways(a, b, there), descriptors, np.ones(5))
+    return map_cost(a, b, two_way_map(a, b, there), descriptors, np.ones(5))
 
 
 def mirrored(mesh):
@@ -71,7 +71,7 @@ def test_relaxation_lowers_energy():
     rng = np.random.default_rng(0)
     around = np.argsort(COARSE.distances, axis=1)[:, :20]
     there = around[np.arange(len(around)), rng.integers(0, 20, len(around))]
-    start = both_ways(COARSE, COARSE, there)
+    start = two_way_map(COARSE, COARSE, there)
     none = COARSE.descriptors[:, :0]
     found = relax(
         COARSE, COARSE, start, (none, none), weight=0, penalties=np.geomspace(0.05, 10, 8), turns=2
@@ -123,9 +123,9 @@ def test_brackets_tell_a_body_from_its_mirror_image():
     """Of the maps by the distances to the same places only one keeps the side."""
     ends = extremities.extremities(COARSE)
     for side in (1, -1):
-        there = extremities.map_by_places(COARSE, COARSE, ends, ends, side)
+        there = extremities.map_by_vertices(COARSE, COARSE, ends, ends, side)
         assert side * cost_of(COARSE, COARSE, there).side > 0.2
-    there = extremities.map_by_places(COARSE, COARSE, ends, ends, 1)
+    there = extremities.map_by_vertices(COARSE, COARSE, ends, ends, 1)
     assert_array_equal(there, np.arange(len(there)))
 
 
@@ -214,7 +214,7 @@ def test_candidates_are_kept_in_files(tmp_path):
     found.save(tmp_path / "map.npz")
     assert abfm.load(tmp_path / "map.npz").candidates == found.candidates
     elsewhere = TriangleMesh(b.vertices + 1, b.faces)
-    assert found.between(BODY, elsewhere).candidates == found.candidates
+    assert found.on_surfaces(BODY, elsewhere).candidates == found.candidates
 
 
 def test_words_that_do_not_apply_are_refused():
@@ -233,7 +233,7 @@ def test_fine_meshes_need_no_matrix_of_all_distances():
     b = TriangleMesh(ball.vertices * [1, 1.4, 1.7], ball.faces)
     found = _Search(MapInput(a, b))
     pair = found.pair(1000)
-    same = both_ways(pair.a, pair.b, nearest(pair.b.mesh.vertices, pair.a.mesh.vertices))
+    same = two_way_map(pair.a, pair.b, nearest(pair.b.mesh.vertices, pair.a.mesh.vertices))
     best = Relaxed(Start("closest", 1, lambda _: same.there), same, 2.0, pair.cost(same), 0.0)
     tracemalloc.start()
     found.polished(best)

@@ -60,7 +60,7 @@ def matchings(
     return [(ends_a, ends_b[chosen[row]]) for row in order]
 
 
-def map_by_places(
+def map_by_vertices(
     a: CoarseShape, b: CoarseShape, on_a: IntArray, on_b: IntArray, side: int
 ) -> IntArray:
     """Return a vertex of A for each of B, by the distances to matched vertices (L,) of both; side

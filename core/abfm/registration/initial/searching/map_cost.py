@@ -12,7 +12,7 @@ from abfm.functions.local_shape import vertex_normals
 from abfm.mesh import TriangleMesh
 from abfm.registration.initial.descriptors import dissimilarity
 from abfm.registration.initial.searching.coarse_shape import CoarseShape
-from abfm.registration.initial.searching.reversible import REVERSIBILITY, BothWays
+from abfm.registration.initial.searching.reversible import REVERSIBILITY, TwoWayMap
 from abfm.types import FloatArray, IntArray
 
 _COMMUTATOR = 2.0  # weight of the commutator next to the energy and the descriptors
@@ -36,7 +36,7 @@ class MapCost(NamedTuple):
 def map_cost(
     a: CoarseShape,
     b: CoarseShape,
-    found: BothWays,
+    found: TwoWayMap,
     descriptors: tuple[FloatArray, FloatArray],
     weights: FloatArray,
 ) -> MapCost:
@@ -53,7 +53,7 @@ def map_cost(
     )
 
 
-def energy(a: CoarseShape, b: CoarseShape, found: BothWays) -> float:
+def energy(a: CoarseShape, b: CoarseShape, found: TwoWayMap) -> float:
     """Return the reversible harmonic energy: Dirichlet energies both ways, relative to those of the
     surfaces' own coordinates, and the mean squared distance of points from themselves there and
     back.

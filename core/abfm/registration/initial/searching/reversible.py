@@ -23,7 +23,7 @@ from abfm.workers.control import checkpoint
 REVERSIBILITY = 100.0  # weight of the distances there and back, squared, by area
 
 
-class BothWays(NamedTuple):
+class TwoWayMap(NamedTuple):
     """A map of vertices to vertices both ways, and its images in coordinates before rounding."""
 
     there: IntArray  # (V_B,), a vertex of A for each of B
@@ -31,22 +31,22 @@ class BothWays(NamedTuple):
     images: FloatArray  # (V_B, 8), in coordinates of A
 
 
-def both_ways(a: CoarseShape, b: CoarseShape, there: IntArray) -> BothWays:
+def two_way_map(a: CoarseShape, b: CoarseShape, there: IntArray) -> TwoWayMap:
     """Complete a map from B to A by the vertices of B whose images are nearest."""
     images = a.coordinates[there]
-    return BothWays(there, nearest(a.coordinates, images), images)
+    return TwoWayMap(there, nearest(a.coordinates, images), images)
 
 
 def relax(
     a: CoarseShape,
     b: CoarseShape,
-    start: BothWays,
+    start: TwoWayMap,
     descriptors: tuple[FloatArray, FloatArray],
     *,
     weight: float,
     penalties: Iterable[float],
     turns: int,
-) -> BothWays:
+) -> TwoWayMap:
     """Relax a map by alternating minimisation: of images in coordinates, by a linear system each
     way, and of the vertices that these are rounded to.
 
@@ -75,7 +75,7 @@ def relax(
             rows_a = [of_places * a.coordinates, of_images * images_back, mixed * on_a]
             rows_b = [of_places * images, of_images * b.coordinates, mixed * on_b]
             back = _nearest(rows_a, rows_b)
-    return BothWays(there, back, images)
+    return TwoWayMap(there, back, images)
 
 
 class _System:

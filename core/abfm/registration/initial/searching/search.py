@@ -24,24 +24,24 @@ from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.registration.correspondence import Candidate
 from abfm.registration.initial.alignment import MotionKind, align, closest_after_alignment
-from abfm.registration.initial.given import Initial, MapInput
+from abfm.registration.initial.discontinuous_maps import make_continuous
 from abfm.registration.initial.landmark_pairs import Landmarks
+from abfm.registration.initial.map_input import Initial, MapInput
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import CoarseShape, coarse_shape, ranks
 from abfm.registration.initial.searching.map_cost import MapCost, map_cost
-from abfm.registration.initial.searching.reversible import BothWays, both_ways, relax
+from abfm.registration.initial.searching.reversible import TwoWayMap, relax, two_way_map
 from abfm.registration.initial.spectral import SpectralSearch
-from abfm.registration.initial.spheres import (
-    OnSphere,
-    rotation_by_functions,
-    rotation_by_landmarks,
-)
-from abfm.registration.initial.torn import made_continuous
-from abfm.registration.initial.turned_spheres import (
+from abfm.registration.initial.sphere_maps import (
     LANDMARK_WEIGHT,
     LANDMARKS_MIN,
     sphere_of,
     turned,
+)
+from abfm.registration.initial.sphere_rotations import (
+    SphereFunctions,
+    rotation_by_functions,
+    rotation_by_landmarks,
 )
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
@@ -86,14 +86,14 @@ class Pair(NamedTuple):
     places: tuple[IntArray, IntArray]  # (L,) vertices of landmarks
     place_weights: FloatArray  # (L,), of sum 1
 
-    def relax(self, start: BothWays, penalties: FloatArray, keep: float, turns: int) -> BothWays:
+    def relax(self, start: TwoWayMap, penalties: FloatArray, keep: float, turns: int) -> TwoWayMap:
         scale = np.sqrt(self.weights)
         on_a, on_b = (values * scale for values in self.descriptors)
         return relax(
             self.a, self.b, start, (on_a, on_b), weight=keep, penalties=penalties, turns=turns
         )
 
-    def cost(self, found: BothWays) -> MapCost:
+    def cost(self, found: TwoWayMap) -> MapCost:
         return map_cost(self.a, self.b, found, self.descriptors, self.weights)
 
     def of_shape(self) -> Pair:
@@ -104,14 +104,14 @@ class Pair(NamedTuple):
             descriptors=(on_a[:, :count], on_b[:, :count]), weights=self.weights[:count]
         )
 
-    def landmark_cost(self, found: BothWays) -> float:
+    def landmark_cost(self, found: TwoWayMap) -> float:
         on_a, on_b = self.places
         if not len(on_a):
             return 0.0
         gaps = self.a.distances[on_a, found.there[on_b]]
         return LANDMARK_WEIGHT * float(self.place_weights @ gaps)
 
-    def distance(self, one: BothWays, other: BothWays) -> float:
+    def distance(self, one: TwoWayMap, other: TwoWayMap) -> float:
         """Return the mean distance between the images of two maps, in sqrt(area)."""
         return float(self.b.areas @ self.a.distances[one.there, other.there])
 
@@ -136,13 +136,13 @@ class Relaxed(NamedTuple):
     """A candidate after relaxation."""
 
     start: Start
-    found: BothWays
+    found: TwoWayMap
     cost: float
     parts: MapCost
     moved: float  # mean distance from where it was before, in sqrt(area)
 
 
-def searched(
+def search_initial_map(
     given: MapInput, kinds: Sequence[str] = KINDS, sides: Sequence[int] = (1, -1)
 ) -> Initial:
     """Return the best map of candidates of some kinds and sides (1, or -1 for the mirror image).
@@ -170,9 +170,9 @@ def searched(
     if best.start.own is not None and best.moved <= _SAME_PLACE:
         found = best.start.own()
     else:
-        found = made_continuous(given, search.polished(best))
+        found = make_continuous(given, search.polished(best))
     return Initial(
-        found.correspondence.chosen_of(_listed(best, tried)),
+        found.correspondence.with_candidates(_listed(best, tried)),
         found.notes,
         tuple(_doubts(fine, best, tried)),
     )
@@ -313,7 +313,7 @@ def _spectral_starts(search: _Search, side: int) -> Iterator[Start]:
             return spectral.nearest(C, pair.a.mesh.vertices, pair.b.mesh.vertices)
 
         def own(C: FloatArray = C) -> Initial:
-            return made_continuous(given, spectral.finished(C)[0])
+            return make_continuous(given, spectral.finished(C)[0])
 
         yield Start("spectral", side, at, own)
 
@@ -340,7 +340,7 @@ def _landmark_starts(search: _Search, side: int) -> Iterator[Start]:
         )
 
     def at(pair: Pair) -> IntArray:
-        return extremities.map_by_places(pair.a, pair.b, *pair.places, side)
+        return extremities.map_by_vertices(pair.a, pair.b, *pair.places, side)
 
     yield Start("landmarks", side, at)
 
@@ -353,7 +353,7 @@ def _by_places(places: tuple[FloatArray, FloatArray], side: int) -> Callable[[Pa
             np.asarray(KDTree(shape.mesh.vertices).query(points)[1])
             for shape, points in zip(pair[:2], places, strict=True)
         )
-        return extremities.map_by_places(pair.a, pair.b, on_a, on_b, side)
+        return extremities.map_by_vertices(pair.a, pair.b, on_a, on_b, side)
 
     return at
 
@@ -371,7 +371,7 @@ def _closest_starts(search: _Search, side: int) -> Iterator[Start]:
 
     def own() -> Initial:
         points, _ = closest_after_alignment(given.a, given.b, kind, given.landmarks)
-        return made_continuous(given, points)
+        return make_continuous(given, points)
 
     yield Start("closest", side, at, own, alignment.rms <= _SAME_SURFACE)
 
@@ -394,7 +394,7 @@ def _embedding_starts(search: _Search, side: int) -> Iterator[Start]:
         rotation = rotation_by_landmarks(*layouts, _moved(given.landmarks, pair))
     else:
         sphere_a, sphere_b = (
-            OnSphere(layout, values.T)
+            SphereFunctions(layout, values.T)
             for layout, values in zip(layouts, pair.descriptors, strict=True)
         )
         rotation = rotation_by_functions(sphere_a, sphere_b, pair.weights, is_rough=True)
@@ -435,7 +435,7 @@ def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
         if start.kind == "extremities":
             checkpoint()
             found = pair.relax(
-                both_ways(pair.a, pair.b, start.at(pair)),
+                two_way_map(pair.a, pair.b, start.at(pair)),
                 _SCREENING_PENALTIES,
                 _DESCRIPTOR_WEIGHT,
                 _TURNS,
@@ -451,7 +451,7 @@ def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
 
 def _relaxed(pair: Pair, start: Start, both_sides: bool) -> Relaxed:
     checkpoint()
-    first = both_ways(pair.a, pair.b, start.at(pair))
+    first = two_way_map(pair.a, pair.b, start.at(pair))
     found = pair.relax(first, _PENALTIES, _DESCRIPTOR_WEIGHT, _TURNS)
     parts = pair.cost(found)
     cost = parts.total(start.side) + pair.landmark_cost(found)

@@ -12,10 +12,10 @@ from abfm.maps.spherical import SphereLayout, sphere_directions
 from abfm.mesh import per_mesh
 from abfm.registration.correspondence import Candidate, Correspondence
 from abfm.registration.initial.descriptors import dissimilarity
-from abfm.registration.initial.given import Initial, MapInput
-from abfm.registration.initial.spheres import (
-    OnSphere,
-    Turned,
+from abfm.registration.initial.map_input import Initial, MapInput
+from abfm.registration.initial.sphere_rotations import (
+    SphereFunctions,
+    SphereRotation,
     rotation_by_functions,
     rotation_by_landmarks,
 )
@@ -44,7 +44,7 @@ def best_of_spheres(given: MapInput, sides: Sequence[int]) -> Initial:
         same = Correspondence.of_same_faces(given.a, given.b)
         cost = _cost(given, same)
         if cost <= _TURN_COST:
-            return Initial(same.chosen_of((Candidate("connectivity", cost),)))
+            return Initial(same.with_candidates((Candidate("connectivity", cost),)))
         found.append(("connectivity", Initial(same)))
     directions = sphere_directions(given.a), sphere_directions(given.b)
     marks = given.landmarks
@@ -63,7 +63,7 @@ def best_of_spheres(given: MapInput, sides: Sequence[int]) -> Initial:
     order = np.argsort(costs, kind="stable")
     candidates = tuple(Candidate(found[number][0], costs[number]) for number in order)
     best: Initial = found[int(order[0])][1]
-    return best._replace(correspondence=best.correspondence.chosen_of(candidates))
+    return best._replace(correspondence=best.correspondence.with_candidates(candidates))
 
 
 def _cost(given: MapInput, found: Correspondence) -> float:
@@ -81,10 +81,10 @@ def _cost(given: MapInput, found: Correspondence) -> float:
     if given.mask_b is not None:
         areas = areas * given.mask_b
     if given.mask_a is not None:
-        areas = areas * np.clip(found.carry(given.mask_a), 0, None)
+        areas = areas * np.clip(found.transfer(given.mask_a), 0, None)
     if not areas.any():
         return cost + 1
-    alike = 1 - dissimilarity(found.carry(given.f.T), given.g.T, areas / areas.sum())
+    alike = 1 - dissimilarity(found.transfer(given.f.T), given.g.T, areas / areas.sum())
     return cost + 1 - float(np.average(np.abs(alike), weights=given.weights))
 
 
@@ -111,10 +111,13 @@ def turned(given: MapInput, sphere_a: FloatArray, sphere_b: FloatArray, mirror: 
     return Initial(found, tuple(notes), tuple(warnings))
 
 
-def _rotation(given: MapInput, a: SphereLayout, b: SphereLayout) -> Turned | None:
+def _rotation(given: MapInput, a: SphereLayout, b: SphereLayout) -> SphereRotation | None:
     if given.f is not None and given.g is not None:
         weights = np.ones(len(given.f)) if given.weights is None else given.weights
-        on_a, on_b = OnSphere(a, given.f, given.mask_a), OnSphere(b, given.g, given.mask_b)
+        on_a, on_b = (
+            SphereFunctions(a, given.f, given.mask_a),
+            SphereFunctions(b, given.g, given.mask_b),
+        )
         return rotation_by_functions(on_a, on_b, weights)
     marks = given.landmarks
     return (
@@ -122,14 +125,14 @@ def _rotation(given: MapInput, a: SphereLayout, b: SphereLayout) -> Turned | Non
     )
 
 
-def _turned_words(turned: Turned) -> str:
+def _turned_words(turned: SphereRotation) -> str:
     note = f"sphere A was turned by {turned.degrees:.1f} degrees"
     if np.isnan(turned.correlation):
         return f"{note}, to the landmarks"
     return f"{note}: the functions correlate by {turned.correlation:.2f}"
 
 
-def _ambiguities(turned: Turned) -> list[str]:
+def _ambiguities(turned: SphereRotation) -> list[str]:
     """Return why a rotation may be a wrong one."""
     warnings = []
     if turned.correlation < _CORRELATION_MIN:

@@ -21,7 +21,7 @@ def pair_cost(a: TriangleMesh, b: TriangleMesh, of_a: IntArray, of_b: IntArray) 
     return float(np.abs(_distances(a, of_a) - _distances(b, of_b)).mean())
 
 
-def warn_of_counting(
+def warn_of_numbering(
     a: TriangleMesh, b: TriangleMesh, numbers_a: IntArray, numbers_b: IntArray, first: int
 ) -> None:
     """Warn if landmarks (L,), numbers of vertices counted from ``first``, 0 or 1, correspond much

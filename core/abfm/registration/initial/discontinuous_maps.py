@@ -7,17 +7,17 @@ from dataclasses import replace
 from abfm.maps.continuous_map import continuous_map
 from abfm.maps.point_maps import PointMap
 from abfm.registration.correspondence import Correspondence
-from abfm.registration.initial.given import Initial, MapInput
+from abfm.registration.initial.map_input import Initial, MapInput
 
 _SIDE_MIN = 0.5  # share of the area on one side, less that on the other one
 
 
-def made_continuous(
+def make_continuous(
     given: MapInput, points: PointMap, notes: tuple[str, ...] = (), warnings: tuple[str, ...] = ()
 ) -> Initial:
     """Return a map that may be torn, made continuous if neither surface has handles."""
     # between vertices as files keep it
-    points = replace(points, carried=None)
+    points = replace(points, interior_map=None)
     torn = Correspondence(points)
     distortion, faces = torn.distortion(), len(given.b.faces)
     share = (distortion.flipped | (distortion.area <= 0)).sum() / faces

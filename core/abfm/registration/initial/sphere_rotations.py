@@ -35,7 +35,7 @@ _CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are r
 _SPREAD_MIN = 1e-6  # of landmarks' directions: less leaves a rotation open
 
 
-class Turned(NamedTuple):
+class SphereRotation(NamedTuple):
     """A rotation of sphere A, and what it comes to."""
 
     rotation: Rotation
@@ -49,7 +49,7 @@ class Turned(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class OnSphere:
+class SphereFunctions:
     """Functions on a surface that is laid out on the unit sphere.
 
     ``functions`` is (C, V); ``weights`` (V,), not negative, say how much vertices count.
@@ -82,8 +82,8 @@ class OnSphere:
 
 
 def rotation_by_functions(
-    a: OnSphere, b: OnSphere, weights: FloatArray, is_rough: bool = False
-) -> Turned:
+    a: SphereFunctions, b: SphereFunctions, weights: FloatArray, is_rough: bool = False
+) -> SphereRotation:
     """Search all rotations of sphere A for the one whose functions correlate best with B's, in the
     mean over channels by weights (C,). The other sign, as packages differ in it, is taken where it
     is clearly better, and another rotation than none where that leaves less alike, by 1%.
@@ -112,7 +112,9 @@ def rotation_by_functions(
         best = _standing_first(level, best)
     last = [float(level.correlations(each)[0]) for each in best]
     reached = float(level.correlations(best[0], opposite=1.0)[0])
-    return Turned(best[0], reached, max(last[1:], default=0.0) / last[0] if last[0] > 0 else 1.0)
+    return SphereRotation(
+        best[0], reached, max(last[1:], default=0.0) / last[0] if last[0] > 0 else 1.0
+    )
 
 
 def _standing_first(level: _Level, best: list[Rotation]) -> list[Rotation]:
@@ -125,7 +127,7 @@ def _standing_first(level: _Level, best: list[Rotation]) -> list[Rotation]:
     return [here, *(each for each in best if each.magnitude() > _ROTATION_ANGLE_MIN)]
 
 
-def _scaled(given: OnSphere) -> OnSphere:
+def _scaled(given: SphereFunctions) -> SphereFunctions:
     """Return functions less their means, of size 1, so that no square of theirs overflows; and
     constants as 0, which correlate with nothing.
     """
@@ -136,10 +138,12 @@ def _scaled(given: OnSphere) -> OnSphere:
         apart = unit - unit.mean()
         largest = np.abs(apart).max()
         scaled.append(apart / largest if largest > _CONSTANT else np.zeros_like(apart))
-    return OnSphere(given.layout, np.array(scaled), given.weights)
+    return SphereFunctions(given.layout, np.array(scaled), given.weights)
 
 
-def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Landmarks) -> Turned | None:
+def rotation_by_landmarks(
+    a: SphereLayout, b: SphereLayout, pairs: Landmarks
+) -> SphereRotation | None:
     """Return the rotation of sphere A that brings landmarks nearest to their partners on B; None
     where they leave it open, as they are in one place of a sphere, or in it and opposite.
     """
@@ -148,7 +152,7 @@ def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Landmarks) ->
         if np.linalg.svd(directions, compute_uv=False)[1] < _SPREAD_MIN * np.sqrt(len(pairs)):
             return None
     rotation, _ = Rotation.align_vectors(there, here, pairs.weights)
-    return Turned(rotation, np.nan, 0.0)
+    return SphereRotation(rotation, np.nan, 0.0)
 
 
 class _Level:
@@ -156,7 +160,9 @@ class _Level:
     of how much they count.
     """
 
-    def __init__(self, a: OnSphere, b: OnSphere, weights: FloatArray, count: int) -> None:
+    def __init__(
+        self, a: SphereFunctions, b: SphereFunctions, weights: FloatArray, count: int
+    ) -> None:
         self._places = spread_directions(count)
         self._target, counted = b.averaged(self._places)
         self._weights = weights

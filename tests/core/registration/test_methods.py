@@ -10,10 +10,10 @@ from abfm.errors import AbfmError, FunctionError, ParameterError
 from abfm.maps.spherical import SphereLayout
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh.shapes import even_sphere, five_limbs
-from abfm.registration.initial import WORDS
-from abfm.registration.initial.given import MapInput
+from abfm.registration.initial import METHODS
 from abfm.registration.initial.landmark_pairs import Landmarks
-from abfm.registration.initial.words import initial_map
+from abfm.registration.initial.map_input import MapInput
+from abfm.registration.initial.methods import initial_map
 from abfm.registration.register import prepare
 from tests.mesh_writers import off_text, write
 from tests.messages import check_message, raises
@@ -43,7 +43,7 @@ def test_landmarks_alone_come_to_where_they_belong_and_files_keep_it(tmp_path):
     assert found.landmark_errors.max() < 0.005
     check_message(found.verdict.reason)
     assert found.distortion().folded == 0
-    off = found.carry_points(on_a).distances_from(on_b.positions) / BALL.length_scale
+    off = found.transfer_points(on_a).distances_from(on_b.positions) / BALL.length_scale
     assert_allclose(off, found.landmark_errors, atol=2e-3)
     found.save(tmp_path / "r.npz")
     again = abfm.load(tmp_path / "r.npz")
@@ -166,15 +166,15 @@ def _marks(pairs):
 
 def test_without_a_word_it_is_chosen_by_what_there_is():
     f = ("coordinate:x",) * 2
-    assert prepare(BODY, BODY, *f).initial.points.carried is not None
+    assert prepare(BODY, BODY, *f).initial.points.interior_map is not None
     rings = prepare(torus(10, 6), torus(9, 6), *f)
     assert rings.notes[0].startswith("initial map: ")
     assert "embedding" not in [each.name for each in rings.initial.candidates]  # in a sphere
 
 
 def test_each_word_is_known_by_its_form():
-    assert len({word.name for word in WORDS}) == len(WORDS)
-    for word in WORDS:
+    assert len({word.name for word in METHODS}) == len(METHODS)
+    for word in METHODS:
         assert word.form.startswith(word.name)
         assert word.about
 

@@ -18,24 +18,24 @@ from abfm.mesh.files import READERS, read_contents
 from abfm.registration.correspondence import Candidate, Correspondence
 from abfm.registration.initial.alignment import KINDS, closest_after_alignment
 from abfm.registration.initial.connectivity import same_connectivity
-from abfm.registration.initial.given import Initial, MapInput
+from abfm.registration.initial.discontinuous_maps import make_continuous
 from abfm.registration.initial.landmark_pairs import Landmarks
-from abfm.registration.initial.searching.search import searched
-from abfm.registration.initial.torn import made_continuous
-from abfm.registration.initial.turned_spheres import (
+from abfm.registration.initial.map_files import map_from_file
+from abfm.registration.initial.map_input import Initial, MapInput
+from abfm.registration.initial.searching.search import search_initial_map
+from abfm.registration.initial.sphere_maps import (
     LANDMARKS_MIN,
     best_of_spheres,
     sphere_of,
     turned,
 )
-from abfm.registration.initial.vertex_files import map_from_file
 from abfm.types import FloatArray
 from abfm.wording import factor
 
 _LOG2_SHAPE_MAX = 1.2  # mean |log2 R| of a map that was searched: see `_checked`
 
 
-class Word(NamedTuple):
+class InitialMapMethod(NamedTuple):
     """A way to find an initial map: how it is written, in a few words what it is, and itself."""
 
     form: str
@@ -48,7 +48,7 @@ class Word(NamedTuple):
 
 
 def initial_map(initial: object, given: MapInput) -> Initial:
-    """Return the initial map of a word, see `WORDS`, or the given one; None is "auto",
+    """Return the initial map of a word, see `METHODS`, or the given one; None is "auto",
     the best of all candidates that apply. Torn maps are made continuous if neither surface has
     handles (`abfm.maps.continuous_map`); a given map stays as it is.
 
@@ -60,19 +60,19 @@ def initial_map(initial: object, given: MapInput) -> Initial:
     if isinstance(initial, PointMap):
         initial = Correspondence(initial)
     if isinstance(initial, Correspondence):
-        return Initial(initial.between(given.a, given.b))
+        return Initial(initial.on_surfaces(given.a, given.b))
     if initial is None:
         initial = "auto"
     if not isinstance(initial, str):
         raise ParameterError(
             f"initial is {brief(initial)}; expected a Correspondence, a PointMap, or one of "
-            f"{', '.join(word.form for word in WORDS)}"
+            f"{', '.join(word.form for word in METHODS)}"
         )
     rest = initial.partition(":")[2]
-    found = word_of(initial).find(given, [p for part in rest.split(",") if (p := part.strip())])
+    found = method_of(initial).find(given, [p for part in rest.split(",") if (p := part.strip())])
     first = found.correspondence.candidates
     if not first:
-        named = found.correspondence.chosen_of((Candidate(initial, np.nan),))
+        named = found.correspondence.with_candidates((Candidate(initial, np.nan),))
         return found._replace(correspondence=named)
     if len(first) == 1:
         return found
@@ -83,16 +83,16 @@ def initial_map(initial: object, given: MapInput) -> Initial:
     return found._replace(notes=(ranking, *found.notes))
 
 
-def word_of(initial: str) -> Word:
+def method_of(initial: str) -> InitialMapMethod:
     """Return the way that a text names, or raise a ParameterError, before there are surfaces."""
     name = initial.partition(":")[0]
-    for word in WORDS:
+    for word in METHODS:
         if word.name == name:
             return word
-    hint = did_you_mean(name, [word.name for word in WORDS])
+    hint = did_you_mean(name, [word.name for word in METHODS])
     raise ParameterError(
         f"unknown initial map {brief(name)}{hint}; expected one of "
-        f"{', '.join(word.form for word in WORDS)}"
+        f"{', '.join(word.form for word in METHODS)}"
     )
 
 
@@ -104,8 +104,8 @@ def _best(given: MapInput, words: list[str]) -> Initial:
         found = _by_numbers(given, [])
         if found.correspondence.distortion().log2_shape.mean <= _LOG2_SHAPE_MAX:
             named = (Candidate("connectivity", np.nan),)
-            return found._replace(correspondence=found.correspondence.chosen_of(named))
-    return searched(given, sides=(-1,) if mirrored else (1, -1))
+            return found._replace(correspondence=found.correspondence.with_candidates(named))
+    return search_initial_map(given, sides=(-1,) if mirrored else (1, -1))
 
 
 def _by_numbers(given: MapInput, words: list[str]) -> Initial:
@@ -141,7 +141,7 @@ def _by_landmarks(given: MapInput, words: list[str]) -> Initial:
             f"{count} landmarks were given; expected {LANDMARKS_MIN} or more: add some, or "
             "choose another initial map, which fewer landmarks help, too"
         )
-    return searched(given, ("landmarks", "spectral", "closest"), (-1 if mirrored else 1,))
+    return search_initial_map(given, ("landmarks", "spectral", "closest"), (-1 if mirrored else 1,))
 
 
 def _closest(given: MapInput, words: list[str]) -> Initial:
@@ -155,11 +155,13 @@ def _closest(given: MapInput, words: list[str]) -> Initial:
         f"B was laid on A, {motion.rms:.3f} sqrt(area) from it (RMS): each of its points starts at "
         "the closest one"
     )
-    return _checked(made_continuous(given, points, (note,)))
+    return _checked(make_continuous(given, points, (note,)))
 
 
 def _searched_by(name: str) -> Callable[[MapInput, list[str]], Initial]:
-    return lambda given, words: searched(given, (name,), (-1 if _is_mirrored(name, words) else 1,))
+    return lambda given, words: search_initial_map(
+        given, (name,), (-1 if _is_mirrored(name, words) else 1,)
+    )
 
 
 def _of_file(given: MapInput, words: list[str]) -> Initial:
@@ -172,7 +174,7 @@ def _of_file(given: MapInput, words: list[str]) -> Initial:
             f"{path} holds pairs of points, not a point for every vertex of B: give them as "
             "landmarks"
         )
-    return made_continuous(given, found)
+    return make_continuous(given, found)
 
 
 def _embedded(given: MapInput, words: list[str]) -> Initial:
@@ -231,44 +233,44 @@ def _is_mirrored(name: str, words: list[str]) -> bool:
     return bool(words)
 
 
-WORDS = (
-    Word(
+METHODS = (
+    InitialMapMethod(
         "auto[:mirror]",
         "the best of the following that apply; mirrored ones only if they are clearly better",
         _best,
     ),
-    Word("connectivity", "vertex i to vertex i, of the same faces", _by_numbers),
-    Word(
+    InitialMapMethod("connectivity", "vertex i to vertex i, of the same faces", _by_numbers),
+    InitialMapMethod(
         "sphere[:[mirror,][A,B]]",
         "through spheres, the surfaces or files A and B; A's turned as the functions ask",
         _spheres,
     ),
-    Word(
+    InitialMapMethod(
         "embedding[:mirror]",
         "through spheres that are made of both surfaces, which have no handles",
         _embedded,
     ),
-    Word(
+    InitialMapMethod(
         "closest[:similarity|rigid|mirror]",
         "to the closest point, after B was laid on A",
         _closest,
     ),
-    Word(
+    InitialMapMethod(
         "spectral[:mirror]",
         "by eigenfunctions and functions, of surfaces that are nearly isometric",
         _searched_by("spectral"),
     ),
-    Word(
+    InitialMapMethod(
         "extremities[:mirror]",
         "by the ends of limbs, for surfaces that are not isometric",
         _searched_by("extremities"),
     ),
-    Word(
+    InitialMapMethod(
         "landmarks[:mirror]",
         "from three and more landmarks: by distances to them, by eigenfunctions, or closest",
         _by_landmarks,
     ),
-    Word(
+    InitialMapMethod(
         "file:MAP",
         "from a file: for each vertex of B its vertex of A, or face and weights",
         _of_file,
