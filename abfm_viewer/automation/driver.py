@@ -20,7 +20,7 @@ from abfm.pages.front import Front, triple
 from abfm.types import FloatArray
 from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.automation.widget_search import WidgetSearch, middle
-from abfm_viewer.document.document import SIDES, Look
+from abfm_viewer.document.document import SIDES, Viewpoint
 from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.scene.opengl import OFFSCREEN_BACKEND, Backend, ps
 from abfm_viewer.scene.scene import Hit
@@ -262,7 +262,7 @@ class Driver:
     ) -> Iterator[list[Place]]:
         """Hold modifiers and give places of vertices, the first one turned to the front."""
         self.window.tick()
-        before = self.session.view.look
+        before = self.session.view.viewpoint
         turned = self._turn_to(vertices[0], surface)
         try:
             places = [self.place(vertex, surface) for vertex in vertices]
@@ -277,14 +277,14 @@ class Driver:
         """Turn the surfaces so that a vertex can be clicked on; whether that was needed."""
         if self._sees(vertex, surface):
             return False
-        mesh, before = self.session.surface(surface).mesh, self.session.view.look
+        mesh, before = self.session.surface(surface).mesh, self.session.view.viewpoint
         target = triple(self._position(vertex, surface))
         for direction in _directions(mesh, mesh.local_vertex(vertex)):
             axis = np.eye(3)[1] if abs(direction[1]) < 0.9 else np.eye(3)[2]
             up = axis - (axis @ direction) * direction
             up /= np.linalg.norm(up)
             for zoom in _ZOOMS:
-                own = Look(Front(triple(direction), triple(up)), zoom, target)
+                own = Viewpoint(Front(triple(direction), triple(up)), zoom, target)
                 self._look(self.window.scene.look_at(surface, own))
                 self.window.tick()
                 if self._sees(vertex, surface):
@@ -294,8 +294,8 @@ class Driver:
             f"vertex {vertex} of the {surface} is hidden from all sides: pick another"
         )
 
-    def _look(self, look: Look | None) -> None:
-        self.session.editor.amend(view=replace(self.session.view, look=look))
+    def _look(self, viewpoint: Viewpoint | None) -> None:
+        self.session.editor.amend(view=replace(self.session.view, viewpoint=viewpoint))
 
     def _position(self, vertex: int, surface: str) -> FloatArray:
         shown, mesh = self.window.scene.shown, self.session.surface(surface).mesh

@@ -165,7 +165,7 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
     times = [("--time", time) for time in arguments.time or []]
     for name, time in [*times, ("--from", arguments.start), ("--to", arguments.end)]:
         if time is not None and not document.start <= time <= document.end:
-            raise ParameterError(f"{name} is {time:g}; expected {document.times_told}")
+            raise ParameterError(f"{name} is {time:g}; expected {document.time_range_text}")
     return document
 
 
@@ -195,7 +195,7 @@ def _picture(arguments: argparse.Namespace, document: Document, known: Known) ->
 def _write_movie(arguments: argparse.Namespace, document: Document, known: Known) -> str:
     fps, turn = arguments.fps or _FPS, arguments.turntable or 0.0
     start = document.start if arguments.start is None else arguments.start
-    end = document.last if arguments.end is None else arguments.end
+    end = document.last_target_time if arguments.end is None else arguments.end
     count = max(round((arguments.seconds or _SECONDS) * fps), 1)
     cycles = max(round(count / fps / SECONDS_PER_CYCLE), 1)
     width, height = arguments.size or _SIZE[arguments.out.suffix]
@@ -219,7 +219,7 @@ def _renderer(
         if document.surface("source") is not document.surface():
             turned = turned.facing(document.front("source", up=arguments.up), "source")
         turned = turned.facing(document.front("advected", *functions, up=arguments.up))
-        document = replace(turned, view=replace(document.view, look=None))
+        document = replace(turned, view=replace(document.view, viewpoint=None))
     with_bar, with_labels = not arguments.no_color_bar, not arguments.no_labels
     choices = pictures.PictureOptions(
         arguments.transparent, with_bar, with_labels, turns=bool(arguments.turntable)

@@ -96,7 +96,7 @@ class Dialogs:
     def is_open(self) -> bool:
         return bool(self._open)
 
-    def is_asking(self, title: str) -> bool:
+    def has_question(self, title: str) -> bool:
         return any(isinstance(one, Question) and one.title == title for one, _ in self._open)
 
     def open(self, title: str, suffixes: tuple[str, ...], on_path: Callable[[Path], None]) -> None:
@@ -109,7 +109,7 @@ class Dialogs:
         choice = FileChoice(self._begin(), suffixes, saving=True, name=name)
         self._choose(title, choice, on_path)
 
-    def ask(
+    def question(
         self,
         title: str,
         text: str | Callable[[], str],
@@ -160,7 +160,7 @@ class Dialogs:
             elif choice.saving and path.exists():
                 text = f"{shown(path.name)} is already there. Its contents will be lost."
                 answers = {"Replace": partial(take, path), "Go back": None}
-                self.ask("Replace the file?", text, answers)
+                self.question("Replace the file?", text, answers)
             else:
                 take(path)
 

@@ -11,7 +11,7 @@ import numpy as np
 import abfm
 from abfm.types import BoolArray, FloatArray
 
-Compared = Literal["difference", "mean", "deviation", "areas"]
+ComparisonKind = Literal["difference", "mean", "deviation", "areas"]
 """What is between a subject and the mean of the others."""
 _LENGTH_MAX = 24  # characters of a name in a title
 
@@ -27,7 +27,7 @@ class Comparison:
     population: abfm.Population
     subject: int
     channels: Mapping[tuple[str, str], int]
-    what: Compared = "difference"
+    kind: ComparisonKind = "difference"
 
     @property
     def name(self) -> str:
@@ -46,7 +46,7 @@ class Comparison:
         }
         titles = {
             "source": f"{name}, carried",
-            "advected": between[self.what],
+            "advected": between[self.kind],
             "target": "mean of the others",
         }
         return titles.get(slot, slot)
@@ -68,11 +68,11 @@ class Comparison:
     def values(self, channel: int) -> FloatArray:
         """What is compared of a channel: (V,), or (F,) of areas; NaN where it is not known."""
         found = self.population
-        if self.what == "areas":
+        if self.kind == "areas":
             return found.log2_area_deviation
-        if self.what == "mean":
+        if self.kind == "mean":
             return found.mean(channel)
-        if self.what == "deviation":
+        if self.kind == "deviation":
             return found.deviation(channel)
         own = found.values[self.subject, :, channel]
         return np.asarray(own - found.mean_of_others(self.subject, channel))

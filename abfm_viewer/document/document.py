@@ -38,7 +38,7 @@ FieldPart = Literal[
 ]
 ClickTool = Literal["nothing", "landmark", "flow line", "follow a point"]
 
-CARRIED_COLORINGS: tuple[Coloring, ...] = ("coordinates", "checker", "labels")
+TRANSFERRED_COLORINGS: tuple[Coloring, ...] = ("coordinates", "checker", "labels")
 """What shows where on the source's surface each point comes from."""
 SIDES: tuple[Side, ...] = get_args(Side)
 THEMES: tuple[Theme, ...] = get_args(Theme)
@@ -114,12 +114,12 @@ class Landmark:
         return replace(self, source=point) if side == "source" else replace(self, target=point)
 
     @property
-    def is_whole(self) -> bool:
+    def is_complete(self) -> bool:
         return self.source is not None and self.target is not None
 
 
 @dataclass(frozen=True)
-class Look:
+class Viewpoint:
     """How every surface is seen in its slot; a zoom of 1 fits it from every side.
 
     The target (3,), in the mesh's units, by default the middle of what the view's front shows, is
@@ -141,7 +141,7 @@ class Surface:
 
 
 @dataclass(frozen=True)
-class Asked:
+class MapRequest:
     """What an initial map, and what is matched by it, are found for."""
 
     word: str
@@ -158,7 +158,7 @@ class InitialMap:
     """
 
     correspondence: Correspondence
-    asked: Asked
+    request: MapRequest
     notes: tuple[str, ...] = ()
     # A's, (V_A, C), as they are compared; None where they are known on B alone
     functions: FloatArray | None = field(default=None, compare=False)
@@ -176,7 +176,7 @@ class InitialMap:
 
     def is_for(self, document: Document) -> bool:
         """Return whether a document still has what it was found for."""
-        return self.asked == document.asked
+        return self.request == document.map_request
 
 
 @dataclass(frozen=True)
@@ -216,8 +216,8 @@ class ViewPreferences:
 class View(ViewPreferences):
     """Everything that decides how the document is drawn, and nothing of what is solved."""
 
-    look: Look | None = None  # from the surface's front, fitted
-    large: str = ""  # the slot that has the others' room, too
+    viewpoint: Viewpoint | None = None  # from the surface's front, fitted
+    enlarged: str = ""  # the slot that has the others' room, too
     hidden: tuple[str, ...] = ()  # surfaces
     coloring: Coloring = "function"  # of the advected surface
     blend: bool = False  # whether there is a surface for it, as for the next two
@@ -267,24 +267,24 @@ class RunRecord:
     label: str  # what was solved, in a few words
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     reaches: FloatArray = field(default_factory=lambda: np.zeros(0))
-    words: tuple[str, ...] = ()  # of the data terms, where there are T > 1
+    term_names: tuple[str, ...] = ()  # of the data terms, where there are T > 1
     shares: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (n, T), of the mismatch
     residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
     sigmas: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
-    def has_course(self) -> bool:
+    def has_mesh_sizes(self) -> bool:
         return len(self.vertices) > 0
 
     @property
     def curves(self) -> dict[str, FloatArray]:
         """The total and all terms, (n,), by the words of the window."""
         total, regularity, mismatch = self.energies.T
-        terms = dict(zip(self.words, self.shares.T, strict=True)) or {"closeness": mismatch}
+        terms = dict(zip(self.term_names, self.shares.T, strict=True)) or {"closeness": mismatch}
         return {"energy": total, "smoothness": regularity} | terms
 
     @property
-    def left(self) -> FloatArray:
+    def residual_curve(self) -> FloatArray:
         """The residuals (n,); where they are unknown, by the energy, whose unit is each stage's: a
         stage goes on where the one before ended, and the last one ends at the run's residual.
         """
@@ -296,11 +296,13 @@ class RunRecord:
         return found
 
     @property
-    def least_left(self) -> FloatArray:
+    def best_residuals(self) -> FloatArray:
         """The least that was left so far (n,), which rises only where the problem changed; never
         less than what a field leaves that the run gave: on coarser meshes it may be less.
         """
-        parts = np.split(self.left, [row for row in self.restarts if row < len(self.stages)])
+        parts = np.split(
+            self.residual_curve, [row for row in self.restarts if row < len(self.stages)]
+        )
         least = [np.fmin.accumulate(part) for part in parts]
         return np.concatenate([*least[:-1], np.maximum(least[-1], self.residual)])
 
@@ -347,9 +349,9 @@ class Document:
     """Whether one flow is shown at all times, so that playing waits for all of it."""
     has_sides: ClassVar[bool] = True
     """Whether Gaussians and landmarks can be placed on a source and a target."""
-    content: ClassVar[tuple[str, ...]] = ("labels", "lines", "points")
+    content_fields: ClassVar[tuple[str, ...]] = ("labels", "lines", "points")
     """Fields that are lost if they are in no file, besides the result; view and time are not."""
-    exported: ClassVar[tuple[str, ...]] = ()
+    exported_fields: ClassVar[tuple[str, ...]] = ()
     """Fields that are in a file of the result."""
     surface_count: ClassVar[int] = 1
 
@@ -385,15 +387,15 @@ class Document:
     @property
     def pairs(self) -> tuple[Landmark, ...]:
         """Landmarks that are placed on both sides, which are matched."""
-        return tuple(landmark for landmark in self.landmarks if landmark.is_whole)
+        return tuple(landmark for landmark in self.landmarks if landmark.is_complete)
 
     @property
     def result(self) -> Match | Sequence | None:
         return None
 
     @property
-    def asked(self) -> Asked:
-        return Asked("", self.channels, self.mask, self.pairs, False)
+    def map_request(self) -> MapRequest:
+        return MapRequest("", self.channels, self.mask, self.pairs, False)
 
     @property
     def runs(self) -> tuple[RunRecord, ...]:
@@ -411,12 +413,12 @@ class Document:
         return None
 
     @property
-    def compared(self) -> Comparison | None:
+    def active_comparison(self) -> Comparison | None:
         """The comparison of a subject with its population that the active channel is of."""
         return None
 
     @property
-    def tracked(self) -> Sequence | None:
+    def sequence_result(self) -> Sequence | None:
         """The result, if critical points of its fields can be followed."""
         return None
 
@@ -445,15 +447,15 @@ class Document:
         """
         return self.surfaces[0 if slot == "source" else -1]
 
-    def titled(self, slot: str) -> str:
+    def slot_title(self, slot: str) -> str:
         """A slot's name."""
         return slot
 
-    def carried_title(self, kind: str) -> str:
+    def transferred_title(self, kind: str) -> str:
         """The title of what is carried from the source's surface."""
         return f"carried {kind}"
 
-    def named(self, side: Side) -> str:
+    def surface_label(self, side: Side) -> str:
         """What a side's surface is called."""
         return side
 
@@ -472,19 +474,19 @@ class Document:
         """The side from which most is seen of the functions on a slot's surface."""
         return best_front(self.surface(slot).mesh, *functions, up=up)
 
-    def known_as(self, side: Side, spec: str) -> str:
+    def values_key(self, side: Side, spec: str) -> str:
         """Return the name of a function's values from files: of two surfaces, A's have a prefix."""
         return spec
 
-    def known_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    def values_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return those values, by their names, that are of a side's surface, by specs."""
         return dict(known)
 
-    def missing(self, slot: str, values: Values) -> Missing:
+    def missing_values(self, slot: str, values: Values) -> Missing:
         """Return where a slot's function has no values."""
         return (), lambda: None
 
-    def ranged(self, source: FloatArray, target: FloatArray) -> Ranged:
+    def color_range_values(self, source: FloatArray, target: FloatArray) -> Ranged:
         """Return the values whose range colours have."""
         return (source, target), lambda: (source, target)
 
@@ -499,7 +501,7 @@ class Document:
         return EXTRAPOLATION * self.parameters.tau
 
     @property
-    def last(self) -> float:
+    def last_target_time(self) -> float:
         """The time at which the last target is reached."""
         return self.parameters.tau
 
@@ -528,7 +530,7 @@ class Document:
         return self.time + share * self.parameters.tau
 
     @property
-    def times_shown(self) -> str:
+    def time_range_label(self) -> str:
         """Which times can be shown, in a few words."""
         return "0 to 2τ"
 
@@ -538,7 +540,7 @@ class Document:
         return "0 is the source, τ the match; beyond, the flow goes on by itself."
 
     @property
-    def times_told(self) -> str:
+    def time_range_text(self) -> str:
         """Say which times can be shown."""
         beyond = f", which is {EXTRAPOLATION:g} tau" if self.extrapolates else ""
         return f"{self.start:g} to {self.end:g}{beyond}"
@@ -571,7 +573,7 @@ class Document:
         """Return the view in which a result that was opened is seen."""
         return view
 
-    def lost(self, changes: Collection[str], has_new_result: bool) -> str:
+    def unsaved_text(self, changes: Collection[str], has_new_result: bool) -> str:
         """Say what of it is in no file, for the fields that changed."""
         return f"{self.name} has changes that are in no file."
 

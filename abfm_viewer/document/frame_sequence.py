@@ -117,11 +117,11 @@ class FrameSequence:
             number = int(np.searchsorted(self.times, time - near, side="left")) - 1
         return float(self.times[min(max(number, 0), len(self) - 1)])
 
-    def told(self, time: float) -> str:
+    def time_text(self, time: float) -> str:
         """Return a time in words."""
         return f"{time:.4g} {self.unit}".strip()
 
-    def precisely(self, time: float) -> str:
+    def precise_time(self, time: float) -> str:
         """Return a time to a hundredth of a frame, always as long."""
         step = float(np.median(np.diff(self.times)))
         digits = max(0, 2 - math.floor(math.log10(step) + 1e-9))
@@ -135,8 +135,8 @@ class FrameSequence:
             changes[unknown] = 0.0
         return best_front(self.frames.mesh, up=up, changes=changes)
 
-    def frame(self, number: int) -> str:
+    def frame_label(self, number: int) -> str:
         """Return a frame's number, and its time where that is another one."""
         time = float(self.times[number])
         is_number = not self.unit and time == number
-        return f"frame {number}" if is_number else f"frame {number}, {self.told(time)}"
+        return f"frame {number}" if is_number else f"frame {number}, {self.time_text(time)}"

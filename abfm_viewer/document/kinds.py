@@ -20,12 +20,12 @@ from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.document.document import (
     DEFAULT_PARAMETERS,
     SIDES,
-    Asked,
     Channel,
     Document,
     Function,
     InitialMap,
     Landmark,
+    MapRequest,
     Missing,
     Ranged,
     RunRecord,
@@ -57,9 +57,9 @@ GIVEN_WORD = "given"
 class MatchDocument(Document):
     """Two functions on a surface, in channels, and how they are matched."""
 
-    content: ClassVar[tuple[str, ...]] = (
+    content_fields: ClassVar[tuple[str, ...]] = (
         *("channels", "parameters", "mask", "landmarks", "landmarks_alone"),
-        *Document.content,
+        *Document.content_fields,
     )
 
     channels: tuple[Channel, ...] = ()  # until the default functions of a new mesh are known
@@ -73,10 +73,10 @@ class MatchDocument(Document):
     landmarks_alone: bool = field(default=False, kw_only=True)
     result: Match | None = field(default=None, kw_only=True)
     # the step at which the result's match ended, where another one of its path is shown
-    chosen: int | None = field(default=None, kw_only=True)
+    solver_step: int | None = field(default=None, kw_only=True)
     runs: tuple[RunRecord, ...] = field(default=(), kw_only=True)  # ended ones, the latest last
     # functions of results, by their specs
-    called: dict[str, str] = field(default_factory=dict, kw_only=True)
+    display_names: dict[str, str] = field(default_factory=dict, kw_only=True)
 
     @property
     def match(self) -> Match | None:
@@ -93,8 +93,8 @@ class MatchDocument(Document):
         return ""
 
     @property
-    def asked(self) -> Asked:
-        return Asked(self.initial, self.channels, self.mask, self.pairs, self.landmarks_alone)
+    def map_request(self) -> MapRequest:
+        return MapRequest(self.initial, self.channels, self.mask, self.pairs, self.landmarks_alone)
 
     @property
     def weights(self) -> tuple[float, ...]:
@@ -122,9 +122,9 @@ class MatchDocument(Document):
 
     def renamed(self, name: str, called: Mapping[str, str]) -> Self:
         runs = tuple(replace(run, label=name) for run in self.runs)
-        return replace(super().renamed(name, called), runs=runs, called=dict(called))
+        return replace(super().renamed(name, called), runs=runs, display_names=dict(called))
 
-    def missing(self, slot: str, values: Values) -> Missing:
+    def missing_values(self, slot: str, values: Values) -> Missing:
         """Return where active functions have none, or the mask of frames that became a match."""
         active = [] if self.active is None else [self.function(side) for side in SIDES]
         given = [found for one in active if (found := values(one)) is not None]
@@ -144,11 +144,11 @@ class MatchDocument(Document):
     ) -> dict[str, Any]:
         """Return the fields that a run changes, and the map that it began with."""
         runs = self.runs if run is None else (*self.runs, run)
-        return {"result": match, "runs": runs, "chosen": None}
+        return {"result": match, "runs": runs, "solver_step": None}
 
     def check(self) -> None:
         steps = len(self.result.path) if self.result else 0
-        for name, count in (("chosen", steps), ("landmark", max(len(self.landmarks), 1))):
+        for name, count in (("solver_step", steps), ("landmark", max(len(self.landmarks), 1))):
             value = getattr(self, name)
             if value is not None and not 0 <= value < count:
                 raise ValueError(f"{name} is {value}; expected 0 to {count - 1}")
@@ -185,9 +185,9 @@ class MatchDocument(Document):
             and np.array_equal(now[:, is_compared], then[:, is_compared])
         )
 
-    def lost(self, changes: Collection[str], has_new_result: bool) -> str:
+    def unsaved_text(self, changes: Collection[str], has_new_result: bool) -> str:
         if self.result is None or not has_new_result:
-            return super().lost(changes, has_new_result)
+            return super().unsaved_text(changes, has_new_result)
         return f"The match of {self.name} ({self.result.facts.headline}) is in no file."
 
     @property
@@ -200,7 +200,7 @@ class MatchDocument(Document):
 class PairDocument(MatchDocument):
     """Two surfaces, A and B: functions of A come to B by an initial map, and are matched there."""
 
-    content: ClassVar[tuple[str, ...]] = ("initial", *MatchDocument.content)
+    content_fields: ClassVar[tuple[str, ...]] = ("initial", *MatchDocument.content_fields)
     surface_count: ClassVar[int] = 2
 
     initial: str = field(default="", kw_only=True)
@@ -215,13 +215,13 @@ class PairDocument(MatchDocument):
         match, initial = self.result, self.initial_map
         return match if match is None or initial is None else initial.registration(match)
 
-    def titled(self, slot: str) -> str:
+    def slot_title(self, slot: str) -> str:
         return f"{slot} on {'A' if slot == 'source' else 'B'}"
 
-    def carried_title(self, kind: str) -> str:
+    def transferred_title(self, kind: str) -> str:
         return f"{kind} of A, on B"
 
-    def named(self, side: Side) -> str:
+    def surface_label(self, side: Side) -> str:
         return {"source": "A", "target": "B"}[side]
 
     def renamed(self, name: str, called: Mapping[str, str]) -> Self:
@@ -229,10 +229,10 @@ class PairDocument(MatchDocument):
         a, b = found.surfaces
         return replace(found, surfaces=(a, replace(b, name=f"B of {name}")))
 
-    def known_as(self, side: Side, spec: str) -> str:
+    def values_key(self, side: Side, spec: str) -> str:
         return f"{OF_A}{spec}" if side == "source" else spec
 
-    def known_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    def values_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         own = {name: name.startswith(OF_A) == (side == "source") for name in known}
         return {name.removeprefix(OF_A): known[name] for name, is_own in own.items() if is_own}
 
@@ -243,8 +243,8 @@ class PairDocument(MatchDocument):
         )
         return Channel(source, target)
 
-    def missing(self, slot: str, values: Values) -> Missing:
-        return Document.missing(self, slot, values)
+    def missing_values(self, slot: str, values: Values) -> Missing:
+        return Document.missing_values(self, slot, values)
 
     def outcome(
         self, match: Match | None, run: RunRecord | None, initial: InitialMap | None
@@ -272,23 +272,23 @@ class SubjectDocument(MatchDocument):
         return MatchDocument(**{one.name: getattr(self, one.name) for one in fields(MatchDocument)})
 
     @property
-    def compared(self) -> Comparison | None:
+    def active_comparison(self) -> Comparison | None:
         active, found = self.active, self.comparison
         if active is None:
             return None
         return found if (active.source, active.target) in found.channels else None
 
-    def titled(self, slot: str) -> str:
-        if self.compared is None or (slot == "advected" and self.result):
+    def slot_title(self, slot: str) -> str:
+        if self.active_comparison is None or (slot == "advected" and self.result):
             return slot
-        return self.compared.title(slot)
+        return self.active_comparison.title(slot)
 
-    def missing(self, slot: str, values: Values) -> Missing:
-        compared, active = self.compared, self.active
-        if compared is None or active is None:
-            return super().missing(slot, values)
-        channel = compared.channels[active.source, active.target]
-        return (compared, channel), lambda: compared.unknown(slot, channel)
+    def missing_values(self, slot: str, values: Values) -> Missing:
+        comparison, active = self.active_comparison, self.active
+        if comparison is None or active is None:
+            return super().missing_values(slot, values)
+        channel = comparison.channels[active.source, active.target]
+        return (comparison, channel), lambda: comparison.unknown(slot, channel)
 
 
 _SEQUENCE_PARTS = {
@@ -321,8 +321,8 @@ class SequenceDocument(Document):
     extrapolates: ClassVar[bool] = False
     has_one_field: ClassVar[bool] = False
     has_sides: ClassVar[bool] = False
-    content: ClassVar[tuple[str, ...]] = ("sequence", "settings", *Document.content)
-    exported: ClassVar[tuple[str, ...]] = ("sequence", "settings", "result")
+    content_fields: ClassVar[tuple[str, ...]] = ("sequence", "settings", *Document.content_fields)
+    exported_fields: ClassVar[tuple[str, ...]] = ("sequence", "settings", "result")
 
     sequence: FrameSequence
     settings: SequenceSettings = field(default=SequenceSettings(), kw_only=True)  # of its match
@@ -333,12 +333,12 @@ class SequenceDocument(Document):
         surface = self.surface().name
         return surface if self.sequence.name == surface else f"{self.sequence.name} on {surface}"
 
-    def titled(self, slot: str) -> str:
+    def slot_title(self, slot: str) -> str:
         before = self.interval
         titles = {
-            "source": self.sequence.frame(before),
-            "advected": f"at {self.sequence.precisely(self.time)}",
-            "target": self.sequence.frame(before + 1),
+            "source": self.sequence.frame_label(before),
+            "advected": f"at {self.sequence.precise_time(self.time)}",
+            "target": self.sequence.frame_label(before + 1),
         }
         return titles.get(slot, slot)
 
@@ -352,10 +352,10 @@ class SequenceDocument(Document):
     def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
         return self.sequence.front(up)
 
-    def missing(self, slot: str, values: Values) -> Missing:
+    def missing_values(self, slot: str, values: Values) -> Missing:
         return (self.sequence,), lambda: self.sequence.frames.unknown
 
-    def ranged(self, source: FloatArray, target: FloatArray) -> Ranged:
+    def color_range_values(self, source: FloatArray, target: FloatArray) -> Ranged:
         channel = self.channel  # one range for all frames
         return (self.sequence, channel), lambda: (self.sequence.frames.values[:, :, channel],)
 
@@ -368,7 +368,7 @@ class SequenceDocument(Document):
         return float(self.sequence.times[-1])
 
     @property
-    def last(self) -> float:
+    def last_target_time(self) -> float:
         return self.end
 
     @property
@@ -391,15 +391,15 @@ class SequenceDocument(Document):
         return self.sequence.next_frame(self.time, 1 if share > 0 else -1)
 
     @property
-    def times_shown(self) -> str:
-        return f"{self.sequence.told(self.start)} to {self.sequence.told(self.end)}"
+    def time_range_label(self) -> str:
+        return f"{self.sequence.time_text(self.start)} to {self.sequence.time_text(self.end)}"
 
     @property
     def slider_tip(self) -> str:
-        return f"{self.titled('source')}; {self.titled('target')} is next."
+        return f"{self.slot_title('source')}; {self.slot_title('target')} is next."
 
     @property
-    def tracked(self) -> Sequence | None:
+    def sequence_result(self) -> Sequence | None:
         return self.result
 
     @property
@@ -434,7 +434,7 @@ class SequenceDocument(Document):
         is_plain = not (view.arrows or view.streaks) and view.coloring == "function"
         return replace(view, tracks=True, arrows=view.arrows or is_plain)
 
-    def lost(self, changes: Collection[str], has_new_result: bool) -> str:
+    def unsaved_text(self, changes: Collection[str], has_new_result: bool) -> str:
         if self.result is not None and "result" in changes:
             return f"The film {self.name} with its fields is in no file."
         named = ", ".join(words for name, words in _SEQUENCE_PARTS.items() if name in changes)

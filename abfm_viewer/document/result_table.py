@@ -74,14 +74,14 @@ class ResultRow:
     def verdict(self) -> Outcome:
         return self.facts.outcome
 
-    def named(self, document: Document) -> Document:
+    def label_document(self, document: Document) -> Document:
         """Return a document called by the row's name, and its functions as the table has them."""
         specs = [spec for channel in document.channels for spec in channel.specs]
         texts = [text for pair in self.texts for text in pair]
         called = dict(zip(specs, texts, strict=True)) if len(specs) == len(texts) else {}
         return document.renamed(self.name, called)
 
-    def told(self, column: Name) -> str:
+    def cell_text(self, column: Name) -> str:
         """Return what a cell says."""
         texts = {"name": self.name, "verdict": str(self.verdict), "reason": self.facts.reason}
         if column in texts:
@@ -118,7 +118,7 @@ class ResultTable:
         return row.path is not None or self.has_values(row)
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """The number of rows by verdict: ``9 rows: 7 matched, 2 failed``."""
         count = Counter(row.verdict for row in self.rows)
         parts = [f"{count[each]} {each}" for each in Outcome if count[each]]
@@ -141,7 +141,7 @@ class ResultTable:
         if column == "verdict":
             return tuple(reversed(rows) if falls else rows)
         if not COLUMNS[column].digits:
-            rows.sort(key=lambda row: row.told(column).casefold(), reverse=falls)
+            rows.sort(key=lambda row: row.cell_text(column).casefold(), reverse=falls)
             return tuple(rows)
         known = [row for row in rows if not math.isnan(row.facts.number(column))]
         unknown = [row for row in rows if math.isnan(row.facts.number(column))]

@@ -8,7 +8,7 @@ import abfm
 from abfm.wording import counted, sentence, share
 
 
-def left_now(now: abfm.matching.Iteration, is_of_landmarks: bool) -> str:
+def residual_text(now: abfm.matching.Iteration, is_of_landmarks: bool) -> str:
     """``residual 0.31``, or of landmarks alone ``farthest landmark 3.1% away``."""
     if not is_of_landmarks:
         return f"residual {now.residual:.3g}"
@@ -17,7 +17,7 @@ def left_now(now: abfm.matching.Iteration, is_of_landmarks: bool) -> str:
     return f"farthest landmark {share(error_of(now.residual))} away"
 
 
-def is_broken_off(match: abfm.Match) -> bool:
+def was_interrupted(match: abfm.Match) -> bool:
     return match.stop_reason in ("cancelled", "out of memory")
 
 
@@ -31,7 +31,7 @@ def changes(remedy: abfm.matching.Remedy) -> str:
     return f"{sentence(remedy.words)}\nStarts a run {start}{given}."
 
 
-def in_numbers(match: abfm.Match) -> str:
+def numbers_text(match: abfm.Match) -> str:
     """``Residual 0.012, 0.03 by flow lines``; of landmarks alone, which a list has, what folds."""
     if not match.problem.is_of_landmarks:
         return f"Residual {abfm.matching.residual_text(match)}"

@@ -106,7 +106,7 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
     drafted = {one.name: getattr(document, one.name) for one in fields(document)}
     drafted |= {"surfaces": pair, "landmarks": landmarks, "initial": GIVEN_WORD}
     opened = PairDocument(**drafted)
-    kept = InitialMap(initial, opened.asked, found.notes, found.functions, found.warnings)
+    kept = InitialMap(initial, opened.map_request, found.notes, found.functions, found.warnings)
     return replace(opened, initial_map=kept), known
 
 

@@ -347,9 +347,9 @@ def _read(plain: Any, view: Any, reader: _Reader) -> tuple[Document, dict[str, F
     known = {}
     for side in SIDES[-len(document.surfaces) :]:
         sizes = {"V": len(document.surface(side).mesh.vertices)}
-        for spec, name in document.known_on(side, names).items():
+        for spec, name in document.values_on(side, names).items():
             array = reader.array(_KNOWN, name, f"the values of {spec}", sizes)
-            known[document.known_as(side, spec)] = array
+            known[document.values_key(side, spec)] = array
     _check(document)
     return document, known
 
@@ -377,15 +377,15 @@ def _check(document: Document) -> None:
     document.check()
     _within("time", document.time, document.start or 0, document.end)
     _check_points(document, "target", *document.lines, *document.points)
-    for landmark in document.landmarks + (initial.asked.landmarks if initial else ()):
+    for landmark in document.landmarks + (initial.request.landmarks if initial else ()):
         for side in SIDES:
             if (point := landmark.point(side)) is not None:
                 _check_points(document, side, point)
-    view, look = document.view, document.view.look
+    view, viewpoint = document.view, document.view.viewpoint
     colormaps = ("automatic", *NAMES)
     _expect(view.colormap in colormaps, "colormap", view.colormap, " or ".join(colormaps))
     fronts = [surface.front for surface in document.surfaces]
-    for front in (*fronts, look.front if look else None):
+    for front in (*fronts, viewpoint.front if viewpoint else None):
         axes = np.eye(3)[:2] if front is None else np.array([front.direction, front.up])
         is_upright = bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
         _require(is_upright, f"front is {front}; expected two unit vectors at a right angle")
@@ -399,8 +399,8 @@ def _check_run(run: RunRecord, name: str) -> None:
         count = len(getattr(run, part))
         _require(count in (0, rows), f"{name} has {count} {part}")
     shares = run.shares.shape[1]
-    named = not run.words or shares == len(run.words)
-    _require(named, f"{name} has {shares} shares of {len(run.words)} terms")
+    named = not run.term_names or shares == len(run.term_names)
+    _require(named, f"{name} has {shares} shares of {len(run.term_names)} terms")
 
 
 def _check_labels(labels: LabelMap, surface: Surface) -> None:

@@ -60,7 +60,7 @@ def draw(context: Context, rect: Rect) -> None:
 def _draw_message(context: Context, message: Card, more: int) -> None:
     ui, notices = context.ui, context.session.notices
     ui.note(message.text, "ink")
-    remedies = notices.offered(message)
+    remedies = notices.remedies_for(message)
     labels = [*remedies, "Dismiss"]
     for number, (label, do) in enumerate(remedies.items()):
         if ui.button(label, primary=number == 0):
@@ -80,9 +80,9 @@ def _opening(session: Session) -> _Work | None:
         text = f"{load.what}: {load.elapsed:.0f} s"
         cancel, tip = session.loading.cancel, "Go on without it."
         return _Work("opening", text, load.elapsed, None, cancel=cancel, tip=tip)
-    if session.functions.bare_since is None:
+    if session.functions.waiting_since is None:
         return None
-    elapsed = time.perf_counter() - session.functions.bare_since
+    elapsed = time.perf_counter() - session.functions.waiting_since
     share = session.step.share() if session.step else None
     return _Work("functions", session.busy or "computing functions", elapsed, share)
 

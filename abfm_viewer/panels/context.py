@@ -29,11 +29,11 @@ class Context:
     def __init__(self, session: Session, state: StateFolder | None) -> None:
         self.session, self.shown = session, Shown(session)
         self.ui, self.dialogs = Ui(), Dialogs()
-        self.exporter = Exporter(session.notices.say)
-        self.files = SessionFiles(session, state, self.dialogs.ask)
-        self.files.ways_out |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
-        self.files.ways_out[OTHER_FRAMES] = self.open_frames
-        self.files.ways_out[OTHER_TABLE] = self.open_table
+        self.exporter = Exporter(session.notices.show)
+        self.files = SessionFiles(session, state, self.dialogs.question)
+        self.files.file_actions |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
+        self.files.file_actions[OTHER_FRAMES] = self.open_frames
+        self.files.file_actions[OTHER_TABLE] = self.open_table
 
     def document(self, kind: type[Kind]) -> Kind:
         """Return the document that is open, which must be of a kind."""

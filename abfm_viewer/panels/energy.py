@@ -53,12 +53,12 @@ def draw(context: Context) -> None:
 
     def export(path: Path) -> None:
         """Write what was shown when the button was pressed."""
-        with session.notices.errors_shown():
+        with session.notices.showing_errors():
             if view == "trade-off":
                 abfm.loading.task_of(result).tables["path"].write(path, result)
             elif run is not None:
                 abfm.io.export_energy_csv(path, run.energies, run.stages)
-            session.notices.say(f"wrote {path}")
+            session.notices.show(f"wrote {path}")
 
     if ui.button("Export CSV...", tip, enabled=is_whole):
         context.dialogs.save(title, (".csv",), file, export)
@@ -92,9 +92,9 @@ def _iterations(
 
 
 def _plot(ui: Ui, run: RunRecord, previous: Sequence[RunRecord]) -> None:
-    (stages, meshes), left, least = starts(run), run.left, run.least_left
+    (stages, meshes), left, least = starts(run), run.residual_curve, run.best_residuals
     # of a result's file it is a guess, whose scale is not to be compared
-    before = [earlier.least_left for earlier in previous if len(earlier.residuals)]
+    before = [earlier.best_residuals for earlier in previous if len(earlier.residuals)]
     last = max(*map(len, [left, *before]), _SHORTEST_AXIS + 1) - 1
     with plots.plot(ui, "energy plot") as is_drawn:
         if not is_drawn:
@@ -103,9 +103,9 @@ def _plot(ui: Ui, run: RunRecord, previous: Sequence[RunRecord]) -> None:
         muted, flow = ui.colors.muted[:3], ui.colors.flow
         for number, earlier in enumerate(before):
             plots.line(f"##previous {number}", earlier, (*muted, 0.45), ui.px(1))
-        plots.uprights("##stages", stages, (*muted, 0.5), ui.px(1))
-        plots.uprights("##meshes", meshes, (*muted, 0.7), ui.px(2.5))
-        plots.uprights("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
+        plots.vertical_lines("##stages", stages, (*muted, 0.5), ui.px(1))
+        plots.vertical_lines("##meshes", meshes, (*muted, 0.7), ui.px(2.5))
+        plots.vertical_lines("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
         plots.line("##each", left, (*flow[:3], 0.5), ui.px(1))
         plots.line("##least", least, flow, ui.px(2))
         if plots.is_under_mouse():
@@ -114,21 +114,21 @@ def _plot(ui: Ui, run: RunRecord, previous: Sequence[RunRecord]) -> None:
 
 def _point_at(ui: Ui, run: RunRecord) -> None:
     at = int(np.clip(round(implot.GetPlotMousePos()[0]), 0, len(run.stages) - 1))
-    plots.uprights("##here", [at], ui.colors.ink, ui.px(1))
-    least, left = run.least_left[at], run.left[at]
+    plots.vertical_lines("##here", [at], ui.colors.ink, ui.px(1))
+    least, left = run.best_residuals[at], run.residual_curve[at]
     lines = [f"iteration {at}{', restarted here' if at in run.restarts else ''}", course(run, at)]
     lines.append(f"what is left: {share(left)}")
     if share(least) != share(left):
         lines[-1] += f", the least so far {share(least)}"
     lines += [f"{name} {values[at]:.4g}" for name, values in run.curves.items()]
     lines += [f"σ {sigma:.3g}" for sigma in run.sigmas[at : at + 1]]
-    plots.tell(ui, "\n".join(lines))
+    plots.tooltip(ui, "\n".join(lines))
 
 
 def course(run: RunRecord, at: int) -> str:
     """Return an iteration's ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
     parts = [f"stage {run.stages[at] + 1}"]
-    if run.has_course:
+    if run.has_mesh_sizes:
         reach = [f"reach {run.reaches[at]:g}"] if run.reaches[at] else []
         parts = [f"mesh of {run.vertices[at]:,} vertices", *reach, *parts]
     return ", ".join(parts)

@@ -133,7 +133,7 @@ def _draw_save(context: Context, saved: _Saved) -> None:
     def save(path: Path) -> None:
         document = session.document
         if (found := getattr(document, saved.attribute)) is not None:
-            kept = partial(session.saves.exported, document)
+            kept = partial(session.saves.record_export, document)
             context.exporter.save_result(path, found, kept)
 
     found, tip = getattr(session.document, saved.attribute), _tip(context, saved.tip)
@@ -190,7 +190,7 @@ def _draw_size(ui: Ui, exporter: Exporter) -> None:
 def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
     movie, document = exporter.movie, session.document
     first, last = document.start, document.end
-    whole = document.last - first
+    whole = document.last_target_time - first
 
     def bounded_time(label: str, share: float, tip: str) -> float:
         shown = min(first + share * whole, last)

@@ -51,7 +51,7 @@ def draw_frames(context: Context) -> None:
     for message in mesh.messages:
         ui.note(message)
     ui.heading("frames")
-    ends = f"{sequence.told(document.start)} to {sequence.told(document.end)}"
+    ends = f"{sequence.time_text(document.start)} to {sequence.time_text(document.end)}"
     ui.line(f"{len(sequence)} frames, {ends}", "ink")
     if sequence.channels > 1:
         words = [str(number) for number in range(sequence.channels)]

@@ -132,7 +132,7 @@ def _draw_circular(ui: Ui, session: Session) -> None:
 
 def _draw_foreseen(ui: Ui, session: Session) -> None:
     """Draw, below all else that moves, why no flow can match the functions, and what to do."""
-    if (facts := session.work.foreseen) is None:
+    if (facts := session.work.expected_facts) is None:
         return
     ui.note(sentence(facts.reason), facts.tone)
     if session.rescaled_channels() != session.channels:
@@ -172,7 +172,7 @@ def _draw_channels(context: Context) -> None:
 
 def _called(document: MatchDocument, spec: str) -> str:
     """Return a function in a word or two; of a result as its table calls it."""
-    text = document.called.get(spec, spec)
+    text = document.display_names.get(spec, spec)
     try:
         return _short(functions.parse(text))
     except FunctionError:  # the name of a channel
@@ -254,8 +254,8 @@ class _Side:
     def _draw_heading(self) -> None:
         ui, bump = self._ui, self._bump
         document = self._session.editor.draft
-        color, title = getattr(ui.colors, self._side), document.titled(self._side)
-        if self._spec in document.called:
+        color, title = getattr(ui.colors, self._side), document.slot_title(self._side)
+        if self._spec in document.display_names:
             title = f"{title}: {_called(document, self._spec)}"
         if bump is None:
             ui.heading(title, color)
@@ -333,7 +333,7 @@ class _Side:
         """Let the user choose the file that a function reads; nothing changes before."""
 
         def take(path: Path) -> None:
-            with self._session.notices.errors_shown():
+            with self._session.notices.showing_errors():
                 self._session.editor.set_spec(self._side, str(function(str(path))))
 
         self._context.dialogs.open(title, file.kind.suffixes, take)

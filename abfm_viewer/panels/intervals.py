@@ -32,7 +32,7 @@ def draw(context: Context) -> None:
     """Draw the plot; a click on it goes to that interval."""
     ui, session, document = context.ui, context.session, context.document(SequenceDocument)
     sequence, result = document.sequence, document.result
-    is_live = session.sequence_match.found(document) > 0
+    is_live = session.sequence_match.found_count(document) > 0
     if result is None and not is_live:
         ui.note(_EMPTY_NOTE)
         return
@@ -113,7 +113,7 @@ def _present(context: Context, sequence: FrameSequence) -> None:
     now = sequence.interval(time)
     ends = float(sequence.times[now]), float(sequence.times[now + 1])
     plots.span(*ends, (*ui.colors.accent[:3], 0.2))
-    plots.uprights("##time", [time], ui.colors.accent, ui.px(1.5))
+    plots.vertical_lines("##time", [time], ui.colors.accent, ui.px(1.5))
 
 
 def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> None:
@@ -128,7 +128,7 @@ def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> No
     if not plots.is_under_mouse():
         return
     at = sequence.interval(float(implot.GetPlotMousePos()[0]))
-    plots.tell(ui, _words(context, sequence, at))
+    plots.tooltip(ui, _words(context, sequence, at))
     if imgui.IsMouseClicked(0) and ui.record.enabled:
         session.set_time(float(sequence.middles[at]))
 
@@ -136,7 +136,7 @@ def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> No
 def _words(context: Context, sequence: FrameSequence, at: int) -> str:
     """Return what an interval is and has come to."""
     session, document = context.session, context.document(SequenceDocument)
-    lines = [f"{sequence.frame(at)} to {sequence.frame(at + 1)}"]
+    lines = [f"{sequence.frame_label(at)} to {sequence.frame_label(at + 1)}"]
     speed = session.sequence_match.speeds(document)[at]
     result = document.result
     if np.isfinite(speed):

@@ -30,7 +30,8 @@ def draw(context: Context) -> None:
         return
     ui.heading("landmarks")
     if places and not document.pairs:
-        ui.note(f"Click on {document.named('source')}, then on {document.named('target')}.")
+        first, second = (document.surface_label(side) for side in SIDES)
+        ui.note(f"Click on {first}, then on {second}.")
     if document.landmarks:
         _draw_list(context)
     elif ui.button("Open landmarks...", _OPEN_TIP):
@@ -69,24 +70,24 @@ def _draw_list(context: Context) -> None:
 def read(session: Session, path: Path) -> None:
     """Take the pairs of a file in place of those that there are."""
     a, b = (session.surface(side).mesh for side in SIDES)
-    with session.notices.errors_shown():
+    with session.notices.showing_errors():
         found = landmarks_of(abfm.registration.read_landmarks(a, b, str(path)))
         session.editor.set_landmarks(f"open {path.name}", found)
-        session.notices.say(f"{counted(len(found), 'landmark')} of {path.name}")
+        session.notices.show(f"{counted(len(found), 'landmark')} of {path.name}")
 
 
 def write(session: Session, path: Path) -> None:
     a, b = (session.surface(side).mesh for side in SIDES)
     found = paired(a, b, session.document.pairs)
     if found is not None:
-        with session.notices.errors_shown():
+        with session.notices.showing_errors():
             found.save(path)
-            session.notices.say(f"saved {path}")
+            session.notices.show(f"saved {path}")
 
 
 def _words(document: Document, landmark: Landmark, left: float | None) -> str:
     name = f"{landmark.name}, " if landmark.name else ""
-    missing = [document.named(side) for side in SIDES if landmark.point(side) is None]
+    missing = [document.surface_label(side) for side in SIDES if landmark.point(side) is None]
     if missing:
         return f"{name}not yet on {missing[0]}, not used"
     return f"{name}{'placed' if left is None else f'{share(left)} away'}"

@@ -5,7 +5,7 @@ import numpy as np
 import abfm
 from abfm.pages.film_motion import CRITICAL_COLORS
 from abfm.wording import counted, sentence
-from abfm_viewer.document.document import CARRIED_COLORINGS, CLICK_TOOLS, FIELD_PARTS, Coloring
+from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, TRANSFERRED_COLORINGS, Coloring
 from abfm_viewer.document.verdict_words import refinement
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session_files import LABELS
@@ -24,7 +24,7 @@ _COLORINGS: dict[Coloring, str] = {
     "conformal distortion": "How much the map stretches each face in one direction more than in "
     "the other.",
 }
-_MAPS: tuple[Coloring, ...] = (*CARRIED_COLORINGS, "area distortion", "conformal distortion")
+_MAPS: tuple[Coloring, ...] = (*TRANSFERRED_COLORINGS, "area distortion", "conformal distortion")
 _LABELS = "Open labels..."
 _PART = (
     "The whole field, or a part of its Helmholtz-Hodge decomposition: without curl, without "
@@ -154,7 +154,7 @@ def _error(context: Context) -> None:
         ui.note(f"No optimal transport: {transport.error}.", "failure")
     elif session.view.transport and transport.note:
         ui.note(f"{transport.note.capitalize()}.")
-    target, advected = session.work.compared("target"), context.shown.flow.advected()
+    target, advected = session.work.flow_values("target"), context.shown.flow.advected()
     if target is not None and advected is not None and session.document.has_one_field:
         difference = np.abs(target - advected)
         worst = int(np.argmax(difference))

@@ -10,7 +10,7 @@ from abfm.outcome import Outcome
 from abfm.types import FloatArray
 from abfm.wording import counted
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.document.comparison import Compared
+from abfm_viewer.document.comparison import ComparisonKind
 from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.result_tables import Tables
@@ -18,7 +18,7 @@ from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.toolkit import TextTone, Ui, pushed
 from abfm_viewer.widgets.widget_record import Rect
 
-_COMPARISON_TIPS: dict[Compared, str] = {
+_COMPARISON_TIPS: dict[ComparisonKind, str] = {
     "difference": "The subject's values less the mean of the others.",
     "mean": "The mean of all that fit.",
     "deviation": "The standard deviation over those who fit.",
@@ -84,8 +84,8 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
         taken += ui.px(_COMPARE) + ui.text_width("compareRegistration") + ui.px(50)
     ui.align()
     room = float(imgui.GetContentRegionAvail()[0]) - taken
-    kind: TextTone = "failure" if tables.error or tables.unshown else "ink"
-    told = tables.error or tables.told
+    kind: TextTone = "failure" if tables.error or tables.unshown_row else "ink"
+    told = tables.error or tables.summary
     if ui.text_width(told) <= room:
         ui.line(told, kind, room=room)
         ui.beside()
@@ -95,8 +95,10 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
     if table.has_comparisons:
         ui.beside_if_fits("compare", is_button=True)
         tip = "What is shown between the subject and the mean of the others."
-        what = ui.combo("compare", tables.compared, _COMPARISON_TIPS, tip, width=ui.px(_COMPARE))
-        if what != tables.compared:
+        what = ui.combo(
+            "compare", tables.comparison_kind, _COMPARISON_TIPS, tip, width=ui.px(_COMPARE)
+        )
+        if what != tables.comparison_kind:
             tables.compare(what)
         row = tables.chosen
         tip = "Show the chosen subject on its own surface, with the flow that registers it."
@@ -105,7 +107,7 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
         if ui.button("Registration", tip, enabled=enabled) and row is not None:
             tables.open_result(row)
     ends = (
-        ("Refresh", _REFRESH_TIP, tables.look_again),
+        ("Refresh", _REFRESH_TIP, tables.refresh),
         ("Close table", _CLOSE_TIP, tables.close_table),
     )
     for label, tip, act in ends:
@@ -203,7 +205,7 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
         clicked = imgui.IsItemClicked(0) and ui.record.enabled
         is_sorted = column == tables.column
         text = ("falls" if tables.falls else "rises") if is_sorted else ""
-        ui.remember(head, "item", text=text, tip=tip)
+        ui.record_item(head, "item", text=text, tip=tip)
         ui.tip(tip)
         if is_sorted:
             _draw_arrow(ui, tables.falls)
@@ -268,7 +270,7 @@ def _draw_row(
     flags = imgui.ImGuiSelectableFlags_SpanAllColumns
     for place, column in enumerate(columns):
         imgui.TableSetColumnIndex(place)
-        text, room = row.told(column), float(imgui.GetContentRegionAvail()[0])
+        text, room = row.cell_text(column), float(imgui.GetContentRegionAvail()[0])
         if column == "name":
             shown = ui.fitted(text, room).replace("##", "# #")  # which would hide the rest
             clicked = imgui.Selectable(
@@ -279,7 +281,7 @@ def _draw_row(
             numbers = [
                 f"{COLUMNS[each].head} {told}"
                 for each in left_out
-                if COLUMNS[each].digits and (told := row.told(each))
+                if COLUMNS[each].digits and (told := row.cell_text(each))
             ]
             parts = (
                 f"{row.name}: {row.verdict}",
@@ -288,7 +290,7 @@ def _draw_row(
                 *row.facts.warnings,
             )
             tip = "\n\n".join(filter(None, parts))
-            ui.remember(row.name, "choice", text=state, tip=tip)
+            ui.record_item(row.name, "choice", text=state, tip=tip)
             ui.tip(tip)
             if clicked and ui.record.enabled:
                 tables.choose(row)

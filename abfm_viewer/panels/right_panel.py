@@ -101,7 +101,7 @@ def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
     """Draw the column; a part that fails does not take the others with it."""
     ui, session = context.ui, context.session
     document = session.document
-    own = (name for name in document.content if name not in Document.content)
+    own = (name for name in document.content_fields if name not in Document.content_fields)
     drafted = (getattr(document, name) for name in own)
     ui.refusals.accept_after(document.identity, *drafted, document.result, session.solver.running)
     panels = PANELS[type(document)]

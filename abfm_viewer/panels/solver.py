@@ -48,7 +48,7 @@ def draw(context: Context, draw_state: Callable[[Ui, Session], None]) -> None:
     # nothing is reported yet that must be in view as a whole
     fits: Fits = "exactly" if session.solver.running else "at least"
     with child(ui, "state", height, border=False, fits=fits):
-        if (row := context.files.tables.unshown) is not None:
+        if (row := context.files.tables.unshown_row) is not None:
             ui.note(f"{row.name}: {row.verdict}", row.facts.tone)
             ui.note(sentence(row.facts.reason or "it has no result yet"), "ink")
             ui.note(f"The surfaces still show {session.document.name}.")
@@ -58,7 +58,7 @@ def draw(context: Context, draw_state: Callable[[Ui, Session], None]) -> None:
 
 def draw_subject(ui: Ui, session: Session) -> None:
     """Draw the same of a subject, or what its comparison shows before there is a match."""
-    compared, solver = session.document.compared, session.solver
+    compared, solver = session.document.active_comparison, session.solver
     if compared is None or solver.running or solver.failed or session.result is not None:
         draw_match(ui, session)
     else:
@@ -121,11 +121,11 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     each = None if step else solver.seconds_each
     left = limit - now.iteration
     at_most = f", at most {rounded_time(each * left)} more" if each and left > 0 else ""
-    left_now = verdict_words.left_now(now, snapshot.problem.is_of_landmarks)
+    residual = verdict_words.residual_text(now, snapshot.problem.is_of_landmarks)
     best = snapshot.shown.residual
     has_better = best < now.residual and not snapshot.problem.is_of_landmarks
     earlier = f", best {best:.3g}" if has_better else ""
-    ui.note(f"Iteration {now.iteration}/{limit}, {left_now}{earlier}", "ink")
+    ui.note(f"Iteration {now.iteration}/{limit}, {residual}{earlier}", "ink")
     ui.note(capital(step.text() if step else f"{verdict_words.place(now)}{at_most}"))
     if now.warning:
         ui.note(sentence(now.warning), "failure")
@@ -146,7 +146,7 @@ def draw_sequence(ui: Ui, session: Session) -> None:
     sequence, result = document.sequence, document.result
     if session.solver.running:
         draw_step(ui, run.step)
-        found = run.found(document)
+        found = run.found_count(document)
         ui.note(f"Intervals found: {found} of {sequence.intervals}", "ink")
         return
     if result is None:
@@ -184,10 +184,10 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
 
 def _draw_before(ui: Ui, session: Session) -> None:
     """Draw what is known of a match before there is one."""
-    if (facts := session.work.foreseen) is not None:
+    if (facts := session.work.expected_facts) is not None:
         _draw_foreseen(ui, facts)
         return
-    failed = session.work.problem_told != ""
+    failed = session.work.blocking_problem != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
     ui.note(sentence(about), "failure" if failed else "muted")
 
@@ -211,12 +211,12 @@ def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> 
         ui.note(sentence(facts.reason), "ink")
         for warning in facts.warnings:
             ui.note(sentence(warning), "warning")
-    elif (foreseen := session.work.foreseen) is not None:
+    elif (foreseen := session.work.expected_facts) is not None:
         _draw_foreseen(ui, foreseen)
     else:
         ui.note("Functions or parameters changed since.", "ink")
     _draw_remedies(ui, session, result, facts)
-    if numbers := verdict_words.in_numbers(result):
+    if numbers := verdict_words.numbers_text(result):
         ui.note(numbers)
 
 
@@ -235,12 +235,12 @@ def _draw_compared(ui: Ui, compared: Comparison) -> None:
 
 def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
     """Draw buttons, or what to try where no button can do it."""
-    is_broken_off, verdict = verdict_words.is_broken_off(result), result.verdict
+    was_interrupted, verdict = verdict_words.was_interrupted(result), result.verdict
     # no other flow helps if the complete map is the cause
     remedies = verdict.remedies if facts.outcome is verdict.kind else ()
     with ui.group("verdict"):
         if session.outdated:
-            _draw_again(ui, session, is_broken_off)
+            _draw_again(ui, session, was_interrupted)
             return
         for number, remedy in enumerate(remedies):
             if number:
@@ -252,12 +252,12 @@ def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -
                 ui.beside_if_fits(LIMIT, is_button=True)
             draw_limit(ui, session, primary=True)
         # copies of a run have no remedies
-        if not remedies and is_broken_off:
+        if not remedies and was_interrupted:
             _draw_continue(ui, session)
     has_button, advice = bool(remedies) or distorts, facts.advice
     if advice and (verdict.kind is Outcome.IMPOSSIBLE or not has_button):
         ui.note(f"To try: {advice}.")
-    elif is_broken_off:
+    elif was_interrupted:
         ui.note("Continue, or Match starts over.")
 
 
@@ -267,12 +267,12 @@ def _distorts(facts: Facts) -> bool:
     return facts.outcome.is_good and log2 is not None and log2 > abfm.matching.LOG2_AREA_GOOD
 
 
-def _draw_again(ui: Ui, session: Session, is_broken_off: bool) -> None:
+def _draw_again(ui: Ui, session: Session, was_interrupted: bool) -> None:
     """Draw what there is to do after another problem than the present one."""
     tip = "Match the functions and parameters as they are now."
     if ui.button("Match again", tip, enabled=not session.obstacle):
         session.match()
-    if is_broken_off:
+    if was_interrupted:
         ui.beside_if_fits("Continue", is_button=True)
         _draw_continue(ui, session)
     if session.obstacle:
@@ -282,4 +282,4 @@ def _draw_again(ui: Ui, session: Session, is_broken_off: bool) -> None:
 def _draw_continue(ui: Ui, session: Session) -> None:
     tip = "Match from the field that was found."
     if ui.button("Continue", tip, enabled=not session.obstacle):
-        session.match(goes_on=True)
+        session.match(from_current_field=True)

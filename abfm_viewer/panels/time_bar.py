@@ -107,7 +107,7 @@ def _slider(context: Context) -> None:
     rect = (left, top, left + width, top + imgui.GetFrameHeight())
     ends = Range(document.start, document.end)
     note = context.shown.flow.note if document.extrapolates else ""
-    about = f"The time that is shown, {document.times_shown}."
+    about = f"The time that is shown, {document.time_range_label}."
     tip = note or document.slider_tip
     if document.extrapolates:
         _track(ui, note, rect, document.time / document.end)
@@ -128,7 +128,7 @@ def _slider(context: Context) -> None:
     typed = ui.text("time", f"{document.time:.4g}", about, width=box)
     if typed is not None:
         if (time := finite(typed)) is None:
-            session.notices.say(f"time: {typed!r} is no number", is_error=True)
+            session.notices.show(f"time: {typed!r} is no number", is_error=True)
         else:
             session.set_time(time)
 

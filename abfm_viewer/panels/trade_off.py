@@ -57,7 +57,7 @@ def draw(context: Context, path: Steps) -> None:
     ui, session = context.ui, context.session
     is_live = session.solver.running
     shown = len(path) - 1 if is_live else session.steps.shown
-    chosen = None if is_live else session.steps.chosen
+    chosen = None if is_live else session.steps.solver_step
     _choice(ui, session, path, shown, chosen)
     if not is_live:
         _bound(ui, session)
@@ -87,14 +87,14 @@ def _bound(ui: Ui, session: Session) -> None:
     bound = session.bound
     caption = ui.text_width("distortion") + imgui.GetStyle().ItemSpacing[0]
     width = min(ui.px(90), imgui.GetContentRegionAvail()[0] - caption)
-    typed = ui.text("distortion", f"{bound.most:g}", _BOUND_TIP, width=width)
+    typed = ui.text("distortion", f"{bound.maximum:g}", _BOUND_TIP, width=width)
     if typed is not None:
         with ui.refusals.refusing("distortion"):
             if (number := finite(typed)) is None or not number > 0:
                 raise ParameterError(
                     f"{typed} is no distortion; expected a number above 0, such as 1"
                 )
-            bound.most = number
+            bound.maximum = number
     ui.beside_if_fits(LIMIT, is_button=True)
     draw_limit(ui, session)
     ui.refusal("distortion")
@@ -104,7 +104,7 @@ def draw_limit(ui: Ui, session: Session, primary: bool = False) -> None:
     """Draw the button that looks for the closest field within the bound, or ends that."""
     bound = session.bound
     label = _STOP if bound.busy else LIMIT
-    tip = f"{_LOOK} The bound is {bound.most:g}."
+    tip = f"{_LOOK} The bound is {bound.maximum:g}."
     if ui.button(label, tip, enabled=session.result is not None, primary=primary):
         bound.stop() if bound.busy else session.limit_distortion()
 
@@ -125,9 +125,9 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
         words = [f"{2**tick:.4g}" for tick in ticks]
         implot.SetupAxisTicks(implot.ImAxis_X1, np.array(ticks), words)
         if chosen is not None:
-            plots.uprights("##chosen", [float(areas[chosen])], ui.colors.good, ui.px(1.5))
+            plots.vertical_lines("##chosen", [float(areas[chosen])], ui.colors.good, ui.px(1.5))
         if len(now):
-            plots.level("##now", float(now[0]), (*ui.colors.flow[:3], 0.5), ui.px(1))
+            plots.horizontal_line("##now", float(now[0]), (*ui.colors.flow[:3], 0.5), ui.px(1))
         for name, left, ink, size in (
             ("by flow lines", by_lines, ui.colors.lines, _FLOW_LINE_MARK_SIZE),
             ("residual", by_flow, ui.colors.flow, _RESIDUAL_MARK_SIZE),
@@ -160,7 +160,7 @@ def _clicks(
     nearest = int(np.argmin(apart))
     if not (plots.is_under_mouse() and apart[nearest] <= ui.px(_CLICK_DISTANCE)):
         return
-    plots.tell(ui, _words(path, nearest, chosen))
+    plots.tooltip(ui, _words(path, nearest, chosen))
     if imgui.IsMouseClicked(0) and ui.record.enabled and not session.solver.running:
         session.show_step(nearest)
 

@@ -77,7 +77,7 @@ class DocumentRenderer:
             opened.callback(self._shown.close)
             session.restore(self._document, self._known, None)
             session.update()
-            if problem := session.work.problem_told:
+            if problem := session.work.blocking_problem:
                 raise FunctionError(problem)
             self._scene = Scene(self._shown, self._options.turns)
             self._scene.pixels = self._pen.scale
@@ -126,11 +126,11 @@ class DocumentRenderer:
         start, end = document.start, document.end
         near = 1e-9 * (end - start)
         if not start - near <= time <= end + near:
-            raise ParameterError(f"time is {time:g}; expected {document.times_told}")
+            raise ParameterError(f"time is {time:g}; expected {document.time_range_text}")
         session.editor.amend(time=min(max(time, start), end))
         session.update()
 
     def _error(self, time: float) -> float:
         self._go_to(time)
-        target, advected = self._session.work.compared("target"), self._shown.flow.advected()
+        target, advected = self._session.work.flow_values("target"), self._shown.flow.advected()
         return 0.0 if target is None or advected is None else float(np.abs(target - advected).max())

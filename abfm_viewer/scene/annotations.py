@@ -223,7 +223,7 @@ def laid_out(
     for name, title, (left, top, right, bottom) in _titles(scene) if labels else ():
         title = abbreviated(title, right - left - 4 * pen.scale, pen.width)
         length = pen.width(title)
-        start = right - length if scene.view.is_beside else (left + right - length) / 2
+        start = right - length if scene.view.is_of_document else (left + right - length) / 2
         ink = {"source": pen.inks.source, "target": pen.inks.target}.get(name, pen.inks.ink)
         found.append(Text(start, (top + bottom - pen.line) / 2, title, ink))
     if color_bar:

@@ -16,7 +16,7 @@ from abfm.pages.front import Front, triple
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.document.document import SIDES, Document, Look, Point, Side
+from abfm_viewer.document.document import SIDES, Document, Point, Side, Viewpoint
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays, Placed, evenly_spread
@@ -133,11 +133,11 @@ class Scene:
         return tuple(name for name in self.shown if is_behind and name in ("advected", "error"))
 
     @property
-    def look(self) -> Look | None:
+    def viewpoint(self) -> Viewpoint | None:
         """Return how the surfaces are seen now; None before they are."""
-        if look := self._session.view.look:
-            return look
-        return Look(front) if (front := self._front("advected")) else None
+        if viewpoint := self._session.view.viewpoint:
+            return viewpoint
+        return Viewpoint(front) if (front := self._front("advected")) else None
 
     def turn(self, degrees: float) -> None:
         """Turn all about their upright axes; picks are wrong then."""
@@ -146,26 +146,32 @@ class Scene:
 
     def see(self, view: SlotView) -> None:
         """Look at the surfaces as the mouse wants it, which is no step of undo."""
-        before = self.look
+        before = self.viewpoint
         assert before is not None
         target = before.target
         if view.target is not self.view.target:
             is_home = np.allclose(view.target, view.home, rtol=0, atol=1e-9 * view.radius)
             target = None if is_home else triple(self._viewport.undrawn(view.target))
-        look = Look(Front(triple(view.rotation[2]), triple(view.rotation[1])), view.zoom, target)
-        if look != before:
-            self._session.editor.amend(view=replace(self._session.view, look=look))
+        viewpoint = Viewpoint(
+            Front(triple(view.rotation[2]), triple(view.rotation[1])), view.zoom, target
+        )
+        if viewpoint != before:
+            self._session.editor.amend(view=replace(self._session.view, viewpoint=viewpoint))
 
-    def look_at(self, name: str, look: Look) -> Look:
+    def look_at(self, name: str, viewpoint: Viewpoint) -> Viewpoint:
         """Return how all are seen where one surface is seen by a look of its own."""
         if name not in self._views:
-            return look
+            return viewpoint
         own, all_of_them = self._fitted("source"), self._fitted("advected")
-        drawn = None if look.target is None else viewport(own.mesh).drawn(np.array(look.target))
-        seen = own.fit.view(self.view.slots, look.front, look.zoom, drawn)
+        drawn = (
+            None
+            if viewpoint.target is None
+            else viewport(own.mesh).drawn(np.array(viewpoint.target))
+        )
+        seen = own.fit.view(self.view.slots, viewpoint.front, viewpoint.zoom, drawn)
         view = seen.seen_alike(own.front, all_of_them.fit, all_of_them.front)
         front = Front(triple(view.rotation[2]), triple(view.rotation[1]))
-        return Look(front, view.zoom, triple(self._viewport.undrawn(view.target)))
+        return Viewpoint(front, view.zoom, triple(self._viewport.undrawn(view.target)))
 
     def links(self) -> list[Link]:
         """Return lines from points of surface A to where they are on B at the shown time, as far as
@@ -293,7 +299,7 @@ class Scene:
         functions = [session.values(side) for side in on_it]
         known = [values for values in functions if values is not None]
         if len(known) < len(functions):
-            if session.channels and not session.work.problem_told:
+            if session.channels and not session.work.blocking_problem:
                 return None
             known = []
         front = session.document.front(slot, *known)
@@ -345,19 +351,19 @@ class Scene:
         return known
 
     def _look(self, rect: Rect) -> None:
-        view, look, fitted = self._session.view, self.look, self._fitted("advected")
-        assert look is not None
+        view, viewpoint, fitted = self._session.view, self.viewpoint, self._fitted("advected")
+        assert viewpoint is not None
         left, top, right, bottom = rect
         free = (left, top, right, max(bottom - self.room_below, top + 1))
-        names = (view.large,) if view.large in self.names else self.names
+        names = (view.enlarged,) if view.enlarged in self.names else self.names
         other = self._fitted("source")
         width, height = np.maximum(fitted.fit.shape, other.fit.shape).tolist()
         places = slots(names, free, (width, height), view.layout, self.name_height)
-        zoom, target = look.zoom, look.target
+        zoom, target = viewpoint.zoom, viewpoint.target
         if self._turns:
             zoom, target = 1.0, None
         drawn = None if target is None else self._viewport.drawn(np.array(target))
-        self.view, self._views = fitted.fit.view(places, look.front, zoom, drawn), {}
+        self.view, self._views = fitted.fit.view(places, viewpoint.front, zoom, drawn), {}
         if not self._has_one_surface:
             self._views["source"] = self.view.seen_alike(fitted.front, other.fit, other.front)
 

@@ -135,7 +135,7 @@ class SlotView:
         return self.zoom > 1 or bool(np.abs(self.target - self.home).max() > 1e-9 * self.radius)
 
     @property
-    def is_beside(self) -> bool:
+    def is_of_document(self) -> bool:
         slot = next(iter(self.slots.values()))
         return slot.name[3] > slot.rect[1] + 1
 
@@ -143,7 +143,7 @@ class SlotView:
         """Return where a surface's name is written: close above or before it, in its slot."""
         slot, (x, y, _) = self.slots[name], self.projected(name, self.home)[0].tolist()
         left, top, right, bottom = slot.name
-        if self.is_beside:
+        if self.is_of_document:
             return left, top, min(max(x - self.scale * self.radius, right), slot.rect[2]), bottom
         end = min(max(y - self.scale * self.above, bottom), slot.rect[3])
         return left, end - (bottom - top), right, end

@@ -47,7 +47,7 @@ def widen(session: Session, side: Side, notches: float, merge: str) -> None:
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:
         has_sides = session.document.has_sides
-        session.notices.say(_NO_GAUSSIAN.format(side, "widen") if has_sides else _FRAMES)
+        session.notices.show(_NO_GAUSSIAN.format(side, "widen") if has_sides else _FRAMES)
         return
     spec = session.active.spec(side)
     width = gaussians.gaussians(spec)[chosen].width * _WIDTH_PER_NOTCH**notches

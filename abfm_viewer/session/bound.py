@@ -34,7 +34,7 @@ class Bound:
         self._editor, self._notices, self._process = editor, notices, process
         self._run: Run[_Found] | None = None
         self._result: abfm.Match | None = None  # of which the field is wanted
-        self.most = 1.0
+        self.maximum = 1.0
 
     @property
     def busy(self) -> str:
@@ -44,15 +44,15 @@ class Bound:
     def step(self) -> Step | None:
         return self._run.step if self._run else None
 
-    def look(self) -> None:
+    def start(self) -> None:
         """Look for such a field on the way of the result."""
         document = self._editor.document
         if (result := document.match) is not None:
             self.stop()
             initial = document.initial_map and document.initial_map.correspondence
             self._run, self._result = Run(self._process), result
-            work = partial(self._run.call, _within, result, initial, self.most)
-            self._run.start(work, partial(self._show, result, self.most))
+            work = partial(self._run.call, _within, result, initial, self.maximum)
+            self._run.start(work, partial(self._show, result, self.maximum))
 
     def stop(self) -> None:
         if self._run is not None:
@@ -71,17 +71,19 @@ class Bound:
         self._run = self._result = None
         bound = found.match.bound if found else None
         if found is None or bound is None or not bound.is_kept:
-            self._notices.say(f"the distortion stays: {found.why if found else why}", is_error=True)
+            self._notices.show(
+                f"the distortion stays: {found.why if found else why}", is_error=True
+            )
         elif np.array_equal(found.match.fine_velocity, result.fine_velocity):
             faces = f"{100 * abfm.matching.BOUNDED_SHARE:g}% of the faces"
-            self._notices.say(f"{faces} keep {most:g} already")
+            self._notices.show(f"{faces} keep {most:g} already")
         else:
             if found.errors is not None:
                 vars(found.match)["landmark_errors"] = found.errors
             label = f"limit the distortion to {most:g}"
-            self._editor.change(label, result=found.match, chosen=None)
+            self._editor.change(label, result=found.match, solver_step=None)
             headline = found.match.facts.headline
-            self._notices.say(f"{headline}; undo returns to the match before")
+            self._notices.show(f"{headline}; undo returns to the match before")
 
 
 def _within(

@@ -50,7 +50,7 @@ class Editor:
         self.forget_steps()
 
     def forget_steps(self) -> None:
-        self.moves = 0
+        self.action_count = 0
         self.past: list[Step] = []
         self.future: list[Step] = []
 
@@ -80,7 +80,7 @@ class Editor:
             del self.past[: -self._kept_steps()]
         self.future.clear()
         self.document = document
-        self.moves += 1
+        self.action_count += 1
 
     def seal(self) -> None:
         """Let the next change be a step of its own, whatever its merge key."""
@@ -110,9 +110,11 @@ class Editor:
             left.append(step._replace(document=now, merge=""))
             self.document = step.document
             if not step.looks and _look_differs(now, step.document):
-                seen = replace(step.document.view, look=now.view.look, large=now.view.large)
+                seen = replace(
+                    step.document.view, viewpoint=now.view.viewpoint, enlarged=now.view.enlarged
+                )
                 self.document = replace(step.document, view=seen)
-            self.moves += 1
+            self.action_count += 1
 
     def change(self, label: str, merge: str = "", **values: Any) -> None:
         """Go on to other values, if they differ, as one step; steps with the same `merge` key are
@@ -294,4 +296,4 @@ def _look_differs(before: Document, after: Document) -> bool:
     """Return whether a step changes how surfaces are seen, which undo takes back then alone."""
     one, other = before.view, after.view
     is_other = before.identity is not after.identity
-    return is_other or one.look is not other.look or one.large != other.large
+    return is_other or one.viewpoint is not other.viewpoint or one.enlarged != other.enlarged

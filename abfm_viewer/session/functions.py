@@ -25,7 +25,7 @@ class DocumentFunctions:
     """
 
     def __init__(self, at_once: bool) -> None:
-        self.bare_since: float | None = None
+        self.waiting_since: float | None = None
         self._at_once = at_once
         self._by_mesh: dict[TriangleMesh, Functions] = {}
         self._evaluated: dict[Functions, Evaluated] = {}
@@ -55,7 +55,7 @@ class DocumentFunctions:
             found = evaluating.ask(specs) if specs else None
             self._evaluated[evaluating] = found or before.get(evaluating, {})
         is_bare = not any(self._evaluated.values())
-        self.bare_since = (self.bare_since or clock.perf_counter()) if is_bare else None
+        self.waiting_since = (self.waiting_since or clock.perf_counter()) if is_bare else None
 
     def _found(self, function: Function) -> FloatArray | str:
         """Values (V,), or why there are none: nothing if they will come."""
@@ -120,5 +120,5 @@ def known_values(document: Document, functions: Evaluators) -> dict[str, FloatAr
     terms = {(side, term) for side, spec in given for term in terms_from_files(spec)}
     for side, term in terms:
         with suppress(AbfmError):  # what cannot be evaluated now has no values to keep
-            known[document.known_as(side, term)] = functions.evaluate(term, side)
+            known[document.values_key(side, term)] = functions.evaluate(term, side)
     return known

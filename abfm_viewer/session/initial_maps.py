@@ -15,7 +15,7 @@ from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.computing.run import Process
-from abfm_viewer.document.document import SIDES, Asked, InitialMap, Landmark, Side
+from abfm_viewer.document.document import SIDES, InitialMap, Landmark, MapRequest, Side
 from abfm_viewer.document.kinds import GIVEN_WORD, PairDocument
 from abfm_viewer.document.surface_points import paired
 from abfm_viewer.session.functions import DocumentFunctions
@@ -110,7 +110,7 @@ class InitialMaps:
             self._control = Control()
         given_map = kept if document.initial == GIVEN_WORD else None
         way = _MapChoice(a, b, given_map or document.initial)
-        asked = document.asked
+        asked = document.map_request
         found = self._prepared.newest(
             wanted, self._prepare, self._control, self._maps, way, given, asked
         )
@@ -121,7 +121,7 @@ class InitialMaps:
             wanted, self._prepare, self._control, self._first_maps, way, given, asked
         )
 
-    def compared(self, document: PairDocument, side: Side) -> FloatArray | None:
+    def flow_values(self, document: PairDocument, side: Side) -> FloatArray | None:
         """Return a side's function of the active channel on B, as a flow carries or meets it: a
         target in its own unit is the very array of its values.
         """
@@ -161,7 +161,7 @@ class InitialMaps:
         maps: Memo[Initial],
         way: _MapChoice,
         given: _ChannelValues,
-        asked: Asked,
+        asked: MapRequest,
     ) -> PreparedMap:
         source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
         with controlled(control):

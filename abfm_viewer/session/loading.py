@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from abfm import AbfmError
 from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest
-from abfm_viewer.session.notices import Notices, WaysOut
+from abfm_viewer.session.notices import Notices, Remedies
 
 OPENING = "opening"
 """What cards about it are about."""
@@ -28,7 +28,7 @@ class Load:
     other: str = ""
     source: object = None
     takes_long: bool = False  # so that nothing takes its place unasked
-    remedies: WaysOut = field(default_factory=dict)
+    remedies: Remedies = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter, init=False)
 
     @property
@@ -70,7 +70,7 @@ class Loading:
     def begin(self, load: Load) -> None:
         given_up = self.replacing if self.now is not load else ""
         instead = f", instead of {given_up}" if given_up else ""
-        self._notices.say(f"{load.what}{instead} ...")
+        self._notices.show(f"{load.what}{instead} ...")
         self._give_up()
         reader = self._readers.get(load.key)
         if reader is None or not reader.is_running:
@@ -80,7 +80,7 @@ class Loading:
 
     def cancel(self) -> None:
         if self.now is not None:
-            self._notices.say(f"{self.now.what} was cancelled")
+            self._notices.show(f"{self.now.what} was cancelled")
             self._give_up()
 
     def update(self) -> None:
@@ -95,13 +95,13 @@ class Loading:
         problem = reader.error
         if reader.value is not None:
             self._notices.clear()
-            self._notices.mend(OPENING)
+            self._notices.resolve(OPENING)
             try:
                 reader.value()
             except AbfmError as error:
                 problem = str(error)
         if problem:
-            self._notices.say(problem, True, OPENING, load.remedies)
+            self._notices.show(problem, True, OPENING, load.remedies)
 
     def _give_up(self) -> None:
         if self._reader is not None:

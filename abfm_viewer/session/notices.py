@@ -16,7 +16,7 @@ _LONGEST_LOG = 1000
 _MOST_CARDS = 50
 RUN = "run"
 """What cards about a match are about."""
-WaysOut = Mapping[str, Callable[[], None]]
+Remedies = Mapping[str, Callable[[], None]]
 """What can be done about a problem: labels of buttons, and what they do."""
 
 
@@ -31,7 +31,7 @@ class Card:
 
     text: str
     about: str = ""
-    remedies: WaysOut = field(default_factory=dict)
+    remedies: Remedies = field(default_factory=dict)
 
 
 class LogEntry(NamedTuple):
@@ -56,8 +56,8 @@ class Notices:
         self._moves = moves
         self._said: tuple[float, int] = 0.0, 0  # when, and how many moves there were
 
-    def say(
-        self, text: str, is_error: bool = False, about: str = "", remedies: WaysOut | None = None
+    def show(
+        self, text: str, is_error: bool = False, about: str = "", remedies: Remedies | None = None
     ) -> None:
         """Tell something, once; an error also as a card with its remedies."""
         text = " ".join(text.split())
@@ -74,14 +74,14 @@ class Notices:
         self._said = time.perf_counter(), self._moves()
 
     @contextmanager
-    def errors_shown(self) -> Iterator[None]:
+    def showing_errors(self) -> Iterator[None]:
         """Show an error of the library as a card, and go on after the block."""
         try:
             yield
         except AbfmError as error:
-            self.say(str(error), is_error=True)
+            self.show(str(error), is_error=True)
 
-    def offered(self, card: Card) -> WaysOut:
+    def remedies_for(self, card: Card) -> Remedies:
         newer = takewhile(lambda one: one is not card, self.cards)
         taken = [remedy for one in newer for remedy in one.remedies.items()]
         return {label: do for label, do in card.remedies.items() if (label, do) not in taken}
@@ -92,7 +92,7 @@ class Notices:
         if self.latest == (card.text, True):
             self.clear()
 
-    def mend(self, about: str) -> None:
+    def resolve(self, about: str) -> None:
         """Take all cards about something away: it is in order now."""
         for card in self.cards:
             if card.about == about:

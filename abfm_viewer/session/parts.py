@@ -33,7 +33,7 @@ class Parts:
         self._process = Process()  # of initial maps
         of_maps = None if at_once else self._process
         self.initial_maps = InitialMaps(self.jobs, self.functions, of_maps)
-        self.notices = Notices(lambda: self.editor.moves)
+        self.notices = Notices(lambda: self.editor.action_count)
         self.loading = Loading(self.jobs, self.notices)
         self.saves = Saves(self.editor)
         self.steps = PathSteps(self.editor, self.jobs, self.notices)

@@ -32,12 +32,12 @@ class PathSteps:
         return self._wanted[1] if self._wanted else result.step if result else 0
 
     @property
-    def chosen(self) -> int | None:
+    def solver_step(self) -> int | None:
         """The step at which the result's match ended; None without a result."""
         document = self._editor.draft
-        if document.chosen is None and document.result:
+        if document.solver_step is None and document.result:
             return document.result.step
-        return document.chosen
+        return document.solver_step
 
     def show(self, step: int) -> None:
         """Show another step of the result's path, the nearest one that there is."""
@@ -63,12 +63,12 @@ class PathSteps:
             found = self._found.ask(key, partial(then.at_step, step))
         if found is not None:
             self._wanted = None
-            chosen = None if step == self.chosen else self.chosen
+            solver_step = None if step == self.solver_step else self.solver_step
             label = f"show step {step + 1} of the path"
-            self._editor.change(label, result=found, chosen=chosen)
+            self._editor.change(label, result=found, solver_step=solver_step)
         elif same(self._found.key, key):
             self._wanted = None
-            self._notices.say(f"step {step + 1}: {self._found.error}", is_error=True)
+            self._notices.show(f"step {step + 1}: {self._found.error}", is_error=True)
 
     def _known(self, step: int) -> abfm.Match | None:
         result = self._editor.document.match

@@ -19,7 +19,7 @@ class Player:
     """
 
     def __init__(self) -> None:
-        self.playing = self.held = self.beyond = False
+        self.playing = self.waiting = self.beyond = False
         self.repeat: Repeat = "loop"
         self.speed = 1.0
         self.phase = 0.0
@@ -41,7 +41,7 @@ class Player:
         self, time: float, seconds: float, tau: float, end: float, each: float = SECONDS
     ) -> float:
         """The time to show some seconds after another one was shown, where tau takes so many."""
-        if self.held:
+        if self.waiting:
             return time
         end = end if self.beyond and not self._to_tau else tau
         starting, self._starting = self._starting, False

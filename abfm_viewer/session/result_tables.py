@@ -15,7 +15,7 @@ import numpy as np
 import abfm
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
-from abfm_viewer.document.comparison import Compared, Comparison
+from abfm_viewer.document.comparison import Comparison, ComparisonKind
 from abfm_viewer.document.document import Channel, Document, Identity, Surface
 from abfm_viewer.document.kinds import SubjectDocument
 from abfm_viewer.document.result_table import COLUMNS, Name, PopulationTable, ResultRow, ResultTable
@@ -37,7 +37,7 @@ class FoundTable(NamedTuple):
     opened: Opened | None
 
 
-def find_table(place: Path, what: Compared = "difference") -> FoundTable:
+def find_table(place: Path, what: ComparisonKind = "difference") -> FoundTable:
     """Read a table, and its worst row that has a result; AbfmError if it is none."""
     reader = TableReader(place)
     table = reader.read()
@@ -46,7 +46,7 @@ def find_table(place: Path, what: Compared = "difference") -> FoundTable:
     return FoundTable(reader, table, row, opened)
 
 
-def document_of_row(table: ResultTable, row: ResultRow, what: Compared) -> Opened:
+def document_of_row(table: ResultTable, row: ResultRow, what: ComparisonKind) -> Opened:
     """Return what is shown of a row: a subject's values on the template, or else its result."""
     if isinstance(table, PopulationTable) and table.has_values(row):
         return document_of_subject(table, row, what)
@@ -57,10 +57,10 @@ def document_of_result(row: ResultRow) -> Opened:
     """Return a row's result as its file opens, called by the row's name."""
     assert row.path is not None
     document, known = read_document(row.path)
-    return row.named(document), known
+    return row.label_document(document), known
 
 
-def document_of_subject(table: PopulationTable, row: ResultRow, what: Compared) -> Opened:
+def document_of_subject(table: PopulationTable, row: ResultRow, what: ComparisonKind) -> Opened:
     """Return a subject's functions as they were carried to the template, beside the mean of the
     others; where they are unknown they are filled in from around, and do not count.
     """
@@ -97,7 +97,7 @@ def document_of_subject(table: PopulationTable, row: ResultRow, what: Compared) 
         tuple(listed),
         mask="" if (counts == 1).all() else spec(f"{row.name}: mask", counts),
         comparison=Comparison(found, row.number, channels, what),
-        called=called,
+        display_names=called,
     )
     return document, known
 
@@ -123,7 +123,7 @@ class Tables:
         self.column: Name = "verdict"
         self.falls = False
         self.search = ""
-        self.compared: Compared = "difference"
+        self.comparison_kind: ComparisonKind = "difference"
         self.cursor: Key | None = None
         self.has_keys = False
         self.scrolls = False  # whether the cursor's row must come into view
@@ -155,40 +155,40 @@ class Tables:
         return self._latest.error
 
     @property
-    def is_beside(self) -> bool:
+    def is_of_document(self) -> bool:
         """Whether the table is of what the surfaces show, and not of another document."""
         place, _ = self._rows_of.get(self._session.document.identity, (None, None))
         return self.table is not None and place == self.table.place
 
     @property
-    def unshown(self) -> ResultRow | None:
+    def unshown_row(self) -> ResultRow | None:
         """The chosen row, if it has no result, so that the surfaces show something else."""
-        row = self.chosen if self.is_beside else None
+        row = self.chosen if self.is_of_document else None
         is_shown = row is None or self.table is None or self.table.can_show(row)
         return None if is_shown else row
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """What is said above the rows: that the chosen one is not shown, or what all came to."""
-        if (row := self.unshown) is not None:
+        if (row := self.unshown_row) is not None:
             return f"{row.name} has no result: {self._session.document.name} is still shown"
-        return "" if self.table is None else f"{self.table.told}; {self.table.title}"
+        return "" if self.table is None else f"{self.table.summary}; {self.table.title}"
 
-    def stay_beside(self, document: Document) -> None:
+    def attach_to(self, document: Document) -> None:
         """Keep the table beside what was made of the document that it is beside."""
-        if self.table is not None and self.is_beside:
+        if self.table is not None and self.is_of_document:
             self._rows_of[document.identity] = self.table.place, None
 
     def read(self, place: Path) -> Callable[[], None]:
         """Read a table; what is returned shows it with the worst of its rows that has a result."""
-        return partial(self._show_found, find_table(place, self.compared))
+        return partial(self._show_found, find_table(place, self.comparison_kind))
 
     def _show_found(self, found: FoundTable) -> None:
         if found.row is not None and found.opened is not None:
             self._show(found.table, found.row, found.opened)
         self.take(found)
-        self._session.notices.mend(OPENING)
-        self._session.notices.say(f"opened {found.table.title}: {found.table.told}")
+        self._session.notices.resolve(OPENING)
+        self._session.notices.show(f"opened {found.table.title}: {found.table.summary}")
 
     def take(self, found: FoundTable) -> None:
         """Begin with a table whose row is shown already."""
@@ -212,7 +212,7 @@ class Tables:
             self.column, self.falls = column, bool(COLUMNS[column].digits)
         self.scrolls = True
 
-    def look_again(self) -> None:
+    def refresh(self) -> None:
         """Read the table anew."""
         self._next = 0.0
 
@@ -232,22 +232,22 @@ class Tables:
             return
         self.cursor, self.has_keys = row.key, True
         if self.table.can_show(row):
-            self._open(row, partial(document_of_row, self.table, row, self.compared))
+            self._open(row, partial(document_of_row, self.table, row, self.comparison_kind))
             return
         reason = row.facts.reason or "it has not been solved yet"
         text = f"{row.name} has no result to show: {reason}"
-        self._session.notices.say(f"{text}; {self._session.document.name} is still shown")
+        self._session.notices.show(f"{text}; {self._session.document.name} is still shown")
 
     def open_result(self, row: ResultRow) -> None:
         """Show the result of a row that has one: of a subject its registration."""
         self._open(row, partial(document_of_result, row))
 
-    def compare(self, what: Compared) -> None:
+    def compare(self, what: ComparisonKind) -> None:
         """Hold the subject that is shown, and those that are chosen later, against something."""
-        self.compared = what
+        self.comparison_kind = what
         document = self._session.document
         if isinstance(document, SubjectDocument):
-            other = replace(document.comparison, what=what)
+            other = replace(document.comparison, kind=what)
             self._session.editor.change(f"compare with the {what}", comparison=other)
 
     def update(self) -> None:
@@ -256,10 +256,14 @@ class Tables:
             return
         if (shown := self._session.document.identity) is not self._seen:
             self._seen = shown
-            self.has_keys = self.has_keys and self.is_beside
+            self.has_keys = self.has_keys and self.is_of_document
             self.cursor = self._key_of(shown)
             self.scrolls = True
-        elif self._session.loading.now is None and self.unshown is None and self.cursor is not None:
+        elif (
+            self._session.loading.now is None
+            and self.unshown_row is None
+            and self.cursor is not None
+        ):
             # another one may have been chosen, which was not opened after all
             self.cursor = self._key_of(shown) or self.cursor
         if clock.perf_counter() >= self._next and not self._latest.busy:
@@ -289,17 +293,17 @@ class Tables:
         session, (document, known) = self._session, opened
         now, mesh = session.document.surfaces, document.surfaces[-1].mesh
         is_same = len(now) == len(document.surfaces) and now[-1].mesh.digest == mesh.digest
-        look = session.view.look if is_same else None
-        large = session.view.large if is_same else ""
+        viewpoint = session.view.viewpoint if is_same else None
+        enlarged = session.view.enlarged if is_same else ""
         if is_same and isinstance(document, SubjectDocument):  # the same channel as before
             channel = min(session.document.channel, len(document.channels) - 1)
             document = replace(document, channel=channel)
-        view = replace(session.view, look=look, large=large)
-        if session.document.tracked is None:
+        view = replace(session.view, viewpoint=viewpoint, enlarged=enlarged)
+        if session.document.sequence_result is None:
             view = document.view_of_result(view)
         session.restore(replace(document, view=view), known, None)
         self._seen = session.document.identity
         self._rows_of[self._seen] = table.place, row.key
         self.cursor = row.key
         reason = f", {row.facts.reason}" if row.facts.reason else ""
-        session.notices.say(f"{row.name}: {row.verdict}{reason}")
+        session.notices.show(f"{row.name}: {row.verdict}{reason}")

@@ -83,7 +83,7 @@ def document_of_pair(
         tuple(channels),
         mask=mask,
         channel=document.channel,
-        called=called,
+        display_names=called,
         view=document.view,
     )
     return made, known

@@ -36,18 +36,18 @@ class SequenceMatch:
 
     Attributes
     ----------
-    beside : callable
+    checkpoint_base : callable
         Returns the file next to which that is, for a document; by default there is none.
     pair : (int, int) or None
         Frames to match by themselves, if chosen.
-    began : SequenceDocument or None
+    running_document : SequenceDocument or None
         What the run is of that is under way, the same object all the time.
     """
 
     def __init__(self, run: Run[Any]) -> None:
-        self.beside: Callable[[SequenceDocument], Path | None] = lambda document: None
+        self.checkpoint_base: Callable[[SequenceDocument], Path | None] = lambda document: None
         self.pair: tuple[int, int] | None = None
-        self.began: SequenceDocument | None = None
+        self.running_document: SequenceDocument | None = None
         self._run = run
         self._step = Step("starting the solver")
         self._fields: dict[int, FloatArray] = {}  # of the run, by interval
@@ -65,35 +65,38 @@ class SequenceMatch:
         """Match all frames of a document's film, from what an earlier run of the same has found
         that was not completed, or only return that; ``then`` is called when the run is collected.
         """
-        self.began, self._fields, self._fast = document, {}, 0.0
+        self.running_document, self._fields, self._fast = document, {}, 0.0
         self._step = Step("reading what was found" if resumes_only else "starting the solver")
-        given = _task(document), self.beside(document), resumes_only
+        given = _task(document), self.checkpoint_base(document), resumes_only
         work, end = partial(self._solve, *given), partial(self._end, document, then)
         self._run.start(work, end, resumes=True)
 
-    def found(self, document: SequenceDocument) -> int:
+    def found_count(self, document: SequenceDocument) -> int:
         """Return how many fields a run of the document has found."""
-        is_of_run = self.began is not None and self.began.sequence is document.sequence
+        is_of_run = (
+            self.running_document is not None
+            and self.running_document.sequence is document.sequence
+        )
         return len(self._fields) if is_of_run else 0
 
-    def fast(self, document: SequenceDocument) -> float:
+    def fast_speed(self, document: SequenceDocument) -> float:
         """Return what counts as fast in any of the fields that a run of the document has found, 0
         without any; it only grows.
         """
-        return self._fast if self.found(document) else 0.0
+        return self._fast if self.found_count(document) else 0.0
 
     @property
-    def words(self) -> str:
+    def progress_text(self) -> str:
         """What a run does, in a line."""
         doing = "paused" if self._run.paused else self.step.text()
-        count = self.began.sequence.intervals if self.began else 0
+        count = self.running_document.sequence.intervals if self.running_document else 0
         return f"{doing}, {len(self._fields)} of {count} intervals found"
 
     def field(self, document: SequenceDocument, interval: int) -> FloatArray | None:
         """Return the field (F, 3) of an interval, always the same array; None where none is known.
         A run's own fields are shown as soon as there is one.
         """
-        if self.found(document):
+        if self.found_count(document):
             return self._fields.get(interval)
         result = document.result
         if result is None or interval >= len(result):
@@ -105,12 +108,12 @@ class SequenceMatch:
 
         return self._of_result.get((result,), fields)[interval]
 
-    def motion(self, document: SequenceDocument, interval: int) -> float:
+    def motion_share(self, document: SequenceDocument, interval: int) -> float:
         """Return the share of motion in frames between two, see `abfm.Sequence.motion_shares`; 1
         during a run.
         """
         result = document.result
-        if result is None or self.found(document):
+        if result is None or self.found_count(document):
             return 1.0
         return float(result.motion_shares[interval])
 
@@ -131,7 +134,7 @@ class SequenceMatch:
         return self._speeds.get((sequence, *fields), measure)
 
     def _end(self, document: SequenceDocument, then: Then, found: abfm.Sequence | None) -> None:
-        self.began, self._fields = None, {}
+        self.running_document, self._fields = None, {}
         if found is not None:  # the frames that it was sent are the document's
             found = replace(found, _frames=document.sequence.frames)
         then(document, found)

@@ -103,7 +103,7 @@ class Session(Parts):
     def limit_distortion(self) -> None:
         """Look for the closest field within the bound of distortion."""
         self.steps.stop()
-        self.bound.look()
+        self.bound.start()
 
     def _stop_changes(self) -> None:
         """Let no step or bounded field that was requested before take the result's place."""
@@ -125,7 +125,7 @@ class Session(Parts):
         if to and to[-1].document.identity is not before.identity:
             if self.solver.running:
                 text = f"that would leave {before.name}, which is being matched"
-                self.notices.say(f"{text}: cancel the run first", True, RUN)
+                self.notices.show(f"{text}: cancel the run first", True, RUN)
                 return
             self.saves.leave(before)
         go()
@@ -133,7 +133,7 @@ class Session(Parts):
     def set_mesh(self, mesh: TriangleMesh, name: str) -> None:
         """Show another mesh with default functions, parameters and view."""
         self.set_surfaces(Surface(mesh, name))
-        self.notices.say(" ".join(mesh.messages))
+        self.notices.show(" ".join(mesh.messages))
 
     def set_surfaces(self, *surfaces: Surface) -> None:
         """Register surface A to another one, B, or go back to one. If A is the present one, the
@@ -145,7 +145,7 @@ class Session(Parts):
             fresh = replace(
                 fresh,
                 parameters=self.parameters,
-                view=replace(self.view, look=None, large=""),
+                view=replace(self.view, viewpoint=None, enlarged=""),
                 labels=self.document.labels,
                 landmarks=tuple(half for half in halves if half.source is not None),
             )
@@ -166,7 +166,7 @@ class Session(Parts):
         `saved`, as after a crash, is asked for at the end like the user's own work.
         """
         for side in SIDES[-len(document.surfaces) :]:
-            self.functions.add(document.surface(side).mesh, document.known_on(side, known))
+            self.functions.add(document.surface(side).mesh, document.values_on(side, known))
         self._go_to(document, origin, saved)
 
     def _go_to(self, document: Document, origin: Origin | None, saved: bool) -> None:
@@ -178,7 +178,7 @@ class Session(Parts):
         self.player.playing = False
         name = origin.path.name if origin else document.name
         self.editor.go_to(document, f"open {name}")
-        self.saves.mark(document, origin, saved=saved)
+        self.saves.record(document, origin, saved=saved)
 
     def reset_history(self) -> None:
         """Forget all steps: the present state is where the user starts."""
@@ -221,24 +221,26 @@ class Session(Parts):
         if (placed := self.work.on_flow(slot, point)) is not None:
             self.editor.add_point(kind, placed)
 
-    def match(self, goes_on: bool | None = None) -> None:
+    def match(self, from_current_field: bool | None = None) -> None:
         """Start a run, unless one is under way; if there is nothing to match yet, say why.
 
-        Unless it is given, the solver is set to whether it `goes_on` from the present field.
+        By default `from_current_field` is the switch of the panel Match.
         """
         if self.solver.running:
             return
         if opening := self.loading.replacing:
             text = f"no match yet: {opening}; it takes the place of {self.document.name}"
-            self.notices.say(text)
+            self.notices.show(text)
             return
         if self.obstacle:
-            self.notices.say(f"no match yet: {self.obstacle}", self.work.problem_told != "", RUN)
+            self.notices.show(
+                f"no match yet: {self.obstacle}", self.work.blocking_problem != "", RUN
+            )
             return
         self.notices.clear()
-        self.notices.mend(RUN)
+        self.notices.resolve(RUN)
         self._stop_changes()
-        self.work.start(goes_on)
+        self.work.start(from_current_field)
 
     def recover_sequence(self) -> None:
         """Show what an earlier run of the film has found, unless a run is under way."""
@@ -256,7 +258,7 @@ class Session(Parts):
             self.editor.set_parameter(label=remedy.label.lower(), **remedy.parameters)
         self.match(remedy.goes_on)
         if may_start and remedy.parameters:
-            self._run.remedied = self.editor.moves
+            self._run.remedied = self.editor.action_count
 
     def switch_flow_after_match(self) -> None:
         """Show the flow after the next match, or neither after that nor now."""
@@ -281,14 +283,14 @@ class Session(Parts):
         if self.view.animate:
             self.player.move_streaks(elapsed)
         if self.player.playing:
-            self.editor.amend(time=self.work.played(elapsed))
+            self.editor.amend(time=self.work.next_time(elapsed))
         self.solver.collect()
         self._keep_what_is_needed()
 
     def _keep_what_is_needed(self) -> None:
         """Keep of other documents only what undo, unsaved work and a run that ends still need."""
         run = self._run.began if self.matching.running else self.document
-        now = (self.document.identity, run.identity, self.editor.moves)
+        now = (self.document.identity, run.identity, self.editor.action_count)
         if now == self._needed:
             return
         self._needed = now
@@ -330,10 +332,10 @@ class Session(Parts):
             source = self._sources.get(self.document.identity, found[0])
             self.editor.amend(channels=(Channel(source, found[1]),))
             if pristine:
-                self.saves.mark(self.document, self.saves.origin(self.document))
+                self.saves.record(self.document, self.saves.origin(self.document))
         elif problem:
             self.editor.amend(channels=(Channel("coordinate:x", "coordinate:y"),))
-            self.notices.say(f"no default functions: {problem}", is_error=True)
+            self.notices.show(f"no default functions: {problem}", is_error=True)
 
 
 def _meshes(*documents: Document) -> set[TriangleMesh]:

@@ -107,7 +107,7 @@ def open_session(
     if has_frames:
         sequence, notes = read_frame_sequence(second, session.surface().mesh, array)
         session.restore(document_of_frames(sequence, session.surface(), session.view), {}, None)
-        session.notices.say("; ".join(notes))
+        session.notices.show("; ".join(notes))
     else:
         other = load_mesh(second, **options.given)
         session.set_surfaces(*session.document.surfaces, Surface(other, second.name))
@@ -162,7 +162,7 @@ class SessionFiles:
         self._writing: list[tuple[Future[Origin], Do, list[Do]]] = []
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self.waiting: Load | None = None
-        self.ways_out: dict[str, Do] = {}
+        self.file_actions: dict[str, Do] = {}
         self.tables = Tables(session, self._load)
 
     @property
@@ -188,7 +188,7 @@ class SessionFiles:
                 each for each in (*known, *FRAME_ENDINGS) if not each.endswith(".gz")
             )
             text = f"{path.name} cannot be opened: expected a file that ends in {listed}"
-            self._session.notices.say(text, True, OPENING, self._way_out(OTHER_MESH))
+            self._session.notices.show(text, True, OPENING, self._way_out(OTHER_MESH))
             return
         source, path = Origin.of(path), place or path  # as it is now
         read, other = partial(self._read, path), OTHER_TABLE if place else OTHER_MESH
@@ -238,7 +238,7 @@ class SessionFiles:
 
         def show() -> None:
             here = next((one for one in session.document.surfaces if one == surface), surface)
-            view = replace(session.view.preferences, look=session.view.look)
+            view = replace(session.view.preferences, viewpoint=session.view.viewpoint)
             shown = document_of_frames(sequence, here, view)
             self._show(path, partial(session.restore, shown, {}, None), notes)
 
@@ -247,7 +247,7 @@ class SessionFiles:
     def _ask_array(self, path: Path, names: tuple[str, ...]) -> None:
         """Let the user choose which of a file's arrays is the film."""
         name = one_line(path.name, 60)
-        self._session.notices.say(f"{name} has {len(names)} arrays: choose one of them")
+        self._session.notices.show(f"{name} has {len(names)} arrays: choose one of them")
         answers: dict[str, Do | None] = {
             one_line(each, 40): partial(self.open_frames, path, each) for each in names
         }
@@ -272,11 +272,11 @@ class SessionFiles:
 
         def make(_: View) -> Opened:
             made, known = document_of_pair(document, first, last)
-            self.tables.stay_beside(made)
+            self.tables.attach_to(made)
             return made, known
 
         sequence = document.sequence
-        self.open_made(f"{sequence.frame(first)} to {sequence.frame(last)}", make)
+        self.open_made(f"{sequence.frame_label(first)} to {sequence.frame_label(last)}", make)
 
     def _open_both(self, mesh: Path, second: Path, then: Callable[[Path], None]) -> None:
         """Open a mesh in the background, and then what belongs to it."""
@@ -291,7 +291,7 @@ class SessionFiles:
     def open_labels(self, path: Path) -> None:
         """Take the labels of a file for the source's surface."""
         session, mesh = self._session, self._session.surface("source").mesh
-        with session.notices.errors_shown():
+        with session.notices.showing_errors():
             # the first of several columns, as the window has no choice of another one
             labels = abfm.functions.read_label_columns(path, mesh).labels(0)
             found = LabelMap.of(path.name, mesh, labels)
@@ -312,7 +312,7 @@ class SessionFiles:
         self.open(paths[0])
         if len(paths) > 1:
             text = f"opening {paths[0].name}, the first of {len(paths)} files ..."
-            self._session.notices.say(text)
+            self._session.notices.show(text)
 
     def open_made(self, name: str, make: Callable[[View], Opened]) -> None:
         """Open a sample that is made in the background, ready to match."""
@@ -322,7 +322,7 @@ class SessionFiles:
             self._samples[document.identity] = name if name == document.name else capital(name)
             given = "press Play, its field is given"
             ready = given if document.result else f"press {document.match_label}"
-            self._session.notices.say(f"{name} is ready: {ready}")
+            self._session.notices.show(f"{name} is ready: {ready}")
 
         self._load(Load(f"setting up {name}", lambda: partial(show, *make(self._session.view))))
 
@@ -372,7 +372,7 @@ class SessionFiles:
 
         def instead() -> Do | None:
             told = f"{what} was not begun, as {now.what} has ended"
-            return None if loading.now is now else partial(self._session.notices.say, told)
+            return None if loading.now is now else partial(self._session.notices.show, told)
 
         def give_up() -> None:
             loading.cancel()
@@ -406,9 +406,12 @@ class SessionFiles:
         """Write the project, or another document, in the background; then do something."""
         session, notices = self._session, self._session.notices
         document = document or session.document
-        functions, left = session.functions.of_document(document), session.saves.left(document)
+        functions, left = (
+            session.functions.of_document(document),
+            session.saves.unsaved_state(document),
+        )
         actions = [then] if then else []
-        notices.say(f"saving {path.name} ...")
+        notices.show(f"saving {path.name} ...")
 
         def write() -> Origin:
             save_project(path, document, known_values(document, functions))
@@ -424,11 +427,11 @@ class SessionFiles:
             if error := future.exception():
                 again = {"Try again": partial(self.save, path, go_on, document)}
                 remedies = again | self._way_out(OTHER_NAME)
-                notices.say(f"not saved: {error_line(error)}", True, SAVING_TOPIC, remedies)
+                notices.show(f"not saved: {error_line(error)}", True, SAVING_TOPIC, remedies)
                 return
-            notices.mend(SAVING_TOPIC)
-            session.saves.mark(document, future.result(), left)
-            notices.say(f"saved {path}")
+            notices.resolve(SAVING_TOPIC)
+            session.saves.record(document, future.result(), left)
+            notices.show(f"saved {path}")
             if self.state:
                 self.state.add_recent(path)
             go_on()
@@ -472,7 +475,7 @@ class SessionFiles:
                 for each in error.remedies
             }
             notice = text, True, OPENING, remedies | self._way_out(OTHER_MESH)
-            return partial(self._session.notices.say, *notice)
+            return partial(self._session.notices.show, *notice)
         drawn_mesh(mesh)
         _ = mesh.genus, mesh.is_inside_out
         return partial(show_mesh, path, mesh)
@@ -503,18 +506,18 @@ class SessionFiles:
         return partial(self._show, path, restore, load_warning=load_warning)
 
     def _way_out(self, label: str) -> dict[str, Do]:
-        return {label: self.ways_out[label]} if label in self.ways_out else {}
+        return {label: self.file_actions[label]} if label in self.file_actions else {}
 
     def _show(
         self, path: Path, show: Do, messages: tuple[str, ...] = (), load_warning: str = ""
     ) -> None:
         left, unsaved = self._session.document.name, self._session.saves.unsaved
         show()
-        self._session.notices.mend(OPENING)
+        self._session.notices.resolve(OPENING)
         if self.state:
             self.state.add_recent(path)
         back = f" Undo returns to {left}, which was not saved." if unsaved else ""
-        self._session.notices.say(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
+        self._session.notices.show(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
         if load_warning:
             text = f"{path.name} is not believed, and was judged anew: {load_warning}"
-            self._session.notices.say(text, True, OPENING)
+            self._session.notices.show(text, True, OPENING)

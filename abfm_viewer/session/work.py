@@ -20,9 +20,9 @@ from abfm_viewer.document.document import Document, Identity, Point, RunRecord, 
 from abfm_viewer.document.frame_sequence import FRAMES_A_SECOND
 from abfm_viewer.document.kinds import MatchDocument, PairDocument, SequenceDocument
 from abfm_viewer.document.surface_points import points_of, surface_points
-from abfm_viewer.document.verdict_words import left_now, place
+from abfm_viewer.document.verdict_words import place, residual_text
 from abfm_viewer.session.initial_maps import PreparedMap
-from abfm_viewer.session.notices import RUN, WaysOut
+from abfm_viewer.session.notices import RUN, Remedies
 from abfm_viewer.session.parts import Parts
 
 Start = Callable[[bool | None], None]
@@ -56,18 +56,18 @@ class MatchRun:
         self, match: abfm.Match | None, record: RunRecord | None, solved: ProblemSpec
     ) -> None:
         parts, solver = self._parts, self._parts.solver
-        parts.notices.mend(RUN)
+        parts.notices.resolve(RUN)
         replaced = self.began.identity is not parts.document.identity
         document = self.began if replaced else parts.document
         self.began = parts.document
         assert isinstance(document, MatchDocument)
         outcome = document.outcome(match, record, solved.initial)
         if match is not None:
-            parts.saves.found(replace(document, **outcome))
+            parts.saves.add_unsaved(replace(document, **outcome))
         if replaced:
             solver.forget()
             return
-        again: WaysOut = {"Try again": partial(self._start, None)}
+        again: Remedies = {"Try again": partial(self._start, None)}
         if match is not None:  # the newest field that was known
             again = {
                 "Continue": partial(self._start, True),
@@ -75,7 +75,7 @@ class MatchRun:
             }
             self._show(match, outcome)
         if solver.failed:
-            parts.notices.say(f"the solver stopped: {solver.reason}", True, RUN, again)
+            parts.notices.show(f"the solver stopped: {solver.reason}", True, RUN, again)
 
     def _show(self, match: abfm.Match, outcome: dict[str, Any]) -> None:
         parts, editor = self._parts, self._parts.editor
@@ -83,7 +83,7 @@ class MatchRun:
         if not (parts.solver.failed or parts.at_once or parts.dragging):
             view = self._view_of_flow(match)
         outcome["view"] = view or parts.view
-        if self.remedied == editor.moves:
+        if self.remedied == editor.action_count:
             editor.amend(**outcome)
         else:
             editor.change("match", **outcome)
@@ -135,7 +135,7 @@ class Work(ABC):
         return ""
 
     @property
-    def problem_told(self) -> str:
+    def blocking_problem(self) -> str:
         """Say what keeps a match from starting until the user does something about it."""
         return ""
 
@@ -145,7 +145,7 @@ class Work(ABC):
         return None
 
     @property
-    def foreseen(self) -> abfm.outcome.Facts | None:
+    def expected_facts(self) -> abfm.outcome.Facts | None:
         """What is known of a match before it is solved; None if nothing prevents it, or before
         that is known.
         """
@@ -167,7 +167,7 @@ class Work(ABC):
         the frame before or after the shown time.
         """
 
-    def compared(self, side: Side) -> FloatArray | None:
+    def flow_values(self, side: Side) -> FloatArray | None:
         """The same as a flow carries or meets it, (V,), on B where there are two surfaces."""
         return self.values(side)
 
@@ -186,17 +186,15 @@ class Work(ABC):
         return None, ""
 
     @abstractmethod
-    def start(self, goes_on: bool | None) -> None:
-        """Start a run; unless it is given, the solver is set to whether it `goes_on` from the
-        present field.
-        """
+    def start(self, from_current_field: bool | None) -> None:
+        """Start a run. By default `from_current_field` is the switch of the panel Match."""
 
     @abstractmethod
     def follow(self) -> None:
         """Compute what the document asks for: call once per frame."""
 
     @abstractmethod
-    def played(self, elapsed: float) -> float:
+    def next_time(self, elapsed: float) -> float:
         """Return the time that is shown after so many seconds."""
 
 
@@ -236,7 +234,7 @@ class MatchWork(Work):
                 self._compared = result, document.differs(result, known)
             return self._compared[1]
 
-        problem = document.parameters, document.asked
+        problem = document.parameters, document.map_request
         return self._is_outdated.get((result, problem, document.initial_map, *values), compare)
 
     def values(self, side: Side) -> FloatArray | None:
@@ -272,7 +270,7 @@ class MatchWork(Work):
         solver, snapshot = self.parts.solver, self.parts.matching.snapshot
         if snapshot is None:
             return solver.step.text() if solver.step else "starting the solver"
-        left = left_now(snapshot.iteration, snapshot.problem.is_of_landmarks)
+        left = residual_text(snapshot.iteration, snapshot.problem.is_of_landmarks)
         state = "paused" if solver.paused else "solving"
         return f"{state}, {place(snapshot.iteration)}, {left}"
 
@@ -292,7 +290,7 @@ class MatchWork(Work):
         return "" if has_weight or document.is_of_landmarks else "all channels have the weight 0"
 
     @property
-    def problem_told(self) -> str:
+    def blocking_problem(self) -> str:
         return self._unknown
 
     @property
@@ -315,7 +313,7 @@ class MatchWork(Work):
         )
 
     @property
-    def foreseen(self) -> abfm.outcome.Facts | None:
+    def expected_facts(self) -> abfm.outcome.Facts | None:
         if self.parts.solver.running or self.obstacle:
             return None
         goal = Parameters(goal=self.document.parameters.goal)
@@ -335,11 +333,11 @@ class MatchWork(Work):
         found = self._defaults.ask(meshes, choose)
         return found, self._defaults.error if same(self._defaults.key, meshes) else ""
 
-    def start(self, goes_on: bool | None) -> None:
+    def start(self, from_current_field: bool | None) -> None:
         parts = self.parts
         self.take_usual_parameters()
         field, document = None, self.document
-        warm = parts.matching.warm if goes_on is None else goes_on
+        warm = parts.matching.warm if from_current_field is None else from_current_field
         result, mesh = document.result, document.surface().mesh
         if warm and result is not None and result.mesh.digest == mesh.digest:
             field = result.start_for(document.parameters)
@@ -363,7 +361,7 @@ class MatchWork(Work):
         if parts.dragging or not obstacle:  # what cannot be evaluated must not end a run
             parts.matching.follow_problem(self.problem, parts.dragging)
 
-    def played(self, elapsed: float) -> float:
+    def next_time(self, elapsed: float) -> float:
         document = self.document
         tau, end = document.parameters.tau, document.end
         return self.parts.player.advance(document.time, elapsed, tau, end)
@@ -397,10 +395,10 @@ class PairWork(MatchWork):
         facts = self._facts.ask(found, lambda: found.facts)
         return facts or replace(result.facts, is_complete=False)
 
-    def compared(self, side: Side) -> FloatArray | None:
+    def flow_values(self, side: Side) -> FloatArray | None:
         if self.document.active is None:
             return None
-        return self.parts.initial_maps.compared(self.document, side)
+        return self.parts.initial_maps.flow_values(self.document, side)
 
     @property
     def busy(self) -> str:
@@ -420,16 +418,16 @@ class PairWork(MatchWork):
         return obstacle
 
     @property
-    def problem_told(self) -> str:
+    def blocking_problem(self) -> str:
         error = self.parts.initial_maps.error if self.prepared is None else ""
-        return super().problem_told or error
+        return super().blocking_problem or error
 
     def on_flow(self, slot: str, point: Point) -> Point | None:
         if slot != "source":
             return point
         if (prepared := self.prepared) is None:
             text = "no point on A yet: there is no initial map that takes it to B"
-            self.parts.notices.say(text)
+            self.parts.notices.show(text)
             return None
         on_a = surface_points(self.document.surface(slot).mesh, [point])
         [carried] = points_of(prepared.initial.correspondence.transfer_points(on_a))
@@ -441,7 +439,7 @@ class PairWork(MatchWork):
             label = "parameters for measured functions"
             self.parts.editor.set_parameter(label=label, **usual.to_dict())
             text = f"{label} were set, as the functions of A and B look measured"
-            self.parts.notices.say(text)
+            self.parts.notices.show(text)
 
 
 class SequenceWork(Work):
@@ -464,9 +462,9 @@ class SequenceWork(Work):
 
     @property
     def progress(self) -> str:
-        return self.parts.sequence_match.words
+        return self.parts.sequence_match.progress_text
 
-    def start(self, goes_on: bool | None) -> None:
+    def start(self, from_current_field: bool | None) -> None:
         self.parts.sequence_match.start(self.document, partial(self._take, False))
 
     def recover(self) -> None:
@@ -475,9 +473,9 @@ class SequenceWork(Work):
         self.parts.sequence_match.start(self.document, then, resumes_only=True)
 
     def follow(self) -> None:
-        self.parts.functions.bare_since = None
+        self.parts.functions.waiting_since = None
 
-    def played(self, elapsed: float) -> float:
+    def next_time(self, elapsed: float) -> float:
         document = self.document
         start, whole = document.start, document.end - document.start
         seconds = document.sequence.intervals / FRAMES_A_SECOND
@@ -490,13 +488,13 @@ class SequenceWork(Work):
         parts, solver = self.parts, self.parts.solver
         if found is None:
             again = {"Try again": partial(self._start, None)}
-            parts.notices.say(f"the solver stopped: {solver.reason}", True, RUN, again)
+            parts.notices.show(f"the solver stopped: {solver.reason}", True, RUN, again)
             solver.forget()
             return
         count = int(found.solved.sum())
         if parts.document.identity is not began.identity:
             if count:
-                parts.saves.found(replace(began, result=found))
+                parts.saves.add_unsaved(replace(began, result=found))
             return
         if is_recovery:
             if count:
@@ -510,7 +508,7 @@ class SequenceWork(Work):
                 parts.editor.amend(time=self.document.start)
                 parts.player.play_once()
         if count < len(found):
-            parts.notices.say(_broken_off(count, len(found), earlier))
+            parts.notices.show(_broken_off(count, len(found), earlier))
 
 
 def _foreseen(spec: ProblemSpec, functions: Evaluators) -> abfm.outcome.Facts | None:

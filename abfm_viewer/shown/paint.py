@@ -20,7 +20,7 @@ from abfm.pages.colormaps import (
 from abfm.pages.front import Front
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.document.document import CARRIED_COLORINGS, HODGE_PARTS, SIDES, Side, Theme
+from abfm_viewer.document.document import HODGE_PARTS, SIDES, TRANSFERRED_COLORINGS, Side, Theme
 from abfm_viewer.shown.quantities import Field
 from abfm_viewer.shown.shown import Shown
 
@@ -66,7 +66,7 @@ class Painter:
         side = next((side for side in SIDES if side == name), None)
         if side and session.work.error(side):
             return self._without_values(name)
-        source, target = session.work.compared("source"), session.work.compared("target")
+        source, target = session.work.flow_values("source"), session.work.flow_values("target")
         if source is None or target is None:
             return self._before_the_map(name)
         own = session.values("source") if target is session.values("target") else source
@@ -99,23 +99,23 @@ class Painter:
         if name not in SIDES:
             return self._without_values(name) if session.initial_maps.error else None
         colors, own = self._function_range(source, target), {"source": source, "target": target}
-        return self._function(name, own[name], self._session.document.titled(name), colors)
+        return self._function(name, own[name], self._session.document.slot_title(name), colors)
 
     def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint | None:
         """Show a side's function, or the pattern that is carried where it begins; A's function in
         its own unit, though what is compared on B be in another one. None before that is known.
         """
-        session, title = self._session, self._session.document.titled(side)
+        session, title = self._session, self._session.document.slot_title(side)
         is_of_source = session.surface(side) is session.surface("source")
-        if session.view.coloring in CARRIED_COLORINGS and is_of_source:
+        if session.view.coloring in TRANSFERRED_COLORINGS and is_of_source:
             places = session.surface(side).mesh.vertices
             if (paint := self._carried(side, places, title)) is not None:
                 return paint
-        if side == "target" or session.work.compared(side) is session.values(side):
+        if side == "target" or session.work.flow_values(side) is session.values(side):
             return self._function(side, values, title, colors)
         if (own := session.values(side)) is None:  # what came to B by an earlier one is on B
             return None
-        if session.work.compared("target") is session.values("target"):
+        if session.work.flow_values("target") is session.values("target"):
             return self._function(side, own, title, colors)
         made_of = (own, *self._look)
         colors = self._range_on_a.get(made_of, lambda: self._own_range(own))
@@ -134,7 +134,7 @@ class Painter:
     def _bar(self) -> str:
         """What colours of functions are called: of two surfaces, B's may be in another unit."""
         session = self._session
-        target = session.work.compared("target")
+        target = session.work.flow_values("target")
         is_own = target is None or target is session.values("target")
         return "function" if is_own else _DEVIATIONS_TITLE
 
@@ -148,7 +148,7 @@ class Painter:
 
     def _unknown(self, name: str) -> BoolArray | None:
         """Return where a function that a surface shows was not measured; None where nowhere."""
-        made_of, find = self._session.document.missing(name, self._session.functions.values)
+        made_of, find = self._session.document.missing_values(name, self._session.functions.values)
         return self._unknowns[name].get(made_of, find)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
@@ -159,7 +159,7 @@ class Painter:
         if found is None:
             return None
         mesh, values = found
-        title = self._session.document.titled(name)
+        title = self._session.document.slot_title(name)
         title = title if is_side else self._extrapolated(title, flow.is_behind)
         make = partial(Paint, "vertex values", values, title, colors, self._bar, mesh=mesh)
         return self._kept[name].get((mesh, values, title, colors), make)
@@ -169,7 +169,7 @@ class Painter:
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_busy = shown.flow.busy or shown.quantities.busy
         is_behind = shown.flow.is_behind if is_function else is_busy
-        title = self._session.document.titled("advected")
+        title = self._session.document.slot_title("advected")
         if not self._session.document.has_one_field and shown.flow.state is None:
             title = f"{title}, only blended"
         title = self._extrapolated(title, is_behind)
@@ -186,9 +186,9 @@ class Painter:
         kind = self._session.view.coloring
         if kind == "function":
             return self._textured(advected, colors) if self._session.view.streaks else None
-        if kind in CARRIED_COLORINGS:
+        if kind in TRANSFERRED_COLORINGS:
             carried = self._shown.flow.coordinates()
-            title = self._extrapolated(self._session.document.carried_title(kind))
+            title = self._extrapolated(self._session.document.transferred_title(kind))
             return None if carried is None else self._carried("advected", carried, title)
         if kind in ("area distortion", "conformal distortion"):
             return self._distortion(kind)
@@ -265,7 +265,7 @@ class Painter:
         texture = self._shown.quantities.texture(advected, colors, unknown)
         if texture is None:
             return None
-        title = self._extrapolated(self._session.document.titled("advected"))
+        title = self._extrapolated(self._session.document.slot_title("advected"))
 
         def make() -> Paint:
             told, atlas = _with_range(title, advected, colors), texture.streaks.atlas
@@ -277,24 +277,24 @@ class Painter:
     def _compared(self, colors: ColorRange) -> Paint | None:
         """Show what a subject of a population is held against; a field takes its place."""
         session, document = self._session, self._session.document
-        compared, active = document.compared, document.active
+        compared, active = document.active_comparison, document.active
         if compared is None or session.result is not None or session.snapshot is not None:
             return None
         assert active is not None
         channel = compared.channels[active.source, active.target]
         unknown = self._unknown("advected")
-        title = document.titled("advected")
+        title = document.slot_title("advected")
 
         def make() -> Paint:
             found = compared.values(channel)
             known = np.isfinite(found)
             values = np.where(known, found, 0.0)
-            if compared.what == "mean":
+            if compared.kind == "mean":
                 return Paint("vertex values", values, title, colors, self._bar, unknown=unknown)
-            is_of_faces = compared.what == "areas"
+            is_of_faces = compared.kind == "areas"
             areas = abfm.calculus.face_areas if is_of_faces else abfm.calculus.vertex_areas
             top = max(_most(np.abs(values), areas(session.surface().mesh)), _LEAST_RANGE)
-            own = self._ranged(-top if compared.what == "difference" else 0.0, top)
+            own = self._ranged(-top if compared.kind == "difference" else 0.0, top)
             kind: PaintKind = "face values" if is_of_faces else "vertex values"
             return Paint(kind, values, title, own, title, unknown=unknown)
 
@@ -342,7 +342,7 @@ class Painter:
         return _labelled(f"{title}, extrapolated" if is_beyond else title, is_behind)
 
     def _function_range(self, source: FloatArray, target: FloatArray) -> ColorRange:
-        made_of, values = self._session.document.ranged(source, target)
+        made_of, values = self._session.document.color_range_values(source, target)
         return self._range.get((*made_of, *self._look), lambda: self._own_range(*values()))
 
     @property

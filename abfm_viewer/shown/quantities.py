@@ -219,7 +219,7 @@ class FieldQuantities(Jobs):
         if flow is None:
             return None
         if part == "carried gradient":
-            source = self._session.work.compared("source")
+            source = self._session.work.flow_values("source")
             if source is None:
                 return None
             return self._field.newest(flow.mesh, carried_gradient, flow, source, time)
@@ -359,7 +359,7 @@ class MassTransport(Latest[FloatArray]):
     @property
     def note(self) -> str:
         """Say what transport leaves out of the functions; nothing if nothing."""
-        found = [self._session.work.compared(side) for side in SIDES]
+        found = [self._session.work.flow_values(side) for side in SIDES]
         known = [values for values in found if values is not None]
         least = min((float(values.min()) for values in known), default=0.0)
         if least >= 0 or len(known) < len(found) or self.error:
@@ -369,7 +369,7 @@ class MassTransport(Latest[FloatArray]):
     def values(self) -> FloatArray | None:
         """The interpolation (V,); None before there is any, or where there cannot be."""
         session = self._session
-        source, target = session.work.compared("source"), session.work.compared("target")
+        source, target = session.work.flow_values("source"), session.work.flow_values("target")
         if source is None or target is None:
             return None
         problem = (session.surface().mesh, source, target)

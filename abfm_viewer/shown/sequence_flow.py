@@ -58,7 +58,10 @@ class SequenceFlow(ShownFlow):
         run, sequence = self._session.sequence_match, document.sequence
         if (field := run.field(document, interval)) is None:
             return None
-        tau, motion = float(sequence.frames.durations[interval]), run.motion(document, interval)
+        tau, motion = (
+            float(sequence.frames.durations[interval]),
+            run.motion_share(document, interval),
+        )
         parameters = Parameters(tau=tau)
         make = partial(FlowState, sequence.frames.mesh, field, parameters, reach=1.0, motion=motion)
         return memo.get((field, tau, motion), make)
@@ -110,7 +113,7 @@ class SequenceQuantities(FieldQuantities):
         document = _sequence_document(self._session)
         if document.result is None or not self._is_of_interval:
             return None
-        if self._session.sequence_match.found(document):
+        if self._session.sequence_match.found_count(document):
             return None
         return self._determined.newest(document.sequence, attrgetter("determined"), document.result)
 
@@ -121,7 +124,7 @@ class SequenceQuantities(FieldQuantities):
         document = _sequence_document(self._session)
         if not self._is_of_interval:
             return field.fast
-        if (found := self._session.sequence_match.fast(document)) or document.result is None:
+        if (found := self._session.sequence_match.fast_speed(document)) or document.result is None:
             return found
         return self._fast_in.newest(document.sequence, fast_in, document.result)
 

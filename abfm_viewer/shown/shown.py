@@ -50,7 +50,7 @@ class Shown:
         session = self.session
         if session.solver.running or session.result is None or session.outdated:
             return False
-        waits = session.player.playing and session.player.held
+        waits = session.player.playing and session.player.waiting
         of_earlier = self.flow.is_behind or self.quantities.is_behind
         return session.steps.busy != "" or waits or of_earlier
 

@@ -16,7 +16,7 @@ from abfm import AbfmError, TriangleMesh
 from abfm.mesh import per_mesh
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
-from abfm_viewer.document.document import CARRIED_COLORINGS
+from abfm_viewer.document.document import TRANSFERRED_COLORINGS
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.in_between import Frames, blended
@@ -178,7 +178,7 @@ class ShownFlow(Jobs):
         """
         session, flow = self._session, self.state
         self.is_behind = False
-        source = session.work.compared("source")
+        source = session.work.flow_values("source")
         if source is None or flow is None:
             return source
         time, tau, channel = self.time, flow.parameters.tau, session.document.channel
@@ -271,10 +271,10 @@ class ShownFlow(Jobs):
     def is_ready(self) -> bool:
         """Return whether what the view carries along is known at all times of the flow."""
         session, state = self._session, self.state
-        source, places = session.work.compared("source"), self._origins
+        source, places = session.work.flow_values("source"), self._origins
         if state is None or source is None or places is None or not state.final:
             return True
-        of_places = session.view.coloring in CARRIED_COLORINGS
+        of_places = session.view.coloring in TRANSFERRED_COLORINGS
         return self._source.is_ready(state, source) and (
             not of_places or self._coordinates.is_ready(state, places)
         )

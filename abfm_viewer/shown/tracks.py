@@ -25,7 +25,7 @@ class ShownTracks(Jobs):
     def ways(self) -> tuple[PointPath, ...]:
         """Return those of the film's result that are wanted and known by now."""
         document = self._session.document
-        sequence = document.tracked
+        sequence = document.sequence_result
         if sequence is None or not document.view.tracks:
             return ()
         return self._found.ask(sequence, lambda: tuple(ways_of(sequence.tracks()))) or ()
@@ -37,7 +37,7 @@ class ShownTracks(Jobs):
 
     def episodes(self) -> list[abfm.sequences.Episode]:
         """Return when the film's result is slow or fast, as far as it is known by now."""
-        sequence = self._session.document.tracked
+        sequence = self._session.document.sequence_result
         return [] if sequence is None else self._episodes.ask(sequence, sequence.episodes) or []
 
     def now(self) -> dict[str, FloatArray]:

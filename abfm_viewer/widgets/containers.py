@@ -136,7 +136,7 @@ def section(ui: Ui, label: str, opened: bool = True) -> Iterator[bool]:
     imgui.SetNextItemOpen(is_open, imgui.ImGuiCond_Always)
     with pushed({imgui.ImGuiCol_Text: ui.colors.ink}):
         now_open = imgui.CollapsingHeader(label)
-    ui.remember(label, "section", text="open" if now_open else "closed")
+    ui.record_item(label, "section", text="open" if now_open else "closed")
     ui.open_sections[label] = now_open
     try:
         with ui.group(label):
@@ -170,7 +170,7 @@ def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
             line = imgui.GetColorU32(colors.accent if is_open else colors.border)
             top = bottom - ui.px(2 if is_open else 1)
             imgui.GetWindowDrawList().AddRectFilled((left, top), (right, bottom), line)
-            ui.remember(label, "tab", text="open" if is_open else "closed")
+            ui.record_item(label, "tab", text="open" if is_open else "closed")
             if clicked:
                 ui.open_tab = label
     return ui.open_tab
@@ -187,7 +187,7 @@ def is_popup_open() -> bool:
 @contextmanager
 def menu(ui: Ui, label: str) -> Iterator[bool]:
     opened = imgui.BeginMenu(label)
-    ui.remember(label, "menu", text="open" if opened else "closed")
+    ui.record_item(label, "menu", text="open" if opened else "closed")
     try:
         with ui.record.within(label):
             yield opened
@@ -202,5 +202,5 @@ def menu_item(
 ) -> bool:
     """Draw an entry of a menu; whether it was chosen."""
     chosen = imgui.MenuItem(label, shortcut, checked, enabled and ui.record.enabled)
-    ui.remember(label, "item", enabled=enabled, text="checked" if checked else "")
+    ui.record_item(label, "item", enabled=enabled, text="checked" if checked else "")
     return bool(chosen)

@@ -49,7 +49,7 @@ def plot(ui: Ui, label: str) -> Iterator[bool]:
         if is_drawn:
             implot.EndPlot()
         implot.PopStyleColor(len(colors))
-        ui.remember(label, "plot")
+        ui.record_item(label, "plot")
 
 
 def set_up(
@@ -122,13 +122,13 @@ def line(
     implot.PlotLine(label, np.arange(float(len(y))) if x is None else x, positive(y))
 
 
-def uprights(label: str, places: Sequence[float], color: Color, weight: float) -> None:
+def vertical_lines(label: str, places: Sequence[float], color: Color, weight: float) -> None:
     if len(places):
         implot.SetNextLineStyle(color, weight)
         implot.PlotInfLines(label, np.array(places, dtype=np.float64))
 
 
-def level(label: str, value: float, color: Color, weight: float) -> None:
+def horizontal_line(label: str, value: float, color: Color, weight: float) -> None:
     implot.SetNextLineStyle(color, weight)
     implot.PlotInfLines(label, np.array([value]), implot.ImPlotInfLinesFlags_Horizontal)
 
@@ -148,7 +148,7 @@ def is_under_mouse() -> bool:
     return bool(imgui.IsWindowHovered()) and inside
 
 
-def tell(ui: Ui, text: str) -> None:
+def tooltip(ui: Ui, text: str) -> None:
     """Show a tooltip beside the panel, where it hides nothing of the plot."""
     place = imgui.GetWindowPos()[0] - ui.px(12), imgui.GetMousePos()[1]
     imgui.SetNextWindowPos(place, imgui.ImGuiCond_Always, (1.0, 0.5))

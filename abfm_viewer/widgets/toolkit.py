@@ -316,7 +316,7 @@ class Ui:
         preview = self.fitted(value, width - arrow)
         is_open = imgui.BeginCombo(f"##{text}", preview, imgui.ImGuiComboFlags_HeightLargest)
         tip = "" if is_open else _in_full(value, preview, tip)
-        self.remember(text, "combo", tip=tip, shown=text, name=name, text=value)
+        self.record_item(text, "combo", tip=tip, shown=text, name=name, text=value)
         if is_open:
             value = self._chosen(name or text, value, choices)
         else:
@@ -426,7 +426,7 @@ class Ui:
         share = ends.share_of(ends.nearest(value))
         changed, share = imgui.SliderFloat(f"##{text} slider", share, 0.0, 1.0, "", flags)
         grab, written = imgui.GetStyle().GrabMinSize, f"{value:.6g}"
-        self.remember(text, "slider", ends=ends, grab=grab, text=written, name=name, tip=tip)
+        self.record_item(text, "slider", ends=ends, grab=grab, text=written, name=name, tip=tip)
         self.tip(tip, above=tip_above)
         return ends.value_at(share) if changed else None
 
@@ -476,7 +476,7 @@ class Ui:
         if focus:
             imgui.SetKeyboardFocusHere()
         value = _input(label, hint, value)
-        self.remember(label, "box", text=value)
+        self.record_item(label, "box", text=value)
         self._caption(label, caption, "")
         return value
 
@@ -489,7 +489,7 @@ class Ui:
         self._finish(label, "choice", "", shown, text="chosen" if chosen else "")
         return clicked, clicked and bool(imgui.IsMouseDoubleClicked(0))
 
-    def remember(self, label: str, kind: WidgetKind, **details: Any) -> None:
+    def record_item(self, label: str, kind: WidgetKind, **details: Any) -> None:
         """Record ImGui's latest item, with attributes of `Widget`."""
         rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
         self.record.add(label, kind, rect, **details)
@@ -500,7 +500,7 @@ class Ui:
         """Remember the widget before, which shows that much of its label, and give it a tooltip."""
         shown = shown or label
         tip = _in_full(label, shown, tip)
-        self.remember(label, kind, tip=tip, shown=shown, **details)
+        self.record_item(label, kind, tip=tip, shown=shown, **details)
         self.tip(tip)
 
     @contextmanager

@@ -11,7 +11,7 @@ import numpy as np
 import polyscope.imgui as imgui
 
 from abfm.pages.front import Front, triple
-from abfm_viewer.document.document import Document, Look
+from abfm_viewer.document.document import Document, Viewpoint
 from abfm_viewer.files.contents import PROJECT, RESULT
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
@@ -94,7 +94,7 @@ def what_would_be_lost(session: Session) -> str:
         said.append(f"{name} is being matched; the best field so far is in no file.")
     for document in session.saves.unsaved_documents:
         if not (running and document.identity is session.document.identity):
-            said.append(session.saves.lost(document))
+            said.append(session.saves.unsaved_text(document))
     return " ".join(said)
 
 
@@ -143,12 +143,12 @@ class Actions:
         self.back = times("a twentieth of τ back", "Left", lambda: step(-STEP), repeats=True)
         self.on = times("a twentieth of τ on", "Right", lambda: step(STEP), repeats=True)
         self.go_to_start = times("to time 0", "Home", lambda: set_time(session.document.start))
-        self.go_to_end = times("to τ", "End", lambda: set_time(session.document.last))
+        self.go_to_end = times("to τ", "End", lambda: set_time(session.document.last_target_time))
         views, switch = partial(Action, "View"), self._switch
         self.switch_theme = views("light or dark", "L", self._switch_theme)
         show = self._dialogs.show
         self.show_shortcuts = views("this list", "F1", lambda: show("Shortcuts", self.listed()))
-        do = partial(set_view, "look from the front", look=None)
+        do = partial(set_view, "look from the front", viewpoint=None)
         self.reset = views("look from the front again", "R", do)
         self.axes = {
             axis: views(f"look from {axis}", keys, partial(self._look_from, axis))
@@ -157,7 +157,7 @@ class Actions:
         self.wireframe = views("wireframe", "W", lambda: switch("wireframe", "the wireframe"))
         self.flat = views("flat or smooth", "F", lambda: switch("flat", "flat shading"))
         self.hide = views("hide the surface under the mouse", "H", self._hide)
-        do = partial(set_view, "show all surfaces", hidden=(), large="")
+        do = partial(set_view, "show all surfaces", hidden=(), enlarged="")
         self.show_all = views("show all surfaces", "Shift+H", do)
         own = (one.values() if isinstance(one, dict) else [one] for one in vars(self).values())
         self.all = tuple(one for some in own for one in some if isinstance(one, Action))
@@ -229,10 +229,10 @@ class Actions:
             self._files.when_saved(self._quit)
         elif not (self._session.saves.unsaved_documents or self._session.solver.running):
             self._close()
-        elif not self._dialogs.is_asking(_QUIT):
+        elif not self._dialogs.has_question(_QUIT):
             answers = {"Save": self._save_and_close, "Don't save": self._close, "Go back": None}
             text = partial(what_would_be_lost, self._session)  # which runs that end change
-            self._dialogs.ask(_QUIT, text, answers)
+            self._dialogs.question(_QUIT, text, answers)
 
     def _save_and_close(self) -> None:
         if self._session.solver.running and self._session.solver.has_found:
@@ -269,7 +269,7 @@ class Actions:
         )
         other = partial(self._ask_where, then, document)
         answers = {OTHER_NAME: other, "Replace": write, "Go back": None}
-        self._dialogs.ask("Replace a changed file?", text, answers)
+        self._dialogs.question("Replace a changed file?", text, answers)
 
     def _ask_where(
         self, then: Callable[[], None] | None = None, document: Document | None = None
@@ -292,8 +292,8 @@ class Actions:
         view, notices = self._session.view, self._session.notices
         if notices.cards:
             notices.dismiss(notices.cards[0])
-        elif view.large in view.shown_surfaces and len(view.shown_surfaces) > 1:
-            self._session.editor.amend(view=replace(view, large=""))
+        elif view.enlarged in view.shown_surfaces and len(view.shown_surfaces) > 1:
+            self._session.editor.amend(view=replace(view, enlarged=""))
         else:
             self._session.solver.cancel()
 
@@ -310,7 +310,7 @@ class Actions:
         if self._session.document.has_sides:
             self._session.editor.switch_placing()
         else:
-            self._session.notices.say("landmarks are for a match of two functions, not for a film")
+            self._session.notices.show("landmarks are for a match of two functions, not for a film")
 
     def _switch(self, name: str, what: str) -> None:
         shown = getattr(self._session.view, name)
@@ -322,9 +322,9 @@ class Actions:
         self._session.editor.set_view("change the theme", theme=other)
 
     def _look_from(self, axis: str) -> None:
-        front, look = axis_front(axis), self._session.view.look
-        seen = replace(look, front=front) if look else Look(front)
-        self._session.editor.set_view(f"look from {axis}", look=seen)
+        front, viewpoint = axis_front(axis), self._session.view.viewpoint
+        seen = replace(viewpoint, front=front) if viewpoint else Viewpoint(front)
+        self._session.editor.set_view(f"look from {axis}", viewpoint=seen)
 
     def hide_or_show(self, name: str) -> None:
         """Hide a surface, unless it is the last one, or show it again."""
@@ -333,13 +333,15 @@ class Actions:
             others = tuple(one for one in view.hidden if one != name)
             self._session.editor.set_view(f"show {name}", hidden=others)
         elif view.shown_surfaces == (name,):
-            self._session.notices.say(f"{name} is the only surface that is shown")
+            self._session.notices.show(f"{name} is the only surface that is shown")
         else:
-            large = "" if view.large == name else view.large
-            self._session.editor.set_view(f"hide {name}", hidden=(*view.hidden, name), large=large)
+            enlarged = "" if view.enlarged == name else view.enlarged
+            self._session.editor.set_view(
+                f"hide {name}", hidden=(*view.hidden, name), enlarged=enlarged
+            )
 
     def _hide(self) -> None:
         if name := self._over():
             self.hide_or_show(name)
         else:
-            self._session.notices.say("H hides the surface under the mouse: point at one")
+            self._session.notices.show("H hides the surface under the mouse: point at one")

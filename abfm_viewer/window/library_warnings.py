@@ -19,7 +19,7 @@ class LibraryWarnings:
     def update(self, notices: Notices) -> None:
         """Show what was collected: call once per frame."""
         while self._texts:
-            notices.say(self._texts.popleft(), True)
+            notices.show(self._texts.popleft(), True)
 
     def close(self) -> None:
         warnings.showwarning = self._before

@@ -96,8 +96,8 @@ class Mouse:
             self._clicked_twice = place if imgui.IsMouseDoubleClicked(0) else None
         if over and imgui.IsMouseReleased(0) and self._clicked_twice is not None:
             if math.dist(place, self._clicked_twice) <= _CLICK_PIXELS_MAX:
-                large = "" if len(scene.shown) < len(scene.names) else self.over
-                session.editor.amend(view=replace(session.view, large=large))
+                enlarged = "" if len(scene.shown) < len(scene.names) else self.over
+                session.editor.amend(view=replace(session.view, enlarged=enlarged))
             self._clicked_twice = None
 
     def _move(self, scene: Scene, over: bool, free: bool) -> None:
@@ -120,10 +120,10 @@ class Mouse:
         side = next((side for side in SIDES if side == hit.surface), None)
         if side is None:
             if pressed:
-                session.notices.say(_NO_GAUSSIAN)
+                session.notices.show(_NO_GAUSSIAN)
         elif self._edited is None and pressed:
             if reason := active_gaussian.why_fixed(session, side):
-                session.notices.say(reason)
+                session.notices.show(reason)
                 return
             session.editor.seal()
             self._edited = side
@@ -170,7 +170,7 @@ class Mouse:
             self._pressed_at = None
             hit = scene.pick(place) if still else None
             if still and hit is None and session.view.tool == "landmark":
-                session.notices.say(_MISSED_CLICK_MESSAGE)
+                session.notices.show(_MISSED_CLICK_MESSAGE)
             if hit is not None:
                 if session.view.tool == "landmark":
                     side: Side = "source" if hit.surface == "source" else "target"

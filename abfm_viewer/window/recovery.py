@@ -80,7 +80,9 @@ class Recoveries:
         self._reader: Latest[Callable[[], None]] = Latest()
         self._reported = ""
         self._autosave(session.document.identity)
-        session.sequence_match.beside = lambda document: self._autosave(document.identity).path
+        session.sequence_match.checkpoint_base = lambda document: (
+            self._autosave(document.identity).path
+        )
 
     def update(self) -> None:
         session, notices = self._session, self._session.notices
@@ -93,7 +95,7 @@ class Recoveries:
         if running and not running.shown.iteration:  # before its first step
             running = None
         unsaved = {one.identity: one for one in reversed(session.saves.unsaved_documents)}
-        sequence_run = session.sequence_match.began
+        sequence_run = session.sequence_match.running_document
         if running is not None or sequence_run is not None:
             unsaved[present.identity] = present
         for identity in {*self._autosaves, *unsaved}:
@@ -113,10 +115,10 @@ class Recoveries:
         problem = next(filter(None, (each.error for each in self._autosaves.values())), "")
         if problem != self._reported:
             self._reported = problem
-            notices.mend(_COPIES)
+            notices.resolve(_COPIES)
             if problem:
                 text = f"no copy of unsaved work could be kept: {problem}"
-                notices.say(text, True, _COPIES)
+                notices.show(text, True, _COPIES)
 
     def close(self, keep_unsaved: bool) -> None:
         """Finish writing; a copy of unsaved work stays only if it is to be recovered."""
@@ -160,7 +162,7 @@ class Recoveries:
             ask()
         elif not self._reader.busy:
             self._reading = None
-            self._session.notices.say(self._reader.error, is_error=True)
+            self._session.notices.show(self._reader.error, is_error=True)
 
     def _read(self, recovery: Recovery) -> Callable[[], None]:
         try:
@@ -169,7 +171,7 @@ class Recoveries:
         except AbfmError as error:
             aside = recovery.set_aside()
             text = f"unsaved work of an earlier launch is kept in {aside}, but {error}"
-            return partial(self._session.notices.say, text, is_error=True)
+            return partial(self._session.notices.show, text, is_error=True)
 
     def _ask(
         self,
@@ -186,7 +188,7 @@ class Recoveries:
             copy.take_over(recovery)
             if isinstance(document, SequenceDocument) and copy.has_checkpoint:
                 session.recover_sequence()
-            session.notices.say(f"recovered {document.name}: save it to keep it")
+            session.notices.show(f"recovered {document.name}: save it to keep it")
 
         def discard() -> None:
             recovery.discard()
@@ -198,7 +200,7 @@ class Recoveries:
         if origin and origin.changed:
             text += f" {name} was changed since then."
         recover = partial(self._files.when_free, f"recovering {name}", restore)
-        self._dialogs.ask(
+        self._dialogs.question(
             "Recover unsaved work?", text, {"Recover": recover, "Discard": discard, "Later": None}
         )
 

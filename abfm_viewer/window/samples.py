@@ -173,7 +173,7 @@ def _is_chosen(
     (name, about), (left, top) = sample, imgui.GetCursorScreenPos()
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
-    ui.remember(name, "item", text="checked" if loaded else "")
+    ui.record_item(name, "item", text="checked" if loaded else "")
     # of two surfaces B
     pictured = PICTURE_SOURCES.get(name) or (name if name in vertices() else name.split(" to ")[-1])
     title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"

@@ -157,7 +157,7 @@ class Window(Context):
         self.preferences = Preferences(session, state) if state else None
         self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
         self.actions = Actions(self, lambda: self.mouse.over, self._end)
-        self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
+        self.files.file_actions[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
         self._warnings = LibraryWarnings()
@@ -231,7 +231,7 @@ class Window(Context):
         is_idle = now - self._moved_at >= _IDLE_SECONDS
         seconds = _SECONDS_PER_IDLE_FRAME if is_idle else _SECONDS_PER_FRAME
         drawn, session = now - start, self.session
-        waits = session.loading.now is not None or session.functions.bare_since is not None
+        waits = session.loading.now is not None or session.functions.waiting_since is not None
         time.sleep(max(drawn if waits else _LEAST_SLEEP, seconds - drawn))
 
     def tick(self) -> None:
@@ -261,7 +261,7 @@ class Window(Context):
             if part not in self.errors:
                 traceback.print_exc()
             self.errors[part] = error_line(error)
-            self.session.notices.say(f"{part}: {error_line(error)}", is_error=True)
+            self.session.notices.show(f"{part}: {error_line(error)}", is_error=True)
         else:
             self.errors.pop(part, None)
         self._drawn.add(part)
@@ -287,7 +287,7 @@ class Window(Context):
         if is_live:
             self.guarded("session", self._update)
         io = imgui.GetIO()
-        has_table = self.files.tables.is_beside
+        has_table = self.files.tables.is_of_document
         sizes = io.DisplaySize, imgui.GetFrameHeight(), view.ui_scale
         parts = self.parts = areas(*sizes, has_table)
         self._draw_scene(parts.scene, is_live)
@@ -333,7 +333,7 @@ class Window(Context):
         # what is typed must be evaluated before a run follows it
         held = active and bool(imgui.IsMouseDown(0))
         self.session.dragging = held or self.mouse.dragging
-        self.session.player.held = not self.shown.is_ready
+        self.session.player.waiting = not self.shown.is_ready
         self._warnings.update(self.session.notices)
         self.session.update()
         self.files.update()

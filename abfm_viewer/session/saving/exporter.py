@@ -110,7 +110,7 @@ class Exporter:
         self._start(path, PICTURES, partial(self._render, path, document, known, words))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
-        movie, start, whole = self.movie, document.start, document.last - document.start
+        movie, start, whole = self.movie, document.start, document.last_target_time - document.start
         # a film has nothing after its last frame
         begin, end = (
             min(start + share * whole, document.end) for share in (movie.start, movie.end)

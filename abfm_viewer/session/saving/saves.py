@@ -22,7 +22,7 @@ class Saves:
         self._saved: dict[Identity, tuple[Document | None, Origin | None]] = {}
         self._left: dict[Identity, Document] = {}
         self._exported: dict[type[Document], Document] = {}
-        self.mark(editor.document, None)
+        self.record(editor.document, None)
 
     @property
     def path(self) -> Path | None:
@@ -60,21 +60,21 @@ class Saves:
         found = document.match
         return found is not None and not any(one and found.path is one.path for one in kept)
 
-    def exported(self, document: Document) -> None:
+    def record_export(self, document: Document) -> None:
         """Remember that a document's result is in a file of its own, the latest of its kind."""
         if not document.is_outdated:  # else the file is not of the document
             self._exported[type(document)] = document
 
-    def lost(self, document: Document) -> str:
+    def unsaved_text(self, document: Document) -> str:
         """Say what of a document is in no file."""
-        return document.lost(self.changes(document), self.has_new_result(document))
+        return document.unsaved_text(self.changes(document), self.has_new_result(document))
 
     def changes(self, document: Document) -> tuple[str, ...]:
         """Return which parts of a document are in no file, by their names in it."""
         saved, exported = self._of(document)[0], self._exported.get(type(document))
         if exported is None or exported.result is not document.result:
             exported = None
-        elif saved is None and document.exported:  # of another launch: what it has besides
+        elif saved is None and document.exported_fields:  # of another launch: what it has besides
             saved = replace(exported, labels=None, lines=(), points=())
 
         def is_in(file: Document | None, name: str) -> bool:
@@ -85,19 +85,21 @@ class Saves:
 
         return tuple(
             name
-            for name in (*document.content, "result")
-            if not (is_in(saved, name) or (name in document.exported and is_in(exported, name)))
+            for name in (*document.content_fields, "result")
+            if not (
+                is_in(saved, name) or (name in document.exported_fields and is_in(exported, name))
+            )
         )
 
     def origin(self, document: Document) -> Origin | None:
         """The project file of a document, as it was when it was last read or written here."""
         return self._of(document)[1]
 
-    def left(self, document: Document) -> Document | None:
+    def unsaved_state(self, document: Document) -> Document | None:
         """The unsaved state in which a document was left, or found; `mark` is to be told of it."""
         return self._left.get(document.identity)
 
-    def mark(
+    def record(
         self,
         document: Document,
         origin: Origin | None,
@@ -114,12 +116,12 @@ class Saves:
 
     def leave(self, document: Document) -> None:
         """Remember what is unsaved of a document whose place another one takes."""
-        before = self.left(document)
+        before = self.unsaved_state(document)
         taken_back = before is not None and before.result is not None and document.result is None
         if self._differs(document) and not taken_back:
-            self.found(document)
+            self.add_unsaved(document)
 
-    def found(self, document: Document) -> None:
+    def add_unsaved(self, document: Document) -> None:
         self._left[document.identity] = document
 
     def forget_all_but(self, identities: Collection[Identity]) -> None:
@@ -130,7 +132,7 @@ class Saves:
     def reset(self) -> None:
         origin = self.origin(self._editor.document)
         self._saved, self._left = {}, {}
-        self.mark(self._editor.document, origin)
+        self.record(self._editor.document, origin)
 
     def _differs(self, document: Document) -> bool:
         return self.changes(document) != ()

@@ -5,14 +5,14 @@ from typing import get_args
 
 import numpy as np
 
-from abfm_viewer.document.comparison import Compared, Comparison
+from abfm_viewer.document.comparison import Comparison, ComparisonKind
 
 VALUES = np.arange(10.0).reshape(2, 5, 1)
 VALUES[0, 3] = np.nan
 AREAS = np.array([0.0, 1.0, np.nan])
 
 
-def comparison(name="sub-1", what="difference"):
+def comparison(name="sub-1", kind="difference"):
     population = SimpleNamespace(
         names=[name, "sub-2"],
         fits=np.ones(2, dtype=bool),
@@ -30,7 +30,7 @@ def test_long_names_leave_room_for_the_words_after_them():
     assert long.title("source") == "sub-001_ses-baseline_..., carried"
     assert long.title("advected") == "sub-001_ses-baseline_... less the mean"
     assert long.name.endswith("fsaverage")
-    assert {comparison(what=what).title("error") for what in get_args(Compared)} == {"error"}
+    assert {comparison(kind=kind).title("error") for kind in get_args(ComparisonKind)} == {"error"}
 
 
 def test_what_is_not_known_is_told_of_each_slot():
@@ -38,5 +38,5 @@ def test_what_is_not_known_is_told_of_each_slot():
     assert found.unknown("source", 0).tolist() == [False, False, False, True, False]
     assert found.unknown("advected", 0).tolist() == [False, False, False, True, False]
     assert found.unknown("target", 0) is found.unknown("error", 0) is None
-    assert comparison(what="mean").unknown("advected", 0) is None
-    assert comparison(what="areas").unknown("advected", 0).tolist() == [False, False, True]
+    assert comparison(kind="mean").unknown("advected", 0) is None
+    assert comparison(kind="areas").unknown("advected", 0).tolist() == [False, False, True]

@@ -128,14 +128,14 @@ def show_three_cards(gui):
     notices, done = gui.session.notices, []
     begin(gui)
     for word in ("first", "second"):  # has one card with the newest remedies
-        notices.say("a problem", True, remedies={"Try again": lambda word=word: done.append(word)})
-        notices.say("another", True)
+        notices.show("a problem", True, remedies={"Try again": lambda word=word: done.append(word)})
+        notices.show("another", True)
     assert cards(gui) == [["Dismiss"], ["Try again", "Dismiss"]]
     gui.click("Try again")
     assert done == ["second"]
     gui.key("esc")
     for number in (0, 1, 2, 3, 4, 4):  # the last no second time
-        notices.say(f"problem {number}", is_error=True)
+        notices.show(f"problem {number}", is_error=True)
     assert cards(gui) == [["Dismiss"]] * 3
     gui.click("Dismiss", "message 2")
     assert [card.text[-1] for card in notices.cards] == ["4", "2", "1", "0"]
@@ -153,7 +153,7 @@ def leave_mouse_and_keys(gui, tmp_path):
     gui.click("Match", "steps")
     gui.click("sigma")
     assert imgui.GetIO().WantTextInput
-    gui.session.notices.say("a problem", is_error=True)
+    gui.session.notices.show("a problem", is_error=True)
     gui.frames(5)
     assert imgui.GetIO().WantTextInput
     card = next(w for w in gui.window.ui.widgets if w.section == "message 1")
@@ -164,7 +164,7 @@ def leave_mouse_and_keys(gui, tmp_path):
     assert imgui.GetIO().WantCaptureMouse
     for theme in ("light", "dark"):
         gui.session.editor.set_view("theme", theme=theme)
-        gui.session.notices.say("a problem " * 30, is_error=True)
+        gui.session.notices.show("a problem " * 30, is_error=True)
         gui.frames(3)
         card = next(w for w in gui.window.ui.widgets if w.section == "message 1")
         left, top, right, bottom = map(int, card.area)
@@ -240,7 +240,7 @@ def cancel_opening(gui, tmp_path, monkeypatch):
 
 def copy_the_log_and_read_the_title(gui, tmp_path):
     """The title has the name, and whether it is saved."""
-    gui.session.notices.say("first a notice")
+    gui.session.notices.show("first a notice")
     gui.window._dropped([str(tmp_path / "song.mp3")])
     gui.menu("Help", "Messages")
     gui.click("Copy")
@@ -265,7 +265,7 @@ def save_what_was_left(gui, tmp_path):
     gui.window.files.open(off_file(tmp_path / "b.off", icosphere(1)))
     gui.wait(lambda s: s.document.name == "b.off" and s.channels)
     gui.key("ctrl+q")
-    assert gui.window.dialogs.is_asking("Save before closing?")
+    assert gui.window.dialogs.has_question("Save before closing?")
     gui.click("Save", within="Save before closing?")
     gui.type("file name", "kept")
     gui.wait(lambda _: gui.window.closing)
@@ -282,15 +282,15 @@ def answer_during_a_run(gui, tmp_path):
 
     def drop():
         gui.window._dropped([str(path)])
-        gui.wait(lambda _: gui.window.dialogs.is_asking("End the run?"))
+        gui.wait(lambda _: gui.window.dialogs.has_question("End the run?"))
 
     drop()
     gui.click("Go back", within="End the run?")
     assert session.solver.running
     drop()
     session.solver.cancel()
-    gui.wait(lambda _: gui.window.dialogs.is_asking("Go on?"))
-    assert not gui.window.dialogs.is_asking("End the run?")
+    gui.wait(lambda _: gui.window.dialogs.has_question("Go on?"))
+    assert not gui.window.dialogs.has_question("End the run?")
     gui.click("Go back", within="Go on?")
     assert session.result is not None
     for answer, question in (("End the run", "End the run?"), ("Go on", "Go on?")):

@@ -158,7 +158,7 @@ def leave(folder):
 def asked(tmp_path):
     """The next launch, which asks about the copy."""
     with Driver(icosphere(1), size=SIZE, state=tmp_path) as gui:
-        gui.wait(lambda _: gui.window.dialogs.is_asking("Recover unsaved work?"))
+        gui.wait(lambda _: gui.window.dialogs.has_question("Recover unsaved work?"))
         yield gui
         assert not gui.errors
 
@@ -220,7 +220,7 @@ def replace_a_changed_project(recovered, left):
     project.write_bytes(b"another's work")
     recovered.key("ctrl+s")
     recovered.frames(3)
-    assert recovered.window.dialogs.is_asking("Replace a changed file?")
+    assert recovered.window.dialogs.has_question("Replace a changed file?")
     recovered.click("Save as...", within="Replace a changed file?")
     recovered.frames(3)
     assert recovered.window.dialogs.is_open  # asks for a name

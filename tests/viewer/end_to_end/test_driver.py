@@ -124,10 +124,10 @@ def write_pictures(gui, tmp_path):
     history = gui.session.editor
     gui.check("previous runs", False)
     gui.frames(2)
-    before, moves, drawn = placed(), history.moves, gui.window.frames
+    before, moves, drawn = placed(), history.action_count, gui.window.frames
     gui.screenshot(tmp_path / "once.png")
     assert gui.window.frames == drawn + 3
-    assert (placed(), history.moves) == (before, moves)
+    assert (placed(), history.action_count) == (before, moves)
     gui.screenshot(tmp_path / "twice.png")
     names = ("once.png", "twice.png")
     once, twice = (np.asarray(Image.open(tmp_path / name), int) for name in names)

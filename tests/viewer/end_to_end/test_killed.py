@@ -129,7 +129,7 @@ def test_a_film_goes_on_after_the_app_was_killed(tmp_path):
         assert gui.session.saves.unsaved
         assert not gui.session.document.is_outdated
         gui.click("Match all frames")
-        gui.wait(lambda s: s.sequence_match.found(s.document) > count)
+        gui.wait(lambda s: s.sequence_match.found_count(s.document) > count)
         assert not gui.session.sequence_match.step.task.startswith("choosing")
         gui.click("Cancel")
         gui.wait(lambda s: not s.solver.running)

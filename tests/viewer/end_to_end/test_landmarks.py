@@ -268,4 +268,4 @@ def zoom_over_a_landmark(gui):
     gui.input.move(*mark.place)
     gui.input.wheel(2)
     gui.frames(2)
-    assert gui.session.view.look.zoom > 1
+    assert gui.session.view.viewpoint.zoom > 1

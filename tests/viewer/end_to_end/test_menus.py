@@ -123,7 +123,7 @@ def save_and_open_a_project(gui, tmp_path):
     saved = session.document
     gui.menu("File", "Save project")
     gui.type("file name", "first")
-    assert gui.window.dialogs.is_asking("Replace the file?")
+    assert gui.window.dialogs.has_question("Replace the file?")
     gui.key("esc")
     gui.click("Save", within="Save the project")
     gui.click("Go back", within="Replace the file?")

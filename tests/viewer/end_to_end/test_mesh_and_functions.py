@@ -119,17 +119,17 @@ def rescale_an_impossible_pair(gui):
     gui.type("spec", "coordinate:x", within="source")
     gui.type("spec", "expression:4*x+1", within="target")
     settled(gui)
-    gui.wait(lambda s: s.work.foreseen)
+    gui.wait(lambda s: s.work.expected_facts)
     gui.frames(2)
     gui.click("Rescale")
     settled(gui)
-    gui.wait(lambda s: s.work.foreseen is None)
+    gui.wait(lambda s: s.work.expected_facts is None)
     source, target = (session.values(side) for side in ("source", "target"))
     np.testing.assert_allclose(source, target, atol=1e-4)
     assert "Rescale" not in gui.labels()
     gui.key("ctrl+z")
     assert session.active.source == "coordinate:x"
-    gui.wait(lambda s: s.work.foreseen)
+    gui.wait(lambda s: s.work.expected_facts)
 
 
 def use_each_family(gui):

@@ -112,11 +112,11 @@ def show_rows_by_clicks_and_keys(opened):
     settle(opened)
     check_message(session.notices.latest.text, "gone")
     assert "no.ply" in session.notices.latest.text
-    check_message(tables.told, "gone", session.document.name)
+    check_message(tables.summary, "gone", session.document.name)
     opened.menu("Edit", "Undo")
     opened.frames(2)
     assert tables.chosen.name == session.document.name
-    check_message(tables.told, tables.table.told)
+    check_message(tables.summary, tables.table.summary)
 
 
 def leave_and_undo(opened, tmp_path):
@@ -126,7 +126,7 @@ def leave_and_undo(opened, tmp_path):
     opened.window.files.open(tmp_path / "other.ply")
     opened.wait(lambda s: s.document.name == "other.ply" and s.channels)
     assert rows_of(opened) == []
-    assert not tables.is_beside
+    assert not tables.is_of_document
     opened.key("ctrl+z")
     while opened.session.document.name == "other.ply":
         opened.key("ctrl+z")
@@ -178,7 +178,7 @@ def leave_out_columns(opened, monkeypatch):
     assert heads["name"] > every["name"]
     row = next(r for r in opened.window.files.tables.rows if r.name == "along x")
     tip = next(w.tip for w in opened.window.ui.widgets if w.label == "along x")
-    assert f"folded {row.told('folded')}" in tip
+    assert f"folded {row.cell_text('folded')}" in tip
     monkeypatch.undo()
     assert set(heads_of(opened)) == set(every)
 
@@ -188,7 +188,7 @@ def refresh_and_reopen(opened, folder):
     path, rows = folder
     solve(Ledger(path), rows[3])
     opened.click("Refresh")
-    opened.wait(lambda s: "1 missing" not in opened.window.files.tables.table.told)
+    opened.wait(lambda s: "1 missing" not in opened.window.files.tables.table.summary)
     opened.click("Close table")
     opened.frames(2)
     assert opened.window.files.tables.table is None
@@ -254,15 +254,15 @@ def show_the_outlier(opened, monkeypatch):
     document, known = load_project(path)
     assert not isinstance(document, SubjectDocument)
     np.testing.assert_array_equal(known[document.channels[0].source], found.values[odd, :, 0])
-    assert document.called == session.document.called
-    assert set(session.document.called.values()) == {"bands"}
+    assert document.display_names == session.document.display_names
+    assert set(session.document.display_names.values()) == {"bands"}
     notes_now = texts(opened, monkeypatch)
     odd = next(text for text in notes_now if population_sample.ODD_NAME in text)
     check_message(odd, "registered", "does not fit")
     assert "No match yet" not in notes_now
     opened.click("subject 1", "rows")
     settle(opened)
-    assert session.document.titled("source") == "subject 1, carried"
+    assert session.document.slot_title("source") == "subject 1, carried"
     opened.click("Registration")
     settle(opened)
     assert session.document.complete_result is not None

@@ -109,7 +109,7 @@ def test_a_pair_of_shapes_opens_ready_to_match(samples):
     for mesh, slot in ((a, "source"), (b, "target")):
         np.testing.assert_array_equal(samples.session.surface(slot).mesh.vertices, mesh.vertices)
     # in its own unit, so that colours are those of A
-    assert samples.session.work.compared("target") is samples.session.values("target")
+    assert samples.session.work.flow_values("target") is samples.session.values("target")
     assert not samples.session.saves.unsaved
     assert [w.label for w in opened_menu(samples) if w.text == "checked"] == [PAIR]
     samples.key("esc")
@@ -120,7 +120,7 @@ def test_both_cortices_open_ready_to_match(samples, monkeypatch):
     samples.menu("Samples", CORTEX)
     wait(samples, lambda s: s.document.name == "left cortex to right cortex" and not s.obstacle)
     session = samples.session
-    left, right = session.work.compared("source"), session.work.compared("target")
+    left, right = session.work.flow_values("source"), session.work.flow_values("target")
     # one rotation in a mirror, and not where it lies
     assert np.corrcoef(left, right)[0, 1] > 0.85
     assert np.corrcoef(session.values("source"), right)[0, 1] < 0.5

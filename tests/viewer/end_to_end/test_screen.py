@@ -107,7 +107,7 @@ def test_the_mouse_leaves_every_surface_in_its_slot(size):
         layouts = LAYOUTS if size < LARGEST else ("automatic",)
         for (scale, button), layout in product(zip(SCALES, MOVING, strict=True), layouts):
             six = layout == "automatic"
-            view = replace(gui.session.view, ui_scale=scale, layout=layout, look=None)
+            view = replace(gui.session.view, ui_scale=scale, layout=layout, viewpoint=None)
             gui.session.editor.amend(view=replace(view, blend=six, transport=six, error=six))
             gui.frames(2)
             slots, area = gui.window.scene.view.slots, gui.window.parts.scene
@@ -117,16 +117,16 @@ def test_the_mouse_leaves_every_surface_in_its_slot(size):
                 assert area[0] <= slot.rect[0] < slot.rect[2] <= area[2]
                 assert area[1] <= slot.name[1] < slot.rect[3] <= lowest
             gui.input.drag((x, y), (x + 0.6 * width, y + next(down) * height), steps=1)
-            turned = gui.session.view.look
+            turned = gui.session.view.viewpoint
             assert turned.front != gui.session.surface().front
             counts, outside = stray(slots)
             assert (min(counts) > 0, outside) == (True, 0), (scale, layout)
             gui.input.move(x + width / 2, y)
             gui.input.wheel(NOTCHES)
-            assert gui.session.view.look.zoom == pytest.approx(1.15**NOTCHES)
+            assert gui.session.view.viewpoint.zoom == pytest.approx(1.15**NOTCHES)
             gui.input.drag((x, y), (x - width / 2, y + height), steps=1, button=button)
-            assert gui.session.view.look.target is not None
+            assert gui.session.view.viewpoint.target is not None
             counts, outside = stray(slots, margin=1)
             assert (min(counts) > 0, outside) == (True, 0), (scale, layout)
-            assert gui.session.view.look.front == turned.front
+            assert gui.session.view.viewpoint.front == turned.front
         assert gui.errors == {}

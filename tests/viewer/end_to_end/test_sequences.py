@@ -194,11 +194,11 @@ def see_the_side_that_changes(gui, tmp_path):
         np.testing.assert_allclose(gui.window.scene.view.rotation, session.surface().front.axes)
     x, y = gui.window.scene.view.slots["advected"].middle
     gui.input.drag((x, y), (x + 40, y + 10))
-    turned = session.view.look
+    turned = session.view.viewpoint
     gui.window.files.open(paths[0])
     gui.wait(lambda s: s.document.sequence.name == paths[0].name)
     gui.frames(3)
-    assert session.view.look == turned is not None
+    assert session.view.viewpoint == turned is not None
 
 
 def go_from_frame_to_frame(film):
@@ -449,7 +449,7 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
         assert not isinstance(gui.session.document, SequenceDocument)
         for name, sign in (("u", 1), ("v", -1)):
             gui.window.files.open(tmp_path / "two.npz")
-            gui.wait(lambda _: gui.window.dialogs.is_asking("Which array?"))
+            gui.wait(lambda _: gui.window.dialogs.has_question("Which array?"))
             gui.click(name, "Which array?")
             gui.wait(lambda s: isinstance(s.document, SequenceDocument))
             gui.wait(
@@ -491,7 +491,7 @@ def leave_out_vertices_without_values(gui, tmp_path):
         lambda s: not isinstance(s.document, SequenceDocument) and s.values("target") is not None
     )
     document = gui.session.document
-    names = [[document.called[spec] for spec in one.specs] for one in document.channels]
+    names = [[document.display_names[spec] for spec in one.specs] for one in document.channels]
     assert names == [
         ["frame 1, channel 0", "frame 2, channel 0"],
         ["frame 1, channel 1", "frame 2, channel 1"],

@@ -128,7 +128,7 @@ def report_save_and_export(walked, tmp_path, monkeypatch):
     walked.type("file name", "chosen")
     walked.wait(lambda s: not s.saves.unsaved)
     document, _ = load_project(tmp_path / "chosen.abfm")
-    assert (document.result.step, len(document.result.path), document.chosen) == (0, 3, 2)
+    assert (document.result.step, len(document.result.path), document.solver_step) == (0, 3, 2)
 
 
 def plot_iterations_or_steps_of_a_run(walked, monkeypatch):
@@ -163,7 +163,7 @@ def plot_iterations_or_steps_of_a_run(walked, monkeypatch):
     assert (session.view.trade_off, session.view.trade_off_live) == (True, True)
     last = len(session.result.path)
     walked.click(f"step {1 if session.result.step else last}")
-    walked.wait(lambda s: s.document.chosen is not None)
+    walked.wait(lambda s: s.document.solver_step is not None)
 
 
 def limit_the_distortion(walked):

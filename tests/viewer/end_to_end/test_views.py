@@ -54,7 +54,7 @@ def test_tour_of_escape(running):
 
 def show_one_surface_large(running):
     """By a double click; another one or Escape shows all again."""
-    gui, scene, moves = running, running.window.scene, running.session.editor.moves
+    gui, scene, moves = running, running.window.scene, running.session.editor.action_count
     point_at(gui, "target")
     gui.input.click(2)
     assert scene.shown == ("target",)
@@ -70,7 +70,7 @@ def show_one_surface_large(running):
     assert scene.shown == ("source",)
     gui.key("escape")
     assert scene.shown == SURFACES
-    assert gui.session.editor.moves == moves
+    assert gui.session.editor.action_count == moves
     assert gui.session.notices.cards == ()  # an error in the frame of the click would be one
     assert gui.session.solver.running
     gui.key("escape")
@@ -126,37 +126,37 @@ def turn_and_pick(gui):
 
 def reset_and_look_from_axes(gui):
     """Each is a step of undo, a drag is none."""
-    steps, scene, (x, y) = gui.session.editor.moves, gui.window.scene, middle(gui, "source")
-    before = scene.look
+    steps, scene, (x, y) = gui.session.editor.action_count, gui.window.scene, middle(gui, "source")
+    before = scene.viewpoint
     gui.input.drag((x, y), (x + 60, y + 30))
-    assert not np.allclose(scene.look.front.direction, before.front.direction, atol=0.1)
-    assert gui.session.editor.moves == steps
-    turned = gui.session.view.look
+    assert not np.allclose(scene.viewpoint.front.direction, before.front.direction, atol=0.1)
+    assert gui.session.editor.action_count == steps
+    turned = gui.session.view.viewpoint
     gui.menu("View", "Reset camera")
-    assert gui.session.view.look is None
-    assert scene.look == before
+    assert gui.session.view.viewpoint is None
+    assert scene.viewpoint == before
     gui.key("ctrl+z")
-    assert gui.session.view.look == turned
+    assert gui.session.view.viewpoint == turned
     gui.session.editor.set_parameter(alpha=2.0)
     gui.input.drag((100, 200), (100, 220))
-    again = gui.session.view.look
+    again = gui.session.view.viewpoint
     gui.key("ctrl+z")
-    assert gui.session.view.look == again != turned  # what the mouse does meanwhile stays
+    assert gui.session.view.viewpoint == again != turned  # what the mouse does meanwhile stays
     gui.key("r")
-    assert gui.session.view.look is None
+    assert gui.session.view.viewpoint is None
     gui.input.drag((100, 200), (130, 210))
-    turned = gui.session.view.look
+    turned = gui.session.view.viewpoint
     for axis in AXES:
         sign, name = (-1 if axis.startswith("-") else 1), axis[-1]
         keys = name if sign > 0 else f"shift+{name}"
         for act, words in ((gui.menu, ("View", "Look from", axis)), (gui.key, (keys,))):
             act(*words)
-            front = gui.session.view.look.front
+            front = gui.session.view.viewpoint.front
             assert front == axis_front(axis)
             np.testing.assert_allclose(np.linalg.det(front.axes), 1)
             assert sign * front.direction["xyz".index(name)] == 1
             gui.key("ctrl+z")
-            assert gui.session.view.look == turned
+            assert gui.session.view.viewpoint == turned
 
 
 def switch_wireframe_and_flat_shading(gui, tmp_path):
@@ -247,7 +247,7 @@ def see_a_mesh_at_once(gui, monkeypatch, tmp_path):
     gui.frames(1)
     assert scene.shown == SURFACES
     rotation, front = scene.view.rotation, session.surface().front
-    gui.wait(lambda s: gui.window.errors or time.perf_counter() - s.functions.bare_since > 0.5)
+    gui.wait(lambda s: gui.window.errors or time.perf_counter() - s.functions.waiting_since > 0.5)
     notes = []
     monkeypatch.setattr(Ui, "note", lambda ui, text, *rest: notes.append(text))
     gui.frames(1)
@@ -268,7 +268,7 @@ def see_a_mesh_at_once(gui, monkeypatch, tmp_path):
     assert set(scene.paints) == set(SURFACES)
     np.testing.assert_array_equal(scene.view.rotation, rotation)
     assert session.surface().front == front
-    assert session.functions.bare_since is None
+    assert session.functions.waiting_since is None
     assert not session.saves.unsaved
 
 

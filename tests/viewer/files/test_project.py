@@ -36,15 +36,15 @@ from abfm.sequences.frames import check_frames
 from abfm.workers.control import Control
 from abfm_viewer.document import document as documents
 from abfm_viewer.document.document import (
-    Asked,
     Channel,
     InitialMap,
     Landmark,
-    Look,
+    MapRequest,
     Point,
     RunRecord,
     Surface,
     View,
+    Viewpoint,
 )
 from abfm_viewer.document.frame_sequence import FrameSequence, SequenceSettings
 from abfm_viewer.document.kinds import (
@@ -110,8 +110,8 @@ DOCUMENT = MatchDocument(
         streaks=True,
         fade=True,
         animate=True,
-        look=Look(Front((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), 2.5, (0.1, 0.2, 0.3)),
-        large="target",
+        viewpoint=Viewpoint(Front((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), 2.5, (0.1, 0.2, 0.3)),
+        enlarged="target",
         hidden=("source",),
         wireframe=True,
         finer=True,
@@ -165,7 +165,7 @@ def pair():
     found = match(b, a.vertices[:, :1], b.vertices[:, 1:2], SHORT)
     channels, mark = (Channel("coordinate:x", "coordinate:y"),), Point(3, (1.0, 0.0, 0.0))
     kept = InitialMap(
-        initial, Asked("connectivity", channels, "", (), False), ("a note",), found.source
+        initial, MapRequest("connectivity", channels, "", (), False), ("a note",), found.source
     )
     surfaces = Surface(a, "A"), Surface(b, "B")
     return PairDocument(
@@ -213,7 +213,7 @@ def sequence_document(solved=True):
         replace(DOCUMENT, result=replace(RESULT, problem=PLAIN), runs=()),
         replace(DOCUMENT, result=replace(RESULT, verified_residual=math.nan, folded=math.nan)),
         replace(DOCUMENT, result=replace(RESULT, verdict=CANCELLED)),
-        replace(DOCUMENT, chosen=0),
+        replace(DOCUMENT, solver_step=0),
         replace(DOCUMENT, surfaces=(Surface(with_loose_vertex(WHOLE), "equal mesh"),)),
         pair(),
         replace(pair(), result=None, initial_map=None),
@@ -299,7 +299,7 @@ views = st.builds(
     colormap=st.sampled_from(["automatic", *NAMES]),
     isoline_count=st.integers(1, 100),
     arrow_length=st.floats(0.001, 10),
-    look=st.none() | st.builds(Look, fronts, st.floats(0.2, 200), st.none() | vectors),
+    viewpoint=st.none() | st.builds(Viewpoint, fronts, st.floats(0.2, 200), st.none() | vectors),
     hidden=st.lists(st.sampled_from(["source", "error"]), unique=True).map(tuple),
 )
 specs = st.builds(
@@ -482,7 +482,7 @@ def test_damaged_results_are_refused(saved):
         ("document.parameters", {"beyond": 1}, ("beyond",)),
         ("document.channel", 2, ("channel", 2, 0, 1)),
         ("document.bump", -1, ("bump", -1)),
-        ("document.chosen", 1, ("chosen", 1, 0)),
+        ("document.solver_step", 1, ("solver_step", 1, 0)),
         ("document.side", "left", ("source", "target")),
         ("document.channels", [{"source": "coordinate:x"}], ("target",)),
         ("document.channels", [HKS | {"source": "no:x"}], ("no",)),
@@ -505,8 +505,8 @@ def test_damaged_results_are_refused(saved):
         ("view.theme", "pink", ("light", "dark")),
         ("view.colormap", "jet", ("colormap", "jet")),
         ("view.ui_scale", 0, ("ui_scale", 0)),
-        ("view.look", {"front": BENT}, ("front",)),
-        ("view.look", FLAT, ("zoom", "0.0")),
+        ("view.viewpoint", {"front": BENT}, ("front",)),
+        ("view.viewpoint", FLAT, ("zoom", "0.0")),
     ],
 )
 def test_values_outside_their_range_are_named(saved, name, value, named):

@@ -180,19 +180,22 @@ def front(gui):
 
 def drag_a_gaussian(gui):
     session, scene, vertex = gui.session, gui.window.scene, front(gui)
-    before, look, moved = session.channels, scene.look, session.editor.moves
+    before, viewpoint, moved = session.channels, scene.viewpoint, session.editor.action_count
     path = [vertex, *neighbours(vertex)[:2]]
     gui.drag_on_surface(path, surface="target")
     assert gaussians(spec(gui, "target"))[0].vertex == (path[-1],)
     assert session.document.side == "target"
-    assert session.editor.moves - moved >= 3
-    assert scene.look == look
+    assert session.editor.action_count - moved >= 3
+    assert scene.viewpoint == viewpoint
     gui.key("ctrl+z")
     assert session.channels == before
     assert not session.editor.undo_label
     gui.drag_on_surface(path, surface="target", modifiers=())
     assert session.channels == before
-    assert np.linalg.norm(np.subtract(scene.look.front.direction, look.front.direction)) > 1e-3
+    assert (
+        np.linalg.norm(np.subtract(scene.viewpoint.front.direction, viewpoint.front.direction))
+        > 1e-3
+    )
     gui.click("Open mesh...", within="Functions")
     gui.pick(vertex, surface="target")  # a dialog keeps the mouse from it
     assert session.channels == before
@@ -214,14 +217,14 @@ def turn_the_wheel_twice(gui, monkeypatch):
 
     now, vertex = [100.0], front(gui)
     monkeypatch.setattr("abfm_viewer.window.mouse.time.perf_counter", lambda: now[0])
-    look, before = gui.window.scene.look, width()
+    viewpoint, before = gui.window.scene.viewpoint, width()
     gui.wheel(1, vertex, surface="target")
     gui.wheel(1, vertex, surface="target")
     now[0] += 10
     gui.frames(2)
     gui.wheel(-1, vertex, surface="target")
     assert width() == pytest.approx(1.12 * before, rel=0.01)
-    assert gui.window.scene.look == look
+    assert gui.window.scene.viewpoint == viewpoint
     gui.session.undo()
     assert width() == pytest.approx(1.25 * before, rel=0.01)
     gui.session.undo()

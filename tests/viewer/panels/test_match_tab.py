@@ -43,11 +43,11 @@ def test_the_smallest_residual_falls_until_a_change():
     """It is computed from the energy if it is unknown."""
     told = run([0, 0, 1, 1, 0, 0], restarts=(4, 6))
     told = replace(told, residual=0.4, residuals=np.array([1, 0.6, 0.7, 0.5, 0.9, 0.3]))
-    assert list(told.least_left) == [1, 0.6, 0.6, 0.5, 0.9, 0.4]
+    assert list(told.best_residuals) == [1, 0.6, 0.6, 0.5, 0.9, 0.4]
     energies = np.array([[9, 9, 16], [9, 9, 4], [9, 9, 900], [9, 9, 225]])
     unknown = replace(run([0, 0, 1, 1]), energies=energies.astype(float))  # ends at 0.1
-    np.testing.assert_allclose(unknown.left, [0.4, 0.2, 0.2, 0.1])
-    assert len(run([]).least_left) == 0
+    np.testing.assert_allclose(unknown.residual_curve, [0.4, 0.2, 0.2, 0.1])
+    assert len(run([]).best_residuals) == 0
 
 
 @pytest.mark.parametrize(

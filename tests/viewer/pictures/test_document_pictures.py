@@ -9,7 +9,7 @@ from scipy import ndimage
 import abfm
 from abfm import AbfmError, FunctionError, ParameterError
 from abfm_viewer.appearance.theme import LIGHT_PALETTE
-from abfm_viewer.document.document import Channel, Look, Surface
+from abfm_viewer.document.document import Channel, Surface, Viewpoint
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.pictures.canvas import rgb
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
@@ -82,7 +82,7 @@ def test_a_picture_shows_what_the_window_shows(document):
         shown, seen = shown[top:bottom, left:right, :3], session.document
     finally:
         window.close()
-    assert seen.view.look is not None
+    assert seen.view.viewpoint is not None
     picture = drawn(seen, (right - left, bottom - top), PictureOptions())
     assert picture.shape == shown.shape
     # without the names, which are a little smaller in pictures
@@ -152,8 +152,8 @@ def test_names_and_colour_bars_are_written_and_left_out(document):
     [("automatic", (480, 160)), ("automatic", (160, 480)), ("row", (300, 300)), ("column", SIZE)],
 )
 def test_all_surfaces_are_in_pictures_of_any_shape(document, layout, size):
-    for look in (None, Look(axis_front("x"))):
-        empty = is_empty(drawn(viewed(document, layout=layout, look=look), size))
+    for viewpoint in (None, Viewpoint(axis_front("x"))):
+        empty = is_empty(drawn(viewed(document, layout=layout, viewpoint=viewpoint), size))
         assert touches(empty) == []
         assert ndimage.label(ndimage.binary_dilation(~empty))[1] == 3
 
@@ -200,7 +200,7 @@ def test_turning_surfaces_stay_in_the_picture(document):
             widths.append((~empty.all(axis=0)).sum())
         assert max(widths) > 2 * min(widths)
         assert np.abs(np.asarray(renderer.picture(0.0, 360.0)) - first).max() <= 2
-    seen = drawn(viewed(document, look=Look(axis_front("y"))), options=TURNING)
+    seen = drawn(viewed(document, viewpoint=Viewpoint(axis_front("y"))), options=TURNING)
     assert touches(is_empty(seen)) == []
     assert np.abs(seen - drawn(document, options=TURNING)).mean() > 1
 

@@ -314,11 +314,11 @@ def test_plots_have_room_for_their_legends_and_titles():
         # the y axis' line is black
         axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)
         assert (np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0] < 25) == inside
-    titled, bare = (
+    slot_title, bare = (
         np.asarray(plot_picture(Plot((Curve("", x, x),), "t", name, ""), (500, 160), 20))
         for name in ("m" * 18, "")
     )
-    left = titled[:, : np.flatnonzero((bare < 255).any(axis=(0, 2)))[0] + 10]
+    left = slot_title[:, : np.flatnonzero((bare < 255).any(axis=(0, 2)))[0] + 10]
     inked = np.flatnonzero((left < 128).any(axis=(1, 2)))
     assert inked.min() > 0
     assert inked.max() < 159

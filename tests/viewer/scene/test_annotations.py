@@ -34,7 +34,7 @@ def scene(right, columns=5):
     bars = dict.fromkeys(NAMES, ("function", RANGE)) | {"error": ERROR}
     places = {name: (i % columns * room, 50.0 * (i // columns)) for i, name in enumerate(NAMES)}
     labels = {name: (x, y, x + room, y + 20) for name, (x, y) in places.items()}
-    view = SimpleNamespace(is_beside=False, borders=list, label=labels.get)
+    view = SimpleNamespace(is_of_document=False, borders=list, label=labels.get)
     return SimpleNamespace(
         shown=NAMES,
         behind=(),

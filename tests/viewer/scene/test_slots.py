@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from abfm import load_mesh
 from abfm.assets import asset_path
 from abfm.pages.front import Front, triple
-from abfm_viewer.document.document import LAYOUTS, Look
+from abfm_viewer.document.document import LAYOUTS, Viewpoint
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
@@ -255,7 +255,7 @@ def test_a_name_stays_in_its_slot_when_its_surface_leaves_it(away):
 def test_a_name_beside_its_surface_ends_where_that_begins_from_its_widest_side_but_in_its_slot():
     low = slots(NAMES, (0, 0, 900, 150), (2.0, 1.4), "column", 20.0)
     seen = view(9.0, places=low)
-    assert seen.is_beside
+    assert seen.is_of_document
     assert all(seen.label(name) == slot.name for name, slot in low.items())
     low = slots(NAMES, (0, 0, 2000, 150), (2.0, 1.4), "column", 20.0)
     for rotation in rotations(20):
@@ -313,13 +313,13 @@ def scene():
 def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, layout, size, scale):
     """By pixels, in the free part of the window."""
     session, six = scene._session, layout == "automatic"
-    view = replace(session.view, layout=layout, blend=six, transport=six, error=six, look=None)
+    view = replace(session.view, layout=layout, blend=six, transport=six, error=six, viewpoint=None)
     session.editor.amend(view=view)
     rect = tuple(end / SMALLER for end in areas(size, MENU * scale, scale).scene)
     scene.name_height, scene.room_below = NAME * scale / SMALLER, BARS * scale / SMALLER
     ps.set_window_size(*(length // SMALLER for length in size))
     for rotation in rotations(12):
-        session.editor.amend(view=replace(view, look=Look(front(rotation))))
+        session.editor.amend(view=replace(view, viewpoint=Viewpoint(front(rotation))))
         scene.update(rect)
         pixels = ps.screenshot_to_buffer(transparent_bg=False)[..., :3].astype(int)
         drawn = np.abs(pixels - pixels[0, 0]).max(axis=-1) > 3

@@ -84,12 +84,12 @@ def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
         assert hit is not None
         assert hit.surface == "source"
         assert np.linalg.norm(vertices[hit.vertex] - vertices[vertex]) <= 0.4 * scale
-        assert gui.session.view.look is None
+        assert gui.session.view.viewpoint is None
         gui.input.drag((x, y), (x + 30, y + 10))
-        look = gui.session.view.look
+        look = gui.session.view.viewpoint
         assert look is not None
         gui.frames(5)
-        assert gui.session.view.look is look
+        assert gui.session.view.viewpoint is look
 
 
 @given(faces=st.integers(4, 10**7), scale=st.floats(1, 10_000), more=st.floats(1, 100))

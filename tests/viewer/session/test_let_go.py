@@ -86,7 +86,7 @@ def test_meshes_out_of_reach_are_released(session, tmp_path, monkeypatch):
     for number in range(9):
         show(session, f"mesh {number}")
         seen.add(session.surface().mesh)
-        session.saves.mark(session.document, Origin.of(tmp_path / f"{number}.abfm"))
+        session.saves.record(session.document, Origin.of(tmp_path / f"{number}.abfm"))
     gc.collect()
     assert len(seen) <= 5 + 2  # undo's, the present one, and what was computed last
 

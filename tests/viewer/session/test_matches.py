@@ -218,12 +218,12 @@ def shows_flow(session):
 
 def test_playing_waits_for_its_pictures(flowing, tmp_path):
     """Saved work stays saved, and the flow goes with the match by undo."""
-    flowing.player.held = True
+    flowing.player.waiting = True
     matched(flowing)
-    flowing.saves.mark(flowing.document, Origin.of(tmp_path / "a.abfm"))
+    flowing.saves.record(flowing.document, Origin.of(tmp_path / "a.abfm"))
     flowing.update()
     assert flowing.time == 0
-    flowing.player.held, flowing.player.speed = False, 4.0
+    flowing.player.waiting, flowing.player.speed = False, 4.0
     until(lambda: flowing.time > 0, flowing)
     until(lambda: not flowing.player.playing, flowing)
     assert not flowing.saves.unsaved

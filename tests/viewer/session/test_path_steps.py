@@ -17,7 +17,7 @@ from tests.viewer.sessions import matched, stepped, until
 def walked(session):
     """A session after a match that has a path of three steps and is in a file."""
     session.editor.amend(result=stepped(matched(session).result))
-    session.saves.mark(session.document, None)
+    session.saves.record(session.document, None)
     return session
 
 
@@ -33,21 +33,21 @@ def test_a_step_replaces_the_result_until_undo(walked):
     assert walked.result.residual == found.path[0].residual
     assert walked.result.fine_velocity is found.path[0].velocity
     np.testing.assert_array_equal(walked.result.advected, found.at_step(0).advected)
-    assert (steps.shown, steps.chosen) == (0, 2)
+    assert (steps.shown, steps.solver_step) == (0, 2)
     assert walked.saves.unsaved
     assert not walked.saves.has_new_result(walked.document)
     go(walked, 1)
-    assert steps.chosen == 2
+    assert steps.solver_step == 2
     walked.undo()
-    assert (walked.result.step, steps.chosen) == (0, 2)
+    assert (walked.result.step, steps.solver_step) == (0, 2)
     steps.show(7)  # the last one there is, known from the history with all that was said of it
     assert walked.result is found
-    assert walked.document.chosen is None
+    assert walked.document.solver_step is None
     walked.undo()
     walked.undo()
     assert walked.result is found
     again = matched(walked)
-    assert (again.document.chosen, again.steps.chosen) == (None, again.result.step)
+    assert (again.document.solver_step, again.steps.solver_step) == (None, again.result.step)
 
 
 @pytest.fixture
@@ -100,7 +100,7 @@ def test_a_later_change_wins_over_a_step(slow, monkeypatch, change):
     session, may = slow
     session.editor.set_spec("source", session.channels[0].source.replace("0.15", "0.16"))
     until(lambda: not session.obstacle, session)
-    monkeypatch.setattr(session.bound, "look", lambda: None)
+    monkeypatch.setattr(session.bound, "start", lambda: None)
     session.show_step(0)
     getattr(session, change)()
     assert not session.steps.busy

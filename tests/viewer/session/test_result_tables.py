@@ -23,7 +23,7 @@ _MATCHED = Facts(Outcome.MATCHED, "matched")
 def test_a_film_is_called_by_its_row():
     path = Path("85b823f4.npz")
     row = ResultRow(0, "f1", _MATCHED, path)
-    document = row.named(document_of_sequence(solved(), path))
+    document = row.label_document(document_of_sequence(solved(), path))
     assert document.name == "f1"
     assert not document.is_outdated
 
@@ -35,9 +35,12 @@ def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
     assert _texts(Ledger(tmp_path).entry(Row("f", {"mesh": "a.off", "frames": "f.npy"}))) == ()
     row = ResultRow(0, "r", _MATCHED, Path("e11a.npz"), texts)
     opened = MatchDocument((Surface(icosphere(1), "e11a.npz"),), (Channel("one", "two"),))
-    assert row.named(opened).called == {"one": "curvature:mean", "two": "file:b.npy"}
+    assert row.label_document(opened).display_names == {
+        "one": "curvature:mean",
+        "two": "file:b.npy",
+    }
     two = replace(row, texts=(*texts, *texts))  # of another number of channels
-    assert two.named(opened).called == {}
+    assert two.label_document(opened).display_names == {}
 
 
 def test_what_is_searched_for_is_a_phrase_or_words():
@@ -78,5 +81,7 @@ def test_channels_of_a_subject_are_called_by_their_names():
     table = PopulationTable(Path("pop"), "population pop", (), _Population())
     row = ResultRow(0, "sub-0", Facts(Outcome.REGISTERED, "registered"))
     document, _ = document_of_subject(table, row, "difference")
-    names = [[document.called[spec] for spec in channel.specs] for channel in document.channels]
+    names = [
+        [document.display_names[spec] for spec in channel.specs] for channel in document.channels
+    ]
     assert names == [[name, name] for name in ("sulc", "curv", "thick")]

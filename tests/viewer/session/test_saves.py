@@ -28,7 +28,7 @@ def exported(film, path):
     told = []
     exporter = Exporter(lambda text, failed: told.append((text, failed)))
     document, saves = film.document, film.saves
-    exporter.save_result(path, document.result, partial(saves.exported, document))
+    exporter.save_result(path, document.result, partial(saves.record_export, document))
     exporter.wait()
     assert told == [(f"saved {path}", False)]
 
@@ -48,7 +48,7 @@ def test_what_a_file_of_a_sequence_does_not_hold_is_unsaved(film, tmp_path):
     exported(film, tmp_path / "film.npz")
     film.editor.set_sequence_settings(gamma=3.0)
     assert film.saves.changes(film.document) == ("settings",)
-    film.saves.exported(film.document)  # whose file has the settings of its fields
+    film.saves.record_export(film.document)  # whose file has the settings of its fields
     assert film.saves.changes(film.document) == ("settings",)
     film.undo()
     film.editor.add_point("lines", Point(0, (1.0, 0.0, 0.0)))

@@ -57,7 +57,7 @@ class CollectedMatch(SequenceMatch):
 @pytest.fixture
 def match(tmp_path):
     match = CollectedMatch()
-    match.beside = lambda document: tmp_path / "copy.abfm"
+    match.checkpoint_base = lambda document: tmp_path / "copy.abfm"
     yield match
     match.run.close()
 
@@ -88,12 +88,12 @@ def test_what_a_run_found_that_failed_is_there_for_the_next_one(
     kill(match, tmp_path, kill(match, tmp_path))
     assert match.ended() is None
     assert match.run.reason == sequence_match._ENDED_MESSAGE
-    assert match.found(DOCUMENT) == 0
+    assert match.found_count(DOCUMENT) == 0
     count = kept(tmp_path)
     assert count >= 2
     match.begin(DOCUMENT)
-    until(lambda: match.found(DOCUMENT) >= count)
-    assert match.fast(DOCUMENT) > 0
+    until(lambda: match.found_count(DOCUMENT) >= count)
+    assert match.fast_speed(DOCUMENT) > 0
     found = match.ended()
     np.testing.assert_array_equal(found.velocity, whole.velocity)
     assert found.confirmed == whole.confirmed == 23
@@ -119,7 +119,7 @@ def test_without_a_place_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     match = CollectedMatch()
     match.begin(DOCUMENT)
-    until(lambda: match.found(DOCUMENT) > 1)
+    until(lambda: match.found_count(DOCUMENT) > 1)
     match.run.cancel()
     assert 0 < match.ended().solved.sum() < 23
     assert not any(tmp_path.iterdir())
@@ -129,7 +129,7 @@ def test_without_a_place_nothing_is_kept(tmp_path, monkeypatch):
 @pytest.fixture
 def long_sequence(session, tmp_path):
     """A session on a sequence of many frames."""
-    session.sequence_match.beside = lambda document: tmp_path / "copy.abfm"
+    session.sequence_match.checkpoint_base = lambda document: tmp_path / "copy.abfm"
     angles = 0.1 * np.arange(120)[:, None]
     x, y, _ = SPHERE.vertices.T
     frames = np.exp(2 * (x * np.cos(angles) + y * np.sin(angles)))
@@ -149,7 +149,7 @@ def cancelled(session, when):
 
 def test_cancelled_runs_keep_their_fields_and_earlier_results(long_sequence):
     def found(count):
-        return lambda session: session.sequence_match.found(session.document) > count
+        return lambda session: session.sequence_match.found_count(session.document) > count
 
     sequence, told = cancelled(long_sequence, lambda session: session.solver.running)
     assert (sequence, told) == (None, "cancelled: 0 of 119 intervals found")

@@ -9,7 +9,7 @@ import pytest
 from abfm import FunctionError, Parameters
 from abfm.outcome import Outcome
 from abfm.pages.front import Front
-from abfm_viewer.document.document import Channel, Look, Surface, View
+from abfm_viewer.document.document import Channel, Surface, View, Viewpoint
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.session.editor import UNDO_STEPS_MAX, Editor
 from abfm_viewer.session.player import SECONDS, Player
@@ -165,17 +165,17 @@ def test_notices_do_not_stay_forever(session, monkeypatch):
         session.update()
         return session.notices.latest
 
-    session.notices.say("saved\n here")
+    session.notices.show("saved\n here")
     assert session.notices.latest.text == after(0).text == "saved here"
     assert after(7).text == ""
-    session.notices.say("it failed", is_error=True)
+    session.notices.show("it failed", is_error=True)
     assert after(7).is_error
     assert after(6).text == ""
-    session.notices.say("it failed", is_error=True)
+    session.notices.show("it failed", is_error=True)
     session.editor.set_parameter(alpha=0.3)  # the next action
     assert after(0).text == ""
     for number in range(1000):  # messages that nobody reads do not pile up
-        session.notices.say(f"problem {number}", is_error=True)
+        session.notices.show(f"problem {number}", is_error=True)
     assert len(session.notices.cards) <= 50
     assert session.notices.cards[0].text == "problem 999"
 
@@ -255,9 +255,9 @@ def test_a_drag_is_one_step_and_amending_is_none(editor):
     assert editor.document is start
     editor.redo()
     assert editor.document.time == 0.3
-    moves = editor.moves
+    moves = editor.action_count
     editor.amend(time=1.5)
-    assert editor.moves == moves
+    assert editor.action_count == moves
     editor.undo()
     assert editor.document is start
     move(editor, 2)
@@ -268,23 +268,23 @@ def test_a_drag_is_one_step_and_amending_is_none(editor):
 
 def test_undo_keeps_how_the_mouse_turned_the_surface(editor):
     """Unless a step chose another view."""
-    front, side, above = (Look(Front(tuple(axis), (0.0, 0.0, 1.0))) for axis in np.eye(3))
+    front, side, above = (Viewpoint(Front(tuple(axis), (0.0, 0.0, 1.0))) for axis in np.eye(3))
     move(editor, 1)
-    editor.document = look(editor, look=front, large="source")
+    editor.document = look(editor, viewpoint=front, enlarged="source")
     editor.undo()
     view = editor.document.view
-    assert (editor.document.time, view.look, view.large) == (0, front, "source")
+    assert (editor.document.time, view.viewpoint, view.enlarged) == (0, front, "source")
     editor.redo()
-    editor.go_to(look(editor, look=side), "look from the side")
-    editor.document = look(editor, look=above)
+    editor.go_to(look(editor, viewpoint=side), "look from the side")
+    editor.document = look(editor, viewpoint=above)
     editor.undo()
-    assert editor.document.view.look == front
+    assert editor.document.view.viewpoint == front
     editor.redo()
-    assert editor.document.view.look == above
+    assert editor.document.view.viewpoint == above
     ball = MatchDocument((Surface(EGG, "egg"),))
     editor.go_to(ball, "open egg")
     editor.undo()
-    assert editor.document.view.look == above
+    assert editor.document.view.viewpoint == above
     editor.redo()
     assert editor.document is ball
 
@@ -357,6 +357,6 @@ def test_ping_pong_turns_at_both_ends():
 def test_a_constant_target_is_foreseen_and_not_rescaled(session):
     session.editor.set_spec("target", "expression:2")
     ready(session)
-    until(lambda: session.work.foreseen, session)
-    assert session.work.foreseen.outcome is Outcome.IMPOSSIBLE
+    until(lambda: session.work.expected_facts, session)
+    assert session.work.expected_facts.outcome is Outcome.IMPOSSIBLE
     assert session.rescaled_channels() == session.channels

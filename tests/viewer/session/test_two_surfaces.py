@@ -60,9 +60,11 @@ def test_measured_functions_are_matched_in_standard_deviations(pair):
     pair.editor.set_spec("target", f"expression:100+7*{rough}")
     pair.editor.set_spec("source", f"expression:{rough}")
     until(lambda: not pair.obstacle and pair.work.prepared.usual == MEASURED_PARAMETERS, pair)
-    until(lambda: pair.work.compared("target") is not None, pair)
+    until(lambda: pair.work.flow_values("target") is not None, pair)
     areas = abfm.calculus.vertex_areas(B)
-    apart = pair.work.compared("target") - np.average(pair.work.compared("target"), weights=areas)
+    apart = pair.work.flow_values("target") - np.average(
+        pair.work.flow_values("target"), weights=areas
+    )
     assert np.average(apart**2, weights=areas) == pytest.approx(1)
     pair.match()
     assert pair.parameters == MEASURED_PARAMETERS
@@ -103,8 +105,8 @@ def registered(pair):
 def test_distortion_of_the_initial_map_changes_nothing(registered):
     """A bound that the initial map exceeds is only reported."""
     before = registered.result
-    registered.bound.most = 0.05
-    registered.bound.look()
+    registered.bound.maximum = 0.05
+    registered.bound.start()
     until(lambda: not registered.bound.busy, registered)
     assert registered.result is before
     check_message(registered.notices.log[-1].text, "0.05")
@@ -124,7 +126,7 @@ def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, held):
     pair.update()
     spec = pair.work.problem
     assert len(spec.landmarks) == 1
-    assert spec.initial.asked.landmarks == ()  # so that its result is outdated
+    assert spec.initial.request.landmarks == ()  # so that its result is outdated
     assert not spec.initial.is_for(pair.document)
     may_go_on.set()
     ready(pair)

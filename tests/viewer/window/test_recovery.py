@@ -47,7 +47,7 @@ def test_a_copy_of_a_run_opens_after_another_step(desk, copies):
     """Another step of the earlier result was shown when the run began."""
     session = desk.session
     other = stepped(matched(session).result).at_step(0)
-    session.editor.amend(result=other, chosen=2, parameters=ENDLESS)
+    session.editor.amend(result=other, solver_step=2, parameters=ENDLESS)
     session.match()
 
     def is_kept(copy):

@@ -222,7 +222,7 @@ def draw_half_of_the_time(gui, monkeypatch):
         now, slept = [100.0], []
 
         def draw(bare=bare, now=now):
-            gui.session.functions.bare_since = bare
+            gui.session.functions.waiting_since = bare
             now[0] += 0.07
 
         clock = SimpleNamespace(perf_counter=lambda now=now: now[0], sleep=slept.append)
@@ -231,7 +231,7 @@ def draw_half_of_the_time(gui, monkeypatch):
             patched.setattr(window, "time", clock)
             gui.window._moved_at = now[0]
             gui.window.frame()
-        gui.session.functions.bare_since = None
+        gui.session.functions.waiting_since = None
         assert slept == [pytest.approx(rest)]
 
 
