@@ -21,7 +21,7 @@ def comparison(name="sub-1", kind="difference"):
         mean=lambda channel: VALUES[1, :, channel],
         log2_area_deviation=AREAS,
     )
-    return Comparison(population, 0, {("own", "mean"): 0}, what)
+    return Comparison(population, 0, {("own", "mean"): 0}, kind)
 
 
 def test_long_names_leave_room_for_the_words_after_them():
