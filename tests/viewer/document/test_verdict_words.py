@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import abfm
 from abfm.matching import Remedy, StopReason, Verdict
-from abfm.matching.report import advice_in_options, numbers
+from abfm.matching.report import advice_in_options, residual_text
 from abfm.outcome import VERDICTS, Outcome, outcome_of
 from abfm.sequences.report import interval_headline
 from abfm.wording import capital, counted, sentence, share
@@ -178,11 +178,11 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
 
 
 def test_numbers_that_are_not_known_and_places_that_need_no_word_are_left_out(found, iterations):
-    assert numbers(found) == "0.0123, 0.03 by flow lines, 0.1% folded"
-    assert numbers(replace(found, verified_residual=math.nan)) == "0.0123, 0.1% folded"
+    assert residual_text(found) == "0.0123, 0.03 by flow lines, 0.1% folded"
+    assert residual_text(replace(found, verified_residual=math.nan)) == "0.0123, 0.1% folded"
     two = replace(found, fine_velocity=np.concatenate([found.fine_velocity] * 2))
-    assert numbers(two).endswith("0.1% folded, 2 fields in a row")
-    assert numbers(replace(found, verified_residual=math.nan, folded=math.nan)) == "0.0123"
+    assert residual_text(two).endswith("0.1% folded, 2 fields in a row")
+    assert residual_text(replace(found, verified_residual=math.nan, folded=math.nan)) == "0.0123"
     assert place(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
     assert place(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
 
