@@ -28,7 +28,7 @@ position and of value, and the outliers, which are left out of the mean.
 
 Examples:
   abfm population subjects.csv --template fsaverage.sphere.surf.gii --out pop
-  abfm population subjects.csv --template mean.ply --function sulc=file:sulc.csv --out pop --jobs 4
+  abfm population subjects.csv --template mean.ply --channel sulc sulc.csv 1 --out pop --jobs 4
 
 The first line of SUBJECTS.csv names its columns; paths begin at the table's folder:
   name        of the subject

@@ -33,10 +33,10 @@ from abfm.tasks.inputs import (
     channel_inputs,
     channels,
     file_input,
+    mask_input,
     number_input,
     parameter_inputs,
     parameters_in,
-    weight_input,
 )
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
@@ -168,7 +168,7 @@ class MatchTask(Task):
     inputs: ClassVar = (
         file_input("mesh", MESH_FORMATS, "MESH", is_argument=True),
         *channel_inputs("function to carry along the flow", "function that it should become"),
-        weight_input("mask", "weight of the mismatch at each vertex"),
+        mask_input("mask", "weight of the mismatch at each vertex"),
         file_input(
             "start",
             "start from the field of an earlier result",

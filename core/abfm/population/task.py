@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,50 +18,44 @@ from abfm.population import report
 from abfm.population.population import Population, load_population
 from abfm.population.rounds import register_population
 from abfm.population.settings import BOUND, MOST_ROUNDS, Settings
-from abfm.population.subjects import Cohort, function_text, read_subjects
+from abfm.population.subjects import Cohort, read_subjects
 from abfm.registration.task import INITIAL_INPUT, ONE_BASED_INPUT
 from abfm.tasks.inputs import (
     MESH_FORMATS,
     MESH_INPUTS,
     Input,
     Rename,
+    channel_input,
+    channel_weight,
+    channel_words,
     file_input,
+    mask_input,
     number_input,
     parameter_inputs,
     parameters_in,
-    renamed_spec,
-    weight_input,
+    read_function,
+    renamed_function,
 )
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task
 
 ROUNDS_MAX = 1000
+AUTO_TARGET = "auto"
+"""The target of a channel that is chosen among the subjects."""
+_CHANNEL = "NAME DST WEIGHT"
 _MEAN = "template and mean"
 
 
-def _named(text: str, what: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals or not name or not value:
-        raise ParameterError(f"{brief(text)}: expected NAME={what}")
-    return name, value
+def _channel(text: str) -> tuple[str, str, float]:
+    name, target, weight = channel_words(text, _CHANNEL)
+    return name, "" if target == AUTO_TARGET else read_function(target), channel_weight(weight)
 
 
-def _function(text: str) -> tuple[str, str]:
-    name, spec = _named(text, "SPEC")
-    return name, function_text(spec, ".")
-
-
-def _renamed_function(text: str, rename: Rename) -> str:
-    name, spec = _named(text, "SPEC")
-    return f"{name}={renamed_spec(function_text(spec, '.'), rename)}"
-
-
-def _weight(text: str) -> tuple[str, float]:
-    name, number = _named(text, "N")
-    try:
-        return name, float(number)
-    except ValueError:
-        raise ParameterError(f"{brief(text)}: expected a number after =") from None
+def _renamed_channel(text: str, rename: Rename) -> str:
+    name, target, weight = channel_words(text, _CHANNEL)
+    if target != AUTO_TARGET:
+        target = renamed_function(target, rename)
+    return shlex.join((name, target, repr(channel_weight(weight))))
 
 
 def _rounds(text: str) -> int:
@@ -105,25 +100,14 @@ class PopulationTask(Task):
         file_input("table", "a subject a row", "SUBJECTS.csv", is_argument=True),
         file_input("template", f"the surface that subjects come to, a {MESH_FORMATS}", "SURFACE"),
         *MESH_INPUTS,
-        Input(
-            name="function",
-            help="the template's own function of a channel, the first target; one for each, or "
-            "none",
-            read=_function,
-            metavar="NAME=SPEC",
-            group=_MEAN,
-            renamed=_renamed_function,
-            repeats=True,
+        channel_input(
+            "a channel to register by, by its column of the table; its first target, a function on "
+            "the template for each channel, or auto for each; and its weight, above 0",
+            _CHANNEL,
+            _channel,
+            _renamed_channel,
         ),
-        weight_input("mask", "weight of each vertex of the template", _MEAN),
-        Input(
-            name="weight",
-            help="weight of a channel among those that are registered by, above 0 (1)",
-            read=_weight,
-            metavar="NAME=N",
-            group=_MEAN,
-            repeats=True,
-        ),
+        mask_input("mask", "weight of each vertex of the template"),
         INITIAL_INPUT,
         number_input(
             "bound",
@@ -165,29 +149,28 @@ class PopulationTask(Task):
     def check(cls, values: Mapping[str, Any]) -> None:
         """Refuse parameters that do not fit each other, and names that are given twice."""
         Parameters.of(**parameters_in(values))
-        for option in ("function", "weight"):
-            names = [name for name, _ in values.get(option, ())]
-            for name in names:
-                if names.count(name) > 1:
-                    text = f"{one_line(name, 40)} is given twice"
-                    raise ParameterError(f"column {option}: {text}")
+        names = [name for name, *_ in values.get("channel", ())]
+        for name in names:
+            if names.count(name) > 1:
+                raise ParameterError(f"column channel: {one_line(name, 40)} is given twice")
 
     @classmethod
     def read(cls, given: Given) -> PopulationTask:
         values = given.values()
+        channels = values.get("channel", ())
         options = {
             each.name: "auto" if values[each.name] is None else values[each.name]
             for each in (*parameter_inputs(), *MESH_INPUTS, MAX_DISTORTION, ONE_BASED_INPUT)
             if each.name in values
         }
         settings = Settings(
-            dict(values.get("function", ())),
+            {name: target for name, target, _ in channels if target},
             values.get("mask", ""),
             values.get("initial", ""),
             options,
             values.get("bound", BOUND),
             values.get("rounds", MOST_ROUNDS),
-            dict(values.get("weight", ())),
+            {name: weight for name, _, weight in channels},
         )
         return cls(read_subjects(values["table"]), values["template"], settings, given.key)
 

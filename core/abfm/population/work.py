@@ -173,7 +173,7 @@ class Work:
             needs = "by landmarks" if word == "landmarks" else "by functions of both surfaces"
             raise ParameterError(
                 f"the initial map {brief(self.settings.initial)} is found {needs}: give the "
-                "template's function of each channel (--function NAME=SPEC), landmarks of each "
+                "template's function of each channel (--channel NAME SPEC 1), landmarks of each "
                 "subject, or another initial map"
             )
 

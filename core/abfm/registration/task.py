@@ -28,9 +28,9 @@ from abfm.tasks.inputs import (
     channel_inputs,
     channels,
     file_input,
+    mask_input,
     parameter_inputs,
     parameters_in,
-    weight_input,
 )
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
@@ -182,8 +182,8 @@ class RegistrationTask(Task):
         file_input("a", f"surface A, a {MESH_FORMATS}", "A", is_argument=True),
         file_input("b", "surface B, on which the flow is", "B", is_argument=True),
         *channel_inputs("function on A to bring to B", "function on B that it should become"),
-        weight_input("mask-a", "weight of each vertex of A"),
-        weight_input("mask-b", "weight of each vertex of B"),
+        mask_input("mask-a", "weight of each vertex of A"),
+        mask_input("mask-b", "weight of each vertex of B"),
         LANDMARKS,
         ONE_BASED_INPUT,
         INITIAL_INPUT,

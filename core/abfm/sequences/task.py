@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from abfm.errors import ParameterError, brief
 from abfm.io import check_stc_name, check_values_name, even_step, results
 from abfm.matching.judging.verdict import Verdict
 from abfm.matching.terms.functions import mask_from_input
@@ -35,20 +36,24 @@ from abfm.tasks.inputs import (
     MESH_FORMATS,
     MESH_INPUTS,
     Input,
+    channel_input,
+    channel_words,
     file_input,
+    mask_input,
     number_input,
     parameter_inputs,
     parameters_in,
     read_number,
-    weight_input,
 )
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task, preview_of
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 SECONDS_MAX = 86400.0
 _FRAMES = "frames"
+_CHANNEL = "NUMBER WEIGHT"
 _DEFAULTS = {name: getattr(defaults(), name) for name in PARAMETER_NAMES} | dict.fromkeys(
     AUTOMATIC_NAMES
 )
@@ -63,10 +68,24 @@ _PARAMETER_HELP = {
 }
 
 
-def _weights(text: str) -> list[float]:
-    parts = text.replace(",", " ").split()
-    expected = "of at least 0, in weights such as 1,0.5"
-    return [read_number(each, expected, lambda number: number >= 0) for each in parts]
+def _channel(text: str) -> tuple[int, float]:
+    number, weight = channel_words(text, _CHANNEL)
+    if not number.isdecimal():
+        raise ParameterError(f"{brief(number)} is not the number of a channel, counted from 0")
+    return int(number), read_number(weight, "of at least 0, the weight", lambda value: value >= 0)
+
+
+def _channel_weights(channels: Iterable[tuple[int, float]], count: int) -> list[float]:
+    """Return the weight of each channel of frames; 1 for those that are not given."""
+    weights = [1.0] * count
+    for number, weight in channels:
+        if number >= count:
+            raise ParameterError(
+                f"there is no channel {number}: the frames have {counted(count, 'channel')}, "
+                "counted from 0"
+            )
+        weights[number] = weight
+    return weights
 
 
 def _facts_of_file(path: Path) -> Facts:
@@ -151,6 +170,11 @@ class SequenceTask(Task):
             lambda seconds: 0 < seconds <= SECONDS_MAX,
             group=_FRAMES,
         ),
+        channel_input(
+            "weight of a channel of the frames, counted from 0; the others have weight 1",
+            _CHANNEL,
+            _channel,
+        ),
         CIRCULAR_INPUT,
         Input(
             name="array",
@@ -158,17 +182,7 @@ class SequenceTask(Task):
             metavar="NAME",
             group=_FRAMES,
         ),
-        weight_input(
-            "mask", "weight of the mismatch at each vertex, 0 where values are unknown", _FRAMES
-        ),
-        Input(
-            name="weights",
-            help="weight of each channel, not negative",
-            read=_weights,
-            metavar="W,W,...",
-            group=_FRAMES,
-            default="1 each",
-        ),
+        mask_input("mask", "weight of the mismatch at each vertex, 0 where values are unknown"),
         number_input(
             "gamma",
             "weight of the difference between the fields of neighbouring intervals; 0 solves each "
@@ -205,6 +219,10 @@ class SequenceTask(Task):
     def check(cls, values: Mapping[str, Any]) -> None:
         """Refuse parameters that sequences do not take, or that do not fit each other."""
         defaults(**parameters_in(values))
+        numbers = [number for number, _ in values.get("channel", ())]
+        for number in numbers:
+            if numbers.count(number) > 1:
+                raise ParameterError(f"column channel: {number} is given twice")
 
     @classmethod
     def read(cls, given: Given) -> SequenceTask:
@@ -214,10 +232,12 @@ class SequenceTask(Task):
             "parameters": defaults(**parameters_in(values)),
             "gamma": values.get("gamma", GAMMA),
             "mask": mask_from_input(mesh, values.get("mask")),
-            "weights": values.get("weights"),
             "circular": values.get("circular", False),
         }
         frames = read_frames(values["frames"], mesh, values.get("array"))
+        if channels := values.get("channel"):
+            count = frames.values.shape[2] if frames.values.ndim == 3 else 1
+            options["weights"] = _channel_weights(channels, count)
         return cls(mesh, frames, given.key, values.get("dt"), options)
 
     @property

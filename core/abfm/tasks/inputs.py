@@ -23,6 +23,7 @@ MESH_FORMATS = (
     "triangle mesh: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, or of FreeSurfer or MNI; "
     "also compressed (.gz)"
 )
+_CHANNEL = "SRC DST WEIGHT"
 Rename = Callable[[str], str]
 """A function from the name of a file to another name of it."""
 
@@ -177,9 +178,27 @@ def _circular(text: str) -> bool | float:
 
 
 @lru_cache(maxsize=1000)  # many rows of a table have the same functions
-def _spec(text: str) -> str:
-    parse(text)
+def read_function(text: str) -> str:
+    """Return the spec of a function that is written as a spec or as the name of a file.
+
+    Raises
+    ------
+    FunctionError
+        If the text is neither a spec nor like the name of a file.
+    """
+    try:
+        parse(text)
+    except FunctionError:
+        if not _is_file_name(text, text):
+            raise
+        return f"file:{quoted(text)}"
     return text
+
+
+def _is_file_name(text: str, path: str) -> bool:
+    """Return whether a text that is not a spec is the name of a file, which may be missing."""
+    without_drive = os.path.splitdrive(text)[1]
+    return os.path.exists(path) or (bool(Path(text).suffix) and ":" not in without_drive)
 
 
 def renamed_spec(text: str, rename: Rename) -> str:
@@ -200,32 +219,47 @@ def _with_files(spec: Spec, rename: Rename) -> Spec:
     return spec
 
 
-def _renamed_weight(text: str, rename: Rename) -> str:
-    """Rename in a function, or in the name of a file, which is no function."""
+def renamed_function(text: str, rename: Rename) -> str:
+    """Return the spec of a function, see `read_function`, with other names of its files."""
     try:
         parse(text)
     except FunctionError:
-        if not (Path(text).suffix or os.path.exists(rename(text))):
+        if not _is_file_name(text, rename(text)):
             raise
         return f"file:{quoted(rename(text))}"
     return renamed_spec(text, rename)
 
 
-def _channel(text: str) -> tuple[str, str, float]:
+def channel_words(text: str, metavar: str) -> list[str]:
+    """Return the words of a channel, as many as ``metavar`` has; ParameterError for other texts."""
     try:
-        source, target, weight = shlex.split(text)
-        return _spec(source), _spec(target), parse_number(weight)
-    except ValueError as error:
-        if isinstance(error, FunctionError):
-            raise
+        words = shlex.split(text)
+    except ValueError:
+        words = []
+    if len(words) != len(metavar.split()):
         raise ParameterError(
-            f"{brief(text)} is no channel: expected source, target and weight with blanks between"
-        ) from None
+            f"{brief(text)} is not a channel; expected {metavar}, separated by spaces"
+        )
+    return words
+
+
+def _channel(text: str) -> tuple[str, str, float]:
+    source, target, weight = channel_words(text, _CHANNEL)
+    return read_function(source), read_function(target), channel_weight(weight)
+
+
+def channel_weight(text: str) -> float:
+    """Return the weight of a channel, its last word."""
+    try:
+        return float(parse_number(text))
+    except ValueError:
+        raise ParameterError(f"{brief(text)} is not a weight; expected a number") from None
 
 
 def _renamed_channel(text: str, rename: Rename) -> str:
-    source, target, weight = _channel(text)
-    return shlex.join((renamed_spec(source, rename), renamed_spec(target, rename), repr(weight)))
+    source, target, weight = channel_words(text, _CHANNEL)
+    functions = (renamed_function(text, rename) for text in (source, target))
+    return shlex.join((*functions, repr(channel_weight(weight))))
 
 
 def _renamed_file(text: str, rename: Rename) -> str:
@@ -240,14 +274,19 @@ def file_input(name: str, help: str, metavar: str = "FILE", **settings: Any) -> 
 def function_input(name: str, help: str) -> Input:
     """Return the input of a function, see `abfm.function`."""
     return Input(
-        name=name, help=help, read=_spec, metavar="SPEC", group="functions", renamed=renamed_spec
+        name=name,
+        help=help,
+        read=read_function,
+        metavar="SPEC",
+        group="functions",
+        renamed=renamed_function,
     )
 
 
-def weight_input(name: str, help: str, group: str = "weights and start") -> Input:
-    """Return the input of a weight at each vertex."""
-    text = f"{help}: not negative, a function or its file"
-    return Input(name=name, help=text, metavar="SPEC", group=group, renamed=_renamed_weight)
+def mask_input(name: str, help: str) -> Input:
+    """Return the input of a mask, the weight of each vertex."""
+    text = f"mask: {help}, not negative; a file of values or a SPEC"
+    return Input(name=name, help=text, metavar="FILE", group="functions", renamed=renamed_function)
 
 
 CIRCULAR_INPUT = Input(
@@ -261,19 +300,34 @@ CIRCULAR_INPUT = Input(
 )
 
 
+def channel_input(
+    help: str,
+    metavar: str,
+    read: Callable[[str], Any],
+    renamed: Callable[[str, Rename], str] = lambda text, rename: text,
+) -> Input:
+    """Return the input of a channel, of which the last word is its weight."""
+    return Input(
+        name="channel",
+        help=help,
+        read=read,
+        metavar=metavar,
+        group="functions",
+        renamed=renamed,
+        repeats=True,
+    )
+
+
 def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
     """Return the inputs that `channels` reads, with the help of the first two."""
     return (
         function_input("source", source),
         function_input("target", target),
-        Input(
-            name="channel",
-            help="another source and target for the same flow, with the weight of its mismatch",
-            read=_channel,
-            metavar="SRC DST WEIGHT",
-            group="functions",
-            renamed=_renamed_channel,
-            repeats=True,
+        channel_input(
+            "another source and target for the same flow, and the weight of their mismatch",
+            _CHANNEL,
+            _channel,
+            _renamed_channel,
         ),
         CIRCULAR_INPUT,
     )

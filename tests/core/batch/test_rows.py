@@ -194,7 +194,7 @@ def test_a_problem_made_in_python_is_found_in_a_relative_folder(tmp_path, monkey
         (PLAIN | {"stage-iterations": 50, "cooling-stages": 9, "iterations": 100}, (50,)),
         ({"frames": "f.npy", "mesh": "m.off", "dt": 0}, ("dt", 0)),
         ({"frames": "f.npy", "mesh": "m.off", "gamma": -1}, ("gamma", 0)),
-        ({"frames": "f.npy", "mesh": "m.off", "weights": "1 -1"}, ("weights", 0)),
+        ({"frames": "f.npy", "mesh": "m.off", "channel": "1 -1"}, ("channel", 0)),
         ({"frames": "f.npy", "mesh": "m.off", "segments": 2}, ("segments",)),
         ({"frames": "f.npy"}, ("mesh",)),
     ],

@@ -497,7 +497,7 @@ def test_subjects_on_other_surfaces_come_by_initial_maps(tmp_path):
 @pytest.mark.parametrize(("word", "needs"), [("embedding", "functions"), ("landmarks", "landm")])
 def test_initial_maps_that_need_functions_are_refused_without_the_templates(tmp_path, word, needs):
     place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
-    with raises(ParameterError, word, "--function"):
+    with raises(ParameterError, word, "--channel"):
         place.registered(Settings(initial=word))
 
 

@@ -153,7 +153,7 @@ def test_weights_and_landmarks(abfm, folder, monkeypatch):
     (folder / "two.csv").write_text("\r\n".join(lines), encoding="utf-8-sig")
     monkeypatch.chdir(folder.parent)
     line = LINE.replace("table.csv", "two.csv").replace("/out", "/two")
-    said = abfm(f"{line} --no-pictures --json --weight edge=0.25", f=folder, status=3)
+    said = abfm(f"{line} --no-pictures --json --channel edge auto 0.25", f=folder, status=3)
     facts = json.loads(said.out)
     assert [each["weight"] for each in facts["channels"]] == [1, 0.25]
     left = {each["name"]: each["landmarks"] for each in facts["subjects"]}
@@ -222,10 +222,10 @@ COMMAND = "table.csv --template template.gii --out out"
         ("~no-user/s.csv --template=t.gii --out=out", ["~no-user/s.csv"]),
         ("none.csv --template=template.gii --out=out", ["none.csv"]),
         ("table.csv --template=none.gii --out=out", ["none.gii"]),
-        (f"{COMMAND} --function depth", ["NAME=SPEC"]),
+        (f"{COMMAND} --channel depth", []),
         (f"{COMMAND} --initial closset", ["closset", "closest", "initial"]),
-        (f"{COMMAND} --weight depth", ["NAME=N"]),
-        (f"{COMMAND} --weight depth=1 --weight depth=2", ["--weight", "depth"]),
+        (f"{COMMAND} --channel depth auto x", ["--channel", "x"]),
+        (f"{COMMAND} --channel depth auto 1 --channel depth auto 2", ["--channel", "depth"]),
         (f"{COMMAND} --bound -1", ["--bound"]),
         ("table.csv --template=template.gii --out=table.csv", []),
         ("subjects.csv --template=t.gii --out=.", ["subjects.csv"]),

@@ -82,7 +82,7 @@ def test_frames_have_times(files, tmp_path, abfm):
 def test_json_and_parameters_of_a_sequence(files, tmp_path, abfm):
     line = (
         "sequence {f}/m.ply {f}/f.npz --gamma=0 --alpha=0.5 --set=order=2 --sigma=0.2 --json "
-        "--mask=expression:x>-2 --weights=2 --quiet --out={t}/a.npz"
+        "--mask=expression:x>-2 --channel 0 2 --quiet --out={t}/a.npz"
     )
     facts, found = json.loads(abfm(line, f=files).out), load(tmp_path / "a.npz")
     assert found[0].weights.tolist() == [2]
@@ -126,7 +126,9 @@ def test_sheet_of_a_sequence(files, tmp_path, abfm):
         ("{m} {f} --tracks={t}/t.csv --intervals={t}/t.csv --out={t}/a.npz", []),
         ("{m} {f} --dt 0 --out {t}/a.npz", ["--dt", 0]),
         ("{m} {f} --dt=1 --gamma=-1 --out={t}/a.npz", ["--gamma", -1, 0]),
-        ("{m} {f} --weights= --out {t}/a.npz", ["weights"]),
+        ("{m} {f} --channel 1 2 --out {t}/a.npz", [1]),
+        ("{m} {f} --channel 0 -2 --out {t}/a.npz", ["--channel", -2]),
+        ("{m} {f} --channel 0 1 --channel 0 2 --out {t}/a.npz", ["--channel", 0]),
         ("{m} {f} --tau 2 --out {t}/a.npz", ["--tau"]),
         ("{m} {t}/short.npy --out {t}/a.npz", [162]),
         ("{m} {t}/back.npz --out {t}/a.npz", ["times"]),
