@@ -16,7 +16,7 @@ from typing import Any
 from abfm import AbfmError, ResultError
 from abfm.batch import Ledger, LedgerEntry, Row, combinations, read_table
 from abfm.batch import run as run_rows
-from abfm.batch.cluster import LostError
+from abfm.batch.cluster import ConnectionLostError
 from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN
 from abfm.batch.table import known_columns
 from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
@@ -140,7 +140,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     with row_progress(0, arguments.quiet, "reading"):  # some seconds, of tens of thousands of rows
         if arguments.table is None:
-            title, entries = ledger.kept()
+            title, entries = ledger.read_rows()
         else:
             rows, title = read_table(arguments.table), printable(arguments.table.name)
             if status is not None and not ledger.folder.is_dir():
@@ -218,7 +218,7 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
     began = time.perf_counter()
     try:
         entries, status = solved(rows, title, arguments.out, arguments)
-    except LostError as error:
+    except ConnectionLostError as error:
         print_line(f"abfm: {error}")
         entries, status = Ledger(arguments.out).entries(rows), FAILED_STATUS
     seconds = time.perf_counter() - began
@@ -413,7 +413,7 @@ def _draw(
 ) -> str:
     """Draw the pictures that are missing; return why not, if the machine cannot."""
     missing = {entry.path: entry for entry in entries if not files[entry.digest].is_file()}
-    results = [(path, entry.row.declared) for path, entry in missing.items() if path]
+    results = [(path, entry.row.task_type) for path, entry in missing.items() if path]
     try:
         for number, (path, drawn) in enumerate(pictures.row_pictures(results, up), 1):
             report(f"picture {number} of {len(results)}")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from abfm import Population
 from abfm.errors import printable
-from abfm.population import HELD_TAG
+from abfm.population import HELD_OUT_PREFIX
 from abfm.population.task import PopulationTask
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, solve
@@ -36,7 +36,7 @@ The first line of SUBJECTS.csv names its columns; paths begin at the table's fol
   mask        weights of its vertices, not negative: a file or a function
   landmarks   a file of corresponding points of it and of the template, as of `abfm register`
   weight      its weight in the mean (1); subjects of weight 0 are also judged
-  {HELD_TAG}NAME  a channel that is transferred, but not registered by: its correlation with the
+  {HELD_OUT_PREFIX}NAME  a channel that is transferred, but not registered by: its correlation with the
               mean of the others, before and after, is its score
   NAME        any other is a channel to register by: a file of values, or a function as text; a
               vertex with NaN has no weight

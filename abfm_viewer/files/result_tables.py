@@ -54,7 +54,7 @@ class TableReader:
             return _of_population(self.place, own)
         from abfm.batch import Ledger  # with all that solves
 
-        title, entries = Ledger(self.place).kept()
+        title, entries = Ledger(self.place).read_rows()
         rows = tuple(self._row(number, entry) for number, entry in enumerate(entries))
         return ResultTable(self.place, title, rows)
 

@@ -1,22 +1,22 @@
-"""Errors that a user can cause and mend: what was given, expected, and what to do."""
+"""Errors and warnings about input, and helpers to format their messages."""
 
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from itertools import islice
 from typing import Any, NamedTuple
 
-# words, and letters of each, as comparing takes long
-_WORDS_MAX = 1000
-_LETTERS_MAX = 60
+# limits of the comparison, which is slow
+_WORDS_MAX = 1000  # words
+_LETTERS_MAX = 60  # letters of a word
 
 MESSAGE_LENGTH_MAX = 600  # characters of a message
 
 
 class AbfmError(ValueError):
-    """Base of every error raised for bad input; the command line prints it as one line and exits
-    with 2.
+    """Base class of the errors that report invalid input.
 
-    Its text is one line that can be printed, not too long, whatever names and values are in it.
+    The message is one printable line of limited length, whatever names and values it contains. The
+    command line prints it and exits with status 2.
     """
 
     def __init__(self, message: object = "") -> None:
@@ -24,11 +24,11 @@ class AbfmError(ValueError):
 
 
 class AbfmWarning(UserWarning):
-    """Input that is used, but may be wrong; the command line prints it as one line."""
+    """Warning about input that is used although it may be wrong; the command line prints it."""
 
 
 class Remedy(NamedTuple):
-    """Options of `abfm.load_mesh` that make a mesh usable, and what of it they keep."""
+    """Options of `abfm.load_mesh` that make a mesh usable, and what the result preserves."""
 
     options: Mapping[str, Any]
     button: str
@@ -41,35 +41,35 @@ class MeshError(AbfmError):
     Attributes
     ----------
     problem : str
-        What is wrong, without advice; empty if no option helps.
+        The fault, without advice; empty if no option of `abfm.load_mesh` helps.
     remedies : tuple of Remedy
-        Options with which the mesh can be used; each was tried.
+        Options with which the mesh can be used. Each was tried on this mesh.
     """
 
     problem: str = ""
     remedies: tuple[Remedy, ...] = ()
 
-    def of(self, whose: str) -> "MeshError":
-        """Return the same error, of a file that is named."""
-        found = MeshError(f"{whose}: {self}")
+    def in_file(self, name: str) -> "MeshError":
+        """Return the same error with the name of the file in front."""
+        found = MeshError(f"{name}: {self}")
         found.problem, found.remedies = self.problem, self.remedies
         return found
 
 
 class FunctionError(AbfmError):
-    """A function specification or array that does not give one finite value per vertex."""
+    """A function specification or an array that does not provide one finite value per vertex."""
 
 
 class SeveralArraysError(FunctionError):
-    """A file with several arrays, none of which was chosen; `names` are theirs."""
+    """A file with several arrays, where the caller has to choose one of `names`."""
 
     def __init__(self, message: object, names: Iterable[str]) -> None:
         super().__init__(message)
         self.names = tuple(names)
 
-    def of(self, whose: str) -> "SeveralArraysError":
-        """Return the same, said of a file that is named."""
-        return SeveralArraysError(f"{whose}: {one_line(self, 400)}", self.names)
+    def in_file(self, name: str) -> "SeveralArraysError":
+        """Return the same error with the name of the file in front."""
+        return SeveralArraysError(f"{name}: {one_line(self, 400)}", self.names)
 
 
 class ParameterError(AbfmError):
@@ -81,47 +81,59 @@ class ResultError(AbfmError):
 
 
 class AdvectionError(AbfmError):
-    """A field so fast, or a time so long, that the advection cannot be computed in reasonable
-    time or range.
+    """A field so fast, or a time so long, that the flow cannot be computed.
+
+    The computation would take too long, or its values would overflow.
     """
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ``" (did you mean ...?)"``, or nothing where no known word is near."""
-    near = [name for name in islice(known, _WORDS_MAX) if len(name) <= _LETTERS_MAX]
-    close = get_close_matches(word.strip().lower(), near, n=1) if len(word) <= _LETTERS_MAX else []
+    """Return " (did you mean ...?)" with the closest known word; empty if none is similar."""
+    candidates = [name for name in islice(known, _WORDS_MAX) if len(name) <= _LETTERS_MAX]
+    close = (
+        get_close_matches(word.strip().lower(), candidates, n=1)
+        if len(word) <= _LETTERS_MAX
+        else []
+    )
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
-def one_line(what: object, most: int = 200) -> str:
-    """Return the text of an error, a path or anything else on one line of at most so many
-    characters, the middle left out.
+def one_line(value: object, length_max: int = 200) -> str:
+    """Return a value as printable text on one line, with its middle omitted if it is too long.
 
-    What cannot be printed becomes a question mark. An error of the operating system is what it says
-    without its path; an error that says nothing is named by its type.
+    Characters that cannot be printed become question marks. For an error of the operating system,
+    the text is its message without the path. For an error without a message, it is the name of its
+    type.
+
+    Parameters
+    ----------
+    value : object
+        An error, a path, a text or any other object.
+    length_max : int
+        Maximum number of characters.
     """
-    text = (what.strerror if isinstance(what, OSError) else None) or str(what)
-    if isinstance(what, UnicodeDecodeError):
-        text = f"byte {what.start}, counting from 0, is no text in {what.encoding.upper()}"
-    elif isinstance(what, UnicodeEncodeError):
-        text = f"character {what.start}, counting from 0, is none that a text may have"
-    if isinstance(what, BaseException) and not text.strip():
-        text = type(what).__name__
-    if len(text) > 2 * most:  # of a text of any length, no more is looked at
-        text = f"{text[:most]} ... {text[-most:]}"
+    text = (value.strerror if isinstance(value, OSError) else None) or str(value)
+    if isinstance(value, UnicodeDecodeError):
+        text = f"byte {value.start}, counting from 0, is not valid {value.encoding.upper()}"
+    elif isinstance(value, UnicodeEncodeError):
+        text = f"character {value.start}, counting from 0, cannot be written as text"
+    if isinstance(value, BaseException) and not text.strip():
+        text = type(value).__name__
+    if len(text) > 2 * length_max:  # bounds the work for very long texts
+        text = f"{text[:length_max]} ... {text[-length_max:]}"
     text = printable(" ".join(text.split()))
-    end = most // 4
-    return text if len(text) <= most else f"{text[: most - end - 3]}...{text[-end:]}"
+    end = length_max // 4
+    return text if len(text) <= length_max else f"{text[: length_max - end - 3]}...{text[-end:]}"
 
 
 def printable(text: object) -> str:
-    """Return a text with question marks for what cannot be printed: line ends, colours."""
-    return "".join(sign if sign.isprintable() else "?" for sign in str(text))
+    """Return a text with question marks for unprintable characters, such as line ends."""
+    return "".join(character if character.isprintable() else "?" for character in str(text))
 
 
 def brief(value: object) -> str:
-    """Return a value that was given, as an error shows it: on one line of at most 60 characters."""
+    """Return the repr of a value for a message: one line of at most 60 characters."""
     try:
         return one_line(repr(value), 60)
-    except ValueError:  # Python's own limit
+    except ValueError:  # Python's limit for printing integers
         return "a number of very many digits"

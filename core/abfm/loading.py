@@ -1,4 +1,4 @@
-"""Results of all kinds: read from files, and the tasks that they are results of."""
+"""Loading of results and problems of every kind from files."""
 
 from __future__ import annotations
 
@@ -20,32 +20,33 @@ _TASKS: tuple[type[Task], ...] = (PopulationTask, *KINDS.values())
 
 
 def load(path: File, *expected: type) -> Any:
-    """Read a result or a problem from its file.
+    """Load a result or a problem from its file.
 
     Parameters
     ----------
     path : path or open binary file
-        A file that `save` wrote, or the folder of a population.
+        A file written by `save`, or the folder of a population.
     *expected : type
-        Types that are accepted; by default all.
+        Accepted types of the result. By default all types are accepted.
 
     Returns
     -------
     Match, Registration, Correspondence, Sequence, Population or Problem
-        What the file holds. Values that do not fit the field of a match are recomputed, and
-        ``match.doubt`` reports it.
+        The content of the file. Stored values that do not fit the field of a match are recomputed,
+        and ``match.doubt`` reports it.
 
     Raises
     ------
     ResultError
-        If the file is missing or damaged, or holds none of these.
+        If the file is missing or damaged, or contains none of the expected types.
     """
     found = _loaded(path)
     if expected and not isinstance(found, expected):
         names = " or ".join(each.__name__ for each in expected)
         kind = type(found).__name__
         raise ResultError(
-            f"{results.name_of(path)} holds a {kind}; expected a {names} (`abfm info` describes it)"
+            f"{results.name_of(path)} is a {kind}; expected a {names} (`abfm info` describes the "
+            "file)"
         )
     return found
 
@@ -59,17 +60,17 @@ def _loaded(path: File) -> Any:
     if "a_vertices" in names:
         return load_correspondence(path)
     if {"source", "target"} <= names:
-        # of a match that is damaged, so that it does not pass for a problem
+        # a damaged match must not be read as a problem
         is_match = names & (results.RESULT.entries.keys() - results.PROBLEM.entries.keys())
         return load_match(path) if is_match else load_problem(path)
     raise ResultError(
-        f"{results.name_of(path)} holds no result or problem of abfm; expected a file that save() "
-        "wrote"
+        f"{results.name_of(path)} contains no result or problem of abfm; expected a file written "
+        "by save()"
     )
 
 
 def task_of_file(path: File) -> type[Task] | None:
-    """Return the kind of task that a file holds a result of; None for any other zip of arrays.
+    """Return the type of task whose result a file contains; None for other archives of arrays.
 
     Raises
     ------
@@ -86,13 +87,13 @@ def _names(path: File) -> set[str]:
 
 
 def _task(names: set[str]) -> type[Task] | None:
-    """Return the kind of task whose result has arrays of these names."""
-    fitting = [task for task in _TASKS if task.file.marks <= names]
-    return max(fitting, key=lambda task: len(task.file.marks), default=None)
+    """Return the type of task whose result has entries of these names."""
+    fitting = [task for task in _TASKS if task.file.required_entries <= names]
+    return max(fitting, key=lambda task: len(task.file.required_entries), default=None)
 
 
 def task_of(found: Any) -> type[Task]:
-    """Return the kind of task that a result is of."""
+    """Return the type of task that produces a result of this type."""
     for task in _TASKS:
         if type(found) is task.result:
             return task

@@ -1,4 +1,4 @@
-"""Arrays by their entries, and files."""
+"""Type aliases of arrays and files."""
 
 import os
 from typing import Any, BinaryIO, TypeAlias
@@ -10,6 +10,6 @@ FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IndexArray: TypeAlias = NDArray[Any]
-"""Whole numbers of any size, as sparse matrices and kernels have them."""
+"""Integers of any size, as in sparse matrices and compiled kernels."""
 File: TypeAlias = str | os.PathLike[str] | BinaryIO
-"""A path, or a file that is open."""
+"""A path, or an open binary file."""

@@ -154,7 +154,7 @@ def _batch():
         ledger = Ledger(folder / "out")
         ledger.make()
         ledger.write_rows(rows, "a table")
-        rows[0].task().solve(Monitor()).save(ledger.result(rows[0].digest))
+        rows[0].task().solve(Monitor()).save(ledger.result_path(rows[0].digest))
         ledger.record(rows[0], Record(rows[0].digest, seconds=1.5))
         ledger.record(rows[1], Record(reason="no reason"))
         files = {

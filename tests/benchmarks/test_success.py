@@ -10,7 +10,7 @@ import pytest
 from abfm import Parameters, Problem, TriangleMesh
 from abfm.batch import Ledger, problem_row
 from abfm.batch import ledger as ledgers
-from abfm.batch.attempt import Task, attempt
+from abfm.batch.attempt import WorkItem, attempt
 from abfm.calculus.geodesics import geodesic_distance
 from abfm.workers import Control
 from benchmarks import success
@@ -87,7 +87,7 @@ def tried(folder, parameters, source, target, mesh=BALL):
     """Return the record of a problem that is solved in this process."""
     ledger = Ledger(folder)
     row = problem_row(Problem(mesh, source, target, parameters), folder)
-    attempt(Task(row, folder, ledger.make()))
+    attempt(WorkItem(row, folder, ledger.make()))
     return record_of(ledger.entry(row))
 
 

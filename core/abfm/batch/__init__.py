@@ -1,4 +1,4 @@
-"""Many matches and registrations: tables of them, a ledger of what is done, and who does it."""
+"""Batches of problems: tables, a ledger of finished rows, and workers that solve the rows."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What a worker does with a row: wherever it runs, whatever it sees of the file system."""
+"""Solution of one row by a worker, with or without access to the folders of the batch."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 
 from abfm.batch.ledger import Ledger, Record
-from abfm.batch.rows import Row, own_version
+from abfm.batch.rows import Row, installed_version
 from abfm.errors import AbfmError, AbfmWarning, ResultError, one_line
 from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
@@ -21,60 +21,64 @@ from abfm.matching.solving.record import Iteration
 from abfm.outcome import Outcome
 from abfm.sequences import remove_checkpoints
 from abfm.tasks.monitor import Monitor, ignore
-from abfm.tasks.task import Task as Solvable
+from abfm.tasks.task import Task
 from abfm.workers.control import CancelledError, Control, checkpoint, current_control
 from abfm.workers.progress import step
 
 IMPOSSIBLE_STEP = f"{Outcome.IMPOSSIBLE}: "
-"""Begin of the step of a row that no flow can match."""
+"""Prefix of the step that reports a row whose functions no flow can match."""
 
 
 class Computation(Protocol):
-    """Something to compute from files whose result goes back as a value, and into no folder."""
+    """A computation from files whose result is returned as a value instead of a file."""
 
     def files(self) -> list[str]:
         """Return the absolute names of the files that it reads, whether they exist or not."""
 
-    def moved(self, places: Mapping[str, str]) -> Self:
-        """Return the same with files, by their absolute names, elsewhere."""
+    def relocated(self, places: Mapping[str, str]) -> Self:
+        """Return the same computation with other paths for its files, by their absolute names."""
 
-    def computed(self) -> object:
+    def compute(self) -> object:
         """Return the result."""
 
 
 @dataclass(frozen=True)
-class Task:
-    """A row to solve, and the folder for its result, known by what is in it; or a computation."""
+class WorkItem:
+    """A row to solve and the folder for its result, or a computation.
+
+    The folder is recognized by the text in its file ``identity``.
+    """
 
     row: Row | Computation
     folder: str = ""
     identity: str = ""
-    contents: Mapping[str, bytes] | None = None  # of files, where the worker does not see them
-    version: str = field(default_factory=own_version)  # of abfm, where it is asked for
-    tries: int = 1  # with this one; others ended with their process
-    number: int = 0  # among those that are solved
+    contents: Mapping[str, bytes] | None = None  # of its files, if the worker has no access to them
+    version: str = field(default_factory=installed_version)  # of abfm where the item was created
+    tries: int = 1  # number of this attempt; in earlier ones the process died
+    number: int = 0  # index in the list of items
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of a task."""
+    """The result of a work item."""
 
     record: Record = Record()
-    result: bytes | None = None  # of the file, where the folder is not seen
+    result: bytes | None = None  # content of the result file, if the folder is not accessible
     value: Any = None  # of a computation
-    is_blind: bool = False  # files are not seen: the task is to be sent again, with their contents
+    needs_contents: bool = False  # files are not accessible; send their contents with the item
 
 
 @dataclass
 class Cost:
-    """The cost of a match, measured while it is solved; None is unknown."""
+    """Cost of a match, measured while it is solved; None if unknown."""
 
-    evaluations: int | None = None  # of energy and gradient, up to the last iterate
-    seconds_to_goal: float | None = None  # until the residual on the mesh itself was the goal
+    evaluations: int | None = None  # evaluations of energy and gradient until the last iterate
+    seconds_to_goal: float | None = None  # until the residual on the input mesh reached the goal
 
     def watch(self, goal: float | None) -> Callable[[Iteration], object]:
-        """Return a function to call after every iteration of a match with a goal; None for tasks
-        that have none.
+        """Return a function to call after every iteration of a match with this goal.
+
+        For tasks without a goal, the function does nothing.
         """
         if goal is None:
             return ignore
@@ -82,106 +86,114 @@ class Cost:
 
         def measure(now: Iteration) -> None:
             self.evaluations = now.evaluations
-            is_reached = now.level == now.levels - 1 and now.residual <= goal
-            if is_reached and self.seconds_to_goal is None:
+            reached_goal = now.level == now.levels - 1 and now.residual <= goal
+            if reached_goal and self.seconds_to_goal is None:
                 self.seconds_to_goal = time.monotonic() - began
 
         return measure
 
 
-def attempt(task: Task) -> Answer:
-    """Solve a row and write its result, if nobody has; a failure is an answer, not an error.
+def attempt(item: WorkItem) -> Answer:
+    """Solve a row and write its result unless it exists; return failures as answers.
 
-    Where the folder is seen, what is known of the row is written there, too. `CancelledError` is
-    raised where this thread's control was cancelled meanwhile.
+    If the folder is accessible, also write the record of the row.
+
+    Raises
+    ------
+    CancelledError
+        If the control of this thread was cancelled.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AbfmWarning)
-        answer = _answer(task)
+        answer = _answer(item)
     texts = [str(each.message) for each in caught if issubclass(each.category, AbfmWarning)]
-    record = replace(answer.record, tries=task.tries, warning="; ".join(texts))
+    record = replace(answer.record, tries=item.tries, warning="; ".join(texts))
     answer = replace(answer, record=record)
-    if isinstance(task.row, Row) and not answer.is_blind and answer.result is None:
-        ledger = Ledger(task.folder)
-        if ledger.is_seen(task.identity):
-            ledger.record(task.row, answer.record)
+    if isinstance(item.row, Row) and not answer.needs_contents and answer.result is None:
+        ledger = Ledger(item.folder)
+        if ledger.is_accessible(item.identity):
+            ledger.record(item.row, answer.record)
     return answer
 
 
-def _answer(task: Task) -> Answer:
-    if task.version != (there := own_version()):
-        reason = f"its worker has abfm {there}; install abfm {task.version} there, as it is here"
+def _answer(item: WorkItem) -> Answer:
+    if item.version != (there := installed_version()):
+        reason = f"the worker has abfm {there}; expected abfm {item.version}, as on this machine"
         return Answer(Record(reason=reason))
-    if task.contents is None and not all(map(os.path.exists, task.row.files())):
-        return Answer(is_blind=True)
+    if item.contents is None and not all(map(os.path.exists, item.row.files())):
+        return Answer(needs_contents=True)
     digest = ""
     try:
         with ExitStack() as opened:
-            row = task.row
-            if task.contents:
+            row = item.row
+            if item.contents:
                 folder = temporary_folder()
-                row = _with_contents(row, task.contents, opened.enter_context(folder))
+                row = _with_contents(row, item.contents, opened.enter_context(folder))
             if not isinstance(row, Row):
-                return Answer(value=row.computed())
+                return Answer(value=row.compute())
             prepared = row.task()
             digest = prepared.digest
-            return _solved(task, row, prepared)
+            return _solved(item, row, prepared)
     except CancelledError:
         raise
     except AbfmError as error:
-        checkpoint()  # what was cancelled before there was anything has not failed
-        return Answer(Record(digest, str(error) or "it was refused"))
+        checkpoint()  # a task cancelled before it started is not a failure
+        return Answer(Record(digest, str(error) or "the row is invalid"))
     except MemoryError:
         return Answer(Record(digest, "out of memory"))
-    # a library's own error, or a bug: others go on
+    # an error of a library or a bug must not stop the other rows
     except Exception as error:
         return Answer(Record(digest, f"{type(error).__name__}: {one_line(error)}"))
 
 
-def _solved(task: Task, row: Row, prepared: Solvable) -> Answer:
-    """Have the result in the folder; its bytes where that is not seen."""
-    ledger = Ledger(task.folder)
-    if ledger.is_seen(task.identity):
-        path = ledger.result(prepared.digest)
-        if ledger.has(prepared.digest):
+def _solved(item: WorkItem, row: Row, prepared: Task) -> Answer:
+    """Write the result to the folder, or return its bytes if the folder is not accessible."""
+    ledger = Ledger(item.folder)
+    if ledger.is_accessible(item.identity):
+        path = ledger.result_path(prepared.digest)
+        if ledger.has_result(prepared.digest):
             remove_checkpoints(path)
-            entry = ledger.entry(row)  # of this run, if its answer was lost with a worker of Dask
+            entry = ledger.entry(row)  # this run wrote it if a Dask worker died before it answered
             return Answer(entry.record if entry.state == "done" else Record(prepared.digest))
-        return Answer(_save(task, row, prepared, path))
+        return Answer(_save(item, row, prepared, path))
     with temporary_folder() as folder:
         path = folder / "result.npz"
-        return Answer(_save(task, row, prepared, path), path.read_bytes())
+        return Answer(_save(item, row, prepared, path), path.read_bytes())
 
 
-def _save(task: Task, row: Row, prepared: Solvable, path: Path) -> Record:
-    """Solve, write the result, and return what it took."""
+def _save(item: WorkItem, row: Row, prepared: Task, path: Path) -> Record:
+    """Solve the task, write its result, and return the record with its cost."""
     control, cost, began = current_control() or Control(), Cost(), time.monotonic()
-    _report_expected(task, row, prepared)
+    _report_expected(item, row, prepared)
     with counted_row_products() as products:
         monitor = Monitor(control, cost.watch(prepared.goal), checkpoint=path)
         found = prepared.solve(monitor)
     if control.cancelled:
         raise CancelledError
     if (
-        task.contents is None
-        and type(row)(row.name, row.options, row.folder, row.declared).key != row.key
+        item.contents is None
+        and type(row)(row.name, row.options, row.folder, row.task_type).key != row.key
     ):
-        raise ResultError("a file of it changed while it was solved; run the same again")
+        raise ResultError(
+            "an input file changed while the row was solved; run the same command again"
+        )
     found.save(path)
     remove_checkpoints(path)
     seconds = time.monotonic() - began
-    count = None if products.is_shared else products.count  # unknown in a worker of several threads
+    # unknown if several threads share the worker
+    count = None if products.is_shared else products.count
     return Record(prepared.digest, seconds=seconds, row_products=count, **dataclasses.asdict(cost))
 
 
-def _report_expected(task: Task, row: Row, prepared: Solvable) -> None:
-    """Report a row that no flow can match before it is solved, which may take long: as a step, and
-    in the ledger.
+def _report_expected(item: WorkItem, row: Row, prepared: Task) -> None:
+    """Report a row that no flow can match before it is solved, as a step and in the ledger.
+
+    Solving such a row may take long.
     """
-    facts, ledger = prepared.expected(), Ledger(task.folder)
+    facts, ledger = prepared.expected(), Ledger(item.folder)
     if facts is None or facts.outcome is not Outcome.IMPOSSIBLE:
         return
-    if ledger.is_seen(task.identity):
+    if ledger.is_accessible(item.identity):
         expected = f"{facts.outcome}: {facts.reason}"
         ledger.record(row, Record(prepared.digest, expected=expected))
     with step(f"{IMPOSSIBLE_STEP}{one_line(row.name, 80)}: {facts.reason}"):
@@ -191,11 +203,11 @@ def _report_expected(task: Task, row: Row, prepared: Solvable) -> None:
 def _with_contents(
     row: Row | Computation, contents: Mapping[str, bytes], folder: Path
 ) -> Row | Computation:
-    """Return the row with files in a folder, each where it is from the others."""
+    """Write files to a folder, preserving their relative paths, and return a row that uses them."""
     places = dict[str, str]()
     for path, content in contents.items():
         place = folder / Path(os.path.normpath(path)).relative_to(Path(path).anchor)
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_bytes(content)
         places[path] = os.fspath(place)
-    return row.moved(places)
+    return row.relocated(places)

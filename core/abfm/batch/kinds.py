@@ -1,4 +1,4 @@
-"""The kinds of tasks that rows of a table may have."""
+"""Types of tasks that the rows of a table may have."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ KINDS: Mapping[str, type[Task]] = {
     task.kind: task
     for task in (SequenceTask, MatchTask, RegistrationTask, SymmetricTask, ProblemTask)
 }
-"""Tasks by the name of their kind. Unless it is named, a row is of the first whose first needed
-column it fills.
+"""Types of tasks by the name of their kind. If a row does not name its kind, the first type is
+used whose first required column is filled.
 """
 
 
-TASK = Input(name="task", help="the kind of task, if the other columns do not tell")
+TASK = Input(name="task", help="the kind of task, if it does not follow from the other columns")
 
 
 def kind_of(given: Mapping[str, str]) -> type[Task]:
-    """Return the kind of task of a row by its texts by column, or raise a ParameterError."""
+    """Return the type of task of a row, given its texts by column, or raise a ParameterError."""
     if (name := given.get(TASK.name)) is not None:
         if name not in KINDS:
             raise ParameterError(f"column task: {brief(name)} is not one of {', '.join(KINDS)}")
@@ -34,4 +34,4 @@ def kind_of(given: Mapping[str, str]) -> type[Task]:
         if task.needs[0] in given:
             return task
     choices = ", or ".join(f"{' and '.join(task.needs)} ({task.kind})" for task in KINDS.values())
-    raise ParameterError(f"it is of no kind: fill {choices}")
+    raise ParameterError(f"the kind of task is unknown; fill the columns {choices}")

@@ -1,4 +1,7 @@
-"""What is done, in a folder: whole files alone, so that whatever is killed can go on."""
+"""Ledger of a batch: the state of each row, in a folder.
+
+Files are written completely or not at all, so an interrupted batch can always be resumed.
+"""
 
 from __future__ import annotations
 
@@ -20,29 +23,29 @@ from abfm.outcome import Facts, Outcome
 from abfm.reading import from_json, read_bytes
 
 RowState = Literal["done", "failed", "missing"]
-"""Of a row: there is a result; it was tried in vain; it was not tried, or not to its end."""
-_LEDGER_BYTES_MAX = 256 << 20  # bytes of a file of the ledger
+"""State of a row: it has a result, its last attempt failed, or it was not attempted to the end."""
+_LEDGER_BYTES_MAX = 256 << 20  # size of a ledger file
 _REASON_LENGTH_MAX = 400
-_NAME = re.compile("[0-9a-f]{1,128}")  # of keys and digests, which become names of files
+_NAME = re.compile("[0-9a-f]{1,128}")  # keys and digests, which become file names
 
 
 @dataclass(frozen=True)
 class Record:
-    """What is known of a row, by its key, once it was tried."""
+    """State of a row after an attempt to solve it; stored under the row's key."""
 
-    digest: str = ""  # of its result; none where it has not come so far
-    reason: str = ""  # why it failed
-    tries: int = 1  # in the run that wrote this
-    seconds: float | None = None  # that solving took; None if it was there, or did not come so far
-    # of matches, as `Cost` has them; and whatever runs beside, as `RowProducts` has them, of rows
+    digest: str = ""  # name of the result; empty if the attempt did not get that far
+    reason: str = ""  # cause of a failure
+    tries: int = 1  # number of attempts in the run that wrote the record
+    seconds: float | None = None  # solution time; None if the result existed or solving failed
+    # cost of a match, see `Cost`, and products with rows, see `RowProducts`
     evaluations: int | None = None
     seconds_to_goal: float | None = None
     row_products: int | None = None
-    expected: str = ""  # of a row that is being solved: why no flow can match its functions
-    warning: str = ""  # of the library, while it was prepared and solved
+    expected: str = ""  # why no flow can match the functions of a row being solved
+    warning: str = ""  # warnings of the library while the row was prepared and solved
 
     def __post_init__(self) -> None:
-        """Refuse what no run writes, by a ValueError: ledgers may come from elsewhere."""
+        """Raise ValueError for values that no run writes, because ledgers may be damaged."""
         for each in fields(self):
             value = getattr(self, each.name)
             if isinstance(each.default, str):
@@ -59,148 +62,150 @@ class Record:
 
 @dataclass(frozen=True)
 class LedgerEntry:
-    """A row and what has come of it."""
+    """A row with its state and its record."""
 
     row: Row
     state: RowState
     record: Record = field(default_factory=Record)
-    path: Path | None = None  # of the result, where it is done
+    path: Path | None = None  # of the result; None unless the state is "done"
 
     @property
     def digest(self) -> str:
-        """Name of the result; empty where it is not known."""
+        """Name of the result; empty if it is unknown."""
         return self.record.digest
 
     @property
     def reason(self) -> str:
-        """Why it failed, in a line; else empty."""
+        """Cause of a failure in one line; empty without a failure."""
         return self.record.reason
 
     @property
     def facts(self) -> Facts:
-        """The facts of the result, read from its file; without numbers if there is none, and a
-        failure if its file is damaged.
+        """Facts of the result, read from its file.
+
+        Without a result the facts have no numbers. If the file is damaged, they report a failure.
         """
         if self.path is None:
             outcome = Outcome.FAILED if self.state == "failed" else Outcome.MISSING
             return Facts(outcome, str(outcome), self.reason or self.record.expected)
         try:
-            return self.row.declared.file.facts(self.path)
+            return self.row.task_type.file.facts(self.path)
         except ResultError as error:
             return Facts(Outcome.FAILED, str(Outcome.FAILED), str(error))
 
     def load(self) -> Any:
-        """Read the result, such as a Match or a Registration; an AbfmError says that there is
-        none.
-        """
+        """Load the result, such as a Match or a Registration; raise an AbfmError without one."""
         if self.path is None:
             reason = self.reason or "it has not been solved"
             raise ResultError(f"there is no result of {one_line(self.row.name)}: {reason}")
-        return self.row.declared.file.load(self.path)
+        return self.row.task_type.file.load(self.path)
 
 
 class Ledger:
-    """The folder of results: ``<digest>.npz`` each, and what is known of rows in ``ledger/``.
+    """The folder of a batch: results as ``<digest>.npz``, and records of rows in ``ledger/``.
 
     Parameters
     ----------
     folder : path
-        It is made by what writes there first.
+        The first write creates it.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(os.path.abspath(os.path.expanduser(folder)))
-        self.own = self.folder / "ledger"
+        self.records_folder = self.folder / "ledger"
 
     def make(self) -> str:
-        """Make the folder, if it is not there, and return what tells it from others."""
-        path = self.own / "identity"
+        """Create the folder if necessary, and return the text of its file ``identity``."""
+        path = self.records_folder / "identity"
         with writing_in(self.folder):
-            self.own.mkdir(parents=True, exist_ok=True)
+            self.records_folder.mkdir(parents=True, exist_ok=True)
             if not path.exists():
                 write_whole(path, secrets.token_hex(16))
             return path.read_text()
 
-    def is_seen(self, identity: str) -> bool:
-        """Tell whether this is, here, the same folder, and may be written to."""
+    def is_accessible(self, identity: str) -> bool:
+        """Return whether this path is the folder with that identity, and is writable."""
         try:
-            is_same = (self.own / "identity").read_text() == identity
+            is_same = (self.records_folder / "identity").read_text() == identity
         except OSError:
             return False
-        return is_same and all(os.access(each, os.W_OK) for each in (self.folder, self.own))
+        return is_same and all(
+            os.access(each, os.W_OK) for each in (self.folder, self.records_folder)
+        )
 
-    def result(self, digest: str) -> Path:
-        """Return where the result with a digest is, or will be."""
+    def result_path(self, digest: str) -> Path:
+        """Return the path of the result with a digest, whether it exists or not."""
         return self.folder / f"{digest}.npz"
 
-    def has(self, digest: str) -> bool:
-        """Tell whether there is a result; one that was cut short, as in a copy, is none."""
-        return is_zipfile(self.result(digest))
+    def has_result(self, digest: str) -> bool:
+        """Return whether a complete result exists; a truncated file does not count."""
+        return is_zipfile(self.result_path(digest))
 
     def write_result(self, digest: str, content: bytes) -> None:
-        """Write a result that came as bytes, if it is not there."""
-        if not self.has(digest):
-            write_whole(self.result(digest), content)
+        """Write the bytes of a result, unless the result exists."""
+        if not self.has_result(digest):
+            write_whole(self.result_path(digest), content)
 
     def entry(self, row: Row) -> LedgerEntry:
-        """Return what is known of a row."""
+        """Return the entry of a row."""
         return self._entry(row, row.key)
 
     def entries(self, rows: Iterable[Row]) -> list[LedgerEntry]:
-        """Return what is known of rows, in their order."""
+        """Return the entries of rows, in their order."""
         return [self.entry(row) for row in rows]
 
     def forget(self, row: Row) -> None:
-        """Take a row as one that was never tried."""
-        self._place(row.key).unlink(missing_ok=True)
+        """Remove the record of a row, so that the row counts as never attempted."""
+        self._record_path(row.key).unlink(missing_ok=True)
 
     def record(self, row: Row, record: Record) -> LedgerEntry:
-        """Write what is known of a row, and return it."""
+        """Write the record of a row, and return its entry."""
         if record.reason:
             record = replace(record, reason=one_line(record.reason, _REASON_LENGTH_MAX))
-        self._write(self._place(row.key), asdict(record))
+        self._write(self._record_path(row.key), asdict(record))
         return self.entry(row)
 
     def remove_abandoned(self) -> None:
-        """Remove what processes that have ended did not write to its end."""
-        for folder in (self.folder, self.own):
+        """Remove incomplete files of processes that have ended."""
+        for folder in (self.folder, self.records_folder):
             remove_abandoned(folder)
 
     def write_rows(self, rows: Sequence[Row], title: str) -> None:
-        """Keep which rows there are, for those who ask later."""
-        entries = [{**row.told(), "key": row.key} for row in rows]
-        self._write(self.own / "rows.json", {"title": title, "rows": entries})
+        """Store the list of rows, for later queries of the batch's state."""
+        entries = [{**row.to_dict(), "key": row.key} for row in rows]
+        self._write(self.records_folder / "rows.json", {"title": title, "rows": entries})
 
-    def kept(self) -> tuple[str, list[LedgerEntry]]:
-        """Return the title and what is known of the rows that were kept last, without a look at
-        their files.
+    def read_rows(self) -> tuple[str, list[LedgerEntry]]:
+        """Return the title and the entries of the stored rows, without reading their files.
 
         Raises
         ------
         ResultError
-            If there are none.
+            If the folder has no stored rows.
         """
         try:
-            content = from_json(read_bytes(self.own / "rows.json", _LEDGER_BYTES_MAX))
+            content = from_json(read_bytes(self.records_folder / "rows.json", _LEDGER_BYTES_MAX))
             if not isinstance(content, dict) or not isinstance(content.get("rows"), list):
-                raise ValueError(f"it holds {brief(content)}")
-            found = [self._kept(number, each) for number, each in enumerate(content["rows"], 1)]
+                raise ValueError(f"it contains {brief(content)}")
+            found = [
+                self._listed_entry(number, each) for number, each in enumerate(content["rows"], 1)
+            ]
             return one_line(content.get("title", "")), found
         except (OSError, ValueError) as error:
             reason = one_line(error, 80)
             if not isinstance(error, OSError):
                 reason = f"its list of rows is damaged ({reason})"
             raise ResultError(
-                f"{one_line(self.folder)} holds no batch: {reason}; give the folder that a batch "
-                "was written to"
+                f"{one_line(self.folder)} contains no batch: {reason}; expected the folder that a "
+                "batch was written to"
             ) from error
 
-    def _kept(self, number: int, entry: Any) -> LedgerEntry:
-        """Return what is known of a row of the list; a failure if it is damaged."""
+    def _listed_entry(self, number: int, entry: Any) -> LedgerEntry:
+        """Return the entry of an item of the stored list; a failure if the item is damaged."""
         try:
             row, key = _row_and_key(entry)
         except ValueError as error:
-            reason = f"its line in the list of rows is damaged: {one_line(error, 200)}"
+            reason = f"its entry in the list of rows is damaged: {one_line(error, 200)}"
             return LedgerEntry(Row.unreadable(f"row {number}"), "failed", Record(reason=reason))
         return self._entry(row, key)
 
@@ -214,19 +219,19 @@ class Ledger:
             return LedgerEntry(row, "missing", Record(reason=reason))
         if record.reason:
             return LedgerEntry(row, "failed", record)
-        if self.has(record.digest):
-            return LedgerEntry(row, "done", record, self.result(record.digest))
+        if self.has_result(record.digest):
+            return LedgerEntry(row, "done", record, self.result_path(record.digest))
         return LedgerEntry(row, "missing", record)
 
-    def _place(self, key: str) -> Path:
-        return self.own / f"{key}.json"
+    def _record_path(self, key: str) -> Path:
+        return self.records_folder / f"{key}.json"
 
     def _read(self, key: str) -> Record:
-        """Return the record of a row; an OSError or ValueError reports why it cannot be read."""
-        entry = from_json(read_bytes(self._place(key), _LEDGER_BYTES_MAX))
+        """Return the record of a row; raise OSError or ValueError if it cannot be read."""
+        entry = from_json(read_bytes(self._record_path(key), _LEDGER_BYTES_MAX))
         known = {each.name for each in fields(Record)}
         if not isinstance(entry, dict) or not entry or entry.keys() - known:
-            raise ValueError(f"it holds {brief(entry)}")
+            raise ValueError(f"it contains {brief(entry)}")
         record = Record(**entry)
         reason, expected, warning = (
             one_line(text, _REASON_LENGTH_MAX)
@@ -239,7 +244,10 @@ class Ledger:
 
 
 def _row_and_key(entry: Any) -> tuple[Row, str]:
-    """Return a row and its key as `Ledger.write_rows` wrote them, or raise a ValueError."""
+    """Return a row and its key from an item that `Ledger.write_rows` wrote.
+
+    Raises ValueError if the item is damaged.
+    """
     try:
         name, folder, key = (entry[each] for each in ("name", "folder", "key"))
         options = [(column, text) for column, text in entry["options"]]

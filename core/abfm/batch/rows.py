@@ -1,4 +1,4 @@
-"""One of many problems, as paths and options: cheap to keep, to send and to tell from others."""
+"""Rows: problems as paths and options, cheap to store, to send and to compare."""
 
 from __future__ import annotations
 
@@ -24,42 +24,42 @@ from abfm.tasks.inputs import Input, Rename, absolute, by_name
 from abfm.tasks.task import Task
 
 PROBLEMS = "problems"
-"""Folder, in that of results, of problems that were made in Python."""
-_BLOCK = 1 << 20
+"""Subfolder, in the folder of results, for problems created in Python."""
+_BLOCK_BYTES = 1 << 20  # bytes read at once
 _URI = re.compile(rb'"uri"\s*:\s*"((?!data:)[^"]{1,1000})"')
-_LARGEST_JSON = 64 << 20  # bytes of a glTF file that may name others
+_GLTF_BYTES_MAX = 64 << 20  # size of a glTF file that may refer to other files
 
 
 @dataclass(frozen=True)
 class Row:
-    """A problem as a row of a table has it. Nothing is read before it is asked for.
+    """A problem as a row of a table. Files are read only when the problem is needed.
 
     Parameters
     ----------
     name : str
-        What it is called; characters that cannot be printed become question marks.
+        Name of the row; unprintable characters become question marks.
     options : mapping of str, or pairs
-        Texts by column, named as the options of `abfm match` and `abfm register`: ``mesh``,
-        ``source``, ``target``, ``alpha``, ...; ``a`` and ``b`` for a registration. Pairs may have
-        ``channel`` several times, also as source, target and weight. Numbers and paths become
-        texts; what is None or empty counts as not given.
+        Texts by column. Columns have the names of the options of `abfm match` and `abfm register`:
+        ``mesh``, ``source``, ``target``, ``alpha``, ...; ``a`` and ``b`` for a registration. Pairs
+        may repeat ``channel``, also as a tuple of source, target and weight. Numbers and paths are
+        converted to texts. None and empty texts count as not given.
     folder : path, optional
-        Where relative paths begin; by default the current folder. If it is empty, paths stay as
-        they are.
+        Folder of relative paths; by default the current folder. If it is empty, paths stay
+        unchanged.
     task : type, optional
-        The kind of task; by default that which the column ``task`` names, or whose
-        columns are given.
+        Type of the task. By default the column ``task`` names it, or it follows from the columns
+        that are given.
 
     Raises
     ------
     ParameterError
-        If the columns are those of no kind of row, or a value does not fit.
+        If the columns fit no type of task, or a value is invalid.
     """
 
     name: str
     options: tuple[tuple[str, str], ...]
     folder: str
-    declared: type[Task]
+    task_type: type[Task]
 
     def __init__(
         self,
@@ -77,10 +77,10 @@ class Row:
         for column, text in given:
             if column not in known:
                 raise ParameterError(
-                    f"column {column}: a {kind} has no such option{did_you_mean(column, known)}"
+                    f"column {column} is not an option of a {kind}{did_you_mean(column, known)}"
                 )
             if column in seen and not known[column].repeats:
-                raise ParameterError(f"column {column}: it is given twice")
+                raise ParameterError(f"column {column} is given twice")
             seen.add(column)
             try:
                 known[column].read(text)
@@ -88,87 +88,88 @@ class Row:
                 raise ParameterError(f"column {column}: {error}") from None
         missing = [column for column in task.needs if column not in seen]
         if missing:
-            raise ParameterError(f"column {missing[0]}: a {kind} needs it, and it is empty")
+            raise ParameterError(f"column {missing[0]} is empty, but a {kind} requires it")
         folder = os.path.abspath(os.path.expanduser(folder)) if folder else ""
         self.__dict__.update(
             name=printable(" ".join(str(name).split())),
             options=given,
             folder=folder,
-            declared=task,
+            task_type=task,
         )
-        self.declared.check(self.values())
+        self.task_type.check(self.values())
 
     @property
     def kind(self) -> str:
-        """The name of its kind of task."""
-        return self.declared.kind
+        """Name of the kind of task."""
+        return self.task_type.kind
 
     def values(self) -> dict[str, Any]:
-        """Return the options' values by column, repeated ones as lists; names of files that are in
-        them are absolute.
-        """
+        """Return values by column, repeated ones as lists; file names are absolute."""
         return self._values(self._resolved())
 
     @cached_property
     def key(self) -> str:
-        """Name by options and contents of files, in hexadecimal digits, wherever these lie: what
-        is not read, such as a file that is missing, has a key, too.
+        """Hash of the options and the contents of files, in hexadecimal digits.
+
+        The key does not depend on where the files are. A missing file also has a key.
         """
-        told = [self.kind, own_version()]
-        columns = _columns(self.declared)
+        hashed_texts = [self.kind, installed_version()]
+        columns = _columns(self.task_type)
         for column, text in sorted(self._resolved()):
-            hashed = columns[column].renamed(text, _content)
-            told.append(f"{column} {columns[column].read(hashed)!r}")
-        return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+            with_hashes = columns[column].renamed(text, _content)
+            hashed_texts.append(f"{column} {columns[column].read(with_hashes)!r}")
+        return hashlib.sha256(json.dumps(hashed_texts).encode()).hexdigest()
 
     @cached_property
     def digest(self) -> str:
-        """Name of the result, in hexadecimal digits: of a match that of its `Problem`, which is
-        made for it; an AbfmError tells why that cannot be.
+        """Name of the result, in hexadecimal digits.
+
+        For a match this is the digest of its `Problem`, which is created for it. Raises an
+        AbfmError if the inputs are invalid.
         """
         return self.task().digest
 
     def task(self) -> Task:
-        """Read the files that it names; an AbfmError reports what does not fit."""
-        return self.declared.read(self)
+        """Read the files and return the task; raise an AbfmError if the inputs are invalid."""
+        return self.task_type.read(self)
 
-    def told(self) -> dict[str, Any]:
-        """Return what it is made of, as plain lists and texts."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return name, options and folder as plain lists and texts."""
         return {"name": self.name, "options": list(map(list, self.options)), "folder": self.folder}
 
     @classmethod
     def unreadable(cls, name: str) -> Row:
-        """Return a row in place of one that cannot be read, to report it among the others."""
+        """Return a placeholder for a row that cannot be read, to report it among the others."""
         row = object.__new__(cls)
         task = next(iter(KINDS.values()))
-        row.__dict__.update(name=name, options=(), folder=".", declared=task)
+        row.__dict__.update(name=name, options=(), folder=".", task_type=task)
         return row
 
     def files(self) -> list[str]:
-        """Return the absolute names of the files that it is made of, whether they exist or not."""
+        """Return the absolute names of all files of the row, whether they exist or not."""
         return files_renamed(lambda rename: self._renamed(self._resolved(), rename))
 
-    def moved(self, places: Mapping[str, str]) -> Row:
-        """Return the same row with files, by their absolute names, elsewhere."""
+    def relocated(self, places: Mapping[str, str]) -> Row:
+        """Return the same row with other paths for its files, given by their absolute names."""
         options = self._renamed(self._resolved(), lambda path: places.get(path, path))
-        other = type(self)(self.name, options, self.folder, self.declared)
+        other = type(self)(self.name, options, self.folder, self.task_type)
         other.__dict__.update(written=self.written, key=self.key)
         return other
 
     @cached_property
     def written(self) -> dict[str, Any]:
-        """The options' values by column as they were written, which results tell of functions."""
+        """Values by column as the user wrote them; results store these texts of functions."""
         return self._values(self.options)
 
     def _resolved(self) -> list[tuple[str, str]]:
         return self._renamed(self.options, absolute(self.folder))
 
     def _renamed(self, options: Iterable[tuple[str, str]], rename: Rename) -> list[tuple[str, str]]:
-        columns = _columns(self.declared)
+        columns = _columns(self.task_type)
         return [(column, columns[column].renamed(text, rename)) for column, text in options]
 
     def _values(self, options: Iterable[tuple[str, str]]) -> dict[str, Any]:
-        columns, found = _columns(self.declared), dict[str, Any]()
+        columns, found = _columns(self.task_type), dict[str, Any]()
         for column, text in options:
             value = columns[column].read(text)
             if columns[column].repeats:
@@ -184,14 +185,14 @@ def problem_row(
     name: str = "",
     max_distortion: float | None = None,
 ) -> Row:
-    """Write a problem that was made in Python into the folder of results, once, and return its row.
+    """Write a problem created in Python to the folder of results, once, and return its row.
 
     Raises
     ------
     ResultError
-        If it cannot be written.
+        If the problem cannot be written.
     """
-    place = Path(PROBLEMS, f"{problem.digest}.npz")  # as the row has it, which begins at the folder
+    place = Path(PROBLEMS, f"{problem.digest}.npz")  # relative to the folder, as in the row
     path = Path(os.path.expanduser(folder), place)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -201,8 +202,8 @@ def problem_row(
 
 
 @cache
-def own_version() -> str:
-    """Return the version of this abfm, which takes as long to find as to check a row."""
+def installed_version() -> str:
+    """Return the version of this abfm; cached, because the query is as slow as checking a row."""
     return version("abfm")
 
 
@@ -222,37 +223,41 @@ def _text(value: Any) -> str:
         return repr(value)
     if isinstance(value, tuple):
         return shlex.join(map(_text, value))
-    raise ParameterError(f"{brief(value)} is neither text, path nor number")
+    raise ParameterError(f"{brief(value)} is not a text, a path or a number")
 
 
 def _content(path: str) -> str:
-    """Return a name of what a file holds, and what it is made of besides."""
-    sums = [_sum_of(each) for each in with_companions(path)]
-    # readers go by suffixes
+    """Return the hash of a file and of the files that it refers to, with the suffix of the file."""
+    sums = [_checksum_of(each) for each in with_companions(path)]
+    # readers are chosen by suffix
     return f"{hashlib.sha256(' '.join(sums).encode()).hexdigest()}{Path(path).suffix.lower()}"
 
 
-def _sum_of(path: str) -> str:
+def _checksum_of(path: str) -> str:
     try:
         status = os.stat(path)
-        return _sum(path, status.st_size, status.st_mtime_ns)
+        return _checksum(path, status.st_size, status.st_mtime_ns)
     except (OSError, ValueError):
         return f"missing {path}"
 
 
 @lru_cache(maxsize=100_000)
-def _sum(path: str, size: int, changed: int) -> str:
-    """Return the checksum of a file as it was then."""
+def _checksum(path: str, size: int, changed: int) -> str:
+    """Return the checksum of a file; size and time of its change are keys of the cache."""
     found = hashlib.sha256()
     with open_plain(path) as file:
-        while block := file.read(_BLOCK):
+        while block := file.read(_BLOCK_BYTES):
             found.update(block)
     return found.hexdigest()
 
 
 def files_renamed(apply: Callable[[Rename], object]) -> list[str]:
-    """Return the names that a function gives to the function that renames files, and those of files
-    that their readers take besides.
+    """Return the file names that `apply` passes to its argument, and their companion files.
+
+    Parameters
+    ----------
+    apply : callable
+        Takes a function that renames files, and calls it with each file name.
     """
     found = dict[str, None]()
 
@@ -265,16 +270,16 @@ def files_renamed(apply: Callable[[Rename], object]) -> list[str]:
 
 
 def with_companions(path: str) -> list[str]:
-    """Return a file and those that its reader takes besides."""
+    """Return a file and the files that its reader also opens."""
     low = path.lower()
     if low.endswith(".sym.vts"):
         return [path, *(each for each in [f"{path[:-8]}.vts"] if os.path.exists(each))]
     if low.endswith(".gltf"):
         try:
-            with open_plain(path, _LARGEST_JSON) as file:
+            with open_plain(path, _GLTF_BYTES_MAX) as file:
                 names = _URI.findall(file.read())
             decoded = (unquote(name.decode("utf-8", "replace")) for name in names)
             return [path, *(os.fspath(referenced_file(path, name)) for name in decoded)]
-        except (OSError, ValueError):  # the reader reports them
+        except (OSError, ValueError):  # the reader reports the error
             return [path]
     return list(dict.fromkeys([path, *files_of_frames(path)]))

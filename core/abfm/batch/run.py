@@ -1,4 +1,4 @@
-"""Solve many rows by processes of this machine or by a cluster elsewhere."""
+"""Solution of many rows by processes of this machine or by a cluster."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 
-from abfm.batch.attempt import IMPOSSIBLE_STEP, Answer, Computation, Task, attempt
-from abfm.batch.cluster import CONNECTING, NO_WORKERS, Cluster, LostError
+from abfm.batch.attempt import IMPOSSIBLE_STEP, Answer, Computation, WorkItem, attempt
+from abfm.batch.cluster import CONNECTING, NO_WORKERS, Cluster, ConnectionLostError
+from abfm.batch.dask_connection import DaskConnection
 from abfm.batch.ledger import Ledger, LedgerEntry, Record
-from abfm.batch.on_dask import OnDask
 from abfm.batch.rows import Row
 from abfm.errors import AbfmWarning, one_line
 from abfm.reading import read_bytes
@@ -23,14 +23,18 @@ from abfm.workers.executor import CALLS_SUBMITTED_MAX, Processes, completed, in_
 from abfm.workers.worker import WorkerEndedError
 
 TRIES = 3
-"""How often a row is tried whose process dies."""
-ENDED_MESSAGE = f"the process that solved it ended {TRIES} times, as for want of memory"
+"""Maximum number of attempts to solve a row whose process dies."""
+ENDED_MESSAGE = f"its process ended {TRIES} times, possibly because of too little memory"
 ROWS_READ_MIN = 500
-"""Rows whose entries are read also if the run is cancelled before; of more that takes long."""
+"""Number of rows whose entries are read even if the run is already cancelled. Reading the entries
+of many rows takes long.
+"""
 VALUES_SUBMITTED_MAX = 256
-"""Computations that are submitted at once: their results are in memory until they are taken."""
+"""Number of computations that are submitted at once. Their results stay in memory until the caller
+consumes them.
+"""
 REPORTED_STEPS = (CONNECTING, NO_WORKERS, IMPOSSIBLE_STEP)
-"""Beginnings of the steps that a user sees while rows are solved, see `abfm.workers.progress`."""
+"""Prefixes of the steps that the user sees while rows are solved, see `abfm.workers.progress`."""
 
 
 def run(
@@ -41,49 +45,51 @@ def run(
     on_change: Callable[[LedgerEntry], object] = lambda entry: None,
     control: Control | None = None,
 ) -> list[LedgerEntry]:
-    """Solve rows that have no result in a folder yet, and return what has come of all, in order.
+    """Solve all rows that have no result in a folder yet; return the entries of all rows in order.
 
-    Each result is ``<digest>.npz`` in the folder, and is the same, bit for bit, whoever solves it
-    on machines of one kind. Rows that fail are told with their reason and do not stop others; the
-    next run tries them again. Whatever is killed, also this process, leaves whole files, and the
-    next run goes on: what is lost are rows under way.
+    Each result is a file ``<digest>.npz`` in the folder. Machines of the same type produce the same
+    bits, with any choice of workers. If a row fails, its entry reports the cause, other rows
+    continue, and the next run attempts it again. If any process is killed, including this one,
+    files stay complete and the next run resumes. Only rows in progress are lost.
 
     Parameters
     ----------
     rows : iterable of Row
-        Equal ones are solved once.
+        Equal rows are solved once.
     folder : path
-        It is made if it is not there.
+        Created if it does not exist.
     cluster : Cluster, optional
-        By default this machine's cores.
+        By default the cores of this machine.
     on_change : callable
-        Called in this thread with each entry that is new, as it comes.
+        Called in this thread with each new entry.
     control : Control, optional
-        To end before all is done: rows under way are given up, and are missing then.
+        Cancels the run. Rows in progress are then abandoned and reported as missing.
 
     Raises
     ------
     AbfmError
-        If the folder cannot be written to, or there is no such cluster.
+        If the folder is not writable, or the cluster is not available.
     """
     with Workers(cluster) as workers:
         return workers.run(rows, folder, on_change=on_change, control=control)
 
 
 class Workers:
-    """Who solves rows, to be used in a ``with``: processes, or a connection to a cluster, that are
-    started when there is first something to solve and kept from one `run` to the next.
+    """Context manager of workers that are shared by several runs.
+
+    The processes, or the connection to a cluster, start when there is first a row to solve. They
+    persist until `close`.
 
     Parameters
     ----------
     cluster : Cluster, optional
-        By default this machine's cores.
+        By default the cores of this machine.
     """
 
     def __init__(self, cluster: Cluster | None = None) -> None:
         self.cluster = cluster or Cluster()
         self._processes: Processes | None = None
-        self._dask: OnDask | None = None
+        self._connection: DaskConnection | None = None
 
     def __enter__(self) -> Workers:
         return self
@@ -92,12 +98,12 @@ class Workers:
         self.close()
 
     def close(self) -> None:
-        """End the processes at once, or close the connection; the next run starts others."""
+        """End the processes at once, or close the connection; the next run starts new ones."""
         if self._processes is not None:
             self._processes.shutdown(cancel_futures=True)
-        if self._dask is not None:
-            self._dask.close()
-        self._processes = self._dask = None
+        if self._connection is not None:
+            self._connection.close()
+        self._processes = self._connection = None
 
     def run(
         self,
@@ -107,10 +113,10 @@ class Workers:
         on_change: Callable[[LedgerEntry], object] = lambda entry: None,
         control: Control | None = None,
     ) -> list[LedgerEntry]:
-        """Solve rows that have no result in a folder yet, see `abfm.batch.run`."""
+        """Solve all rows that have no result in a folder yet, see `abfm.batch.run`."""
         rows, control, ledger = list(rows), control or Control(), Ledger(folder)
         identity = ledger.make()
-        entries, tasks, warned = dict[str, LedgerEntry](), deque[Task](), set[str]()
+        entries, items, warned = dict[str, LedgerEntry](), deque[WorkItem](), set[str]()
         for number, row in enumerate(rows):
             if control.cancelled and len(entries) >= ROWS_READ_MIN:
                 break
@@ -120,23 +126,23 @@ class Workers:
             if entries[row.key].state != "done" and not control.cancelled:
                 ledger.forget(row)
                 entries[row.key] = LedgerEntry(row, "missing")
-                tasks.append(Task(row, os.fspath(ledger.folder), identity, number=number))
-        if not control.cancelled and tasks:
-            with closing(self._answers(tasks, control)) as answers:
-                for task, answer in answers:
+                items.append(WorkItem(row, os.fspath(ledger.folder), identity, number=number))
+        if not control.cancelled and items:
+            with closing(self._answers(items, control)) as answers:
+                for item, answer in answers:
                     if answer.result is not None:
                         ledger.write_result(answer.record.digest, answer.result)
-                    row = rows[task.number]
+                    row = rows[item.number]
                     entry = entries[row.key] = ledger.record(row, answer.record)
                     text = entry.record.warning
-                    if text and text not in warned:  # of the first row that has it
+                    if text and text not in warned:  # warn only for the first row with this text
                         warned.add(text)
                         message = f"row {one_line(entry.row.name)}: {text}"
                         warnings.warn(message, AbfmWarning, stacklevel=2)
                     on_change(entry)
-        if control.cancelled:  # workers have ended, perhaps while they wrote
+        if control.cancelled:  # workers may have ended while they were writing
             ledger.remove_abandoned()
-        # not read from the folder again, which takes long for many rows
+        # the entries are not read again, which takes long for many rows
         return [
             replace(entries[row.key], row=row)
             if row.key in entries
@@ -147,16 +153,16 @@ class Workers:
     def compute(
         self, computations: Iterable[Computation], control: Control | None = None
     ) -> Generator[Answer, None, None]:
-        """Yield what comes of each computation, in their order, until it is cancelled."""
-        tasks = deque(Task(each, number=number) for number, each in enumerate(computations))
-        with closing(self._answers(tasks, control or Control(), VALUES_SUBMITTED_MAX)) as answers:
-            yield from in_order((task.number, answer) for task, answer in answers)
+        """Yield the answer of each computation in order, until cancelled."""
+        items = deque(WorkItem(each, number=number) for number, each in enumerate(computations))
+        with closing(self._answers(items, control or Control(), VALUES_SUBMITTED_MAX)) as answers:
+            yield from in_order((item.number, answer) for item, answer in answers)
 
     def _answers(
-        self, tasks: deque[Task], control: Control, most: int = CALLS_SUBMITTED_MAX
-    ) -> Generator[tuple[Task, Answer], None, None]:
-        """Yield each task with what came of it, as it comes, until no more are wanted."""
-        missing = len(tasks)
+        self, items: deque[WorkItem], control: Control, most: int = CALLS_SUBMITTED_MAX
+    ) -> Generator[tuple[WorkItem, Answer], None, None]:
+        """Yield each item with its answer, as soon as it is available, until cancelled."""
+        unfinished = len(items)
 
         def is_wanted() -> bool:
             if not is_alive():
@@ -166,61 +172,61 @@ class Workers:
         try:
             executor, watched = self._executor(control)
             with watched as is_alive:
-                for task, future in completed(
-                    lambda task: executor.submit(attempt, task), tasks, is_wanted, most
+                for item, future in completed(
+                    lambda item: executor.submit(attempt, item), items, is_wanted, most
                 ):
-                    found = _found(task, future)
-                    if isinstance(found, Task):
-                        tasks.appendleft(found)
+                    found = _answer_or_retry(item, future)
+                    if isinstance(found, WorkItem):
+                        items.appendleft(found)
                     else:
-                        missing -= 1
-                        yield task, found
+                        unfinished -= 1
+                        yield item, found
         except FutureCancelledError as error:
-            raise LostError(
-                f"the scheduler does not answer any more; {missing} rows are left: run the same "
-                "again to go on"
+            raise ConnectionLostError(
+                f"the scheduler no longer answers; {unfinished} rows are unfinished. Run the same "
+                "command again to resume"
             ) from error
-        except CancelledError:  # while it was connecting
+        except CancelledError:  # cancelled while connecting
             pass
         finally:
-            if missing:
-                self.close()  # rows under way would go on before those of the next run
+            if unfinished:
+                self.close()  # otherwise rows in progress would delay the next run
 
     def _executor(
         self, control: Control
     ) -> tuple[Executor, AbstractContextManager[Callable[[], bool]]]:
-        """Return an executor, and what yields a function that returns whether it is alive."""
+        """Return an executor and a context manager that yields a function `is_alive`."""
         if self.cluster.is_local:
             if self._processes is None:
                 self._processes = Processes(self.cluster.processes)
             return self._processes, nullcontext(lambda: True)
-        if self._dask is None or not self._dask.is_alive:
+        if self._connection is None or not self._connection.is_alive:
             self.close()
-            self._dask = OnDask(self.cluster, control)
-        return self._dask.executor, self._dask.watched()
+            self._connection = DaskConnection(self.cluster, control)
+        return self._connection.executor, self._connection.watched()
 
 
-def _found(task: Task, future: Future[Answer]) -> Answer | Task:
-    """Return what came of a task, or the task that is to be submitted next."""
+def _answer_or_retry(item: WorkItem, future: Future[Answer]) -> Answer | WorkItem:
+    """Return the answer to an item, or the item to submit again."""
     try:
         answer = future.result()
     except WorkerEndedError:
-        if task.tries < TRIES:
-            return replace(task, tries=task.tries + 1)
+        if item.tries < TRIES:
+            return replace(item, tries=item.tries + 1)
         return Answer(Record(reason=ENDED_MESSAGE, tries=TRIES))
     except FutureCancelledError:
         raise
-    except Exception as error:  # a bug, or what Dask reports of workers that died
+    except Exception as error:  # a bug, or a report of Dask about dead workers
         return Answer(Record(reason=f"{type(error).__name__}: {one_line(error)}"))
-    return seen_here(task) if answer.is_blind else answer
+    return with_contents(item) if answer.needs_contents else answer
 
 
-def seen_here(task: Task) -> Task:
-    """Return a task with the contents of its files, as far as they are seen here."""
+def with_contents(item: WorkItem) -> WorkItem:
+    """Return an item with the contents of those of its files that this process can read."""
     contents = {}
-    for path in task.row.files():
+    for path in item.row.files():
         try:
             contents[path] = read_bytes(path)
         except OSError:
-            continue  # the row tells itself that it is missing
-    return replace(task, contents=contents)
+            continue  # the row reports the missing file
+    return replace(item, contents=contents)

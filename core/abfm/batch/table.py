@@ -1,4 +1,4 @@
-"""Tables of rows: files of comma-separated cells, and all combinations of some options."""
+"""Tables of rows: comma-separated files, and all combinations of values of options."""
 
 from __future__ import annotations
 
@@ -16,42 +16,43 @@ from abfm.tasks.inputs import Input
 Read = TypeVar("Read")
 
 NAME = "name"
-"""The column with what a row is called."""
+"""Name of the column with the names of rows."""
 _BYTES_MAX = 256 << 20
 _ROWS_MAX = 1_000_000
 
 
 def known_columns() -> dict[str, Input]:
-    """Return all columns that any kind of row has, by name."""
+    """Return the columns of all types of tasks, by name."""
     inputs = {each.name: each for task in KINDS.values() for each in task.inputs}
     return {TASK.name: TASK, **inputs}
 
 
 def read_table(path: str | os.PathLike[str]) -> list[Row]:
-    """Read a table of rows; relative paths in it begin at its folder.
+    """Read a table of rows; relative paths are relative to the folder of the table.
 
-    The first line names the columns as the options of `abfm match` and `abfm register` are named,
-    and ``mesh``, or ``a`` and ``b``, and maybe ``name``; commas, semicolons or tabs separate them,
-    as in the first line. A cell with a comma stands in double quotes. Numbers may have decimal
-    commas. Empty cells are not given, empty lines are skipped.
+    The first line has the names of the columns: names of options of `abfm match` and `abfm
+    register`, ``mesh`` or ``a`` and ``b``, and optionally ``name``. The separator is the comma,
+    semicolon or tab of the first line. Cells that contain a comma need double quotes. Numbers may
+    have decimal commas. Empty cells count as not given, and empty lines are skipped.
 
     Raises
     ------
     ParameterError
-        If it cannot be read, or what a cell holds does not fit: in which row and column.
+        If the table cannot be read, or a cell is invalid. The message names row and column.
     """
     return of_table(path, rows_of_text)
 
 
 def of_table(path: str | os.PathLike[str], read: Callable[[str, str], Read]) -> Read:
-    """Return what is read of the text of a table, and of the folder where its paths begin; a
-    ParameterError names the table.
+    """Call `read` with the text of a table and the folder of its relative paths.
+
+    Return its result. A ParameterError names the table.
     """
     name = one_line(path)
     try:
         opened = open_file(path)
         if opened.format not in (Format.TABLE, Format.UNKNOWN):
-            raise ParameterError(f"it is {opened.format}; expected a table, such as .csv")
+            raise ParameterError(f"it is {opened.format}; expected a table, such as a .csv file")
         if len(opened.data) > _BYTES_MAX:
             raise ParameterError(f"it has {len(opened.data)} bytes; at most {_BYTES_MAX} are read")
         return read(decoded(opened.data), os.fspath(opened.path.absolute().parent))
@@ -64,36 +65,39 @@ def of_table(path: str | os.PathLike[str], read: Callable[[str, str], Read]) -> 
 
 
 def rows_of_text(text: str, folder: str | os.PathLike[str]) -> list[Row]:
-    """Read the text of a table whose paths begin at a folder, see `read_table`."""
+    """Parse the text of a table with paths relative to a folder, see `read_table`."""
     lines = table_cells(text)
     columns = _columns(next(lines, []))
     rows = [_row(columns, cells, number, folder) for number, cells in enumerate(lines, 1)]
     if not rows:
-        raise ParameterError("it has no rows: expected a line of names of columns, and more below")
+        raise ParameterError(
+            "it has no rows; expected a line with the names of columns, and a line for each row"
+        )
     first: dict[str, int] = {}
     for number, row in enumerate(rows, 1):
         if first.setdefault(row.name, number) != number:
             raise ParameterError(
-                f"rows {first[row.name]} and {number} are both named {brief(row.name)}; give each "
-                "a name of its own"
+                f"rows {first[row.name]} and {number} are both named {brief(row.name)}; names must "
+                "be unique"
             )
     return rows
 
 
-def table_cells(text: str, most: int = _ROWS_MAX) -> Iterator[list[str]]:
-    """Yield the cells of each line that is not empty, the names of the columns first, then at most
-    so many; no line has more cells than there are columns.
+def table_cells(text: str, rows_max: int = _ROWS_MAX) -> Iterator[list[str]]:
+    """Yield the cells of each nonempty line: the names of columns, then at most `rows_max` rows.
+
+    A ParameterError reports a row with more cells than columns.
     """
     width = 0
     try:
         for number, cells in enumerate(rows_of(text, blanks=False).cells):
             width = width or len(cells)
-            if number > most:
-                raise ParameterError(f"it has more than {most} rows")
+            if number > rows_max:
+                raise ParameterError(f"it has more than {rows_max} rows")
             if len(cells) > width:
                 raise ParameterError(
-                    f"row {number}: it has {len(cells)} cells, and there are {width} columns; put "
-                    "a cell with a comma in double quotes"
+                    f"row {number} has {len(cells)} cells, but the table has {width} columns; put "
+                    "cells that contain a comma in double quotes"
                 )
             yield cells
     except ValueError as error:
@@ -108,10 +112,12 @@ def _columns(cells: Sequence[str]) -> list[str]:
         column = cell.lower().removeprefix("--").replace("_", "-")
         if column and column not in known and column != NAME:
             hint = did_you_mean(column, [NAME, *known])
-            raise ParameterError(f"column {number}: there is no column {brief(cell)}{hint}")
+            raise ParameterError(
+                f"column {number}: {brief(cell)} is not the name of a column{hint}"
+            )
         is_repeated = column in found and column and not (column in known and known[column].repeats)
         if is_repeated:
-            raise ParameterError(f"column {number}: {brief(cell)} is there twice")
+            raise ParameterError(f"column {number}: {brief(cell)} is repeated")
         found.append(column)
     return found
 
@@ -122,7 +128,9 @@ def _row(
     options, name = [], ""
     for place, (column, cell) in enumerate(zip(columns, cells, strict=False), 1):
         if not column and cell:
-            raise ParameterError(f"row {number}: cell {place} is in a column without a name")
+            raise ParameterError(
+                f"row {number}: cell {place} is in a column without a name; name the column"
+            )
         if column == NAME:
             name = cell
         elif cell:
@@ -140,32 +148,37 @@ def combinations(
     over: Mapping[str, Sequence[Any]],
     folder: str | os.PathLike[str] = ".",
 ) -> list[Row]:
-    """Return a row for each combination of some options' values, the last option's varying first,
-    named by them.
+    """Return a row for each combination of values of options; the last option varies fastest.
+
+    Each row is named by its values.
 
     Parameters
     ----------
     fixed : iterable of pairs
         Options that all rows share.
     over : mapping
-        Values of each option.
+        Values of each option that varies.
 
     Raises
     ------
     ParameterError
-        If an option is given in both, or a value does not fit.
+        If an option is both fixed and varied, or a value is invalid.
     """
     fixed = list(fixed)
     for option in over:
         if any(option == name for name, value in fixed if value is not None):
-            raise ParameterError(f"{option} is given, and swept over; give it once")
+            raise ParameterError(
+                f"{option} has both a fixed value and a list of values; give only one of them"
+            )
         if not over[option]:
-            raise ParameterError(f"{option} is swept over no values")
+            raise ParameterError(f"{option} has an empty list of values; give at least one")
     count = 1
     for values in over.values():
         count *= len(values)
     if count > _ROWS_MAX:
-        raise ParameterError(f"there are {count} combinations; at most {_ROWS_MAX} are solved")
+        raise ParameterError(
+            f"there are {count} combinations, but at most {_ROWS_MAX} rows are allowed"
+        )
     rows = []
     for values in product(*over.values()):
         chosen = list(zip(over, values, strict=True))

@@ -93,7 +93,7 @@ def reported(path: str | os.PathLike[str], what: str = "file") -> Iterator[None]
     except CancelledError:
         raise
     except SeveralArraysError as error:
-        raise error.of(name) from error
+        raise error.in_file(name) from error
     except OSError as error:
         raise FunctionError(f"{name} cannot be read: {one_line(error)}") from error
     except Exception as error:  # a damaged file can cause any error in readers

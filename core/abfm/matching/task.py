@@ -40,7 +40,7 @@ from abfm.tasks.inputs import (
 )
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task, preview_of
+from abfm.tasks.task import Export, Preview, Report, ResultFile, Table, Task, TaskInputs, preview_of
 from abfm.types import FloatArray, IntArray
 
 _RESIDUALS = ("residual", "verified_residual", "folded")
@@ -197,7 +197,7 @@ class MatchTask(Task):
             raise ParameterError("a match needs source and target")
 
     @classmethod
-    def read(cls, given: Given) -> MatchTask:
+    def read(cls, given: TaskInputs) -> MatchTask:
         values = given.values()
         mesh = mesh_of(values["mesh"], values)
         sources, targets, weights = channels(values)
@@ -253,7 +253,7 @@ class ProblemTask(MatchTask):
         """Accept all values."""
 
     @classmethod
-    def read(cls, given: Given) -> ProblemTask:
+    def read(cls, given: TaskInputs) -> ProblemTask:
         values = given.values()
         return cls(load_problem(values["problem"]), values.get("max-distortion"))
 

@@ -165,7 +165,7 @@ def as_mesh(given: MeshLike, name: str = "mesh", **options: Unpack[MeshKeywords]
             f"{name}: the mesh does not fit into memory: close other programs, or coarsen it"
         ) from error
     except MeshError as error:
-        raise error.of(name) from error
+        raise error.in_file(name) from error
 
 
 def as_meshes(a: MeshLike, b: MeshLike) -> tuple[TriangleMesh, TriangleMesh]:

@@ -1,4 +1,4 @@
-"""Populations: many subjects, their mean on a template, how they vary, and who does not fit."""
+"""Populations: registration of many subjects to a template, mean, variability and outliers."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""A subject on the template: where its points lie, what it has there, and what its map does."""
+"""Values of a subject on the template, and measures of its map."""
 
 from __future__ import annotations
 
@@ -24,114 +24,123 @@ from abfm.registration.correspondence import Correspondence
 from abfm.types import FloatArray
 
 Shift: TypeAlias = Callable[[SurfacePoints], SurfacePoints]
-"""Where on the template its points come from, before a mean field was taken off."""
-# of changes of areas whose logarithm is told
-_LEAST_LOG2 = 2.0**-20
-_MOST_LOG2 = 2.0**20
+"""Map of points of the template against the flow of the mean field."""
+# bounds of reported area ratios
+_AREA_RATIO_MIN = 2.0**-20
+_AREA_RATIO_MAX = 2.0**20
 
 
-class OnTemplate(NamedTuple):
-    """What of a subject is known on the template, by one map."""
+class TemplateValues(NamedTuple):
+    """Known values of a subject on the template, by one map."""
 
     values: FloatArray  # (V, C), NaN where unknown
     mask: FloatArray  # (V,)
 
 
-class Own(NamedTuple):
-    """A subject's own surface, values (V_A, C), NaN where unknown, and mask (V_A,)."""
+class SubjectData(NamedTuple):
+    """Surface of a subject, values (V_A, C), NaN if unknown, and mask (V_A,)."""
 
     mesh: TriangleMesh
     values: FloatArray
     mask: FloatArray
 
     @classmethod
-    def of(cls, mesh: TriangleMesh, texts: Sequence[str], mask: str | None) -> Own:
-        """Evaluate functions as texts, of which those that are unknown are empty. Vertices where
-        one has NaN or the mask is 0 do not count, and values are filled in from around.
+    def of(cls, mesh: TriangleMesh, texts: Sequence[str], mask: str | None) -> SubjectData:
+        """Evaluate functions from texts; an empty text is an unknown function.
+
+        Vertices where a function is NaN or the mask is 0 have weight 0. Their values are filled
+        from neighboring vertices.
         """
-        given = [text for text in texts if text]
-        weight = checked_mask(mesh, mask, "it")
-        functions, known = known_functions(mesh, given, "its functions", weight)
-        own = dict(zip(given, filled(mesh, functions, known), strict=True))
+        known_texts = [text for text in texts if text]
+        weight = checked_mask(mesh, mask, "the subject")
+        functions, known = known_functions(mesh, known_texts, "its functions", weight)
+        values_of = dict(zip(known_texts, filled(mesh, functions, known), strict=True))
         unknown = np.full(len(mesh.vertices), np.nan)
-        values = np.stack([own[text] if text else unknown for text in texts], axis=1)
+        values = np.stack([values_of[text] if text else unknown for text in texts], axis=1)
         return cls(mesh, values, np.where(known, weight, 0))
 
 
 class MapFacts(NamedTuple):
-    """What a subject's map does; NaN where it is unknown."""
+    """Measures of the map of a subject; NaN if unknown."""
 
-    folded: float = math.nan  # share of the faces, 0 to 1, that its flow folds
-    residual: float = math.nan  # of its registration, the larger one of both checks
-    # root of the mean square of the field without the mean field, in sqrt(area)
+    folded: float = math.nan  # fraction of the faces, 0 to 1, folded by the flow
+    residual: float = math.nan  # of the registration, the larger one of both checks
+    # root mean square of the field without the mean field, in sqrt(area)
     displacement: float = math.nan
-    landmarks: float = math.nan  # how far they are left, on average, in sqrt(area)
+    landmarks: float = math.nan  # mean error, in sqrt(area)
 
 
 def map_facts(
     found: Registration, points: PointMap, drift: FloatArray
 ) -> tuple[FloatArray, MapFacts]:
-    """Return log2 J of the template's faces, (F,), by where its vertices lie on a subject, and what
-    the map does, of which the mean field ``drift`` (F, 3) was taken off.
+    """Return log2 J of the template's faces, (F,), and the measures of a map.
+
+    Parameters
+    ----------
+    found : Registration
+    points : PointMap
+        Points on the subject at the template's vertices.
+    drift : (F, 3) array
+        Mean field that was subtracted.
     """
     template = points.domain
     ratios = Correspondence(points).distortion().area
     squares = ((displacement(found) - drift) ** 2).sum(axis=1)
-    left = found.landmark_errors
+    errors = found.landmark_errors
     numbers = (
         found.match.folded,
         found.match.worse_residual,
         math.sqrt(np.average(squares, weights=face_areas(template))) / template.length_scale,
-        math.nan if left is None else float(left.mean()),
+        math.nan if errors is None else float(errors.mean()),
     )
-    # as of flow lines that lead too far
+    # infinite if flow lines are too long
     known = (number if math.isfinite(number) else math.nan for number in numbers)
-    return np.log2(np.clip(ratios, _LEAST_LOG2, _MOST_LOG2)), MapFacts(*known)
+    return np.log2(np.clip(ratios, _AREA_RATIO_MIN, _AREA_RATIO_MAX)), MapFacts(*known)
 
 
 def maps(
     found: Registration, surface: TriangleMesh, template: TriangleMesh, shift: Shift
 ) -> tuple[SurfaceMap, SurfaceMap]:
-    """Return where on a subject points of the template lie: by the initial map, and along the mean
-    field, back along the subject's flow, and then by that.
+    """Return the map from the template to a subject, initial and registered.
+
+    The registered map follows the flow of the mean field, then the flow of the subject backwards,
+    and then the initial map.
     """
     match, initial = found.match, found.initial.on_surfaces(surface, template)
     lines = ContinuousFlow(template, match.fine_velocity, match.parameters.tau)
     return initial.points.at, lambda points: initial.points.at(lines.origins(shift(points)))
 
 
-def carried(there: SurfacePoints, own: Own) -> OnTemplate:
-    """Return what a subject has where points (P,) lie on it."""
-    values = np.full((len(there.faces), own.values.shape[1]), np.nan)
-    for c, each in enumerate(own.values.T):
+def values_at(there: SurfacePoints, values_of: SubjectData) -> TemplateValues:
+    """Return the values and the mask of a subject at points (P,) on it."""
+    values = np.full((len(there.faces), values_of.values.shape[1]), np.nan)
+    for c, each in enumerate(values_of.values.T):
         if np.isfinite(each).any():
             values[:, c] = there.pull_back(each)
-    return OnTemplate(values, np.clip(there.pull_back(own.mask), 0, None))
+    return TemplateValues(values, np.clip(there.pull_back(values_of.mask), 0, None))
 
 
-def edge_middles(mesh: TriangleMesh) -> SurfacePoints:
-    """Return the middles of edges, (E,), each in one of its faces."""
+def edge_midpoints(mesh: TriangleMesh) -> SurfacePoints:
+    """Return the midpoints of edges, (E,), each as a point of one adjacent face."""
     slots = np.empty(len(mesh.edges), dtype=np.int64)
     slots[mesh.face_edges.ravel()] = np.arange(mesh.face_edges.size)
     faces, opposite = np.divmod(slots, 3)
     return SurfacePoints(mesh, faces, 0.5 - 0.5 * np.eye(3)[opposite])
 
 
-def checked_mask(mesh: TriangleMesh, text: str | None, whose: str) -> FloatArray:
-    """Evaluate a mask (V,), 1 where there is none; a ParameterError says what is wrong with it."""
-    found = mask_from_input(mesh, text or None, f"the mask of {whose}")
+def checked_mask(mesh: TriangleMesh, text: str | None, name: str) -> FloatArray:
+    """Evaluate a mask (V,), 1 by default; raise a ParameterError if it is invalid."""
+    found = mask_from_input(mesh, text or None, f"the mask of {name}")
     return np.ones(len(mesh.vertices)) if found is None else found
 
 
 def displacement(found: Registration) -> FloatArray:
-    """Return the displacement per unit of time 1, (F, 3), of a registration's flow: its fields'
-    mean over time, times tau.
-    """
+    """Return the displacement of a registration's flow, (F, 3): tau times its mean field."""
     return np.asarray(found.match.parameters.tau * found.match.velocity.mean(axis=0))
 
 
 def displacement_in(path: Path) -> FloatArray:
-    """Return the `displacement` of a registration's file, of which nothing else is read."""
+    """Read the `displacement` from the file of a registration, and nothing else."""
     with results.open_archive(path, results.REGISTRATION.name, results.MEND) as archive:
         fields, parameters = archive["velocity"], str(archive["parameters"])
     tau = float(from_json(parameters)["tau"])

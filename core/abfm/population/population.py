@@ -1,4 +1,4 @@
-"""A population on a template: its means, how it varies, and what each subject is like."""
+"""Result of registering a population: means, variability and values of each subject."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts, Outcome
 from abfm.population import statistics
 from abfm.population.on_template import MapFacts
-from abfm.population.settings import BOUND
-from abfm.population.statistics import Others, Phase, Shares
+from abfm.population.settings import CHANGE_BOUND
+from abfm.population.statistics import LeaveOneOut, Phase, Shares
 from abfm.population.subjects import Channel
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import counted
@@ -57,7 +57,7 @@ POPULATION = FileKind(
         "drift": Entry("real", ("F", 3)),
         "changes": Entry("real", ("R",), low=0, **_NAN_ALLOWED),
         "bound": Entry("real", (), low=0),
-        # the last one is required: damage to a zip's directory can hide the last entry
+        # the last entry is required: a damaged zip directory can hide the last entry
         "numbers": Entry("real", ("N", len(_NUMBERS)), **_NAN_ALLOWED),
     },
 )
@@ -67,47 +67,50 @@ POPULATION = FileKind(
 class Population(Display):
     """Subjects registered to a template, and their values on it.
 
+    A subject is included in means and deviations unless it is an outlier or its registration
+    failed.
+
     Attributes
     ----------
     template : TriangleMesh
-        Of V vertices and F faces.
+        Surface with V vertices and F faces.
     channels : tuple of Channel
-        C functions, by which subjects were registered, or held out.
+        The C functions of each subject, used for registration or held out.
     names : tuple of str
-        Of the N subjects.
+        Names of the N subjects.
     weights : (N,) array
-        How much each counts in means, if it fits.
+        Weight of each subject in means, if it is included.
     channel_weights : (C,) array
-        How much each channel counted; 0 where it is held out.
+        Weight of each channel in the registrations; 0 if it is held out.
     fits : (N,) array of bool
-        Who counts in the mean.
+        Whether each subject is included in the mean.
     reasons : tuple of str
-        Why a subject does not fit, a line each; empty where it does.
+        Reason for the exclusion of each subject, in one line; empty if it is included.
     verdicts : tuple of str
-        What each registration of the last round came to, see `abfm.Match.verdict`.
+        Kind of the verdict of each registration of the last round, see `abfm.Match.verdict`.
     digests : tuple of str
-        The names of the files of these registrations, ``<digest>.npz``; empty where one failed.
+        Names of the files of these registrations, ``<digest>.npz``; empty after a failure.
     before, values : (N, V, C) arrays
-        The subjects' values on the template by their initial maps, and registered; NaN where a
-        channel is not known, or a subject could not be registered.
+        Values of the subjects on the template, by their initial maps and after registration. NaN if
+        a channel is unknown or a subject could not be registered.
     masks_before, masks : (N, V) arrays
-        How much each subject is known at each vertex, by its mask, carried alike.
+        Mask of each subject, transferred to the template by the same maps.
     template_mask : (V,) array
-        How much vertices of the template count.
+        Weight of the vertices of the template.
     numbers : (N, 7) array
-        For each subject what ``correlation``, ``distance``, ``log2_area``, ``folded``,
-        ``residual``, ``displacement`` and ``landmarks`` are.
+        ``correlation``, ``distance``, ``log2_area``, ``folded``, ``residual``, ``displacement`` and
+        ``landmarks`` of each subject.
     phases : (C, 4) array
-        For each channel what `phase_and_amplitude` tells.
+        Fields of `phase_and_amplitude` of each channel.
     log2_area_mean, log2_area_deviation : (F,) arrays
-        Mean and standard deviation over those who fit of log2 J, with J the area of a face where it
-        lies on a subject over its own, both surfaces scaled to unit area.
+        Mean and standard deviation over included subjects of log2 J. J is the area of a face on the
+        subject divided by its area on the template, with both surfaces scaled to unit area.
     drift : (F, 3) array
-        The mean field that was taken off in the last round.
+        Mean field that was subtracted in the last round.
     changes : (R,) array
-        How much the mean changed in each round, over its deviation, in L2.
+        Change of the mean in each round, relative to its deviation, in L2.
     bound : float
-        The change of the mean at which the rounds end.
+        Change of the mean below which the rounds stop.
     """
 
     template: TriangleMesh
@@ -130,7 +133,7 @@ class Population(Display):
     log2_area_deviation: FloatArray = field(repr=False)
     drift: FloatArray = field(repr=False)
     changes: FloatArray = field(repr=False)
-    bound: float = BOUND
+    bound: float = CHANGE_BOUND
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -141,68 +144,66 @@ class Population(Display):
 
     @property
     def correlation(self) -> FloatArray:
-        """Of each subject with the mean of the others that fit, (N,), mean over channels that it
-        was registered by, by their weights.
+        """Correlation of each subject with the mean of the other included subjects, (N,).
+
+        Averaged with weights over the channels that were used for registration.
         """
         return self._number("correlation")
 
     @property
     def distance(self) -> FloatArray:
-        """From the mean of the others that fit, over its deviation, in L2, (N,)."""
+        """L2 distance to the mean of the other included subjects, over its deviation, (N,)."""
         return self._number("distance")
 
     @property
     def log2_area(self) -> FloatArray:
-        """Mean ``|log2 J|`` of each subject's map, (N,)."""
+        """Mean ``|log2 J|`` of the map of each subject, (N,)."""
         return self._number("log2_area")
 
     @property
     def folded(self) -> FloatArray:
-        """Share of the faces, 0 to 1, that each subject's flow folds, (N,); NaN if unknown."""
+        """Fraction of the faces, 0 to 1, that each flow folds, (N,); NaN if unknown."""
         return self._number("folded")
 
     @property
     def displacement(self) -> FloatArray:
-        """How far the flow moves each subject, without what all move, (N,): root of the mean square
-        over the surface, as a fraction of sqrt(area).
-        """
+        """Root mean square of the displacement without the mean field, (N,), in sqrt(area)."""
         return self._number("displacement")
 
     @property
     def residual(self) -> FloatArray:
-        """What each registration leaves, by the worse witness, (N,)."""
+        """Residual of each registration, the larger one of both checks, (N,)."""
         return self._number("residual")
 
     @property
     def landmarks(self) -> FloatArray:
-        """How far landmarks are left from their places on the template, (N,), on average, in
-        sqrt(area); NaN where there are none.
-        """
+        """Mean landmark error on the template, (N,), in sqrt(area); NaN without landmarks."""
         return self._number("landmarks")
 
     @property
     def headline(self) -> str:
-        """How many subjects fit, and how much the mean changed in the last round, in one line."""
+        """One line with the number of included subjects and the last change of the mean."""
         rounds = counted(len(self.changes), "round")
         return (
-            f"{np.count_nonzero(self.fits)} of {len(self.names)} subjects fit; the mean changed by "
-            f"{self.changes[-1]:.2g} of its deviation in the last of {rounds}"
+            f"{np.count_nonzero(self.fits)} of {len(self.names)} subjects included; the mean "
+            f"changed by {self.changes[-1]:.2g} of its deviation in the last of {rounds}"
         )
 
     @property
     def facts(self) -> Facts:
-        """What is reported of the population: outcome, headline, reason, advice, warnings."""
+        """Outcome, headline, reason, advice and warnings of the population."""
         advice = ""
         if not all(self.digests):
             outcome, reason = Outcome.FAILED, "a subject could not be registered"
         elif self.changes[-1] <= self.bound:
-            outcome, reason = Outcome.REGISTERED, "the mean hardly changed in the last round"
+            outcome = Outcome.REGISTERED
+            reason = f"the mean changed by at most {self.bound:g} in the last round"
         else:
             outcome = Outcome.NOT_REACHED
             reason = f"the mean changed by more than {self.bound:g} in the last round"
             advice = "more rounds, which resume from these results"
         outliers = [
-            f"left out: {one_line(self.names[i])}: {self.reasons[i]}"
+            f"excluded: {one_line(self.names[i])}: {self.reasons[i]}"
             for i in self.worst_first()
             if not self.fits[i]
         ]
@@ -210,39 +211,43 @@ class Population(Display):
 
     @property
     def main_channel(self) -> int:
-        """The number of the first channel that subjects were registered by."""
+        """Index of the first channel that was used for registration."""
         return int(np.flatnonzero(self.channel_weights)[0])
 
     def mean(self, channel: str | int = 0) -> FloatArray:
-        """The mean of a channel, by name or number, over those who fit, (V,); NaN where nobody is
-        known.
+        """Return the mean of a channel, by name or index, over included subjects, (V,).
+
+        The value is NaN where no subject is known.
         """
-        return statistics.mean(*self._after(channel))
+        return statistics.mean(*self._registered(channel))
 
     def deviation(self, channel: str | int = 0) -> FloatArray:
-        """The standard deviation over those who fit, (V,), the root of the unbiased variance; NaN
-        where fewer than two are known.
+        """Return the standard deviation over included subjects, (V,).
+
+        This is the root of the unbiased variance; NaN where fewer than two subjects are known.
         """
-        return statistics.deviation(*self._after(channel))
+        return statistics.deviation(*self._registered(channel))
 
     def plain_mean(self, channel: str | int = 0) -> FloatArray:
-        """The mean by the initial maps, (V,)."""
-        return statistics.mean(*self._before(channel))
+        """Return the mean by the initial maps, (V,)."""
+        return statistics.mean(*self._initial(channel))
 
     def mean_of_others(self, subject: int, channel: str | int = 0) -> FloatArray:
-        """The mean of those who fit without a subject, (V,): what it is compared with."""
-        return Others.of(*self._after(channel)).without(subject)
+        """Return the mean of the included subjects except one, (V,)."""
+        return LeaveOneOut.of(*self._registered(channel)).without(subject)
 
     def scores(self, channel: str | int = 0) -> FloatArray:
-        """How each subject correlates with the mean of the others that fit, before and after it was
-        registered, (N, 2): of a channel that is held out what registering is worth.
+        """Return the correlation of each subject with the mean of the others, (N, 2).
+
+        The columns are before and after registration. The others are the included subjects. For a
+        held-out channel the difference measures the benefit of registration.
         """
         found = []
         for (values, shares), masks in (
-            (self._before(channel), self.masks_before),
-            (self._after(channel), self.masks),
+            (self._initial(channel), self.masks_before),
+            (self._registered(channel), self.masks),
         ):
-            others = Others.of(values, shares)
+            others = LeaveOneOut.of(values, shares)
             found.append(
                 [
                     statistics.correlation(
@@ -254,18 +259,19 @@ class Population(Display):
         return np.array(found).T
 
     def phase_and_amplitude(self, channel: str | int = 0) -> Phase:
-        """How much of the variance over those who fit is position, and how much is value, by the
-        points in the middles of edges, see `abfm.population.statistics.phase_and_amplitude`.
+        """Split the variance over included subjects into phase (position) and amplitude (value).
+
+        Computed at the midpoints of edges, see `abfm.population.statistics.phase_and_amplitude`.
         """
         return Phase(*self.phases[self._channel(channel)].tolist())
 
     @property
     def areas(self) -> FloatArray:
-        """Areas of the template's vertices, times its mask, (V,)."""
+        """Areas of the template's vertices, multiplied by its mask, (V,)."""
         return np.asarray(vertex_areas(self.template) * self.template_mask)
 
     def subject(self, name: str) -> int:
-        """Return the number of a subject, or raise a ParameterError."""
+        """Return the index of a subject, or raise a ParameterError."""
         if name not in self.names:
             raise ParameterError(
                 f"there is no subject {brief(name)}{did_you_mean(name, self.names)}"
@@ -273,39 +279,37 @@ class Population(Display):
         return self.names.index(name)
 
     def worst_first(self) -> list[int]:
-        """Return the subjects' numbers: first who does not fit, then by rising correlation, the
-        least like first.
-        """
-        alike = np.nan_to_num(self.correlation, nan=-2)
-        return [int(i) for i in np.lexsort((np.array(self.names), alike, self.fits))]
+        """Return the indices of subjects: excluded ones, then by increasing correlation."""
+        correlation = np.nan_to_num(self.correlation, nan=-2)
+        return [int(i) for i in np.lexsort((np.array(self.names), correlation, self.fits))]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        """Write a file (``.npz``, no pickles), completely or not at all, or raise ResultError."""
         names = POPULATION.entries.keys() - results.MESH_ENTRIES.keys()
-        own = {name: getattr(self, name) for name in names if hasattr(self, name)}
-        own |= {
+        arrays = {name: getattr(self, name) for name in names if hasattr(self, name)}
+        arrays |= {
             "channels": np.array([channel.name for channel in self.channels]),
             "held_out": np.array([channel.is_held_out for channel in self.channels]),
             "subject_weights": self.weights,
         }
-        own = {name: own[name] for name in POPULATION.entries if name in own}
-        results.save_arrays(path, results.mesh_arrays(self.template) | own, POPULATION)
+        arrays = {name: arrays[name] for name in POPULATION.entries if name in arrays}
+        results.save_arrays(path, results.mesh_arrays(self.template) | arrays, POPULATION)
 
     def _number(self, name: str) -> FloatArray:
         return np.asarray(self.numbers[:, _NUMBERS.index(name)])
 
-    def _before(self, channel: str | int) -> tuple[FloatArray, Shares]:
-        return self._counted(self.before, self.masks_before, channel)
+    def _initial(self, channel: str | int) -> tuple[FloatArray, Shares]:
+        return self._values_and_shares(self.before, self.masks_before, channel)
 
-    def _after(self, channel: str | int) -> tuple[FloatArray, Shares]:
-        return self._counted(self.values, self.masks, channel)
+    def _registered(self, channel: str | int) -> tuple[FloatArray, Shares]:
+        return self._values_and_shares(self.values, self.masks, channel)
 
-    def _counted(
+    def _values_and_shares(
         self, values: FloatArray, masks: FloatArray, channel: str | int
     ) -> tuple[FloatArray, Shares]:
-        """Return values of a channel, (N, V), and how much each counts."""
-        own = values[:, :, self._channel(channel)]
-        return own, Shares(self.weights * self.fits, masks, own)
+        """Return values of a channel, (N, V), and the share of each value."""
+        arrays = values[:, :, self._channel(channel)]
+        return arrays, Shares(self.weights * self.fits, masks, arrays)
 
     def _channel(self, channel: str | int) -> int:
         names = [each.name for each in self.channels]
@@ -320,15 +324,21 @@ class Population(Display):
 
 
 def load_population(path: str | os.PathLike[str]) -> Population:
-    """Read a file of `Population.save`, or that in a folder of results; ResultError if it is
-    missing, damaged, or none. The subjects' values and masks stay in the file.
+    """Load a file of `Population.save`, or the one in a folder of results.
+
+    The values and masks of the subjects are mapped from the file.
+
+    Raises
+    ------
+    ResultError
+        If the file is missing or damaged, or contains no population.
     """
     if Path(path).is_dir():
         folder, path = path, Path(path) / "population.npz"
         if not path.is_file():
             raise ResultError(
-                f"{results.name_of(folder)} is a folder without population.npz; give a file of "
-                "results in it"
+                f"the folder {results.name_of(folder)} has no file population.npz; expected the "
+                "folder of a population, or the file of one of its results"
             )
     return results.loaded(path, POPULATION, _population_of)
 

@@ -1,4 +1,4 @@
-"""The report of a population: numbers for programs, lines for people."""
+"""Report of a population: numbers for programs and lines for people."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from abfm.population.population import Population
 
 
 def details(found: Population) -> dict[str, Any]:
-    """Return all that is reported of a population as plain numbers and texts, None for unknown
-    ones.
-    """
+    """Return all reported values as plain numbers and texts; None if a value is unknown."""
     scores = [found.scores(c) for c in range(len(found.channels))]
     channels = []
     for c, channel in enumerate(found.channels):
@@ -74,28 +72,28 @@ def details(found: Population) -> dict[str, Any]:
 
 
 def lines(population: Population) -> list[str]:
-    """Return the report of a population for people."""
+    """Return the lines of the printed report."""
     facts = details(population)
     found = [population.headline]
     for each in facts["channels"]:
         parts = [
-            f"correlation with the mean of the others {_known(each['before'])} before, "
-            f"{_known(each['after'])} after"
+            f"correlation with the mean of the others {_score_text(each['before'])} before, "
+            f"{_score_text(each['after'])} after"
         ]
         if each["total"]:
             share = each["phase"] / each["total"]
-            parts.insert(0, f"{100 * share:.0f}% of the variance is position")
-        held = ", held out" if each["held_out"] else ""
-        found.append(f"{printable(each['name'])}{held}: {'; '.join(parts)}")
+            parts.insert(0, f"{100 * share:.0f}% of the variance is position (phase)")
+        held_out = ", held out" if each["held_out"] else ""
+        found.append(f"{printable(each['name'])}{held_out}: {'; '.join(parts)}")
     found += [
-        f"left out: {printable(each['name'])}: {each['reason']}"
+        f"excluded: {printable(each['name'])}: {each['reason']}"
         for each in facts["subjects"]
         if not each["fits"]
     ]
     return found
 
 
-def _known(value: float | None) -> str:
+def _score_text(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.3f}"
 
 
@@ -105,24 +103,24 @@ def _mean(values: Any) -> float | None:
 
 
 def export_mean_vtu(path: Path, found: Population) -> None:
-    """Write the template with the means and deviations of all channels, and those of log2 J."""
+    """Write the template with means and deviations of all channels and of log2 J."""
     export_vtu(path, found.template, *_arrays(found))
 
 
 def export_mean_values(path: Path, found: Population) -> None:
-    """Write the means and deviations at the vertices of the template's file."""
+    """Write means and deviations at the vertices of the template's file."""
     on_vertices, _ = _arrays(found)
     values = found.template.on_file(np.stack(list(on_vertices.values()), axis=1))
     write_values(path, values, found.template.structure, list(on_vertices))
 
 
 def export_subjects(path: Path, found: Population) -> None:
-    """Write the table of subjects, the worst first."""
+    """Write the table of subjects, worst first."""
     write_csv(path, _table(details(found)))
 
 
 def _arrays(found: Population) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return values at vertices, (V,) each, and at faces, (F,), by names for files."""
+    """Return values at vertices, (V,), and at faces, (F,), by their names in files."""
     on_vertices: dict[str, Any] = {}
     for c, channel in enumerate(found.channels):
         name = re.sub(r"[^A-Za-z0-9_.-]", "_", channel.name)
@@ -139,12 +137,12 @@ def _arrays(found: Population) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _table(facts: Mapping[str, Any]) -> list[list[Any]]:
-    """Return the rows of a table of subjects, the worst first."""
+    """Return the rows of the table of subjects, worst first."""
     names = [each["name"] for each in facts["channels"]]
-    own = [name for name in facts["subjects"][0] if name != "scores"]
+    columns = [name for name in facts["subjects"][0] if name != "scores"]
     ends = ("before", "after")
-    rows = [[*own, *(f"{name} {end}" for name in names for end in ends)]]
+    rows = [[*columns, *(f"{name} {end}" for name in names for end in ends)]]
     for subject in facts["subjects"]:
         scores = [value for name in names for value in subject["scores"][name]]
-        rows.append([*(subject[name] for name in own), *scores])
+        rows.append([*(subject[name] for name in columns), *scores])
     return rows

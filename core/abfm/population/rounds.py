@@ -1,10 +1,14 @@
-"""Register all subjects to a template, take their mean for the next target, and again.
+"""Iterative registration of subjects to a template.
 
-The mean is unbiased to first order: subjects are registered to a target, and the mean of their
-fields, stationary velocities, says by how much the target lies beside the middle of all. The flow
-of minus the mean field is applied to all maps, and so to the mean, so that the template does not
-drift; the mean field of the next round is about 0 [Guimond, Meunier and Thirion, CVIU 2000, do so
-with displacements; first order, as the mean of fields is not the field of a mean of flows].
+Each round registers all subjects to a target. The mean of the registered subjects is the target of
+the next round.
+
+The mean is unbiased to first order. The fields of the registrations are stationary velocities, and
+their mean measures the offset of the target from the center of all subjects. Therefore the flow of
+the negative mean field is applied to all maps, and with them to the mean, so that the template does
+not drift. The mean field of the next round is about 0. Guimond, Meunier and Thirion (CVIU 2000) do
+this with displacements. The method is of first order, because the mean of fields is not the field
+of a mean flow.
 """
 
 from __future__ import annotations
@@ -19,8 +23,8 @@ from abfm.batch import Cluster, LedgerEntry, Workers
 from abfm.mesh import MeshLike
 from abfm.population.population import Population
 from abfm.population.settings import Settings
+from abfm.population.solver import PopulationSolver
 from abfm.population.subjects import Cohort
-from abfm.population.work import Work
 from abfm.types import BoolArray
 from abfm.workers.control import Control, controlled
 
@@ -35,50 +39,50 @@ def register_population(
     on_change: Callable[[LedgerEntry], object] = lambda entry: None,
     control: Control | None = None,
 ) -> Population:
-    """Register subjects to a template by their functions, and make their mean.
+    """Register subjects to a template by their functions, and compute their mean.
 
-    Each registration of each round is a row of a batch, whose results are in the folder: run again,
-    it registers no subject twice, and it gives the same bits, whoever solves them and in whatever
-    order the subjects stand.
+    Each registration of each round is a row of a batch with its result in the folder. A repeated
+    call therefore resumes and registers no subject twice. Results have the same bits for any choice
+    of workers and any order of subjects.
 
     Parameters
     ----------
     cohort : Cohort
-        The subjects, see `read_subjects`.
+        The subjects, see `abfm.population.read_subjects`.
     template : path or object
-        The surface that they come to: a mesh file, or a mesh that `load_mesh` accepts, which is
+        Surface to register to: a mesh file, or a mesh that `load_mesh` accepts. Such a mesh is
         written to the folder.
     folder : path
-        For results; it is made if it is not there.
+        Folder of results, created if it does not exist.
     settings : Settings, optional
     cluster : Cluster, optional
-        Who solves the rows; by default this machine's cores.
+        Workers that solve the rows; by default the cores of this machine.
     on_change : callable
-        Called with the entry of each registration as it comes.
+        Called with the entry of each registration when it is finished.
     control : Control, optional
-        To end before all is done, by a `CancelledError`; what is done is kept.
+        Cancels the computation by a `CancelledError`; finished rows are preserved.
 
     Raises
     ------
     AbfmError
-        If files, functions or settings do not fit, or not two subjects can be registered.
+        If files, functions or settings are invalid, or fewer than two subjects can be registered.
     """
-    # sums come out alike in whatever order the table has them
+    # a fixed order makes sums independent of the order in the table
     order = sorted(range(len(cohort.subjects)), key=lambda i: cohort.subjects[i].name)
     by_name = Cohort(cohort.channels, tuple(cohort.subjects[i] for i in order))
     control = control or Control()
     with Workers(cluster) as workers, controlled(control):
-        work = Work(by_name, template, Path(folder), settings or Settings(), workers)
-        target, changes = work.first_target(), list[float]()
+        solver = PopulationSolver(by_name, template, Path(folder), settings or Settings(), workers)
+        target, changes = solver.first_target(), list[float]()
         fits = list[BoolArray]()
         while True:
             number = len(changes) + 1
-            entries = work.registered(target, number, on_change)
-            found = work.round(entries, fits, number)
-            fits.append(found.judged.fits)
-            mean = work.target(found)
-            changes.append(mean.distance(target, work.areas, work.channel_weights))
+            entries = solver.register_all(target, number, on_change)
+            found = solver.round(entries, fits, number)
+            fits.append(found.outliers.fits)
+            mean = solver.target(found)
+            changes.append(mean.distance(target, solver.areas, solver.channel_weights))
             target = mean
-            if changes[-1] <= work.settings.bound or number == work.settings.rounds:
-                phases = work.phases(entries, found)
-                return work.population(found, changes, phases, np.argsort(order))
+            if changes[-1] <= solver.settings.bound or number == solver.settings.rounds:
+                phases = solver.phases(entries, found)
+                return solver.population(found, changes, phases, np.argsort(order))

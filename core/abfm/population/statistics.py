@@ -1,9 +1,9 @@
-"""Means and deviations over subjects, how alike they are, and what of them is position and what is
-value.
+"""Statistics over subjects: means, deviations, similarity, and phase and amplitude variance.
 
-Values are (V,) of each of N subjects at V vertices; shares (V,), not negative, say how much each
-counts at each vertex: its weight, times its mask where that lies. What has no share is not looked
-at, and may be unknown. Subjects are added up one by one, so values may be in a file.
+Values are (V,) for each of N subjects at V vertices. The share of a subject, (V,), is its
+nonnegative weight at each vertex: its weight in the population times its mask. Values with share 0
+are ignored and may be unknown. Subjects are summed one at a time, so the values may be mapped from
+a file.
 """
 
 from __future__ import annotations
@@ -18,45 +18,47 @@ import numpy as np
 from abfm.types import BoolArray, FloatArray, IntArray
 
 Subjects: TypeAlias = Sequence[FloatArray] | FloatArray
-"""An array (V,) for each of N subjects."""
-_CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
-_ROUNDING = 1e-14  # of squares: a variance that is less is none
+"""One array (V,) for each of N subjects."""
+_CONSTANT_DEVIATION_MAX = 1e-9  # relative to the function's norm: smaller is rounding
+_VARIANCE_ROUNDING = 1e-14  # relative to mean squares: a smaller variance is rounding
 
 
 class Phase(NamedTuple):
-    """The variance over subjects per area, ``total = phase + amplitude``; NaN where unknown."""
+    """Variance over subjects per area, ``total = phase + amplitude``; NaN if unknown."""
 
     total: float
     phase: float
     amplitude: float
-    factor: float  # C_R: how much larger squares are before than after
+    factor: float  # C_R: ratio of mean squares before and after registration
 
 
 def mean(values: Subjects, shares: Subjects) -> FloatArray:
-    """Return the mean over subjects, (V,); NaN where none counts."""
-    return Others.of(values, shares).mean()
+    """Return the mean over subjects, (V,); NaN where all shares are 0."""
+    return LeaveOneOut.of(values, shares).mean()
 
 
 def deviation(values: Subjects, shares: Subjects) -> FloatArray:
-    """Return the standard deviation over subjects, (V,); NaN where fewer than two count.
+    """Return the standard deviation over subjects, (V,); NaN where fewer than two have a share.
 
-    The variance is unbiased for independent subjects of one variance, with any shares ``w``: its
-    divisor is ``sum w - sum w^2 / sum w``, of equal ones ``w (n - 1)``.
+    For independent subjects of equal variance the estimate of the variance is unbiased for any
+    shares ``w``. Its divisor is ``sum w - sum w^2 / sum w``, which is ``w (n - 1)`` for equal
+    shares.
     """
-    found = Others.of(values, shares)
+    found = LeaveOneOut.of(values, shares)
     middle, total = np.nan_to_num(found.mean()), found.total
     squares, spread = np.zeros_like(total), np.zeros_like(total)
     for own, share in zip(values, shares, strict=True):
         squares += share**2
-        spread += share * (_counted(own, share) - middle) ** 2
-    several = found.number > 1
-    divisor = np.where(several, total - squares / np.where(several, total, 1), 0)
-    return np.sqrt(_divided(spread, divisor))
+        spread += share * (_known_values(own, share) - middle) ** 2
+    has_several = found.number > 1
+    divisor = np.where(has_several, total - squares / np.where(has_several, total, 1), 0)
+    return np.sqrt(_divide(spread, divisor))
 
 
 class Shares(Sequence[FloatArray]):
-    """How much each subject counts at each vertex: its weight times its mask, where its value is
-    known, if values are given.
+    """Share of each subject at each vertex: its weight times its mask.
+
+    If values are given, the share is 0 where a value is not finite.
     """
 
     def __init__(
@@ -74,69 +76,72 @@ class Shares(Sequence[FloatArray]):
         return np.where(np.isfinite(self._values[subject]), shares, 0)
 
 
-class Others(NamedTuple):
-    """What the means of all subjects but one are made of."""
+class LeaveOneOut(NamedTuple):
+    """Sums over all subjects, for means without one of them."""
 
     values: Subjects
     shares: Subjects
     sums: FloatArray  # (V,)
     total: FloatArray
-    number: IntArray  # how many count at each vertex
+    number: IntArray  # subjects with a share at each vertex
 
     @classmethod
-    def of(cls, values: Subjects, shares: Subjects) -> Others:
+    def of(cls, values: Subjects, shares: Subjects) -> LeaveOneOut:
         sums, total = np.zeros_like(shares[0]), np.zeros_like(shares[0])
         number = np.zeros(len(total), dtype=np.int64)
         for own, share in zip(values, shares, strict=True):
-            sums += share * _counted(own, share)
+            sums += share * _known_values(own, share)
             total += share
             number += share > 0
         return cls(values, shares, sums, total, number)
 
     def mean(self) -> FloatArray:
-        """Return the mean of all, (V,); NaN where none counts."""
-        return _divided(self.sums, self.total)
+        """Return the mean over all subjects, (V,); NaN where all shares are 0."""
+        return _divide(self.sums, self.total)
 
     def without(self, subject: int) -> FloatArray:
-        """Return the mean of all but this one, (V,); NaN where none of them counts."""
+        """Return the mean over all other subjects, (V,); NaN where all their shares are 0."""
         own = self.shares[subject]
-        left = np.where(self.number > (own > 0), self.total - own, 0)
-        return _divided(self.sums - own * _counted(self.values[subject], own), left)
+        remaining = np.where(self.number > (own > 0), self.total - own, 0)
+        return _divide(self.sums - own * _known_values(self.values[subject], own), remaining)
 
 
 def correlation(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
-    """Return how functions (V,) correlate where areas (V,) are above 0 and both are known; NaN
-    where one is constant there.
+    """Return the correlation of two functions (V,) where areas (V,) are positive.
+
+    Unknown values are ignored. The result is NaN if one function is constant.
     """
     known = _known(f, g, areas)
     if not known.any():
         return math.nan
     weights = areas[known]
-    apart = [each[known] - np.average(each[known], weights=weights) for each in (f, g)]
-    sizes = [math.sqrt(weights @ each**2) for each in apart]
-    largest = [math.sqrt(weights @ each[known] ** 2) for each in (f, g)]
-    if any(size <= _CONSTANT * most for size, most in zip(sizes, largest, strict=True)):
+    centered = [each[known] - np.average(each[known], weights=weights) for each in (f, g)]
+    sizes = [math.sqrt(weights @ each**2) for each in centered]
+    norms = [math.sqrt(weights @ each[known] ** 2) for each in (f, g)]
+    if any(size <= _CONSTANT_DEVIATION_MAX * norm for size, norm in zip(sizes, norms, strict=True)):
         return math.nan
-    return float(np.clip(weights @ (apart[0] * apart[1]) / (sizes[0] * sizes[1]), -1, 1))
+    return float(np.clip(weights @ (centered[0] * centered[1]) / (sizes[0] * sizes[1]), -1, 1))
 
 
 def relative_distance(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
-    """Return ``||f - g||`` over the deviation of ``g`` from its mean, in L2 where areas (V,) are
-    above 0 and both are known; NaN where ``g`` is constant there.
+    """Return ``||f - g||`` in L2 relative to the deviation of ``g`` from its mean.
+
+    Only vertices with positive areas (V,) and known values are used. The result is NaN if ``g`` is
+    constant.
     """
     known = _known(f, g, areas)
     if not known.any():
         return math.nan
     weights, own = areas[known], g[known]
     size = math.sqrt(weights @ (own - np.average(own, weights=weights)) ** 2)
-    if size <= _CONSTANT * math.sqrt(weights @ own**2):
+    if size <= _CONSTANT_DEVIATION_MAX * math.sqrt(weights @ own**2):
         return math.nan
     return math.sqrt(weights @ (f[known] - own) ** 2) / size
 
 
 @dataclass
 class Moments:
-    """Sums over subjects at P points, which subjects are added to one by one."""
+    """Sums over subjects at P points; subjects are added one at a time."""
 
     shares: FloatArray  # (P,)
     first: FloatArray
@@ -144,51 +149,51 @@ class Moments:
 
     @classmethod
     def at(cls, count: int) -> Moments:
-        """Return those of nobody."""
+        """Return sums over no subject at `count` points."""
         return cls(*(np.zeros(count) for _ in range(3)))
 
     def add(self, values: FloatArray, shares: FloatArray) -> None:
-        """Add a subject's values (P,), each with its share (P,)."""
+        """Add the values (P,) of a subject with its shares (P,)."""
         counted = np.where(shares > 0, values, 0)
         self.shares += shares
         self.first += shares * counted
         self.second += shares * counted**2
 
     def integrals(self, weights: FloatArray) -> tuple[float, float]:
-        """Return the integrals of the mean of squares, and of the square of the mean."""
+        """Return the integral of the mean of squares, and of the square of the mean."""
         divisor = np.where(self.shares > 0, self.shares, 1)
         means, squares = self.first / divisor, self.second / divisor
         return float(weights @ squares), float(weights @ means**2)
 
 
 def phase_and_amplitude(before: Moments, after: Moments, areas: FloatArray) -> Phase:
-    """Part the variance into what aligning removes, position, and what it leaves, value.
+    """Split the variance into phase (position), removed by alignment, and amplitude (value).
 
-    With functions ``x_i`` before and ``y_i`` after, means over subjects, and integrals per area
-    over where any count both before and after [Kneip and Ramsay, JASA 2008]::
+    With functions ``x_i`` before and ``y_i`` after alignment, means over subjects, and integrals
+    per area, restricted to points with shares both before and after [Kneip and Ramsay, JASA 2008]::
 
         C_R       = mean_i int x_i^2 / mean_i int y_i^2
         total     = mean_i int x_i^2 - int (mean_i x_i)^2
         amplitude = C_R (mean_i int y_i^2 - int (mean_i y_i)^2)
         phase     = C_R int (mean_i y_i)^2 - int (mean_i x_i)^2
 
-    so that ``total = phase + amplitude``. A constant that is added to all functions changes the
-    parts a little, by ``C_R``: it is best taken off first, such as the mean over the surface.
+    so that ``total = phase + amplitude``. Adding a constant to all functions changes the parts
+    slightly through ``C_R``. Subtract such a constant first, for example the mean over the surface.
 
     Parameters
     ----------
     before, after : Moments
-        Both at the same points, at which subjects should be interpolated alike before and after:
-        interpolation smooths noise, which would pass for position where only one of them is.
+        Sums at the same points. Interpolate the subjects in the same way before and after:
+        interpolation smooths noise, and the difference would count as phase.
     areas : (P,) array
-        What each point stands for.
+        Area that each point represents.
     """
     weights = np.where((before.shares > 0) & (after.shares > 0), areas, 0)
     if not weights.any():
         return Phase(*[math.nan] * len(Phase._fields))
     weights = weights / weights.sum()
     (squares_x, mean_x), (squares_y, mean_y) = (each.integrals(weights) for each in (before, after))
-    if squares_x - mean_x <= _ROUNDING * squares_x:
+    if squares_x - mean_x <= _VARIANCE_ROUNDING * squares_x:
         return Phase(0.0, 0.0, 0.0, 1.0)
     factor = squares_x / squares_y if squares_y > 0 else 1.0
     return Phase(
@@ -200,10 +205,10 @@ def _known(f: FloatArray, g: FloatArray, areas: FloatArray) -> BoolArray:
     return np.asarray((areas > 0) & np.isfinite(f) & np.isfinite(g))
 
 
-def _counted(values: FloatArray, shares: FloatArray) -> FloatArray:
+def _known_values(values: FloatArray, shares: FloatArray) -> FloatArray:
     return np.where(shares > 0, values, 0)
 
 
-def _divided(sums: FloatArray, by: FloatArray) -> FloatArray:
-    """Return sums over divisors, NaN where these are 0."""
+def _divide(sums: FloatArray, by: FloatArray) -> FloatArray:
+    """Divide sums by divisors; NaN where a divisor is 0."""
     return np.divide(sums, by, out=np.full_like(sums, np.nan), where=by > 0)

@@ -1,4 +1,4 @@
-"""Subjects of a population, by the files that hold them, and the table that names these."""
+"""Subjects of a population: their files, and the table that lists them."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from pathlib import Path
 from abfm.batch.table import of_table, table_cells
 from abfm.errors import AbfmError, ParameterError, brief, one_line
 from abfm.functions import parse, quoted
-from abfm.population.settings import LARGEST_WEIGHT
+from abfm.population.settings import WEIGHT_MAX
 from abfm.reading.text_tables import parse_number
 from abfm.tasks.inputs import absolute, renamed_spec
 
-HELD_TAG = "held-out:"
-"""How the column of a channel begins that is carried, but not registered by."""
-_OWN_COLUMNS = ("name", "surface", "mask", "weight", "landmarks")
-_MOST_ROWS = 100_000
+HELD_OUT_PREFIX = "held-out:"
+"""Prefix of the column of a channel that is transferred but not used for registration."""
+_SUBJECT_COLUMNS = ("name", "surface", "mask", "weight", "landmarks")
+_ROWS_MAX = 100_000
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A function that all subjects have; one that is held out only tells how good maps are."""
+    """A function of each subject. A held-out channel only measures the quality of the maps."""
 
     name: str
     is_held_out: bool = False
@@ -31,22 +31,22 @@ class Channel:
 
 @dataclass(frozen=True)
 class Subject:
-    """A subject, as texts: a surface, and functions on it.
+    """A subject as texts: a surface, and functions on it.
 
     Attributes
     ----------
     name : str
     functions : tuple of str
-        A function as text for each channel, such as ``file:/data/s1/lh.sulc``; empty where a
-        channel that is held out is not known.
+        Specification of each channel, such as ``file:/data/s1/lh.sulc``. It may be empty for a
+        held-out channel that is unknown.
     surface : str
         The mesh file; empty for the template itself.
     mask : str
-        How much its vertices count: a function, not negative; empty for 1 everywhere.
+        Specification of nonnegative weights of the vertices; empty for 1 everywhere.
     weight : float
-        How much it counts in means; one of weight 0 is registered and judged all the same.
+        Weight in means. A subject of weight 0 is also registered and checked.
     landmarks : str
-        A file of points of it and of the template that belong together, see
+        File of corresponding points of the subject and the template, see
         `abfm.registration.read_landmarks`; empty for none.
     """
 
@@ -60,13 +60,14 @@ class Subject:
 
 @dataclass(frozen=True)
 class Cohort:
-    """Subjects that have the same channels, each of its own name.
+    """Subjects with the same channels and unique names.
 
     Raises
     ------
     ParameterError
-        If there are fewer than two subjects or no channel to register by, a name is there twice or
-        cannot be printed, functions are lacking, or weights are not finite, negative, or all 0.
+        If there are fewer than two subjects or no channel for registration. Also if a name is
+        repeated or unprintable, functions are missing, or weights are not finite, negative, or all
+        0.
     """
 
     channels: tuple[Channel, ...]
@@ -74,74 +75,78 @@ class Cohort:
 
     def __post_init__(self) -> None:
         if len(self.subjects) < 2:
-            raise ParameterError(f"subjects: {len(self.subjects)}; a population has two or more")
+            raise ParameterError(
+                f"the number of subjects is {len(self.subjects)}; expected at least 2"
+            )
         if all(channel.is_held_out for channel in self.channels):
             raise ParameterError(
-                "there is no channel to register by: give a column with functions, not "
-                f"beginning with {HELD_TAG}; landmarks alone make no mean to register to"
+                "there is no channel for registration; add a column of functions without the "
+                f"prefix {HELD_OUT_PREFIX}. Landmarks alone do not define a mean"
             )
-        _require_once("channel", [channel.name for channel in self.channels])
-        _require_once("subject", [subject.name for subject in self.subjects])
+        _require_unique("channel", [channel.name for channel in self.channels])
+        _require_unique("subject", [subject.name for subject in self.subjects])
         for subject in self.subjects:
             self._check(subject)
         if not any(subject.weight for subject in self.subjects):
-            raise ParameterError("all subjects have weight 0; give one of them more")
+            raise ParameterError("all subjects have weight 0; at least one weight must be positive")
 
     def _check(self, subject: Subject) -> None:
-        told = f"subject {one_line(subject.name, 60)}"
-        if not math.isfinite(subject.weight) or not 0 <= subject.weight <= LARGEST_WEIGHT:
+        label = f"subject {one_line(subject.name, 60)}"
+        if not math.isfinite(subject.weight) or not 0 <= subject.weight <= WEIGHT_MAX:
             raise ParameterError(
-                f"{told} has weight {subject.weight:g}; expected a number from 0 to "
-                f"{LARGEST_WEIGHT:g}"
+                f"{label} has weight {subject.weight:g}; expected a number from 0 to {WEIGHT_MAX:g}"
             )
         if len(subject.functions) != len(self.channels):
             raise ParameterError(
-                f"{told} has {len(subject.functions)} functions for {len(self.channels)} "
-                "channels; give one each"
+                f"{label} has {len(subject.functions)} functions, but there are "
+                f"{len(self.channels)} channels; give one function for each"
             )
         for channel, text in zip(self.channels, subject.functions, strict=True):
             if not text and not channel.is_held_out:
                 raise ParameterError(
-                    f"{told} has no {one_line(channel.name, 60)}: each subject needs all channels "
-                    "that it is registered by"
+                    f"{label} has no function {one_line(channel.name, 60)}; each subject needs all "
+                    "channels that are not held out"
                 )
 
     @property
-    def registered_by(self) -> list[int]:
-        """The numbers of the channels that are not held out."""
+    def registered_channels(self) -> list[int]:
+        """Indices of the channels that are not held out."""
         return [c for c, channel in enumerate(self.channels) if not channel.is_held_out]
 
 
 def read_subjects(path: str | os.PathLike[str]) -> Cohort:
-    """Read a table of subjects; relative paths in it begin at its folder.
+    """Read a table of subjects; relative paths are relative to the folder of the table.
 
-    The first line names the columns: ``name``, and maybe ``surface`` (a mesh file, the template
-    where it is empty), ``mask``, ``weight`` and ``landmarks`` (a file, see
-    `abfm.registration.read_landmarks`); each other one is a channel by its name, held out where it
-    begins with ``held-out:``. A cell of a channel, or of masks, is a file of values or a
-    function as text. Commas, semicolons or tabs separate cells, as in the first line; one with a
-    comma in it stands in double quotes. Empty lines are skipped.
+    The first line has the names of the columns. Separators are commas, semicolons or tabs, as in
+    the first line. Cells that contain a comma need double quotes. Empty lines are skipped.
+
+    The columns are ``name`` and, optionally, ``surface`` (a mesh file; the template if the cell is
+    empty), ``mask``, ``weight`` and ``landmarks`` (a file, see `abfm.registration.read_landmarks`).
+    Any other column is a channel with this name. The prefix ``held-out:`` marks a held-out channel.
+    The cells of channels and masks are files of values or function specifications.
 
     Raises
     ------
     ParameterError
-        If it cannot be read, or what it holds does not fit: in which row and column.
+        If the table cannot be read, or a cell is invalid. The message names row and column.
     """
     return of_table(path, _cohort)
 
 
 def function_text(given: str, folder: str | os.PathLike[str]) -> str:
-    """Return a file of values, or a function, as the text of a function whose files are absolute.
+    """Return the specification of a function from a file name or a specification.
+
+    Files in the result are absolute.
 
     Raises
     ------
     AbfmError
-        If it is neither: no such file, and no text of a function.
+        If the text is neither an existing file nor a function specification.
     """
     path = Path(folder, os.path.expanduser(given))
     try:
         is_file = path.is_file()
-    except (OSError, ValueError):  # no name of a file
+    except (OSError, ValueError):  # not a valid file name
         is_file = False
     if is_file:
         return f"file:{quoted(os.fspath(path))}"
@@ -150,34 +155,38 @@ def function_text(given: str, folder: str | os.PathLike[str]) -> str:
 
 
 def _cohort(text: str, folder: str) -> Cohort:
-    lines = table_cells(text, _MOST_ROWS)
+    lines = table_cells(text, _ROWS_MAX)
     if (names := next(lines, None)) is None:
-        raise ParameterError("it is empty: expected a line of names of columns, and more below")
+        raise ParameterError(
+            "it is empty; expected a line with the names of columns, and a line for each subject"
+        )
     columns = _columns(names)
     subjects = [_subject(columns, cells, number, folder) for number, cells in enumerate(lines, 1)]
     return Cohort(tuple(map(_channel, _channels(columns))), tuple(subjects))
 
 
 def _columns(cells: Sequence[str]) -> list[str]:
-    """Return the columns' names, those of our own in small letters."""
+    """Return the names of the columns, those of subjects in lower case."""
     found = []
     for number, cell in enumerate(cells, 1):
         if not cell:
-            raise ParameterError(f"column {number} has no name; give it one")
-        found.append(cell.lower() if cell.lower() in _OWN_COLUMNS else cell)
-    _require_once("column", found)
+            raise ParameterError(f"column {number} has no name; name the column")
+        found.append(cell.lower() if cell.lower() in _SUBJECT_COLUMNS else cell)
+    _require_unique("column", found)
     return found
 
 
 def _channels(columns: Sequence[str]) -> list[str]:
-    return [column for column in columns if column not in _OWN_COLUMNS]
+    return [column for column in columns if column not in _SUBJECT_COLUMNS]
 
 
 def _channel(column: str) -> Channel:
-    name = column.removeprefix(HELD_TAG).strip()
+    name = column.removeprefix(HELD_OUT_PREFIX).strip()
     if not name:
-        raise ParameterError(f"column {brief(column)} has no name of a channel; give it one")
-    return Channel(name, column.startswith(HELD_TAG))
+        raise ParameterError(
+            f"column {brief(column)} has no channel name; expected {HELD_OUT_PREFIX}NAME"
+        )
+    return Channel(name, column.startswith(HELD_OUT_PREFIX))
 
 
 def _subject(columns: Sequence[str], cells: Sequence[str], number: int, folder: str) -> Subject:
@@ -201,26 +210,30 @@ def _value(given: Mapping[str, str], column: str, number: int, folder: str) -> s
     try:
         return function_text(text, folder) if text else ""
     except AbfmError as error:
-        why = f"there is no file {brief(text)}"
+        reason = f"the file {brief(text)} does not exist"
         if ":" in text or not Path(text).suffix:
-            why += f", and as a function it is none: {error}"
-        raise ParameterError(f"row {number}, column {one_line(column, 60)}: {why}") from None
+            reason += f", and it is not a function: {error}"
+        raise ParameterError(f"row {number}, column {one_line(column, 60)}: {reason}") from None
 
 
 def _weight(text: str, row: int) -> float:
     try:
         return parse_number(text) if text else 1.0
     except ValueError as error:
-        raise ParameterError(f"row {row}: weight {brief(text)}: {one_line(error)}") from None
+        raise ParameterError(
+            f"row {row}: the weight {brief(text)} is invalid: {one_line(error)}"
+        ) from None
 
 
-def _require_once(what: str, names: Sequence[str]) -> None:
+def _require_unique(noun: str, names: Sequence[str]) -> None:
     seen: set[str] = set()
     for name in names:
         if not name or not name.isprintable():
             raise ParameterError(
-                f"a {what} is called {brief(name)}; give it a name that can be printed"
+                f"{brief(name)} is not a valid name of a {noun}; expected printable characters"
             )
         if name in seen:
-            raise ParameterError(f"two {what}s are called {one_line(name, 60)}; rename one")
+            raise ParameterError(
+                f"two {noun}s are named {one_line(name, 60)}; names must be unique"
+            )
         seen.add(name)

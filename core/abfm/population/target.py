@@ -1,4 +1,4 @@
-"""What subjects are registered to in a round."""
+"""Target of the registrations of a round."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ from abfm.types import FloatArray
 
 
 class Target(NamedTuple):
-    """What subjects are registered to: functions on the template, where they are known."""
+    """Functions on the template that subjects are registered to, with a mask."""
 
-    functions: FloatArray  # (C, V), of the channels to register by
+    functions: FloatArray  # (C, V), of the channels used for registration
     mask: FloatArray  # (V,)
 
     @classmethod
-    def filled(cls, mesh: TriangleMesh, functions: FloatArray, mask: FloatArray) -> Target:
-        """Return one whose functions (C, V) are filled in from around where they are unknown."""
+    def from_partial(cls, mesh: TriangleMesh, functions: FloatArray, mask: FloatArray) -> Target:
+        """Return a target with functions (C, V) extended to vertices where they are unknown."""
         known = np.isfinite(functions).all(axis=0) & (mask > 0)
         if not known.any():
-            raise ResultError("the masks of subjects and template have nothing in common")
+            raise ResultError("the masks of subjects and template do not overlap; enlarge a mask")
         return cls(extend_all(mesh, functions, known), np.where(known, mask, 0))
 
     def distance(self, before: Target, areas: FloatArray, weights: Sequence[float]) -> float:
-        """Return how far it is from another one, over its deviation: of channels the root mean
-        square, by their weights (C,).
+        """Return the L2 distance to another target, relative to the deviation of this one.
+
+        The result is the root mean square over channels with weights (C,).
         """
-        seen = np.where((self.mask > 0) & (before.mask > 0), areas, 0)
+        common_areas = np.where((self.mask > 0) & (before.mask > 0), areas, 0)
         pairs = zip(before.functions, self.functions, strict=True)
-        squares = [relative_distance(old, new, seen) ** 2 for old, new in pairs]
+        squares = [relative_distance(old, new, common_areas) ** 2 for old, new in pairs]
         return math.sqrt(np.average(squares, weights=weights))

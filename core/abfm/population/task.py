@@ -1,4 +1,4 @@
-"""The task of registering a population to a template."""
+"""Task of registering a population to a template."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from abfm.parameters import Parameters
 from abfm.population import report
 from abfm.population.population import Population, load_population
 from abfm.population.rounds import register_population
-from abfm.population.settings import BOUND, MOST_ROUNDS, Settings
+from abfm.population.settings import CHANGE_BOUND, ROUNDS_DEFAULT, Settings
 from abfm.population.subjects import Cohort, read_subjects
 from abfm.registration.task import INITIAL_INPUT, ONE_BASED_INPUT
 from abfm.tasks.inputs import (
@@ -37,7 +37,7 @@ from abfm.tasks.inputs import (
     renamed_function,
 )
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task
+from abfm.tasks.task import Export, Preview, Report, ResultFile, Table, Task, TaskInputs
 
 ROUNDS_MAX = 1000
 AUTO_TARGET = "auto"
@@ -60,7 +60,7 @@ def _renamed_channel(text: str, rename: Rename) -> str:
 
 def _rounds(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= ROUNDS_MAX:
-        raise ParameterError(f"{brief(text)} is not a whole number from 1 to {ROUNDS_MAX}")
+        raise ParameterError(f"{brief(text)} is not an integer from 1 to {ROUNDS_MAX}")
     return int(text)
 
 
@@ -72,20 +72,20 @@ def _preview(path: Path) -> Preview:
 
 @dataclass(frozen=True)
 class PopulationTask(Task):
-    """Register subjects to a template iteratively, and make their mean.
+    """Iterative registration of subjects to a template that computes their mean.
 
-    Its results and those of its registrations are files in a folder, the checkpoint of the monitor.
+    The task writes the result and all registrations to a folder, the checkpoint of the monitor.
 
     Attributes
     ----------
     cohort : Cohort
     template : str
-        Its mesh file.
+        Path of the template's mesh file.
     settings : Settings
     key : str
-        Name of the task.
+        Hash of the inputs.
     cluster : Cluster, optional
-        Where it is solved; by default on this machine's cores.
+        Workers that solve the task; by default the cores of this machine.
     """
 
     cohort: Cohort
@@ -97,8 +97,10 @@ class PopulationTask(Task):
     kind: ClassVar = "population"
     needs: ClassVar = ("table", "template")
     inputs: ClassVar = (
-        file_input("table", "a subject a row", "SUBJECTS.csv", is_argument=True),
-        file_input("template", f"the surface that subjects come to, a {MESH_FORMATS}", "SURFACE"),
+        file_input(
+            "table", "table with one row for each subject", "SUBJECTS.csv", is_argument=True
+        ),
+        file_input("template", f"surface to register to, a {MESH_FORMATS}", "SURFACE"),
         *MESH_INPUTS,
         channel_input(
             "a channel to register by, by its column of the table; its first target, a function on "
@@ -111,20 +113,20 @@ class PopulationTask(Task):
         INITIAL_INPUT,
         number_input(
             "bound",
-            "end when the mean changes by less, over its deviation",
+            "stop when the mean changes by less than this fraction of its deviation",
             "X",
             "above 0 and at most 1000",
             lambda bound: 1e-9 <= bound <= 1000,
             group=_MEAN,
-            default=f"{BOUND:g}",
+            default=f"{CHANGE_BOUND:g}",
         ),
         Input(
             name="rounds",
-            help="the most rounds",
+            help="maximum number of rounds",
             read=_rounds,
             metavar="N",
             group=_MEAN,
-            default=str(MOST_ROUNDS),
+            default=str(ROUNDS_DEFAULT),
         ),
         MAX_DISTORTION,
         ONE_BASED_INPUT,
@@ -142,20 +144,20 @@ class PopulationTask(Task):
         ".vtu": Export(report.export_mean_vtu),
         ".gii": Export(report.export_mean_values, check_values_name),
     }
-    tables: ClassVar = {"subjects": Table("table of the subjects", report.export_subjects)}
+    tables: ClassVar = {"subjects": Table("write a table of the subjects", report.export_subjects)}
     report: ClassVar = Report(report.details, report.lines)
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Refuse parameters that do not fit each other, and names that are given twice."""
+        """Raise a ParameterError for inconsistent parameters and repeated names."""
         Parameters.of(**parameters_in(values))
         names = [name for name, *_ in values.get("channel", ())]
         for name in names:
             if names.count(name) > 1:
-                raise ParameterError(f"column channel: {one_line(name, 40)} is given twice")
+                raise ParameterError(f"column channel: {one_line(name, 40)} is repeated")
 
     @classmethod
-    def read(cls, given: Given) -> PopulationTask:
+    def read(cls, given: TaskInputs) -> PopulationTask:
         values = given.values()
         channels = values.get("channel", ())
         options = {
@@ -168,16 +170,16 @@ class PopulationTask(Task):
             values.get("mask", ""),
             values.get("initial", ""),
             options,
-            values.get("bound", BOUND),
-            values.get("rounds", MOST_ROUNDS),
+            values.get("bound", CHANGE_BOUND),
+            values.get("rounds", ROUNDS_DEFAULT),
             {name: weight for name, _, weight in channels},
         )
         return cls(read_subjects(values["table"]), values["template"], settings, given.key)
 
     def solve(self, monitor: Monitor) -> Population:
-        """Return the population; a `CancelledError` ends it early, and finished rows are kept."""
+        """Return the population; a `CancelledError` stops it early and preserves finished rows."""
         if monitor.checkpoint is None:
-            raise ResultError("a population needs a folder for its registrations")
+            raise ResultError("no folder for the registrations of the population is given")
 
         def report_failure(entry: LedgerEntry) -> None:
             if entry.reason:

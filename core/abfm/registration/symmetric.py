@@ -21,7 +21,7 @@ from abfm.registration.correspondence import Correspondence, correspondence_of
 from abfm.registration.registration import Registration
 from abfm.registration.task import RegistrationTask
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.task import Given, Preview, Report, ResultFile, Task
+from abfm.tasks.task import Preview, Report, ResultFile, Task, TaskInputs
 from abfm.types import File, FloatArray
 from abfm.wording import share
 from abfm.workers.progress import step
@@ -192,7 +192,7 @@ class SymmetricTask(Task):
             raise ParameterError(f"column initial: {brief(initial)} is of one direction; {_WORDS}")
 
     @classmethod
-    def read(cls, given: Given) -> SymmetricTask:
+    def read(cls, given: TaskInputs) -> SymmetricTask:
         forward = RegistrationTask.read(given)
         options = dict(forward.options)
         options["f"], options["g"] = options["g"], options["f"]

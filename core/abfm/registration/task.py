@@ -34,7 +34,7 @@ from abfm.tasks.inputs import (
 )
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.task import Export, Given, Report, ResultFile, Task
+from abfm.tasks.task import Export, Report, ResultFile, Task, TaskInputs
 from abfm.types import IntArray
 
 _START = "weights and start"
@@ -209,7 +209,7 @@ class RegistrationTask(Task):
             raise ParameterError("a registration needs source and target, or landmarks")
 
     @classmethod
-    def read(cls, given: Given) -> RegistrationTask:
+    def read(cls, given: TaskInputs) -> RegistrationTask:
         values = given.values()
         a, b = (mesh_of(values[side], values) for side in "ab")
         sources, targets, weights = channels(values)

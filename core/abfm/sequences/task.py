@@ -47,7 +47,7 @@ from abfm.tasks.inputs import (
 )
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
-from abfm.tasks.task import Export, Given, Preview, Report, ResultFile, Table, Task, preview_of
+from abfm.tasks.task import Export, Preview, Report, ResultFile, Table, Task, TaskInputs, preview_of
 from abfm.types import FloatArray
 from abfm.wording import counted
 
@@ -225,7 +225,7 @@ class SequenceTask(Task):
                 raise ParameterError(f"column channel: {number} is given twice")
 
     @classmethod
-    def read(cls, given: Given) -> SequenceTask:
+    def read(cls, given: TaskInputs) -> SequenceTask:
         values = given.values()
         mesh = mesh_of(values["mesh"], values)
         options = {

@@ -1,4 +1,4 @@
-"""What a task is: its inputs, how it is solved, and what its result offers to every view."""
+"""Declarations of tasks: their inputs, how they are solved, and what their results provide."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Inputs of tasks: how a text becomes a value, which files it names, and what help says of it."""
+"""Inputs of tasks: their parsers, the files that they name, and their help."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ MESH_FORMATS = (
 )
 _CHANNEL = "SRC DST WEIGHT"
 Rename = Callable[[str], str]
-"""A function from the name of a file to another name of it."""
+"""A function that returns another name for a file."""
 
 
 def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
-    """Return what turns a text into the value of a parameter, or raises a ParameterError.
+    """Return a function that parses the value of a parameter or raises ParameterError.
 
-    If it is optional, "auto" is None.
+    If the parameter is optional, "auto" is parsed as None.
     """
     entry = FIELDS[name]
-    noun = f"a {'whole ' * is_integer(entry)}number{', nor auto' * is_optional}"
+    noun = f"{'an integer' if is_integer(entry) else 'a number'}{' or auto' * is_optional}"
 
-    @lru_cache(maxsize=1000)  # of a column's cells, most are alike
+    @lru_cache(maxsize=1000)  # most cells of a column are equal
     def read(text: str) -> Any:
         value: Any = text
         if is_optional and text == "auto":
@@ -52,8 +52,8 @@ def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
 
 
 def hint(text: str) -> str:
-    """Return how to write a number, for a text with a comma."""
-    return ": write a decimal point, and no signs between thousands" if "," in text else ""
+    """Return advice on how to write a number if the text contains a comma."""
+    return "; use a decimal point and no thousands separators" if "," in text else ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,28 +63,28 @@ class Input:
     Attributes
     ----------
     name : str
-        Of the column, and of the option after ``--``.
+        Name of the column, and of the option after ``--``.
     help : str
         One line for ``--help``.
     read : callable
-        Returns the value of a text, or raises an AbfmError.
+        Parses a text and returns its value; raises an AbfmError if the text is invalid.
     metavar : str
-        What ``--help`` calls the value, one word for each that the option takes; empty for a flag,
+        Name of the value in ``--help``, one word for each value of the option. Empty for a flag,
         whose text is "yes".
     group : str
         Heading in ``--help``.
     default : str
-        The value if none is given, as ``--help`` shows it; empty if there is none to show.
+        Default value as shown in ``--help``; empty if none is shown.
     without_value : str
-        The text that an option without a value stands for; empty if it needs one.
+        Text that an option without a value stands for; empty if the option needs a value.
     renamed : callable
-        Returns a text with other names of files.
+        Replaces the file names in a text.
     repeats : bool
-        Whether it may be given several times.
+        Whether the option can be repeated.
     is_argument : bool
-        Whether the command takes it by its place, without a name.
+        Whether the command accepts it as a positional argument.
     is_rare : bool
-        Whether the command takes it by ``--set NAME=VALUE``.
+        Whether the command accepts it only as ``--set NAME=VALUE``.
     """
 
     name: str
@@ -101,24 +101,27 @@ class Input:
 
 
 def by_name(inputs: Iterable[Input]) -> dict[str, Input]:
-    """Return inputs by their names."""
+    """Return a dictionary of inputs by name."""
     return {each.name: each for each in inputs}
 
 
 def parameter_inputs(
-    usual: Mapping[str, Any] | None = None, help: Mapping[str, str] | None = None
+    defaults: Mapping[str, Any] | None = None, help: Mapping[str, str] | None = None
 ) -> tuple[Input, ...]:
-    """Return an input for each parameter; "auto" is also read for those that are chosen by default.
+    """Return one input for each parameter.
+
+    If the default of a parameter is chosen automatically, its input also accepts "auto".
 
     Parameters
     ----------
-    usual : mapping, optional
-        The parameters and their defaults, None for those that are chosen; by default all.
+    defaults : mapping, optional
+        Parameters and their defaults; None if the solver chooses the default. By default all
+        parameters.
     help : mapping of str, optional
-        Help in place of that of their definition.
+        Help texts that replace those of the parameters.
     """
     inputs = []
-    for name, value in (usual or Parameters().to_dict()).items():
+    for name, value in (defaults or Parameters().to_dict()).items():
         entry, choices = FIELDS[name], CHOICES.get(name)
         text = (help or {}).get(name, entry.metadata["help"])
         if value is not None:
@@ -140,7 +143,7 @@ def parameter_inputs(
 
 
 def parameters_in(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those values that are of `abfm.Parameters`, by their names there."""
+    """Return the values of `abfm.Parameters` among the values, by their names in Python."""
     names = {option(name): name for name in FIELDS}
     return {names[column]: value for column, value in values.items() if column in names}
 
@@ -150,21 +153,24 @@ def number_input(
     help: str,
     metavar: str,
     expected: str,
-    holds: Callable[[float], bool],
+    is_valid: Callable[[float], bool],
     **settings: Any,
 ) -> Input:
-    """Return the input of a finite number that ``holds``; ``expected`` describes it."""
-    read = partial(read_number, expected=expected, holds=holds)
+    """Return the input of a finite number for which ``is_valid`` returns True.
+
+    The text ``expected`` describes the condition in messages.
+    """
+    read = partial(read_number, expected=expected, is_valid=is_valid)
     return Input(name=name, help=help, read=read, metavar=metavar, **settings)
 
 
-def read_number(text: str, expected: str, holds: Callable[[float], bool]) -> float:
-    """Return a finite number that ``holds``; a ParameterError reports what is ``expected``."""
+def read_number(text: str, expected: str, is_valid: Callable[[float], bool]) -> float:
+    """Parse a finite number for which ``is_valid`` returns True, or raise ParameterError."""
     try:
         number: float = parse_number(text)
     except ValueError:
         raise ParameterError(f"{brief(text)} is not a number{hint(text)}") from None
-    if not (math.isfinite(number) and holds(number)):
+    if not (math.isfinite(number) and is_valid(number)):
         raise ParameterError(f"{brief(text)} is not a number {expected}")
     return number
 
@@ -267,12 +273,12 @@ def _renamed_file(text: str, rename: Rename) -> str:
 
 
 def file_input(name: str, help: str, metavar: str = "FILE", **settings: Any) -> Input:
-    """Return the input of a file."""
+    """Return the input of a file name."""
     return Input(name=name, help=help, metavar=metavar, renamed=_renamed_file, **settings)
 
 
 def function_input(name: str, help: str) -> Input:
-    """Return the input of a function, see `abfm.function`."""
+    """Return the input of a function specification, see `abfm.function`."""
     return Input(
         name=name,
         help=help,
@@ -291,8 +297,8 @@ def mask_input(name: str, help: str) -> Input:
 
 CIRCULAR_INPUT = Input(
     name="circular",
-    help="values are phases, which repeat after this period, and are compared by their cosine and "
-    "sine (without a number: 2 pi)",
+    help="period of values that are phases; they are compared by cosine and sine (without a "
+    "number: 2 pi)",
     read=_circular,
     metavar="PERIOD",
     group="functions",
@@ -319,7 +325,7 @@ def channel_input(
 
 
 def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
-    """Return the inputs that `channels` reads, with the help of the first two."""
+    """Return the inputs that `channels` uses; the arguments are the help of source and target."""
     return (
         function_input("source", source),
         function_input("target", target),
@@ -334,9 +340,15 @@ def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
 
 
 def channels(values: Mapping[str, Any]) -> tuple[list[str], list[str], list[float]]:
-    """Return sources, targets and weights, (C,) each; a ParameterError reports a missing one."""
+    """Return sources, targets and weights, (C,) each.
+
+    Raises
+    ------
+    ParameterError
+        If only one of source and target is given.
+    """
     if ("source" in values) != ("target" in values):
-        raise ParameterError("source and target need each other")
+        raise ParameterError("source and target must be given together")
     first = [(values["source"], values["target"], 1.0)] if "source" in values else []
     found = [*first, *values.get("channel", ())]
     sources, targets, weights = ([each[part] for each in found] for part in range(3))
@@ -355,15 +367,15 @@ MESH_INPUTS = tuple(
     )
     for entry in fields(MeshOptions)
 )
-"""How the meshes of a task are read."""
+"""Inputs of how the meshes of a task are loaded."""
 
 
 def mesh_options(values: Mapping[str, Any]) -> MeshOptions:
-    """Return the options of reading meshes that are among values by name."""
+    """Return the options of loading meshes that are among the values, by name."""
     names = {option(entry.name): entry.name for entry in fields(MeshOptions)}
     return MeshOptions(**{names[name]: values[name] for name in names if name in values})
 
 
 def absolute(folder: str) -> Rename:
-    """Return a function that makes names of files absolute which begin at a folder."""
+    """Return a function that makes file names absolute, relative to a folder."""
     return lambda path: os.fspath(Path(folder, Path(os.path.expanduser(path))))

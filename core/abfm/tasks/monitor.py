@@ -1,4 +1,4 @@
-"""What a caller sees of a task while it is solved, and how it stops it."""
+"""Monitor of a running task: partial results, notes, checkpoints and control."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ def ignore(*_: object) -> None:
 
 @dataclass(frozen=True)
 class Monitor:
-    """Partial results and notes of a task, its checkpoint file, and the control to stop it.
+    """Callbacks, checkpoint file and control of a task that is being solved.
 
-    How far the task is comes by `abfm.workers.progress`.
+    Progress is reported separately, see `abfm.workers.progress`.
 
     Attributes
     ----------
     control : Control
         Pauses, resumes or cancels the task. A cancelled task returns the best result so far.
     on_partial : callable
-        Called in the thread that solves with each partial result: an `Iteration` of a match, or the
-        number of a solved interval of a sequence and its field, (F, 3).
+        Called with each partial result, in the thread that solves the task. A match passes an
+        `Iteration`; a sequence passes the number of a solved interval and its field, (F, 3).
     on_note : callable
-        Called with each note on how the task is solved, one line each.
+        Called with each note about the solution, a text of one line.
     checkpoint : Path, optional
-        Where the result will be: a long task keeps what it has found in a file next to it, and
-        resumes from there.
+        Path of the final result. A long task stores its progress in a file next to this path, and
+        resumes from that file.
     resumes_only : bool
-        Whether a task with a checkpoint returns what that holds, and solves nothing.
+        Whether to return the result stored in the checkpoint without solving anything further.
     checkpoints : list of Path
-        The checkpoint files of the task, which the caller removes once the result is saved.
+        Checkpoint files of the task. The caller removes them after the result is saved.
     """
 
     control: Control = field(default_factory=Control)

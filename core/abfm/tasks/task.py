@@ -1,4 +1,4 @@
-"""Tasks: each kind of problem is declared once, for the command line, tables, files and views."""
+"""Base class of tasks: declarations of problems for the command line, tables, files and views."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from abfm.types import File, FloatArray
 
 
 class Preview(NamedTuple):
-    """Functions (V,) on a surface that a small picture of a result shows."""
+    """Functions (V,) on a surface, for a small picture of a result."""
 
     mesh: TriangleMesh
     functions: list[FloatArray]
@@ -27,7 +27,7 @@ class Preview(NamedTuple):
 def preview_of(
     path: Path, file: results.FileKind, functions: Callable[..., list[FloatArray]]
 ) -> Preview:
-    """Return the functions that are made of the arrays of a file, and its surface.
+    """Read the surface of a file, and functions computed from its arrays.
 
     Raises
     ------
@@ -43,46 +43,46 @@ def preview_of(
 
 
 class Result(Protocol):
-    """What solving a task gives."""
+    """Protocol of the results of tasks."""
 
     @property
     def facts(self) -> Facts:
-        """Return what every view reports of it."""
+        """Facts that every view reports."""
 
     def save(self, path: File) -> None:
         """Write the file, completely or not at all."""
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write what can be written of a result that `save` refuses; return what is missing."""
+        """Write the valid parts of a result that `save` refuses, and return the missing parts."""
 
 
 class Export(NamedTuple):
-    """A format of data files that a result can be written to."""
+    """A format of data files for results."""
 
     write: Callable[[Path, Any], object]
     """Write a result. A returned text reports what the file lacks."""
     check: Callable[[Path], object] = lambda path: None
-    """Refuse a path before anything is solved, by an AbfmError."""
+    """Raise an AbfmError if a path cannot be used; called before the task is solved."""
 
 
 class Table(NamedTuple):
-    """A table of a result as a CSV file."""
+    """A table of a result, written as a CSV file."""
 
     help: str
     write: Callable[[Path, Any], object]
 
 
 class ResultFile(NamedTuple):
-    """How the files of a kind of results are recognized and read."""
+    """Functions that recognize and read the files of one type of result."""
 
-    marks: frozenset[str]
-    """Arrays that a file of this kind has, and files of other kinds do not have all of."""
+    required_entries: frozenset[str]
+    """Entries of a file that together identify this type of result."""
     load: Callable[..., Any]
-    """Read a result; ResultError if it is missing, damaged or of another kind."""
+    """Load a result; ResultError if the file is missing, damaged or of another type."""
     facts: Callable[[Path], Facts]
-    """Return the facts that a file holds, without reading all of it; ResultError as of load."""
+    """Read the facts without loading the complete file; raises the errors of `load`."""
     preview: Callable[[Path], Preview]
-    """Read the functions of a small picture, named by `Task.preview_labels`."""
+    """Read the functions of a small picture; `Task.preview_labels` names them."""
 
 
 def _advice(found: Any, result: str) -> str:
@@ -90,61 +90,62 @@ def _advice(found: Any, result: str) -> str:
 
 
 class Report(NamedTuple):
-    """What is reported of a kind of results."""
+    """Functions that report on one type of result."""
 
     details: Callable[[Any], dict[str, Any]]
-    """Return all that is reported as plain numbers and texts; None for unknown."""
+    """Return all reported values as plain numbers and texts; None if a value is unknown."""
     lines: Callable[[Any], list[str]]
-    """Return the report for people, a line each."""
+    """Return the lines of the printed report."""
     advice: Callable[[Any, str], str] = _advice
-    """Return what to try next; the text is the file of the result, empty without one."""
+    """Return what to try next. The text is the path of the result; empty without a file."""
 
 
-class Given(Protocol):
-    """The inputs of a task, as read from a row of a table or from a command line."""
+class TaskInputs(Protocol):
+    """Protocol of the inputs of a task, read from a row of a table or from a command line."""
 
     def values(self) -> dict[str, Any]:
-        """Return values by name, repeated ones as lists; names of files are absolute."""
+        """Return values by name, repeated ones as lists; file names are absolute."""
 
     @property
     def written(self) -> Mapping[str, Any]:
-        """The same with names of files as they were written."""
+        """Values by name, with file names as the user wrote them."""
 
     @property
     def key(self) -> str:
-        """Name by values and contents of files, in hexadecimal digits."""
+        """Hash of the values and the contents of files, in hexadecimal digits."""
 
 
 class Task(ABC):
-    """A problem with all of its inputs: immutable, and can be pickled.
+    """An immutable, picklable problem with all of its inputs.
 
-    A subclass declares a kind of task. Its inputs become options of its command and columns of
-    tables, its exports formats of files; no view needs to know which kind it shows.
+    A subclass declares a type of task. Its inputs become options of a command and columns of
+    tables; its exports become formats of files. Views use only this declaration, never the
+    subclass.
 
     Attributes
     ----------
     kind : str
-        Name of the kind.
+        Name of the type of task.
     summary, description : str
-        What ``--help`` says of the command that solves it: a line, and a text with examples.
+        Help of the command that solves the task: one line, and a text with examples.
     output_help : str
-        What ``--help`` says of the option ``--out``.
+        Help of the option ``--out``.
     inputs : tuple of Input
-        In the order of ``--help``.
+        Inputs in the order of ``--help``.
     needs : tuple of str
-        Names of the inputs that must be given; the first tells which kind a row is of.
+        Names of the required inputs. The first one identifies the type of task of a row.
     result : type
-        Of its results.
+        Type of the results.
     file : ResultFile
     report : Report
     exports : mapping of str to Export
-        Formats of data files by their suffix, besides ``.npz``.
+        Formats of data files by suffix, in addition to ``.npz``.
     key : str
-        Of a task, unless its digest is that of a problem: the name of its row.
+        Key of the task's row, which names the result unless the subclass overrides `digest`.
     tables : mapping of str to Table
-        Tables of a result by the option that names their file.
+        Tables of a result, by the option that names the file.
     preview_labels : tuple of str
-        Names of the functions in a small picture of a result.
+        Labels of the functions in a small picture of a result.
     """
 
     kind: ClassVar[str]
@@ -163,36 +164,36 @@ class Task(ABC):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Refuse values that do not fit together, by an AbfmError, before files are read."""
+        """Raise an AbfmError if values do not fit together; called before files are read."""
         return
 
     @classmethod
     @abstractmethod
-    def read(cls, given: Given) -> Self:
-        """Return the task of given inputs; an AbfmError reports what does not fit."""
+    def read(cls, given: TaskInputs) -> Self:
+        """Create the task from its inputs; raise an AbfmError if they do not fit together."""
 
     @property
     def digest(self) -> str:
-        """Name of the result by the content of the task, in hexadecimal digits."""
+        """Name of the result, computed from the inputs, in hexadecimal digits."""
         return self.key
 
     @abstractmethod
     def solve(self, monitor: Monitor) -> Any:
-        """Return the result; an AbfmError reports what does not fit."""
+        """Solve the task and return the result, or raise an AbfmError if its inputs are invalid."""
 
     def expected(self) -> Facts | None:
-        """Return what the inputs alone say of the result; None if they say nothing."""
+        """Return the facts that the inputs alone determine; None if there are none."""
         return None
 
     @property
     def goal(self) -> float | None:
-        """The residual that counts as matched; None for tasks without one."""
+        """Residual below which a result counts as matched; None for tasks without a goal."""
         return None
 
     def notes(self) -> list[str]:
-        """Return what the caller should know of the inputs, one line each."""
+        """Return notes on the inputs, one line each."""
         return []
 
     def check_export(self, path: Path) -> None:
-        """Refuse a file of the result that the task rules out, by an AbfmError."""
+        """Raise an AbfmError if the task cannot write its result to this file."""
         return

@@ -10,8 +10,8 @@ import pytest
 from distributed import Client, LocalCluster
 
 import abfm
-from abfm.batch import Cluster, Workers, on_dask, run
-from abfm.batch.cluster import CONNECTING, NO_WORKERS, LostError
+from abfm.batch import Cluster, Workers, dask_connection, run
+from abfm.batch.cluster import CONNECTING, NO_WORKERS, ConnectionLostError
 from abfm.batch.run import ENDED_MESSAGE
 from abfm.errors import AbfmError, ResultError
 from abfm.workers.progress import reporting_steps
@@ -61,7 +61,7 @@ def test_a_cluster_elsewhere_writes_where_it_sees_the_folder_else_sends(
     cluster = Cluster(scheduler_file=tmp_path / "scheduler.json")
     if not is_seen:
         # the folder, and then the files of rows
-        monkeypatch.setattr("abfm.batch.attempt.Ledger.is_seen", lambda *_: False)
+        monkeypatch.setattr("abfm.batch.attempt.Ledger.is_accessible", lambda *_: False)
         monkeypatch.setattr("abfm.batch.attempt.all", lambda _: False, raising=False)
     entries = run([*ROWS, pair("lost", mesh="nowhere.off")], tmp_path / "out", cluster)
     assert [entry.state for entry in entries] == ["done"] * 4 + ["failed"]
@@ -70,8 +70,10 @@ def test_a_cluster_elsewhere_writes_where_it_sees_the_folder_else_sends(
 
 
 def test_a_cluster_is_kept_from_one_run_to_the_next(alone, elsewhere, tmp_path, monkeypatch):
-    made, usual = [], on_dask._client
-    monkeypatch.setattr(on_dask, "_client", lambda *given: made.append(usual(*given)) or made[-1])
+    made, usual = [], dask_connection._client
+    monkeypatch.setattr(
+        dask_connection, "_client", lambda *given: made.append(usual(*given)) or made[-1]
+    )
     with Workers(Cluster(scheduler=elsewhere.scheduler_address)) as workers:
         for rows in (ROWS[:2], ROWS):
             entries = workers.run(rows, tmp_path)
@@ -86,7 +88,7 @@ def test_a_cluster_is_kept_from_one_run_to_the_next(alone, elsewhere, tmp_path, 
 
 def test_a_scheduler_that_goes_is_told_with_what_is_left(elsewhere, tmp_path, capfd):
     cluster = Cluster(scheduler=elsewhere.scheduler_address)
-    with raises(LostError, 3):
+    with raises(ConnectionLostError, 3):
         run(ROWS, tmp_path, cluster, on_change=lambda entry: elsewhere.close())
     assert len(results(tmp_path)) >= 1
     assert capfd.readouterr() == ("", "")
@@ -114,7 +116,7 @@ def test_no_scheduler_is_told(tmp_path):
     # what answers is none
     refuse = Mock(side_effect=MemoryError("out of memory"))
     with raises(ResultError, "tcp://1"):
-        on_dask._client(refuse, "tcp://1", abfm.workers.Control())
+        dask_connection._client(refuse, "tcp://1", abfm.workers.Control())
 
 
 def test_who_waits_for_a_scheduler_may_cancel_that(tmp_path, monkeypatch):
@@ -142,13 +144,13 @@ def test_a_scheduler_file_without_an_address_is_told_at_once(text, tmp_path):
 def test_a_scheduler_file_that_may_not_be_read_is_told(tmp_path, monkeypatch):
     (tmp_path / "scheduler.json").touch()
     refuse = Mock(side_effect=PermissionError(13, "Permission denied"))
-    monkeypatch.setattr(on_dask, "read_bytes", refuse)
+    monkeypatch.setattr(dask_connection, "read_bytes", refuse)
     with raises(ResultError, "scheduler.json"):
         run(ROWS, tmp_path / "out", Cluster(scheduler_file=tmp_path / "scheduler.json"))
 
 
 def test_workers_are_waited_for_and_that_is_told(alone, tmp_path, monkeypatch):
-    monkeypatch.setattr(on_dask, "_COUNT_SECONDS", 0.2)
+    monkeypatch.setattr(dask_connection, "_COUNT_SECONDS", 0.2)
     told = []
 
     def note(step):
@@ -168,7 +170,7 @@ def test_workers_are_waited_for_and_that_is_told(alone, tmp_path, monkeypatch):
 
 
 def test_a_cluster_with_another_abfm_is_refused(elsewhere, tmp_path, monkeypatch):
-    monkeypatch.setattr(on_dask, "own_version", lambda: "9.9")
+    monkeypatch.setattr(dask_connection, "installed_version", lambda: "9.9")
     with raises(ResultError, "scheduler", version("abfm"), "9.9"):
         run(ROWS, tmp_path, Cluster(scheduler=elsewhere.scheduler_address))
 
@@ -176,17 +178,17 @@ def test_a_cluster_with_another_abfm_is_refused(elsewhere, tmp_path, monkeypatch
 def test_a_cluster_without_abfm_is_refused():
     none = PackageNotFoundError("abfm")
     with raises(ResultError):
-        on_dask._check_alike(Mock(run_on_scheduler=Mock(side_effect=none)))
+        dask_connection._check_alike(Mock(run_on_scheduler=Mock(side_effect=none)))
     there = {"tcp://1": version("abfm"), "tcp://2": OSError("gone meanwhile"), "tcp://3": none}
     client = Mock(run_on_scheduler=Mock(return_value=version("abfm")))
     client.run.return_value = there
     with raises(ResultError, "tcp://3"):
-        on_dask._check_alike(client)
+        dask_connection._check_alike(client)
     del there["tcp://3"]
-    on_dask._check_alike(client)
+    dask_connection._check_alike(client)
 
 
 def test_a_cluster_needs_dask(tmp_path, monkeypatch):
-    monkeypatch.setattr(on_dask, "find_spec", lambda name: None)
+    monkeypatch.setattr(dask_connection, "find_spec", lambda name: None)
     with raises(AbfmError, "abfm[cluster]"):
         run(ROWS, tmp_path, Cluster(scheduler="tcp://1"))

@@ -95,7 +95,7 @@ def test_files_are_known_and_a_row_whose_files_moved_is_the_same_problem(folder,
         place = tmp_path / f"moved {number}"
         place.mkdir()
         places[path] = shutil.move(path, place)
-    moved = row.moved(places)
+    moved = row.relocated(places)
     assert (moved.digest, moved.key) == (digest, row.key)
     with raises(abfm.AbfmError):
         row.task()

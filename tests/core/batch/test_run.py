@@ -10,8 +10,8 @@ import pytest
 
 import abfm
 from abfm.batch import Cluster, Cost, Ledger, Row, Workers, run
-from abfm.batch.attempt import IMPOSSIBLE_STEP, Task, attempt
-from abfm.batch.run import ENDED_MESSAGE, seen_here
+from abfm.batch.attempt import IMPOSSIBLE_STEP, WorkItem, attempt
+from abfm.batch.run import ENDED_MESSAGE, with_contents
 from abfm.errors import AbfmWarning, ParameterError, ResultError
 from abfm.flow.exponential import counted_row_products
 from abfm.io.atomic import temporary_file
@@ -38,16 +38,18 @@ def files(folder):
 
 def test_a_worker_with_another_abfm_solves_nothing(tmp_path):
     ledger = Ledger(tmp_path)
-    task = Task(QUICK, str(ledger.folder), ledger.make(), version="0.0.9")
+    task = WorkItem(QUICK, str(ledger.folder), ledger.make(), version="0.0.9")
     check_message(attempt(task).record.reason, "0.0.9")
     assert not results(tmp_path)
 
 
 def test_a_worker_that_may_not_write_in_the_folder_sends_its_result(tmp_path, monkeypatch):
     ledger = Ledger(tmp_path)
-    task = Task(QUICK, str(ledger.folder), ledger.make())
+    task = WorkItem(QUICK, str(ledger.folder), ledger.make())
     with monkeypatch.context() as patched:
-        patched.setattr("abfm.batch.ledger.os.access", lambda path, mode: path != ledger.own)
+        patched.setattr(
+            "abfm.batch.ledger.os.access", lambda path, mode: path != ledger.records_folder
+        )
         answer = attempt(task)
     assert answer.result
     assert not results(tmp_path)
@@ -67,7 +69,7 @@ def test_warnings_of_rows_are_kept_and_reported_once(tmp_path):
 
 def test_products_are_unknown_where_another_row_is_solved_in_the_same_process(tmp_path):
     folders = [tmp_path / name for name in ("beside", "alone")]
-    beside, alone = (Task(QUICK, str(folder), Ledger(folder).make()) for folder in folders)
+    beside, alone = (WorkItem(QUICK, str(folder), Ledger(folder).make()) for folder in folders)
     with counted_row_products():  # of that row
         assert attempt(beside).record.row_products is None
     assert attempt(alone).record.row_products == 0
@@ -289,7 +291,7 @@ def test_record_with_wrong_field_is_missing(done, tmp_path, fields):
     """A record that no run writes counts as none, and names no file elsewhere."""
     row, ledger = done[0][0], Ledger(tmp_path)
     ledger.make()
-    place = ledger.own / f"{row.key}.json"
+    place = ledger.records_folder / f"{row.key}.json"
     place.write_text(json.dumps({"digest": "ab", **fields}))
     assert ledger.entry(row).state == "missing"
     place.write_text(json.dumps({"digest": "ab", "reason": "no \x1b[31mfile"}))
@@ -308,10 +310,12 @@ def test_record_with_wrong_field_is_missing(done, tmp_path, fields):
 def test_damaged_row_does_not_hide_others(done, damage):
     (row, *_), folder, _, _ = done
     ledger = Ledger(folder)
-    good = {**row.told(), "key": row.key}
+    good = {**row.to_dict(), "key": row.key}
     rows = [{**good, **damage}, 0.5, good]
-    (ledger.own / "rows.json").write_text(json.dumps({"title": "a\x1b[31mt", "rows": rows}))
-    title, entries = ledger.kept()
+    (ledger.records_folder / "rows.json").write_text(
+        json.dumps({"title": "a\x1b[31mt", "rows": rows})
+    )
+    title, entries = ledger.read_rows()
     assert title == "a?[31mt"
     assert [entry.state for entry in entries] == ["failed", "failed", ledger.entry(row).state]
     assert [entry.row.name for entry in entries[:2]] == ["row 1", "row 2"]
@@ -356,8 +360,8 @@ def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
     monkeypatch.setattr(task, "match", solving)
     steps = []
     with reporting_steps(lambda step: steps.append(step and step.task)):
-        attempt(Task(impossible, str(tmp_path), ledger.make()))
-        attempt(Task(row, str(tmp_path), ledger.make()))
+        attempt(WorkItem(impossible, str(tmp_path), ledger.make()))
+        attempt(WorkItem(row, str(tmp_path), ledger.make()))
     (before, _), after = seen, ledger.entry(impossible)
     assert (before.state, before.facts.outcome) == ("missing", Outcome.MISSING)
     check_message(before.facts.reason, "source")
@@ -370,13 +374,13 @@ def test_rows_are_kept_for_who_asks_later(done):
     rows, folder, _, _ = done
     ledger = Ledger(folder)
     ledger.write_rows(rows, "a title")
-    assert ledger.kept() == ("a title", [ledger.entry(row) for row in rows])
+    assert ledger.read_rows() == ("a title", [ledger.entry(row) for row in rows])
     for damage in ("3", '{"title": "no rows"}', "["):
         (folder / "ledger" / "rows.json").write_text(damage)
         with raises(ResultError):
-            ledger.kept()
+            ledger.read_rows()
     with raises(ResultError):
-        Ledger(folder / "nothing").kept()
+        Ledger(folder / "nothing").read_rows()
 
 
 def test_who_kills_its_process_is_tried_again_and_others_go_on(tmp_path):
@@ -419,21 +423,21 @@ def test_a_run_that_is_cancelled_keeps_what_is_done(tmp_path):
 def test_who_sees_no_folder_sends_the_result_and_who_sees_no_files_asks_for_them(done, tmp_path):
     _, folder, entries, _ = done
     entry = next(entry for entry in entries if entry.row.name == "own")
-    unseen = Task(entry.row, str(folder), "another one")
+    unseen = WorkItem(entry.row, str(folder), "another one")
     answer = attempt(unseen)
     assert answer.record.digest == entry.digest
     assert answer.result == entry.path.read_bytes()
     paths = [folder.parent / name for name in ("ball.off", "z.npy")]
-    whole, moved = seen_here(unseen), [path.rename(tmp_path / path.name) for path in paths]
+    whole, moved = with_contents(unseen), [path.rename(tmp_path / path.name) for path in paths]
     try:
-        assert attempt(unseen).is_blind
+        assert attempt(unseen).needs_contents
         sent = attempt(whole)
     finally:
         for path, before in zip(moved, paths, strict=True):
             path.rename(before)
     assert (sent.record.digest, sent.result) == (entry.digest, answer.result)
     both = next(entry for entry in entries if entry.row.name == "both")
-    sent = attempt(seen_here(Task(both.row, "/nowhere", "")))
+    sent = attempt(with_contents(WorkItem(both.row, "/nowhere", "")))
     assert (sent.record.digest, sent.result) == (both.digest, both.path.read_bytes())
 
 
@@ -442,7 +446,7 @@ def test_a_bug_in_a_row_is_its_own(monkeypatch, tmp_path):
         raise KeyError("two\nlines")
 
     monkeypatch.setattr(Row, "task", fail)
-    record = attempt(Task(pair(), str(tmp_path), "")).record
+    record = attempt(WorkItem(pair(), str(tmp_path), "")).record
     assert record.reason == "KeyError: 'two\\nlines'"
 
 

@@ -8,8 +8,8 @@ import pytest
 import abfm
 from abfm.assets import asset_path
 from abfm.batch import Ledger, Row, run
-from abfm.batch.attempt import Task, attempt
-from abfm.batch.run import seen_here
+from abfm.batch.attempt import WorkItem, attempt
+from abfm.batch.run import with_contents
 from abfm.sequences import defaults, export_pvd
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import reporting_steps
@@ -46,8 +46,8 @@ def test_a_run_that_is_killed_goes_on_and_finds_the_same(folder):
         Ledger(folder / "a"),
         Ledger(folder / "b"),
     )
-    attempt(Task(row, str(whole.folder), whole.make()))
-    task = Task(row, str(ledger.folder), ledger.make())
+    attempt(WorkItem(row, str(whole.folder), whole.make()))
+    task = WorkItem(row, str(ledger.folder), ledger.make())
 
     def stop(now):
         if now is not None and now.task == "smoothing in time":
@@ -57,9 +57,9 @@ def test_a_run_that_is_killed_goes_on_and_finds_the_same(folder):
         attempt(task)
     [kept] = ledger.folder.glob("*.unfinished")
     content = kept.read_bytes()
-    assert not ledger.result(row.key).exists()
+    assert not ledger.result_path(row.key).exists()
     attempt(task)
-    assert ledger.result(row.key).read_bytes() == whole.result(row.key).read_bytes()
+    assert ledger.result_path(row.key).read_bytes() == whole.result_path(row.key).read_bytes()
     assert not kept.exists()
     kept.write_bytes(content)  # as when it was killed just before it was removed
     attempt(task)
@@ -75,7 +75,7 @@ def test_one_that_is_cancelled_before_it_begins_has_not_failed(folder):
             control.cancel()
 
     with reporting_steps(stop), controlled(control), pytest.raises(CancelledError):
-        attempt(Task(row, str(ledger.folder), ledger.make()))
+        attempt(WorkItem(row, str(ledger.folder), ledger.make()))
     assert ledger.entry(row).state == "missing"
 
 
@@ -98,8 +98,8 @@ def test_files_of_a_series_belong_to_it_and_are_sent(folder):
     row = Row("film", options, folder)
     parts = [Path(name) for name in row.files() if name.endswith(".vtu")]
     assert len(parts) == 3
-    task = Task(row, str(folder / "nowhere"), "somewhere else")
-    answer = attempt(seen_here(task))
+    task = WorkItem(row, str(folder / "nowhere"), "somewhere else")
+    answer = attempt(with_contents(task))
     assert answer.record.reason == ""
     assert answer.record.digest == row.key
     assert answer.result

@@ -12,16 +12,16 @@ from scipy.spatial.transform import Rotation
 import abfm
 from abfm import AbfmError, Flow, ParameterError, Population, TriangleMesh, load
 from abfm.batch import Ledger, LedgerEntry, Workers
-from abfm.batch.attempt import Task, attempt
-from abfm.batch.run import seen_here
+from abfm.batch.attempt import WorkItem, attempt
+from abfm.batch.run import with_contents
 from abfm.calculus.operators import vertex_areas
 from abfm.functions import quoted
 from abfm.io import write_surface
 from abfm.mesh.shapes import even_sphere
 from abfm.population import Channel, Cohort, Settings, Subject
-from abfm.population.carrying import Carrying
+from abfm.population.solver import PopulationSolver
+from abfm.population.subject_transfer import SubjectTransfer
 from abfm.population.target import Target
-from abfm.population.work import Work
 from abfm.workers.control import CancelledError, Control
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
@@ -58,7 +58,7 @@ def names():
             if control.cancelled:
                 return
             names.append(f"{each.subject.name}, carried")
-            yield attempt(Task(each, contents={}))
+            yield attempt(WorkItem(each, contents={}))
 
     def run(self, rows, folder, *, on_change, control):
         ledger = Ledger(folder)
@@ -66,7 +66,7 @@ def names():
         for row in rows:
             if ledger.entry(row).state != "done" and not control.cancelled:
                 names.append(row.name)
-                record = attempt(Task(row, str(ledger.folder), identity, {})).record
+                record = attempt(WorkItem(row, str(ledger.folder), identity, {})).record
                 on_change(ledger.record(row, record))
         return ledger.entries(rows)
 
@@ -244,7 +244,7 @@ def test_the_odd_one_is_named_and_left_out(usual):
 
 def test_who_comes_and_goes_stays_out(tmp_path, monkeypatch):
     """Here by a judge who finds one unlike the others in every other round."""
-    look, for_good_in = Work._look, {}
+    look, for_good_in = PopulationSolver._evaluate, {}
 
     def strict(self, entries, fits, failures, number, for_good):
         found = look(self, entries, fits, failures, number, for_good)
@@ -255,7 +255,7 @@ def test_who_comes_and_goes_stays_out(tmp_path, monkeypatch):
         fits = found.judged.fits & (names != "over")
         return found._replace(judged=replace(found.judged, fits=fits))
 
-    monkeypatch.setattr(Work, "_look", strict)
+    monkeypatch.setattr(PopulationSolver, "_look", strict)
     settings = Settings(options=BRIEF | {"iterations": 2}, rounds=4, bound=0)
     found = five(tmp_path).registered(settings, held_out=["label"])
     assert for_good_in == {1: [], 2: [], 3: [], 4: ["over"]}
@@ -312,19 +312,19 @@ def test_what_is_carried_is_the_same_where_files_are_sent(kept, usual, at_edges)
     """As to workers that see no folder; also of a subject without a channel that is held out."""
     out, first = kept.folder / "out", kept.subjects[0]
     mask, drift = "expression:1 + 0.5*x", next((out / "targets").glob("round-2-drift-*.npy"))
-    one = Carrying(
+    one = SubjectTransfer(
         replace(first, functions=(first.functions[0], ""), mask=mask),
         str(kept.template),
         registration=str(out / f"{usual.digests[0]}.npz"),
         drift=str(drift),
         at_edges=at_edges,
     )
-    task = Task(one)
-    here, whole = attempt(task).value, seen_here(task)
+    task = WorkItem(one)
+    here, whole = attempt(task).value, with_contents(task)
     assert len(whole.contents) == 4
     moved = [path.rename(path.with_suffix(".moved")) for path in map(Path, whole.contents)]
     try:
-        assert attempt(task).is_blind
+        assert attempt(task).needs_contents
         sent = attempt(whole).value
     finally:
         for path, name in zip(moved, whole.contents, strict=True):
@@ -582,7 +582,7 @@ def test_weights_of_channels_say_which_of_them_subjects_follow(tmp_path):
     # how like the others it is counts channels alike
     scores = np.stack([first.scores(c)[:, 1] for c in range(2)])
     assert first.correlation == pytest.approx(np.average(scores, axis=0, weights=[1, 1e-3]))
-    rows = Ledger(place.folder / "out").kept()[1]
+    rows = Ledger(place.folder / "out").read_rows()[1]
     assert [each[0] for each in rows[0].row.options].count("channel") == 2
 
 
@@ -706,7 +706,7 @@ def test_registrations_come_no_closer_than_noise(tmp_path):
     def options(level, settings):
         subjects = tuple(Subject(str(n), (text,)) for n, text in enumerate(texts[level]))
         cohort = Cohort((Channel("height"),), subjects)
-        work = Work(cohort, path, tmp_path / "out", settings, Workers())
+        work = PopulationSolver(cohort, path, tmp_path / "out", settings, Workers())
         target = Target(smooth[None], np.ones(len(smooth)))
         return dict(work.rows(target, 1)[0].options)
 
@@ -730,7 +730,7 @@ def test_the_goal_is_one_though_functions_are_nothing_but_noise_or_constant(tmp_
     def goal(*texts):
         subjects = tuple(Subject(str(n), (text,)) for n, text in enumerate(texts))
         cohort = Cohort((Channel("height"),), subjects)
-        return Work(cohort, path, tmp_path / "out", SHORT, Workers()).goal
+        return PopulationSolver(cohort, path, tmp_path / "out", SHORT, Workers()).goal
 
     assert 0.9 < goal(*texts) <= 1
     assert goal(texts[2], texts[2]) == abfm.Parameters.goal

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from abfm.errors import ResultError
-from abfm.population.round import Stack
+from abfm.population.round_result import ArrayStack
 from abfm.population.statistics import (
+    LeaveOneOut,
     Moments,
-    Others,
     Shares,
     correlation,
     deviation,
@@ -72,7 +72,7 @@ def test_what_nobody_or_one_alone_knows_has_no_mean_or_no_deviation():
 def test_means_of_others_leave_one_out():
     shares = RNG.uniform(0, 2, VALUES.shape)
     shares[:, 7], shares[3, 7] = 0, 1  # known of one alone
-    others = Others.of(VALUES, shares)
+    others = LeaveOneOut.of(VALUES, shares)
     for i in range(len(VALUES)):
         rest = np.arange(len(VALUES)) != i
         expected = mean(VALUES[rest], shares[rest])
@@ -162,7 +162,7 @@ def test_without_variance_there_are_no_parts():
 
 
 def test_stacks_are_kept_in_a_file_that_goes_with_them(tmp_path):
-    stack = Stack(tmp_path)
+    stack = ArrayStack(tmp_path)
     for values in VALUES:
         stack.add(values)
     found = stack.array()
@@ -171,11 +171,11 @@ def test_stacks_are_kept_in_a_file_that_goes_with_them(tmp_path):
         found[0] = 1
     assert list(tmp_path.iterdir()) == []
     with raises(ResultError, "nowhere"):
-        Stack(tmp_path / "nowhere")
+        ArrayStack(tmp_path / "nowhere")
 
 
 def test_full_disk_is_reported(tmp_path):
-    stack = Stack(tmp_path)
+    stack = ArrayStack(tmp_path)
     stack._file = Mock(write=Mock(side_effect=OSError(28, "No space left on device")))
     with raises(ResultError, tmp_path.name, "No space left"):
         stack.add(VALUES)

@@ -28,7 +28,7 @@ def test_a_table_names_files_and_functions_beside_it(tmp_path):
     (tmp_path / "known.txt + indicator:vertex=3").touch()
     found = read_subjects(written(tmp_path, text))
     assert found.channels == (Channel("sulc"), Channel("label", is_held_out=True))
-    assert found.registered_by == [0]
+    assert found.registered_channels == [0]
     one, two = found.subjects
     assert one.surface == str(tmp_path / "sub/one.off")
     assert parse(one.functions[0]).path == str(tmp_path / "a, b.npy")

@@ -12,7 +12,7 @@ import pytest
 import abfm as library
 from abfm.assets import asset_path
 from abfm.batch import Ledger, read_table
-from abfm.batch.cluster import CONNECTING, NO_WORKERS, LostError
+from abfm.batch.cluster import CONNECTING, NO_WORKERS, ConnectionLostError
 from abfm.batch.kinds import KINDS
 from abfm.batch.run import REPORTED_STEPS
 from abfm.errors import ResultError
@@ -195,7 +195,7 @@ def test_bad_input_is_refused(line, named, tmp_path, abfm):
 
 def test_done_rows_are_reported_after_failures(solved, abfm, monkeypatch):
     """Where the cluster is lost, and where no summary can be written."""
-    run = Mock(side_effect=LostError("the scheduler does not answer any more"))
+    run = Mock(side_effect=ConnectionLostError("the scheduler does not answer any more"))
     monkeypatch.setattr(batch, "run_rows", run)
     line = "batch {f}/table.csv --out {f}/out --quiet"
     told = abfm(line, f=solved, status=4)
@@ -268,7 +268,7 @@ def write_ledger(folder, rows):
     for number, row in enumerate(found):
         if number % 10:
             record = json.dumps({"reason": f"there is no file number {number}"})
-            (ledger.own / f"{row.key}.json").write_text(record)
+            (ledger.records_folder / f"{row.key}.json").write_text(record)
 
 
 def test_page_of_many_rows_is_bounded(tmp_path, abfm):

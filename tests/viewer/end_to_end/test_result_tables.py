@@ -7,7 +7,7 @@ import pytest
 
 from abfm import load
 from abfm.batch import Ledger, Row
-from abfm.batch.attempt import Task, attempt
+from abfm.batch.attempt import WorkItem, attempt
 from abfm.io import write_surface
 from abfm_viewer.appearance.samples import POPULATION
 from abfm_viewer.automation import Driver
@@ -46,7 +46,7 @@ def folder(tmp_path):
 
 
 def solve(ledger, row):
-    ledger.record(row, attempt(Task(row, str(ledger.folder), ledger.make(), {})).record)
+    ledger.record(row, attempt(WorkItem(row, str(ledger.folder), ledger.make(), {})).record)
 
 
 def rows_of(gui):

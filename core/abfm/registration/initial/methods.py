@@ -213,7 +213,7 @@ def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
     try:
         vertices, faces, _, side = read_contents(path, READERS, "mesh")
     except MeshError as error:
-        raise error.of(path) from None
+        raise error.in_file(path) from None
     warn_of_sides(mesh, path, side)
     if len(vertices) != mesh.file_vertex_count:
         raise ParameterError(

@@ -189,7 +189,7 @@ def _grid(file: Path, mesh: TriangleMesh, array: str | None) -> Grid:
     except OSError as error:
         raise ValueError(f"{name} cannot be read: {one_line(error)}") from error
     except SeveralArraysError as error:
-        raise error.of(name) from error
+        raise error.in_file(name) from error
     except ValueError as error:
         raise ValueError(f"{name}: {one_line(error, 300)}") from error
     return Grid(found.points, chosen.table(), chosen.names[0], found.time)

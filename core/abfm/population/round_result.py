@@ -1,4 +1,4 @@
-"""What a round came to: who fits, and what is known of each subject on the template."""
+"""Result of a round of registrations: outliers, and values of each subject on the template."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.io import writing_in
-from abfm.population.misfits import Judged
 from abfm.population.on_template import MapFacts
+from abfm.population.outliers import OutlierAnalysis
 from abfm.types import FloatArray
 
 
-class Round(NamedTuple):
-    """What a round came to."""
+class RoundResult(NamedTuple):
+    """Result of a round."""
 
-    judged: Judged
+    outliers: OutlierAnalysis
     before: FloatArray  # (N, V, C)
     masks_before: FloatArray  # (N, V)
     after: FloatArray
@@ -32,9 +32,16 @@ class Round(NamedTuple):
     facts: tuple[MapFacts, ...]
 
 
-class Stack:
-    """Arrays of one shape, one for each subject, in a temporary file of a folder: so that memory
-    does not grow with the number of subjects. The file is removed when nothing uses it any more.
+class ArrayStack:
+    """Arrays of equal shape, one for each subject, in a temporary file.
+
+    The memory is therefore independent of the number of subjects. The file is removed when it is no
+    longer used.
+
+    Parameters
+    ----------
+    folder : path
+        Folder of the file.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -45,13 +52,13 @@ class Stack:
             self._close = weakref.finalize(self, opened.pop_all().close)
 
     def add(self, array: FloatArray) -> None:
-        """Add the array of the next subject."""
+        """Append the array of the next subject."""
         self._shape = (self._shape[0] + 1, *array.shape)
         with writing_in(self._folder):
             self._file.write(np.ascontiguousarray(array, dtype=np.float64).data)
 
     def array(self) -> FloatArray:
-        """Return all of them, (N, ...), which cannot be changed; no more can be added."""
+        """Return all arrays as one read-only array, (N, ...); no more can be appended."""
         with writing_in(self._folder):
             self._file.flush()
         found = np.memmap(self._file, np.float64, "r", shape=self._shape)

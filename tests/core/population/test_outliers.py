@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from abfm.population.misfits import SUBJECTS_MIN, Compared, Likeness, judge, left_for_good
+from abfm.population.outliers import (
+    SUBJECTS_MIN,
+    ComparisonData,
+    Similarity,
+    find_outliers,
+    repeated_outliers,
+)
 from tests.messages import check_message
 
 RNG = np.random.default_rng(8)
@@ -11,10 +17,10 @@ COMMON, AREAS = RNG.normal(size=200), RNG.uniform(0.5, 2, 200)
 ALIKE = COMMON + 0.3 * RNG.normal(size=(9, 200))
 
 
-def compared(values, weights=None, masks=None):
+def data_of(values, weights=None, masks=None):
     values = np.asarray(values)
     count = len(values)
-    return Compared(
+    return ComparisonData(
         [values],
         np.ones(values.shape) if masks is None else masks,
         np.ones(count) if weights is None else np.asarray(weights, dtype=float),
@@ -24,26 +30,26 @@ def compared(values, weights=None, masks=None):
 
 
 def with_odd(odd):
-    return compared([*ALIKE, odd])
+    return data_of([*ALIKE, odd])
 
 
 def test_those_who_are_alike_fit():
-    found = judge(compared(ALIKE))
+    found = find_outliers(data_of(ALIKE))
     assert found.fits.all()
     assert set(found.reasons) == {""}
 
 
 def test_another_function_does_not_fit():
-    found = judge(with_odd(RNG.normal(size=200)))
+    found = find_outliers(with_odd(RNG.normal(size=200)))
     assert found.fits.tolist() == [True] * 9 + [False]
     check_message(found.reasons[9])
 
 
 def test_who_does_not_fit_spoils_no_mean():
     """The others are held against each other as if there were no odd one."""
-    found = judge(with_odd(50 * RNG.normal(size=200)))
+    found = find_outliers(with_odd(50 * RNG.normal(size=200)))
     assert not found.fits[9]
-    alone = judge(compared(ALIKE))
+    alone = find_outliers(data_of(ALIKE))
     assert found.likeness[:9] == pytest.approx(alone.likeness)
 
 
@@ -57,77 +63,79 @@ def test_who_does_not_fit_spoils_no_mean():
     ],
 )
 def test_reasons_say_what_is_wrong(odd, named):
-    found = judge(with_odd(odd))
+    found = find_outliers(with_odd(odd))
     assert found.fits.tolist() == [True] * 9 + [False]
     check_message(found.reasons[9], named)
 
 
 def test_of_few_subjects_none_is_left_out_for_being_unlike():
-    few = judge(compared([*ALIKE[: SUBJECTS_MIN - 2], RNG.normal(size=200)]))
+    few = find_outliers(data_of([*ALIKE[: SUBJECTS_MIN - 2], RNG.normal(size=200)]))
     assert few.fits.all()
-    assert not judge(compared([*ALIKE[: SUBJECTS_MIN - 1], RNG.normal(size=200)])).fits.all()
+    assert not find_outliers(data_of([*ALIKE[: SUBJECTS_MIN - 1], RNG.normal(size=200)])).fits.all()
 
 
 def test_subjects_that_are_all_unlike_fit():
     """Who is unlike is so by much, and beyond how much all differ."""
-    assert judge(compared(COMMON + 3 * RNG.normal(size=(12, 200)))).fits.all()
+    assert find_outliers(data_of(COMMON + 3 * RNG.normal(size=(12, 200)))).fits.all()
 
 
 def test_the_order_says_nothing():
     values = np.stack([*ALIKE, RNG.normal(size=200)])
     order = RNG.permutation(10)
-    one, other = judge(compared(values)), judge(compared(values[order]))
+    one, other = find_outliers(data_of(values)), find_outliers(data_of(values[order]))
     assert (one.fits[order] == other.fits).all()
     assert [one.reasons[i] for i in order] == list(other.reasons)
 
 
 def test_whom_nobody_counts_is_judged():
     weights = [1] * 9 + [0]
-    found = judge(compared([*ALIKE, RNG.normal(size=200)], weights))
+    found = find_outliers(data_of([*ALIKE, RNG.normal(size=200)], weights))
     assert not found.fits[9]
-    assert judge(compared([*ALIKE, COMMON], weights)).fits[9]
-    heavy = judge(compared([*ALIKE, COMMON], [0] * 9 + [1]))
+    assert find_outliers(data_of([*ALIKE, COMMON], weights)).fits[9]
+    heavy = find_outliers(data_of([*ALIKE, COMMON], [0] * 9 + [1]))
     assert heavy.fits.all()
 
 
 def test_only_what_is_known_is_compared():
     values, masks = np.stack([*ALIKE, ALIKE[0]]), np.ones((10, 200))
     values[9, :100], masks[9, :100] = 1000, 0
-    assert judge(compared(values, masks=masks)).fits.all()
-    assert not judge(compared(values)).fits[9]
+    assert find_outliers(data_of(values, masks=masks)).fits.all()
+    assert not find_outliers(data_of(values)).fits[9]
 
 
 def test_maps_that_fold_or_distort_do_not_fit():
     def maps(log2_area=0.1, folded=0.0):
-        usual = [Likeness(np.nan, np.nan, 0.1 + 0.01 * i, 0.0) for i in range(8)]
-        return [*usual, Likeness(np.nan, np.nan, log2_area, folded)]
+        usual = [Similarity(np.nan, np.nan, 0.1 + 0.01 * i, 0.0) for i in range(8)]
+        return [*usual, Similarity(np.nan, np.nan, log2_area, folded)]
 
-    assert judge(compared(ALIKE), maps()).fits.all()
-    assert judge(compared(ALIKE), maps(log2_area=0.4)).fits.all()  # more than others, but little
-    distorted = judge(compared(ALIKE), maps(log2_area=1.5))
+    assert find_outliers(data_of(ALIKE), maps()).fits.all()
+    assert find_outliers(
+        data_of(ALIKE), maps(log2_area=0.4)
+    ).fits.all()  # more than others, but little
+    distorted = find_outliers(data_of(ALIKE), maps(log2_area=1.5))
     assert distorted.fits.tolist() == [True] * 8 + [False]
     check_message(distorted.reasons[8], "|log2 J|", "1.50")
-    check_message(judge(compared(ALIKE), maps(folded=0.2)).reasons[8], "20%")
+    check_message(find_outliers(data_of(ALIKE), maps(folded=0.2)).reasons[8], "20%")
 
 
 def test_who_was_left_out_twice_stays_out():
-    alike = judge(compared(ALIKE))
+    alike = find_outliers(data_of(ALIKE))
     assert alike.fits.all()
-    for_good = np.arange(9) == 4
-    found = judge(compared(ALIKE), for_good=for_good)
+    stays_excluded = np.arange(9) == 4
+    found = find_outliers(data_of(ALIKE), stays_excluded=stays_excluded)
     assert found.fits.tolist() == [i != 4 for i in range(9)]
     check_message(found.reasons[4])
     assert not any(found.reasons[:4])
     assert found.likeness[4].correlation == pytest.approx(alike.likeness[4].correlation)
     failures = ["", *["there is no file"] * 8]
-    check_message(judge(compared(ALIKE), None, failures, for_good).reasons[4])
+    check_message(find_outliers(data_of(ALIKE), None, failures, stays_excluded).reasons[4])
 
 
 def test_who_comes_and_goes_is_left_for_good_the_second_time():
     rounds = np.array([[1, 0, 0, 1, 0], [1, 0, 1, 0, 1], [1, 0, 0, 1, 1], [1, 0, 0, 0, 1]], bool)
-    assert not left_for_good(rounds[:2]).any()
-    assert left_for_good(rounds[:3]).tolist() == [False, False, True, False, False]
-    assert left_for_good(rounds).tolist() == [False, False, True, True, False]
+    assert not repeated_outliers(rounds[:2]).any()
+    assert repeated_outliers(rounds[:3]).tolist() == [False, False, True, False, False]
+    assert repeated_outliers(rounds).tolist() == [False, False, True, True, False]
 
 
 def test_failures_are_left_out_and_nothing_is_known_of_them():
@@ -137,7 +145,7 @@ def test_failures_are_left_out_and_nothing_is_known_of_them():
     masks[4] = 0
     failures = [""] * 9
     failures[4] = "there is no file"
-    found = judge(compared(values, masks=masks), None, failures)
+    found = find_outliers(data_of(values, masks=masks), None, failures)
     assert found.fits.tolist() == [i != 4 for i in range(9)]
     check_message(found.reasons[4])
     assert np.isnan(found.likeness[4].correlation)

@@ -1,5 +1,6 @@
-"""A connection to a Dask cluster, whose executor solves rows. It keeps no state: what is done is
-in the ledger.
+"""Connection to a Dask cluster whose executor solves rows.
+
+The connection has no state: the ledger stores the finished rows.
 """
 
 from __future__ import annotations
@@ -17,68 +18,69 @@ from importlib.util import find_spec
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from abfm.batch.cluster import CONNECTING, NO_WORKERS, Cluster, LostError
-from abfm.batch.rows import own_version
+from abfm.batch.cluster import CONNECTING, NO_WORKERS, Cluster, ConnectionLostError
+from abfm.batch.rows import installed_version
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.reading import from_json, read_bytes
 from abfm.workers.control import CancelledError, Control
 from abfm.workers.progress import step
 
-_POLL_SECONDS = 0.1  # between two checks whether the connection is still wanted
-_COUNT_SECONDS = 2.0  # between two checks whether there are workers
-_CLOSE_SECONDS = 2.0  # for closing the connection
+_POLL_SECONDS = 0.1  # interval of checks for cancellation
+_COUNT_SECONDS = 2.0  # interval of checks for workers
+_CLOSE_SECONDS = 2.0  # timeout of closing the connection
 _LOGGERS = "distributed", "tornado", "asyncio"
 _SCHEDULER_FILE_BYTES_MAX = 64 << 20
 
 
-class OnDask:
+class DaskConnection:
     """A connection to the scheduler of a cluster, until it is closed.
 
     Parameters
     ----------
     cluster : Cluster
     control : Control
-        To stop waiting for the scheduler, by a `CancelledError`.
+        Cancels waiting for the scheduler by a `CancelledError`.
 
     Raises
     ------
     AbfmError
-        If there is no such scheduler, or its cluster has no abfm or another one.
+        If there is no such scheduler, or its cluster has no abfm or another version of it.
     """
 
     def __init__(self, cluster: Cluster, control: Control) -> None:
         if find_spec("distributed") is None:
             raise AbfmError(
-                'a cluster needs dask.distributed: pip install "abfm[cluster]", or use processes '
-                "of this machine (--jobs N)"
+                "a cluster needs dask.distributed, which is not installed; run pip install "
+                '"abfm[cluster]", or use processes of this machine (--jobs N)'
             )
-        from distributed import Client  # optional, and it takes a while to load
+        from distributed import Client  # optional and slow to import
 
         with ExitStack() as opened:
             opened.enter_context(_silent())
             address = cluster.scheduler or _address_in(cluster.scheduler_file or "")
             with step(CONNECTING):
                 self._client = _client(Client, address, control)
-            opened.callback(_closed, self._client)
+            opened.callback(_close, self._client)
             _check_alike(self._client)
             self._opened = opened.pop_all()
         self.executor: Executor = self._client.get_executor(pure=False)
 
     @property
     def is_alive(self) -> bool:
-        """Whether the scheduler answers; a client that connects again has lost its calls."""
+        """Whether the scheduler answers. A client that reconnects has lost its calls."""
         return bool(self._client.status == "running")
 
     def close(self) -> None:
-        """Cancel the calls, all at once, and close the connection."""
-        with suppress(Exception):  # of a scheduler that is gone
+        """Cancel all calls at once, and close the connection."""
+        with suppress(Exception):  # the scheduler may be gone
             self.executor.shutdown(wait=False)
         self._opened.close()
 
     @contextmanager
     def watched(self) -> Iterator[Callable[[], bool]]:
-        """Yield a function that returns whether the scheduler answers; it is to be called
-        repeatedly, and reports a step while there are no workers.
+        """Yield a function that returns whether the scheduler answers.
+
+        Call the function repeatedly. It reports a step while the cluster has no workers.
         """
         checked, is_reported = 0.0, False
         with ExitStack() as reported:
@@ -88,7 +90,7 @@ class OnDask:
                 if time.monotonic() - checked < _COUNT_SECONDS:
                     return self.is_alive
                 has_workers, scheduler = True, self._client.scheduler
-                with suppress(Exception):  # of a scheduler that is gone
+                with suppress(Exception):  # the scheduler may be gone
                     has_workers = bool(
                         self._client.sync(scheduler.ncores, callback_timeout=_CLOSE_SECONDS)
                     )
@@ -102,47 +104,46 @@ class OnDask:
             yield is_alive
 
 
-def _closed(client: Any) -> None:
+def _close(client: Any) -> None:
     with suppress(Exception):
         client.close(timeout=_CLOSE_SECONDS)
 
 
 def _address_in(path: str | os.PathLike[str]) -> str:
-    """Return the address that a scheduler's file has."""
+    """Return the address of the scheduler from its file."""
     name = one_line(path)
     if not os.path.isfile(path):
-        raise ResultError(f"there is no scheduler's file {name}")
+        raise ResultError(f"the scheduler file {name} does not exist")
     try:
         content = read_bytes(path, _SCHEDULER_FILE_BYTES_MAX)
     except OSError as error:
-        raise ResultError(f"cannot read the scheduler's file {name}: {one_line(error)}") from error
+        raise ResultError(f"cannot read the scheduler file {name}: {one_line(error)}") from error
     try:
         address = from_json(content)["address"]
     except (ValueError, KeyError, TypeError, IndexError):
         address = None
     if not (isinstance(address, str) and address):
         raise ResultError(
-            f"{name} has no address: expected the file that a Dask scheduler writes once it runs"
+            f"{name} has no address; expected the file that a running Dask scheduler wrote"
         )
     return address
 
 
 def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
-    """Connect, which takes half a minute where nobody answers, unless it is cancelled."""
+    """Connect to the scheduler, unless cancelled; this takes 30 seconds if there is no answer."""
     made = SimpleQueue[Any]()
 
     def connect() -> None:
         try:
             client = make(address, set_as_default=False)
-        except Exception as error:  # of any kind, where something answers that is no scheduler
+        except Exception as error:  # of any type if another service answers
             why = one_line(error, 120)
         else:
             made.put(client)
             if control.cancelled:
                 client.close()
             return
-        # what began to connect is closed now: later it may be while Dask has a lock of its own,
-        # for which it would wait for ever
+        # collect the failed client now: collected later, while Dask has its lock, it would deadlock
         gc.collect()
         made.put(why)
 
@@ -157,25 +158,30 @@ def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
 
 
 def _check_alike(client: Any) -> None:
-    """Refuse a cluster that has no abfm, whose workers would end, or another one."""
-    here, found = own_version(), dict[str, Any]()
+    """Refuse a cluster without abfm, where workers would end, or with another version."""
+    here, found = installed_version(), dict[str, Any]()
     try:
         found["the scheduler"] = client.run_on_scheduler(version, "abfm")
         of_workers = client.run(version, "abfm", on_error="return")
-        found |= {f"worker {one_line(address)}": theirs for address, theirs in of_workers.items()}
+        found |= {
+            f"worker {one_line(address)}": member_version
+            for address, member_version in of_workers.items()
+        }
     except PackageNotFoundError as error:
         found["the scheduler"] = error
     except OSError as error:
-        raise LostError(f"the scheduler does not answer any more: {one_line(error)}") from error
-    for who, theirs in found.items():
-        if isinstance(theirs, PackageNotFoundError) or (isinstance(theirs, str) and theirs != here):
-            has = f"abfm {theirs}" if isinstance(theirs, str) else "no abfm"
-            raise ResultError(f"{who} has {has}; install abfm {here} there, as it is here")
+        raise ConnectionLostError(f"the scheduler no longer answers: {one_line(error)}") from error
+    for member, member_version in found.items():
+        if isinstance(member_version, PackageNotFoundError) or (
+            isinstance(member_version, str) and member_version != here
+        ):
+            has = f"abfm {member_version}" if isinstance(member_version, str) else "no abfm"
+            raise ResultError(f"{member} has {has}; install abfm {here} there, as on this machine")
 
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Log nothing of connections that break, which is reported in one line or recovered from."""
+    """Disable logs of broken connections, which are reported in one line or recovered from."""
     names = [name for name in logging.root.manager.loggerDict if name.startswith(_LOGGERS)]
     loggers = [logging.getLogger(name) for name in (*_LOGGERS, *names)]
     before = [logger.level for logger in loggers]

@@ -1,5 +1,6 @@
-"""Carry subjects to the template: the computations of a round besides registrations. They write no
-files.
+"""Transfer of subjects to the template: the parallel computations after registration.
+
+The computations read the files of registrations and write no files.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.population.on_template import (
     MapFacts,
-    OnTemplate,
-    Own,
-    carried,
-    edge_middles,
+    SubjectData,
+    TemplateValues,
+    edge_midpoints,
     map_facts,
     maps,
+    values_at,
 )
 from abfm.population.subjects import Subject
 from abfm.reading import array_from, read_bytes
@@ -37,45 +38,49 @@ from abfm.types import FloatArray
 _DRIFT_BYTES_MAX = 1 << 32
 
 
-class Carried(NamedTuple):
-    """A subject on the template, at P points: by its initial map; and registered, if it is.
+class TransferredSubject(NamedTuple):
+    """Values of a subject at P points of the template, by its initial map and after registration.
 
     Attributes
     ----------
-    before, after : OnTemplate
-    log2_area : (F,) array
-        Of the faces of the template, where the points are its vertices.
+    before : TemplateValues
+    after : TemplateValues, optional
+        None if the subject is not registered.
+    log2_area : (F,) array, optional
+        log2 J of the faces of the template, if the points are its vertices.
     verdict : str
-        Of the registration.
+        Kind of the verdict of the registration.
     facts : MapFacts
-        What its map does.
+        Measures of the map.
     """
 
-    before: OnTemplate
-    after: OnTemplate | None = None
+    before: TemplateValues
+    after: TemplateValues | None = None
     log2_area: FloatArray | None = None
     verdict: str = ""
     facts: MapFacts = MapFacts()
 
 
 @dataclass(frozen=True)
-class Carrying:
-    """A subject that is carried to the template: by an initial map that takes no functions, or by a
-    registration and along the mean field, at vertices or in the middles of edges.
+class SubjectTransfer:
+    """Computation that transfers a subject to the template.
+
+    Without a registration it uses an initial map that needs no functions. With a registration it
+    also follows the flow of the mean field. The values are at vertices or at midpoints of edges.
 
     Attributes
     ----------
     subject : Subject
     template : str
-        Its file.
+        Mesh file of the template.
     options : mapping
-        Of reading both meshes, as `abfm.tasks.inputs.MESH_INPUTS` has them.
+        Options of loading both meshes, see `abfm.tasks.inputs.MESH_INPUTS`.
     initial : str
-        The word of the initial map; empty for one that is chosen.
+        Method of the initial map; empty for automatic choice.
     one_based : bool
-        Whether landmarks count vertices from 1.
+        Whether files of landmarks count vertices from 1.
     registration, drift : str
-        The files of the registration and of the mean field; empty for an initial map.
+        Files of the registration and of the mean field; empty for an initial map.
     at_edges : bool
     """
 
@@ -92,22 +97,22 @@ class Carrying:
         """Return the absolute names of the files that it reads."""
         return files_renamed(self.renamed)
 
-    def moved(self, places: Mapping[str, str]) -> Carrying:
-        """Return the same with files elsewhere."""
+    def relocated(self, places: Mapping[str, str]) -> SubjectTransfer:
+        """Return the same computation with other paths for its files."""
         return self.renamed(lambda path: places.get(path, path))
 
-    def computed(self) -> Carried:
-        """Carry it."""
+    def compute(self) -> TransferredSubject:
+        """Return the values of the subject on the template."""
         template = mesh_of(self.template, self.options)
         surface = mesh_of(self.subject.surface or self.template, self.options)
-        own = Own.of(surface, self.subject.functions, self.subject.mask)
+        own = SubjectData.of(surface, self.subject.functions, self.subject.mask)
         if self.registration:
             return self._registered(own, template)
-        return Carried(carried(self._first_points(surface, template), own))
+        return TransferredSubject(values_at(self._first_points(surface, template), own))
 
-    def renamed(self, rename: Rename) -> Carrying:
-        """Return the same with other names of files."""
-        own, word = self.subject, self.initial
+    def renamed(self, rename: Rename) -> SubjectTransfer:
+        """Return the same computation with renamed files."""
+        own, method = self.subject, self.initial
         subject = replace(
             own,
             functions=tuple(text and renamed_spec(text, rename) for text in own.functions),
@@ -119,44 +124,49 @@ class Carrying:
             self,
             subject=subject,
             template=rename(self.template),
-            initial=word and INITIAL_INPUT.renamed(word, rename),
+            initial=method and INITIAL_INPUT.renamed(method, rename),
             registration=self.registration and rename(self.registration),
             drift=self.drift and rename(self.drift),
         )
 
     def _first_points(self, surface: TriangleMesh, template: TriangleMesh) -> SurfacePoints:
-        """Return where on a subject the template's vertices lie by an initial map that needs no
-        functions, since none of the template are known yet.
+        """Return the points of a subject at the template's vertices, by an initial map.
+
+        The map needs no functions, since those of the template are not known yet.
         """
-        marks = None
+        landmarks = None
         if self.subject.landmarks:
-            marks = read_landmarks(surface, template, self.subject.landmarks, self.one_based)
+            landmarks = read_landmarks(surface, template, self.subject.landmarks, self.one_based)
         is_embedded = self.initial.partition(":")[0] == "embedding"
-        if is_embedded and (marks is None or len(marks) < LANDMARKS_MIN):
+        if is_embedded and (landmarks is None or len(landmarks) < LANDMARKS_MIN):
             raise ParameterError(
-                "an initial map by embedding without the template's functions needs "
-                f"{LANDMARKS_MIN} landmarks or more"
+                "the initial map 'embedding' needs functions of the template or at least "
+                f"{LANDMARKS_MIN} landmarks of each subject"
             )
-        found = initial_map(self.initial or None, MapInput(surface, template, landmarks=marks))
+        found = initial_map(self.initial or None, MapInput(surface, template, landmarks=landmarks))
         return found.correspondence.points.points
 
-    def _registered(self, own: Own, template: TriangleMesh) -> Carried:
+    def _registered(self, own: SubjectData, template: TriangleMesh) -> TransferredSubject:
         drift = array_from(read_bytes(self.drift, _DRIFT_BYTES_MAX))
         if drift.shape != (len(template.faces), 3):
-            raise ResultError("the mean field is of another template; run the same again")
+            raise ResultError(
+                "the mean field belongs to another template; run the same command again"
+            )
         registration = load_registration(self.registration)
         shift = ContinuousFlow(template, drift, 1.0).destinations
         before, after = maps(registration, own.mesh, template, shift)
         if self.at_edges:
-            points = edge_middles(template)
-            return Carried(carried(before(points), own), carried(after(points), own))
+            points = edge_midpoints(template)
+            return TransferredSubject(values_at(before(points), own), values_at(after(points), own))
         points = vertex_points(template)
-        there = after(points)
-        whole = PointMap(template, own.mesh, there.faces, there.barycentric, interior_map=after)
-        log2_area, facts = map_facts(registration, whole, drift)
-        return Carried(
-            carried(before(points), own),
-            carried(there, own),
+        points_after = after(points)
+        point_map = PointMap(
+            template, own.mesh, points_after.faces, points_after.barycentric, interior_map=after
+        )
+        log2_area, facts = map_facts(registration, point_map, drift)
+        return TransferredSubject(
+            values_at(before(points), own),
+            values_at(points_after, own),
             log2_area,
             registration.verdict.kind,
             facts,

@@ -1,0 +1,260 @@
+"""Outliers: subjects that differ from the mean of the others far more than is usual."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.matching.judging.verdict import FOLDED_SHARE_MAX
+from abfm.population.statistics import LeaveOneOut, Shares, correlation, relative_distance
+from abfm.types import BoolArray, FloatArray
+
+SUBJECTS_MIN = 5
+"""Minimum number of subjects for a comparison with the usual differences. With fewer subjects,
+none is excluded because it differs from the others.
+"""
+ROBUST_Z = 3.5
+"""Number of deviations from the median beyond which a subject is an outlier [Iglewicz and Hoaglin
+1993].
+"""
+_NORMAL = 1.4826  # ratio of standard deviation and MAD of a normal distribution
+_SPREAD_MIN = 0.02  # minimum deviation of z-transformed correlations and of logarithms
+_EXPLAINED_RATIO_MIN = 0.5  # minimum explained variance of an included subject / median
+_RATIO_MAX = 2.0  # maximum distance or distortion of an included subject / median
+_LOG2_AREA_MAX = 0.5  # mean |log2 J|: a change of areas by 41%
+# thresholds of the hints on the unit and the sign of values
+_SPREAD_RATIO_MAX = 2.0
+_OPPOSITE_CORRELATION = -0.3
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """Similarity of a subject to the others, on the template; NaN if unknown.
+
+    Attributes
+    ----------
+    correlation : float
+        Correlation with the mean of the others; weighted mean over channels.
+    distance : float
+        L2 distance to the mean of the others, relative to its deviation over the surface; weighted
+        root mean square over channels.
+    log2_area : float
+        Mean of ``|log2 J|``, the change of areas by the map.
+    folded : float
+        Fraction of the faces, 0 to 1, that the map folds.
+    """
+
+    correlation: float
+    distance: float
+    log2_area: float = math.nan
+    folded: float = math.nan
+
+
+@dataclass(frozen=True)
+class OutlierAnalysis:
+    """Inclusion (N,), reasons of exclusion (empty for included subjects), and similarities."""
+
+    fits: BoolArray
+    reasons: tuple[str, ...]
+    similarities: tuple[Similarity, ...]
+
+
+class ComparisonData(NamedTuple):
+    """Data of N subjects on the template that are compared with each other."""
+
+    values: Sequence[FloatArray]  # (N, V), for each channel used for registration
+    masks: FloatArray  # (N, V), nonnegative, 0 where a subject is unknown
+    weights: FloatArray  # (N,) weights in means; subjects of weight 0 are also checked
+    areas: FloatArray  # (V,)
+    channel_weights: Sequence[float]
+
+    def known_areas(self, subject: int) -> FloatArray:
+        """Return the areas (V,) of the vertices where a subject is known, else 0."""
+        return np.where(self.masks[subject] > 0, self.areas, 0)
+
+    def others(self, fits: BoolArray) -> list[LeaveOneOut]:
+        """Return the sums over included subjects, for each channel."""
+        shares = Shares(self.weights * fits, self.masks)
+        return [LeaveOneOut.of(each, shares) for each in self.values]
+
+
+def find_outliers(
+    data: ComparisonData,
+    maps: Sequence[Similarity] | None = None,
+    failures: Sequence[str] | None = None,
+    stays_excluded: BoolArray | None = None,
+) -> OutlierAnalysis:
+    """Find outliers; compare each subject with the mean of the other included subjects.
+
+    A subject is an outlier if its robust z-score (from median and MAD over all subjects) exceeds
+    3.5 and it also differs considerably in one of these measures:
+
+    - its explained variance is less than half of the median;
+    - its distance to the mean is more than twice the median;
+    - its distortion is more than twice the median, and its mean ``|log2 J|`` is above 0.5.
+
+    A subject is also excluded if its map folds a tenth of its faces, or its functions are constant.
+
+    Parameters
+    ----------
+    data : ComparisonData
+    maps : sequence of Similarity, optional
+        Distortion of the map of each subject.
+    failures : sequence of str, optional
+        Reason why a subject must be excluded in any case; empty if there is none.
+    stays_excluded : (N,) array of bool, optional
+        Subjects that stay excluded even if they are similar to the others, see `repeated_outliers`.
+    """
+    count = len(data.masks)
+    maps_or_unknown = maps or [Similarity(math.nan, math.nan)] * count
+    reasons = list(failures or [""] * count)
+    for i in range(count):
+        if not reasons[i] and _is_constant_or_unknown(data, i):
+            reasons[i] = "its functions are constant or unknown everywhere"
+    counting = np.array([not reason for reason in reasons])
+    excluded = np.zeros(count, bool) if stays_excluded is None else counting & stays_excluded
+    fits = counting & ~excluded
+    while True:
+        others = data.others(fits)
+        found = [_similarity(data, others, i, maps_or_unknown[i]) for i in range(count)]
+        differences = _differences(found, counting)
+        reasons = [new or before for new, before in zip(differences, reasons, strict=True)]
+        remaining = fits & np.array([not each for each in differences])
+        if (remaining == fits).all():
+            break
+        fits = remaining
+    for i in np.flatnonzero(counting & ~fits).tolist():
+        reasons[i] += _sign_and_unit(data, others, i)
+        if not reasons[i] and excluded[i]:
+            reasons[i] = "it was an outlier in two earlier rounds, and was included between them"
+    return OutlierAnalysis(fits, tuple(reasons), tuple(found))
+
+
+def repeated_outliers(rounds: Sequence[BoolArray]) -> BoolArray:
+    """Return which subjects were excluded, included again, and excluded again, (N,).
+
+    Such subjects stay excluded, because the mean would not converge if a subject came and went.
+
+    Parameters
+    ----------
+    rounds : sequence of (N,) arrays of bool
+        Included subjects at the end of each round.
+    """
+    fitted = np.stack([np.ones_like(rounds[0]), *rounds])
+    return np.asarray((fitted[:-1] & ~fitted[1:]).sum(axis=0) > 1)
+
+
+def _is_constant_or_unknown(data: ComparisonData, subject: int) -> bool:
+    known_areas = data.known_areas(subject)
+    own = [each[subject] for each in data.values]
+    return any(math.isnan(correlation(each, each, known_areas)) for each in own)
+
+
+def _similarity(
+    data: ComparisonData, others: Sequence[LeaveOneOut], subject: int, of_map: Similarity
+) -> Similarity:
+    known_areas = data.known_areas(subject)
+    pairs = [
+        (each[subject], rest.without(subject), known_areas)
+        for each, rest in zip(data.values, others, strict=True)
+    ]
+    correlations = [correlation(*pair) for pair in pairs]
+    distances = [relative_distance(*pair) ** 2 for pair in pairs]
+    weights = data.channel_weights
+    return Similarity(
+        float(np.average(correlations, weights=weights)),
+        math.sqrt(np.average(distances, weights=weights)),
+        of_map.log2_area,
+        of_map.folded,
+    )
+
+
+def _differences(found: Sequence[Similarity], counting: BoolArray) -> list[str]:
+    """Return for each of N subjects how it differs from the others; empty if it does not."""
+    differences = ["" for _ in found]
+    for i, each in enumerate(found):
+        if counting[i] and each.folded > FOLDED_SHARE_MAX:
+            differences[i] = f"its map folds {100 * each.folded:.3g}% of the faces"
+    if counting.sum() < SUBJECTS_MIN:
+        return differences
+    correlations, distances, changes = (
+        np.array([getattr(each, name) for each in found])
+        for name in ("correlation", "distance", "log2_area")
+    )
+    common = np.sign(correlations) * correlations**2
+    z_correlations = _robust_z(np.arctanh(np.clip(correlations, -1 + 1e-9, 1 - 1e-9)), counting)
+    z_distances, z_changes = (
+        _robust_z(np.log(np.maximum(each, 1e-9)), counting) for each in (distances, changes)
+    )
+    is_distorted = (changes > _RATIO_MAX * _median(changes, counting)) & (changes > _LOG2_AREA_MAX)
+    rules = (
+        (
+            (z_correlations < -ROBUST_Z)
+            & (common < _EXPLAINED_RATIO_MIN * _median(common, counting)),
+            correlations,
+            "its correlation with the mean of the others is {:.2f} (median {:.2f})",
+        ),
+        (
+            (z_distances > ROBUST_Z) & (distances > _RATIO_MAX * _median(distances, counting)),
+            distances,
+            "its distance to the mean of the others is {:.2g} deviations (median {:.2g})",
+        ),
+        (
+            (z_changes > ROBUST_Z) & is_distorted,
+            changes,
+            "its map changes areas by a mean |log2 J| of {:.2f} (median {:.2f})",
+        ),
+    )
+    for is_outlier, numbers, words in rules:
+        for i in np.flatnonzero(is_outlier & counting).tolist():
+            reason = words.format(numbers[i], _median(numbers, counting))
+            differences[i] = f"{differences[i]}; {reason}" if differences[i] else reason
+    return differences
+
+
+def _median(values: FloatArray, counting: BoolArray) -> float:
+    maps_or_unknown = values[counting & np.isfinite(values)]
+    return float(np.median(maps_or_unknown)) if len(maps_or_unknown) else math.nan
+
+
+def _robust_z(values: FloatArray, counting: BoolArray) -> FloatArray:
+    """Return the robust z-scores of values (N,), from their median and MAD."""
+    maps_or_unknown = counting & np.isfinite(values)
+    if not maps_or_unknown.any():
+        return np.full(len(values), np.nan)
+    middle = float(np.median(values[maps_or_unknown]))
+    spread = _NORMAL * float(np.median(np.abs(values[maps_or_unknown] - middle)))
+    return np.asarray((values - middle) / max(spread, _SPREAD_MIN))
+
+
+def _sign_and_unit(data: ComparisonData, others: Sequence[LeaveOneOut], subject: int) -> str:
+    """Return a hint if the values of a subject seem to have another sign, unit or offset."""
+    for each, rest in zip(data.values, others, strict=True):
+        own, mean_of_others = each[subject], rest.without(subject)
+        maps_or_unknown = (
+            (data.known_areas(subject) > 0) & np.isfinite(own) & np.isfinite(mean_of_others)
+        )
+        if not maps_or_unknown.any():
+            continue
+        weights = data.areas[maps_or_unknown] / data.areas[maps_or_unknown].sum()
+        middle_own, middle = (
+            weights @ own[maps_or_unknown],
+            weights @ mean_of_others[maps_or_unknown],
+        )
+        off_own, off = own[maps_or_unknown] - middle_own, mean_of_others[maps_or_unknown] - middle
+        size_own, size = (math.sqrt(weights @ one**2) for one in (off_own, off))
+        if size == 0:
+            continue
+        if weights @ (off_own * off) < _OPPOSITE_CORRELATION * size_own * size:
+            return "; its values have the opposite sign"
+        if not 1 / _SPREAD_RATIO_MAX < size_own / size < _SPREAD_RATIO_MAX:
+            ratio = size_own / size
+            return f"; the deviation of its values is {ratio:.2g} times larger, as in another unit"
+        if abs(middle_own - middle) > size:
+            shift = (middle_own - middle) / size
+            return f"; the mean of its values differs by {shift:.2g} deviations"
+    return ""
