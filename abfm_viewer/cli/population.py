@@ -36,8 +36,8 @@ The first line of SUBJECTS.csv names its columns; paths begin at the table's fol
   mask        weights of its vertices, not negative: a file or a function
   landmarks   a file of corresponding points of it and of the template, as of `abfm register`
   weight      its weight in the mean (1); subjects of weight 0 are also judged
-  {HELD_OUT_PREFIX}NAME  a channel that is transferred, but not registered by: its correlation with the
-              mean of the others, before and after, is its score
+  {HELD_OUT_PREFIX}NAME  a channel that is transferred, but not registered by: its score is its
+              correlation with the mean of the others, before and after
   NAME        any other is a channel to register by: a file of values, or a function as text; a
               vertex with NaN has no weight
 Registrations are rows of a batch in DIR, each DIR/<digest>.npz: run again, the command solves only

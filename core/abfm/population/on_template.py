@@ -111,13 +111,13 @@ def maps(
     return initial.points.at, lambda points: initial.points.at(lines.origins(shift(points)))
 
 
-def values_at(there: SurfacePoints, values_of: SubjectData) -> TemplateValues:
+def values_at(points: SurfacePoints, subject: SubjectData) -> TemplateValues:
     """Return the values and the mask of a subject at points (P,) on it."""
-    values = np.full((len(there.faces), values_of.values.shape[1]), np.nan)
-    for c, each in enumerate(values_of.values.T):
+    values = np.full((len(points.faces), subject.values.shape[1]), np.nan)
+    for c, each in enumerate(subject.values.T):
         if np.isfinite(each).any():
-            values[:, c] = there.pull_back(each)
-    return TemplateValues(values, np.clip(there.pull_back(values_of.mask), 0, None))
+            values[:, c] = points.pull_back(each)
+    return TemplateValues(values, np.clip(points.pull_back(subject.mask), 0, None))
 
 
 def edge_midpoints(mesh: TriangleMesh) -> SurfacePoints:

@@ -21,7 +21,7 @@ ROBUST_Z = 3.5
 """Number of deviations from the median beyond which a subject is an outlier [Iglewicz and Hoaglin
 1993].
 """
-_NORMAL = 1.4826  # ratio of standard deviation and MAD of a normal distribution
+_NORMAL_MAD_RATIO = 1.4826  # ratio of standard deviation and MAD of a normal distribution
 _SPREAD_MIN = 0.02  # minimum deviation of z-transformed correlations and of logarithms
 _EXPLAINED_RATIO_MIN = 0.5  # minimum explained variance of an included subject / median
 _RATIO_MAX = 2.0  # maximum distance or distortion of an included subject / median
@@ -90,8 +90,8 @@ def find_outliers(
 ) -> OutlierAnalysis:
     """Find outliers; compare each subject with the mean of the other included subjects.
 
-    A subject is an outlier if its robust z-score (from median and MAD over all subjects) exceeds
-    3.5 and it also differs considerably in one of these measures:
+    A robust z-score uses the median and MAD over all subjects. A subject is an outlier if the
+    z-score of a measure exceeds 3.5 and the measure also differs considerably:
 
     - its explained variance is less than half of the median;
     - its distance to the mean is more than twice the median;
@@ -110,7 +110,7 @@ def find_outliers(
         Subjects that stay excluded even if they are similar to the others, see `repeated_outliers`.
     """
     count = len(data.masks)
-    maps_or_unknown = maps or [Similarity(math.nan, math.nan)] * count
+    known = maps or [Similarity(math.nan, math.nan)] * count
     reasons = list(failures or [""] * count)
     for i in range(count):
         if not reasons[i] and _is_constant_or_unknown(data, i):
@@ -120,7 +120,7 @@ def find_outliers(
     fits = counting & ~excluded
     while True:
         others = data.others(fits)
-        found = [_similarity(data, others, i, maps_or_unknown[i]) for i in range(count)]
+        found = [_similarity(data, others, i, known[i]) for i in range(count)]
         differences = _differences(found, counting)
         reasons = [new or before for new, before in zip(differences, reasons, strict=True)]
         remaining = fits & np.array([not each for each in differences])
@@ -217,44 +217,40 @@ def _differences(found: Sequence[Similarity], counting: BoolArray) -> list[str]:
 
 
 def _median(values: FloatArray, counting: BoolArray) -> float:
-    maps_or_unknown = values[counting & np.isfinite(values)]
-    return float(np.median(maps_or_unknown)) if len(maps_or_unknown) else math.nan
+    known = values[counting & np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
 
 
 def _robust_z(values: FloatArray, counting: BoolArray) -> FloatArray:
     """Return the robust z-scores of values (N,), from their median and MAD."""
-    maps_or_unknown = counting & np.isfinite(values)
-    if not maps_or_unknown.any():
+    known = counting & np.isfinite(values)
+    if not known.any():
         return np.full(len(values), np.nan)
-    middle = float(np.median(values[maps_or_unknown]))
-    spread = _NORMAL * float(np.median(np.abs(values[maps_or_unknown] - middle)))
-    return np.asarray((values - middle) / max(spread, _SPREAD_MIN))
+    median = float(np.median(values[known]))
+    spread = _NORMAL_MAD_RATIO * float(np.median(np.abs(values[known] - median)))
+    return np.asarray((values - median) / max(spread, _SPREAD_MIN))
 
 
 def _sign_and_unit(data: ComparisonData, others: Sequence[LeaveOneOut], subject: int) -> str:
     """Return a hint if the values of a subject seem to have another sign, unit or offset."""
     for each, rest in zip(data.values, others, strict=True):
         own, mean_of_others = each[subject], rest.without(subject)
-        maps_or_unknown = (
-            (data.known_areas(subject) > 0) & np.isfinite(own) & np.isfinite(mean_of_others)
-        )
-        if not maps_or_unknown.any():
+        known = (data.known_areas(subject) > 0) & np.isfinite(own) & np.isfinite(mean_of_others)
+        if not known.any():
             continue
-        weights = data.areas[maps_or_unknown] / data.areas[maps_or_unknown].sum()
-        middle_own, middle = (
-            weights @ own[maps_or_unknown],
-            weights @ mean_of_others[maps_or_unknown],
-        )
-        off_own, off = own[maps_or_unknown] - middle_own, mean_of_others[maps_or_unknown] - middle
-        size_own, size = (math.sqrt(weights @ one**2) for one in (off_own, off))
-        if size == 0:
+        weights = data.areas[known] / data.areas[known].sum()
+        own_mean, mean = weights @ own[known], weights @ mean_of_others[known]
+        own_deviations, deviations = own[known] - own_mean, mean_of_others[known] - mean
+        own_norm, norm = (math.sqrt(weights @ one**2) for one in (own_deviations, deviations))
+        if norm == 0:
             continue
-        if weights @ (off_own * off) < _OPPOSITE_CORRELATION * size_own * size:
+        if weights @ (own_deviations * deviations) < _OPPOSITE_CORRELATION * own_norm * norm:
             return "; its values have the opposite sign"
-        if not 1 / _SPREAD_RATIO_MAX < size_own / size < _SPREAD_RATIO_MAX:
-            ratio = size_own / size
-            return f"; the deviation of its values is {ratio:.2g} times larger, as in another unit"
-        if abs(middle_own - middle) > size:
-            shift = (middle_own - middle) / size
+        if not 1 / _SPREAD_RATIO_MAX < own_norm / norm < _SPREAD_RATIO_MAX:
+            ratio = own_norm / norm
+            text = f"its values vary {ratio:.2g} times as much over the surface"
+            return f"; {text}, as in another unit"
+        if abs(own_mean - mean) > norm:
+            shift = (own_mean - mean) / norm
             return f"; the mean of its values differs by {shift:.2g} deviations"
     return ""

@@ -160,7 +160,7 @@ class PopulationSolver:
                     stack.add(array)
         values, masks = (stack.array() for stack in stacks)
         outliers = find_outliers(self._comparison_data(values, masks), None, failures)
-        correlations = np.array([each.correlation for each in outliers.similarity])
+        correlations = np.array([each.correlation for each in outliers.similarities])
         can_be_target = outliers.fits & (self.weights > 0) & np.isfinite(correlations)
         chosen = np.where(can_be_target, correlations, -math.inf)
         best = int(np.argmax(chosen))
@@ -436,7 +436,7 @@ class PopulationSolver:
         channel_weights[cohort.registered_channels] = self.channel_weights
         numbers = [
             [like.correlation, like.distance, like.log2_area, *facts]
-            for like, facts in zip(outliers.similarity, found.facts, strict=True)
+            for like, facts in zip(outliers.similarities, found.facts, strict=True)
         ]
         everywhere = [np.ones(len(self.template.faces))] * len(cohort.subjects)
         counts = Shares(self.weights * outliers.fits, everywhere)

@@ -169,8 +169,9 @@ class Moments:
 def phase_and_amplitude(before: Moments, after: Moments, areas: FloatArray) -> Phase:
     """Split the variance into phase (position), removed by alignment, and amplitude (value).
 
-    With functions ``x_i`` before and ``y_i`` after alignment, means over subjects, and integrals
-    per area, restricted to points with shares both before and after [Kneip and Ramsay, JASA 2008]::
+    The functions are ``x_i`` before and ``y_i`` after alignment. Means are over subjects, and
+    integrals are per area, over points with shares both before and after. Then [Kneip and Ramsay,
+    JASA 2008]::
 
         C_R       = mean_i int x_i^2 / mean_i int y_i^2
         total     = mean_i int x_i^2 - int (mean_i x_i)^2

@@ -41,7 +41,7 @@ from abfm.tasks.task import Export, Preview, Report, ResultFile, Table, Task, Ta
 
 ROUNDS_MAX = 1000
 AUTO_TARGET = "auto"
-"""The target of a channel that is chosen among the subjects."""
+"""Target of a channel whose function is chosen from the subjects."""
 _CHANNEL = "NAME DST WEIGHT"
 _MEAN = "template and mean"
 
@@ -103,8 +103,8 @@ class PopulationTask(Task):
         file_input("template", f"surface to register to, a {MESH_FORMATS}", "SURFACE"),
         *MESH_INPUTS,
         channel_input(
-            "a channel to register by, by its column of the table; its first target, a function on "
-            "the template for each channel, or auto for each; and its weight, above 0",
+            "channel for registration: its column in the table, its first target (a function of "
+            "the template, or auto for all channels), and its weight, above 0",
             _CHANNEL,
             _channel,
             _renamed_channel,

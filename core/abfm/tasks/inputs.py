@@ -183,14 +183,14 @@ def _circular(text: str) -> bool | float:
     return period if checked_period(period) is not None else False
 
 
-@lru_cache(maxsize=1000)  # many rows of a table have the same functions
+@lru_cache(maxsize=1000)  # rows of a table share functions
 def read_function(text: str) -> str:
-    """Return the spec of a function that is written as a spec or as the name of a file.
+    """Return the specification of a function from a specification or a file name.
 
     Raises
     ------
     FunctionError
-        If the text is neither a spec nor like the name of a file.
+        If the text is neither a specification nor the name of a file.
     """
     try:
         parse(text)
@@ -202,7 +202,7 @@ def read_function(text: str) -> str:
 
 
 def _is_file_name(text: str, path: str) -> bool:
-    """Return whether a text that is not a spec is the name of a file, which may be missing."""
+    """Return whether a text that is not a specification names a file, which may be missing."""
     without_drive = os.path.splitdrive(text)[1]
     return os.path.exists(path) or (bool(Path(text).suffix) and ":" not in without_drive)
 
@@ -226,7 +226,7 @@ def _with_files(spec: Spec, rename: Rename) -> Spec:
 
 
 def renamed_function(text: str, rename: Rename) -> str:
-    """Return the spec of a function, see `read_function`, with other names of its files."""
+    """Return the specification of a function, see `read_function`, with renamed files."""
     try:
         parse(text)
     except FunctionError:
@@ -237,7 +237,7 @@ def renamed_function(text: str, rename: Rename) -> str:
 
 
 def channel_words(text: str, metavar: str) -> list[str]:
-    """Return the words of a channel, as many as ``metavar`` has; ParameterError for other texts."""
+    """Return the words of a channel, one for each word of ``metavar``, or raise ParameterError."""
     try:
         words = shlex.split(text)
     except ValueError:
@@ -290,8 +290,8 @@ def function_input(name: str, help: str) -> Input:
 
 
 def mask_input(name: str, help: str) -> Input:
-    """Return the input of a mask, the weight of each vertex."""
-    text = f"mask: {help}, not negative; a file of values or a SPEC"
+    """Return the input of a mask: a nonnegative weight at each vertex."""
+    text = f"mask: {help}, at least 0; a file of values or a SPEC"
     return Input(name=name, help=text, metavar="FILE", group="functions", renamed=renamed_function)
 
 
@@ -312,7 +312,7 @@ def channel_input(
     read: Callable[[str], Any],
     renamed: Callable[[str, Rename], str] = lambda text, rename: text,
 ) -> Input:
-    """Return the input of a channel, of which the last word is its weight."""
+    """Return the input of a channel, whose last word is its weight."""
     return Input(
         name="channel",
         help=help,
@@ -330,7 +330,7 @@ def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
         function_input("source", source),
         function_input("target", target),
         channel_input(
-            "another source and target for the same flow, and the weight of their mismatch",
+            "additional source and target of the same flow, and the weight of their mismatch",
             _CHANNEL,
             _channel,
             _renamed_channel,

@@ -50,7 +50,7 @@ def test_who_does_not_fit_spoils_no_mean():
     found = find_outliers(with_odd(50 * RNG.normal(size=200)))
     assert not found.fits[9]
     alone = find_outliers(data_of(ALIKE))
-    assert found.likeness[:9] == pytest.approx(alone.likeness)
+    assert found.similarities[:9] == pytest.approx(alone.similarities)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_who_was_left_out_twice_stays_out():
     assert found.fits.tolist() == [i != 4 for i in range(9)]
     check_message(found.reasons[4])
     assert not any(found.reasons[:4])
-    assert found.likeness[4].correlation == pytest.approx(alike.likeness[4].correlation)
+    assert found.similarities[4].correlation == pytest.approx(alike.similarities[4].correlation)
     failures = ["", *["there is no file"] * 8]
     check_message(find_outliers(data_of(ALIKE), None, failures, stays_excluded).reasons[4])
 
@@ -148,4 +148,4 @@ def test_failures_are_left_out_and_nothing_is_known_of_them():
     found = find_outliers(data_of(values, masks=masks), None, failures)
     assert found.fits.tolist() == [i != 4 for i in range(9)]
     check_message(found.reasons[4])
-    assert np.isnan(found.likeness[4].correlation)
+    assert np.isnan(found.similarities[4].correlation)

@@ -252,10 +252,10 @@ def test_who_comes_and_goes_stays_out(tmp_path, monkeypatch):
         for_good_in[number] = names[for_good].tolist()
         if number % 2 == 0:
             return found
-        fits = found.judged.fits & (names != "over")
-        return found._replace(judged=replace(found.judged, fits=fits))
+        fits = found.outliers.fits & (names != "over")
+        return found._replace(outliers=replace(found.outliers, fits=fits))
 
-    monkeypatch.setattr(PopulationSolver, "_look", strict)
+    monkeypatch.setattr(PopulationSolver, "_evaluate", strict)
     settings = Settings(options=BRIEF | {"iterations": 2}, rounds=4, bound=0)
     found = five(tmp_path).registered(settings, held_out=["label"])
     assert for_good_in == {1: [], 2: [], 3: [], 4: ["over"]}

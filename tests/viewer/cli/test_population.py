@@ -173,7 +173,7 @@ def test_running_again_solves_nothing(abfm, folder, found, monkeypatch):
     assert (folder / "out" / "population.npz").read_bytes() == before
     check_message(said.out.splitlines()[0], 5, 6)
     check_message(line_with(said.out, "a label"), "held out")
-    check_message(line_with(said.out, NAME), "left out")
+    check_message(line_with(said.out, NAME), "excluded")
     assert page_at(folder / "out" / "population.html").pictures == {}
     refuse = Mock(side_effect=DrawingError("there is no screen"))
     monkeypatch.setattr(pictures, "population_pictures", refuse)
@@ -208,7 +208,7 @@ def test_subject_that_cannot_be_registered(abfm, folder):
     line = LINE.replace("table", "few").replace("/out", "/few")
     said = abfm(f"{line} --no-pictures", f=folder, status=4)
     check_message(line_with(said.err, "note: "), "gone")
-    check_message(line_with(said.out, "gone"), "left out")
+    check_message(line_with(said.out, "gone"), "excluded")
 
 
 COMMAND = "table.csv --template template.gii --out out"
