@@ -60,7 +60,7 @@ class Process:
 
     def call_now(self, function: Callable[..., Value], *given: Any) -> Value:
         """Return the result of a short function, called without waiting for the queue."""
-        return self._started().beside(function, *given).result()
+        return self._started().call_now(function, *given).result()
 
     def solve(
         self,

@@ -1,4 +1,4 @@
-"""Functions on vertices: as the solver keeps them, one row per channel, and filled in."""
+"""Functions on vertices: conversion to channels (C, V), and harmonic extension."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,22 +16,23 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import Columns
 from abfm.types import BoolArray, FloatArray
 
-_RANGE_SHARE_MIN = 0.01  # of the values, as their range
+_RANGE_SHARE_MIN = 0.01  # smallest range of values that vary, relative to their middle
 
 
 def at_vertices(
     mesh: TriangleMesh, values: ArrayLike, name: str, error: type[AbfmError] = FunctionError
 ) -> FloatArray:
-    """Return what a user gives at vertices as real numbers, in the same shape.
+    """Return user values at vertices as real numbers, in the same shape.
 
-    The index of a pandas Series or DataFrame, or a column called vertex, node or index, places its
-    rows at vertices, unless it is 0, 1, 2, ...; vertices without a row become NaN. So do such
-    columns of Polars and Arrow, and coordinates of xarray.
+    The rows of pandas objects are placed at vertices by their index, or by a column called vertex,
+    node or index. An index 0, 1, 2, ... changes nothing. Vertices without a row become NaN. Columns
+    of Polars and Arrow and coordinates of xarray work in the same way.
 
     Raises
     ------
     AbfmError
-        An ``error`` if there are no real numbers, or vertices are repeated or not of the mesh.
+        An ``error`` if the values are not real numbers, or if vertices are repeated or not on the
+        mesh.
     """
     values = with_index(values)
     if not (has(values, "iloc", "index", "to_numpy") or has(values, "columns", "to_numpy")):
@@ -43,14 +44,14 @@ def at_vertices(
 
 
 def with_index(values: Any) -> Any:
-    """Return arrays of xarray with one or two axes, and tables of Arrow, as those of pandas."""
+    """Return xarray arrays of one or two axes, and Arrow tables, as pandas objects."""
     is_array = has(values, "dims", "coords", "ndim", "to_pandas") and values.ndim in (1, 2)
     return values.to_pandas() if is_array or has(values, "column_names", "to_pandas") else values
 
 
 def _by_index(mesh: TriangleMesh, frame: Any, name: str) -> FloatArray:
     array = frame.to_numpy()
-    if array.dtype == object and has(frame, "isna"):  # perhaps numbers with pandas.NA
+    if array.dtype == object and has(frame, "isna"):  # possibly numbers with pandas.NA
         array = np.array(np.where(frame.isna(), np.nan, array).tolist())
     array = real_numbers(array, name)
     if array.size == 0:
@@ -61,8 +62,8 @@ def _by_index(mesh: TriangleMesh, frame: Any, name: str) -> FloatArray:
         numbers = index.astype(np.float64) if index.dtype.kind in "iuf" else np.full(1, np.nan)
         if not np.array_equal(numbers, np.rint(numbers)):
             raise ValueError(
-                f"{name} has an index that is not numbers of vertices; use to_numpy() if its rows "
-                "are in the order of the vertices"
+                f"{name} has an index that does not hold vertex numbers; use to_numpy() if its "
+                "rows are in the order of the vertices"
             )
         vertices = numbers.astype(np.int64)
     names = tuple(map(str, frame.columns)) if array.ndim == 2 else ()
@@ -88,38 +89,38 @@ def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
             f"{name} has values that are not finite at {len(bad)} of {len(array)} vertices, the "
             f"first at {bad[0]}"
         )
-    return np.array(array.reshape(len(array), -1).T, order="C")  # a copy: what is given may change
+    return np.array(array.reshape(len(array), -1).T, order="C")  # a copy: the input may change
 
 
 def constant_part(f: FloatArray) -> float:
-    """Return the middle of values (V,) that vary little around it, of others 0."""
+    """Return the middle of the range of values (V,) that vary little around it, otherwise 0."""
     low, high = float(f.min()), float(f.max())
     middle = low / 2 + high / 2
     return middle if high - low < _RANGE_SHARE_MIN * abs(middle) else 0.0
 
 
 def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
-    """Keep the known values; every other vertex becomes the mean of its neighbours, (V,)."""
+    """Return values (V,) in which each unknown vertex has the mean of its neighbours."""
     return extension(mesh, known)(values)
 
 
 def extend_all(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:
-    """Return `extend` of functions (C, V) of which the same values are known."""
+    """Return `extend` of functions (C, V) that are known at the same vertices."""
     return np.stack(list(map(extension(mesh, known), functions)))
 
 
 def extension(mesh: TriangleMesh, known: BoolArray) -> Callable[[FloatArray], FloatArray]:
-    """Return `extend` for many functions of which the same values are known."""
+    """Return `extend` as a function, for many functions that are known at the same vertices."""
     if known.all():
         return lambda values: values
     joined = adjacency(mesh)
     laplacian = sparse.csr_array(sparse.diags_array(joined.sum(axis=1)) - joined)
     rows = laplacian[~known]
-    solve, beside = factor(rows[:, ~known]), rows[:, known]
+    solve, coupling = factor(rows[:, ~known]), rows[:, known]
 
     def filled(values: FloatArray) -> FloatArray:
         found = values.copy()
-        found[~known] = solve(-(beside @ values[known]))
+        found[~known] = solve(-(coupling @ values[known]))
         return found
 
     return filled

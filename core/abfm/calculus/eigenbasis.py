@@ -18,23 +18,24 @@ BLOCKS = (32, 64, *range(128, 1025, 128))
 
 
 def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the first k (at most 1024) solutions of ``L phi = lambda M phi``: eigenvalues (k,)
-    ascending, eigenfunctions (V, k), both read-only.
+    """Compute the first k (at most 1024) eigenpairs of ``L phi = lambda M phi``.
 
-    L is the cotangent Laplacian (natural, that is Neumann, condition on a boundary), M the lumped
-    mass. Eigenvalues are in 1/length^2 of the mesh's unit, eigenfunctions orthonormal in
-    ``sum_i M_ii phi_i psi_i``. The sign makes the integral of ``phi^3`` positive; where that
-    vanishes (by a symmetry), the first vertex with at least half of the largest absolute value.
-    The same mesh gives the same bits whatever was computed before: pairs are computed, and cached,
-    in blocks of 32, 64, 128, 256, 384, ... and k only cuts the smallest block that holds it. Where
-    eigenvalues repeat, the basis is arbitrary and may differ between blocks.
+    Returns read-only eigenvalues (k,), ascending, and eigenfunctions (V, k). L is the cotangent
+    Laplacian (natural, that is Neumann, condition on a boundary), M the lumped mass. Eigenvalues
+    are in 1/length^2 of the mesh's unit, eigenfunctions orthonormal in ``sum_i M_ii phi_i psi_i``.
+    The sign makes the integral of ``phi^3`` positive. Where that vanishes (by a symmetry), the
+    first vertex with at least half of the largest absolute value is positive.
+
+    The same mesh gives the same bits, independent of earlier computations. Pairs are computed and
+    cached in blocks of 32, 64, 128, 256, 384, ...; k selects from the smallest block that holds it.
+    For repeated eigenvalues, the basis is arbitrary and may differ between blocks.
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])
     if not is_integer(k, 1, most):
         raise FunctionError(
-            f"{brief(k)} eigenfunctions asked for; on a mesh of {count} vertices it can be 1 to "
-            f"{most}"
+            f"{brief(k)} eigenfunctions requested; expected 1 to {most} on a mesh of {count} "
+            "vertices"
         )
     k = int(k)
     values, functions = _block(mesh, min(next(block for block in BLOCKS if block >= k), count))
@@ -42,7 +43,7 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
 
 
 def unit_eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the `eigenbasis` of the mesh scaled to unit area, which no unit of length changes."""
+    """Compute the `eigenbasis` of the mesh scaled to unit area, for any unit of length."""
     return eigenbasis(mesh.normalized(), k)
 
 
@@ -52,7 +53,7 @@ def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
     root_mass = np.sqrt(vertex_areas(mesh))
     scale = sparse.diags_array(1 / root_mass)
     operator = sparse.csr_array(scale @ cotangent_laplacian(mesh) @ scale)
-    if count <= 2 * size + 1:  # too small for Lanczos to have room
+    if count <= 2 * size + 1:  # too small for the Lanczos basis
         found = linalg.eigh(operator.toarray(), subset_by_index=(0, size - 1))
         values, vectors = (np.asarray(array, dtype=np.float64) for array in found)
     else:
@@ -78,12 +79,12 @@ def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
 def lanczos(
     operator: Any, count: int, error: type[AbfmError], what: str, **options: Any
 ) -> tuple[FloatArray, FloatArray]:
-    """Return pairs as `eigsh`, from a fixed start vector, or raise the error by name."""
+    """Return eigenpairs by `eigsh` from a fixed start vector, or raise ``error`` about ``what``."""
     start = np.sin(np.arange(1.0, operator.shape[0] + 1))
     try:
         values, vectors = eigsh(operator, k=count, v0=start, rng=0, **options)
     except ArpackError as problem:
         raise error(
-            f"{what}: no convergence on this mesh ({problem}); remesh its thin faces"
+            f"{what}: no convergence on this mesh ({problem}). Remesh its thin faces."
         ) from problem
     return np.asarray(values), np.asarray(vectors)

@@ -1,4 +1,4 @@
-"""Geodesic distances: by heat, along a straightened edge path, and exact, in order of cost."""
+"""Geodesic distances: by heat, along a straightened edge path, and exact, by increasing cost."""
 
 from typing import Any
 
@@ -16,18 +16,21 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import step
 
 EXACT_VERTICES_MAX = 6_000
-"""Size up to which `surface_distance` is exact: about a second, and 30 times that at four times."""
+"""Number of vertices up to which `surface_distance` is exact.
+
+It takes about a second there, and 30 times as long at four times as many vertices.
+"""
 _EXACT_HEIGHT_MIN = 1e-3  # of a face's longest edge; the exact algorithm may not end below 1e-4
-# of memory to ask for; factoring takes 2,700 at 2,600 vertices and 4,100 at 164,000
+# memory to require; factoring takes 2,700 at 2,600 vertices and 4,100 at 164,000
 _BYTES_PER_VERTEX = 6_000
 
 
 def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
-    """Return the distance along the surface to the nearest source, (V,), in the mesh's units;
-    exactly 0 at the sources (n,), indices among the mesh's own vertices.
+    """Return the distance (V,) along the surface to the nearest source, in the mesh's units.
 
-    Largest error on the unit sphere: 0.051 at 642 vertices, 0.029 at 2,562, 0.019 at 10,242. The
-    robust Laplacian keeps it right on uneven meshes.
+    The sources (n,) are vertex indices of the mesh itself; the distance is exactly 0 there. The
+    largest error on the unit sphere is 0.051 at 642 vertices, 0.029 at 2,562, and 0.019 at 10,242.
+    The robust Laplacian keeps the distance correct on uneven meshes.
 
     References
     ----------
@@ -35,20 +38,22 @@ def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
     Sharp, Crane: A Laplacian for Nonmanifold Triangle Meshes, SGP 2020.
     """
     given = np.atleast_1d(real_numbers(sources, "sources", FunctionError)).ravel()
-    # 3.0, as files have it, is a vertex, too
+    # files may store vertex 3 as 3.0
     wrong = given[~np.isin(given, np.arange(len(mesh.vertices)))]
     if wrong.size or not given.size:
         found = f"{wrong[0]:g}" if wrong.size else "missing"
         raise FunctionError(f"sources are {found}; expected vertices 0 to {len(mesh.vertices) - 1}")
     try:
         solver = _heat_solver(mesh.normalized())
-        ways = [(source, solver.compute_distance(source)) for source in given.astype(int).tolist()]
+        distances = [
+            (source, solver.compute_distance(source)) for source in given.astype(int).tolist()
+        ]
     except RuntimeError as error:
         raise FunctionError(
-            f"no geodesic distance on this mesh: {error}; for a gaussian try metric=euclidean"
+            f"no geodesic distance on this mesh: {error}. For a gaussian, try metric=euclidean."
         ) from error
     nearest = np.min(
-        [np.maximum(distance - distance[source], 0) for source, distance in ways], axis=0
+        [np.maximum(distance - distance[source], 0) for source, distance in distances], axis=0
     )
     return np.asarray(mesh.length_scale * nearest)
 
@@ -61,20 +66,25 @@ def _heat_solver(mesh: TriangleMesh) -> Any:
 
 
 def path_length(mesh: TriangleMesh, first: int, last: int) -> float:
-    """Return the length of a straightened shortest edge path between two vertices: a geodesic, on
-    two human meshes off by 0.001 on average. Sharp, Crane: You Can Find Geodesic Paths in Triangle
-    Meshes by Just Flipping Edges, ACM TOG 39(6), 2020.
+    """Return the length of a straightened shortest edge path between two vertices.
+
+    The path is a geodesic. On two human meshes its length is off by 0.001 on average.
+
+    References: Sharp, Crane: You Can Find Geodesic Paths in Triangle Meshes by Just Flipping Edges,
+    ACM TOG 39(6), 2020.
     """
     try:
         path: FloatArray = _path_solver(mesh).find_geodesic_path(first, last)
     except RuntimeError as error:
-        raise FunctionError(f"no geodesic on this mesh: {error}; remesh it") from error
+        raise FunctionError(f"no geodesic on this mesh: {error}. Remesh it.") from error
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def exact_distances(mesh: TriangleMesh, sources: ArrayLike, targets: IntArray) -> FloatArray:
-    """Return distances along the surface from the nearest of some vertices to others (P,):
-    Mitchell, Mount, Papadimitriou, The Discrete Geodesic Problem, SIAM J. Comput. 16(4), 1987.
+    """Return exact distances along the surface from the nearest source to the targets (P,).
+
+    Sources and targets are vertices. Algorithm: Mitchell, Mount, Papadimitriou, The Discrete
+    Geodesic Problem, SIAM J. Comput. 16(4), 1987.
     """
     none, start = np.zeros(0, dtype=np.int64), np.atleast_1d(np.asarray(sources, dtype=np.int64))
     found = igl.exact_geodesic(mesh.vertices, mesh.faces, start, none, targets, none)
@@ -82,11 +92,11 @@ def exact_distances(mesh: TriangleMesh, sources: ArrayLike, targets: IntArray) -
 
 
 def surface_distance(mesh: TriangleMesh, sources: IntArray) -> FloatArray:
-    """Return the distance along the surface to the nearest source, (V,), in the mesh's units.
+    """Return the distance (V,) along the surface to the nearest source, in the mesh's units.
 
-    It is that of the exact shortest path on the triangles (`exact_distances`) up to
-    `EXACT_VERTICES_MAX` vertices, unless the surface touches itself at a vertex or has triangles
-    1,000 times as long as high; otherwise that of `geodesic_distance`, with its error.
+    Up to `EXACT_VERTICES_MAX` vertices it is the exact shortest path on the triangles
+    (`exact_distances`). Larger meshes use `geodesic_distance`, with its error. So do surfaces that
+    touch themselves at a vertex, or have triangles 1,000 times as long as high.
     """
     has_exact = (
         len(mesh.vertices) <= EXACT_VERTICES_MAX
@@ -100,7 +110,7 @@ def surface_distance(mesh: TriangleMesh, sources: IntArray) -> FloatArray:
 
 @per_mesh
 def _least_height(mesh: TriangleMesh) -> float:
-    """Return the smallest height of a face over its longest edge, relative to that edge."""
+    """Return the smallest ratio of the height of a face to its longest edge."""
     corners = mesh.normalized().vertices[mesh.faces]
     squares = (np.diff(corners[:, [0, 1, 2, 0]], axis=1) ** 2).sum(axis=2).max(axis=1)
     return float((2 * face_areas(mesh.normalized()) / squares).min())

@@ -1,10 +1,10 @@
-"""Discrete differential operators of section 4, in the mesh's own units, each built once per mesh.
+"""Discrete differential operators (section 4), in the mesh's units, each built once per mesh.
 
-Fields are piecewise constant on faces and kept as two coefficients in an orthonormal frame of each
-face, so they are tangent by construction: a field is a ``(F, 2)`` array, and row ``2 f + k`` of an
-operator is component ``k`` in face ``f``. Functions are piecewise linear on vertices (hat functions
-``phi_i``), or on edges (Crouzeix-Raviart functions ``psi_e``, 1 on their edge and -1 at the
-opposite corner).
+Fields are piecewise constant on faces. They are stored as two coefficients in an orthonormal frame
+of each face, so they are tangent by construction. A field is a ``(F, 2)`` array; row ``2 f + k`` of
+an operator is component ``k`` in face ``f``. Functions are piecewise linear on vertices (hat
+functions ``phi_i``) or on edges. The edge functions are Crouzeix-Raviart functions ``psi_e``, 1 on
+their edge and -1 at the opposite corner.
 """
 
 from typing import NamedTuple
@@ -19,11 +19,13 @@ from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
 
 Matrix = sparse.csr_array
 
-# height over longest edge below which squares of it are lost in the rounding of a norm
+# height over longest edge; squares of smaller values are lost in the rounding of a norm
 THICKNESS_MIN = 1e-5
 
 
 class FaceShapes(NamedTuple):
+    """Normals, areas, frames and gradients of the faces."""
+
     normals: FloatArray  # (F, 3), of length 1
     areas: FloatArray  # (F,)
     frames: FloatArray  # (F, 2, 3), the first axis along the first edge
@@ -49,7 +51,7 @@ def _shapes(mesh: TriangleMesh) -> FaceShapes:
 
 
 def face_normals(mesh: TriangleMesh) -> FloatArray:
-    """Return unit normals, (F, 3)."""
+    """Return unit face normals, (F, 3)."""
     return _shapes(mesh).normals
 
 
@@ -59,43 +61,46 @@ def face_areas(mesh: TriangleMesh) -> FloatArray:
 
 
 def face_frames(mesh: TriangleMesh) -> FloatArray:
-    """Return right-handed orthonormal frames, (F, 2, 3), the first axis from corner 0 to 1."""
+    """Return right-handed orthonormal frames, (F, 2, 3), with the first axis from corner 0 to 1."""
     return _shapes(mesh).frames
 
 
 def hat_gradients(mesh: TriangleMesh) -> FloatArray:
-    """Return gradients of the three hat functions of each face in its frame, (F, 3, 2)."""
+    """Return the gradients of the three hat functions of each face in its frame, (F, 3, 2)."""
     return _shapes(mesh).gradients
 
 
 @per_mesh
 def vertex_areas(mesh: TriangleMesh) -> FloatArray:
-    """Return ``A_V``, the diagonal of ``G_V``: a third of the adjacent faces' area, (V,)."""
+    """Return ``A_V``, the diagonal of ``G_V``: a third of the area of the adjacent faces, (V,)."""
     return _thirds(mesh.faces, face_areas(mesh), len(mesh.vertices))
 
 
 @per_mesh
 def edge_areas(mesh: TriangleMesh) -> FloatArray:
-    """Return edge areas, a third of the adjacent faces', (E,): the exact Crouzeix-Raviart mass."""
+    """Return a third of the area of the faces at each edge, (E,).
+
+    It is the exact Crouzeix-Raviart mass.
+    """
     return _thirds(mesh.face_edges, face_areas(mesh), len(mesh.edges))
 
 
 def _thirds(owners: IntArray, areas: FloatArray, count: int) -> FloatArray:
-    """Give a third of each face's area to each of its three owners (F, 3), (count,)."""
+    """Add a third of each face's area to each of its owners (F, 3); return sums (count,)."""
     found = np.bincount(owners.ravel(), np.repeat(areas / 3, 3), minlength=count)
     return np.asarray(found, dtype=np.float64)
 
 
 @per_mesh
 def edge_lengths(mesh: TriangleMesh) -> FloatArray:
-    """Return lengths of the edges, (E,)."""
+    """Return the lengths of the edges, (E,)."""
     first, second = mesh.vertices[mesh.edges.T]
     return np.asarray(np.linalg.norm(first - second, axis=1))
 
 
 @per_mesh
 def adjacency(mesh: TriangleMesh) -> Matrix:
-    """Return which vertices an edge joins, (V, V), as 1."""
+    """Return the adjacency matrix of the vertices, (V, V), with 1 for each edge."""
     i, j = mesh.edges.T
     ends, size = (np.r_[i, j], np.r_[j, i]), len(mesh.vertices)
     return Matrix((np.ones(2 * len(i)), ends), shape=(size, size))
@@ -103,26 +108,27 @@ def adjacency(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def edge_graph(mesh: TriangleMesh) -> Matrix:
-    """Return the length of each edge from its first vertex to its second one, (V, V)."""
+    """Return a matrix (V, V) with the length of each edge from its first to its second vertex."""
     shape = (len(mesh.vertices),) * 2
     return Matrix((edge_lengths(mesh), tuple(mesh.edges.T)), shape=shape)
 
 
 @per_mesh
 def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
-    """Return what a norm of fields is made of. Faces whose height is less than 1e-5 of their
-    longest edge are stretched across it to that height, as in the mollification of Sharp and Crane
-    [2020], so that the norm's matrices are definite; without such faces every bit is the mesh's
-    own.
+    """Return areas and hat gradients for the norm of fields, with thin faces mollified.
+
+    Faces whose height is less than 1e-5 of their longest edge are stretched to that height, as in
+    the mollification of Sharp and Crane [2020]. The matrices of the norm are then definite. Without
+    such faces the result equals the mesh's own areas and gradients bit for bit.
     """
     areas, gradients = face_areas(mesh).copy(), hat_gradients(mesh).copy()
-    steepest = (gradients**2).sum(axis=2).max(axis=1)  # one over the square of the height
+    steepest = (gradients**2).sum(axis=2).max(axis=1)  # inverse square of the height
     thickness = 1 / (2 * areas * steepest)
     thin = np.flatnonzero(thickness < THICKNESS_MIN)
-    stretch, some = THICKNESS_MIN / thickness[thin], gradients[thin]
-    corner = (some**2).sum(axis=2).argmax(axis=1)
-    across = some[np.arange(len(thin)), corner] / np.sqrt(steepest[thin])[:, None]
-    components = np.einsum("fck,fk->fc", some, across) * (1 - 1 / stretch)[:, None]
+    stretch, of_thin = THICKNESS_MIN / thickness[thin], gradients[thin]
+    corner = (of_thin**2).sum(axis=2).argmax(axis=1)
+    across = of_thin[np.arange(len(thin)), corner] / np.sqrt(steepest[thin])[:, None]
+    components = np.einsum("fck,fk->fc", of_thin, across) * (1 - 1 / stretch)[:, None]
     areas[thin] *= stretch
     gradients[thin] -= components[:, :, None] * across[:, None, :]
     of_edges = _thirds(mesh.face_edges, areas, len(mesh.edges))
@@ -139,35 +145,38 @@ def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: IntArray, wi
 
 @per_mesh
 def gradient(mesh: TriangleMesh) -> Matrix:
-    """Return ``grad``: vertex functions to fields, (2F, V). No boundary condition."""
+    """Return ``grad``, vertex functions to fields, (2F, V), without a boundary condition."""
     return _face_operator(mesh, hat_gradients(mesh), mesh.faces, len(mesh.vertices))
 
 
 @per_mesh
 def edge_gradient(mesh: TriangleMesh) -> Matrix:
-    """Return the broken gradient of edge (Crouzeix-Raviart) functions, ``psi_e = 1 - 2
-    phi_opposite``, (2F, E). No boundary condition.
+    """Return the broken gradient of edge (Crouzeix-Raviart) functions, (2F, E).
+
+    The edge functions are ``psi_e = 1 - 2 phi_opposite``. There is no boundary condition.
     """
     return _face_operator(mesh, -2 * hat_gradients(mesh), mesh.face_edges, len(mesh.edges))
 
 
 @per_mesh
 def rotation(mesh: TriangleMesh) -> Matrix:
-    """Return ``J``: rotation of tangent vectors by +90 degrees about the face normal, (2F, 2F)."""
+    """Return ``J``, the rotation of tangent vectors by +90 degrees, (2F, 2F)."""
     quarter_turn = sparse.csr_array(np.array([[0.0, -1.0], [1.0, 0.0]]))
     return Matrix(sparse.kron(sparse.eye_array(len(mesh.faces)), quarter_turn, format="csr"))
 
 
 @per_mesh
 def field_mass(mesh: TriangleMesh) -> Matrix:
-    """Return ``G_F`` on field coefficients: diagonal of repeated face areas, (2F, 2F)."""
+    """Return ``G_F`` on field coefficients, (2F, 2F): the diagonal of repeated face areas."""
     return Matrix(sparse.diags_array(np.repeat(face_areas(mesh), 2)))
 
 
 @per_mesh
 def averaging(mesh: TriangleMesh) -> Matrix:
-    """Return ``I_V^F`` from faces to vertices, (V, F): ``A_F(j) / (3 A_V(i))`` where vertex i
-    belongs to face j. Keeps constants and the integral. No boundary condition.
+    """Return ``I_V^F``, the average of face values at vertices, (V, F).
+
+    The entry is ``A_F(j) / (3 A_V(i))`` if vertex i belongs to face j. It preserves constants and
+    the integral. There is no boundary condition.
     """
     count, corners = len(mesh.faces), mesh.faces.ravel()
     weights = np.repeat(face_areas(mesh) / 3, 3) / vertex_areas(mesh)[corners]
@@ -177,9 +186,10 @@ def averaging(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def divergence(mesh: TriangleMesh) -> Matrix:
-    """Return ``div = -G_V^-1 grad^T G_F``: fields to vertex functions, (V, 2F) [BKP*10, chapter 3].
-    On a boundary the field counts as ending there, so that outward flux is negative divergence and
-    the total is always zero: natural condition ``v . n = 0``.
+    """Return ``div = -G_V^-1 grad^T G_F``, fields to vertex functions, (V, 2F) [BKP*10, chapter 3].
+
+    The field counts as zero beyond a boundary, so outward flux is negative divergence and the total
+    is always zero. The natural condition is ``v . n = 0``.
     """
     inverse_mass = sparse.diags_array(1 / vertex_areas(mesh))
     return Matrix(-inverse_mass @ gradient(mesh).T @ field_mass(mesh))
@@ -187,24 +197,29 @@ def divergence(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def curl(mesh: TriangleMesh) -> Matrix:
-    """Return ``curl v = div(-J v)``: fields to vertex functions, (V, 2F). On a boundary the field
-    counts as ending there, so that circulation along it is curl of the other sign and the total is
-    always zero: natural condition ``v x n = 0``.
+    """Return ``curl v = div(-J v)``, fields to vertex functions, (V, 2F).
+
+    The field counts as zero beyond a boundary, so circulation along it is curl of the opposite sign
+    and the total is always zero. The natural condition is ``v x n = 0``.
     """
     return Matrix(-(divergence(mesh) @ rotation(mesh)))
 
 
 @per_mesh
 def cotangent_laplacian(mesh: TriangleMesh) -> Matrix:
-    """Return the stiffness matrix ``grad^T G_F grad`` (cotangent weights), (V, V), semidefinite:
-    ``-G_V`` times the paper's Laplace-Beltrami operator. Natural (Neumann) boundary condition.
+    """Return the stiffness matrix ``grad^T G_F grad`` (cotangent weights), (V, V), semidefinite.
+
+    It is ``-G_V`` times the paper's Laplace-Beltrami operator, with the natural (Neumann) boundary
+    condition.
     """
     return stiffness(hat_gradients(mesh), face_areas(mesh), mesh.faces, len(mesh.vertices))
 
 
 def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, count: int) -> Matrix:
-    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` in rows and columns by the corners' owners (F,
-    3): vertices, or, for a quarter of the form on edge functions, edges.
+    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` with rows and columns of the owners (F, 3).
+
+    The owners of the corners are vertices. With edges as owners, it is a quarter of the form on
+    edge functions.
     """
     entries = np.empty((len(owners), 3, 3))
     stiffnesses(gradients, weights, entries)
@@ -215,10 +230,12 @@ def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, coun
 
 @per_mesh
 def hodge_gradients(mesh: TriangleMesh) -> tuple[Matrix, Matrix]:
-    """Return ``(A, B)``, whose ranges are the curl-free and the divergence-free fields of the mixed
-    Hodge form: ``A`` (2F, E) the broken gradient of edge functions, ``B`` (2F, V') the rotated one
-    of the functions on the V' vertices off the boundary. Then ``A^T G_F B = 0`` to rounding, and
-    fields with ``v . n = 0`` on the boundary are the natural space (the flow stays on the surface).
+    """Return ``(A, B)``, whose ranges are the curl-free and the divergence-free fields.
+
+    ``A`` (2F, E) is the broken gradient of edge functions. ``B`` (2F, V') is the rotated gradient
+    of functions on the V' vertices off the boundary. They define the mixed Hodge form, and ``A^T
+    G_F B = 0`` up to rounding. Its natural space is fields with ``v . n = 0`` on the boundary,
+    whose flow stays on the surface.
     """
     inner = ~mesh.is_boundary_vertex
     return edge_gradient(mesh), Matrix((rotation(mesh) @ gradient(mesh))[:, inner])
@@ -226,11 +243,11 @@ def hodge_gradients(mesh: TriangleMesh) -> tuple[Matrix, Matrix]:
 
 @per_mesh
 def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
-    """Return ``G_F Delta_H``: symmetric positive semidefinite mixed Hodge Laplacian, (2F, 2F).
+    """Return ``G_F Delta_H``, the symmetric positive semidefinite mixed Hodge Laplacian, (2F, 2F).
 
-    Its form is the squared norm of the divergence taken at edges plus that of the curl taken at the
-    vertices off the boundary. Both at vertices leave half of all fields in the kernel; both at
-    edges give a wrong spectrum. Boundary condition: ``v . n = 0`` and ``curl v = 0``.
+    Its form is the squared norm of the divergence at edges plus that of the curl at the vertices
+    off the boundary. With both at vertices, half of all fields are in the kernel. With both at
+    edges, the spectrum is wrong. The boundary condition is ``v . n = 0`` and ``curl v = 0``.
     """
     a, b = hodge_gradients(mesh)
     mass = field_mass(mesh)
@@ -241,8 +258,9 @@ def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
 
 
 def vector_norm_matrix(mesh: TriangleMesh, alpha: float) -> Matrix:
-    """Return ``G_F D_alpha`` with ``D_alpha = id + alpha Delta_H``, (2F, 2F), symmetric positive
-    definite (section 3). Boundary condition of `hodge_laplacian`.
+    """Return ``G_F D_alpha`` with ``D_alpha = id + alpha Delta_H``, (2F, 2F) (section 3).
+
+    It is symmetric positive definite, with the boundary condition of `hodge_laplacian`.
     """
     return Matrix(field_mass(mesh) + alpha * hodge_laplacian(mesh))
 
@@ -250,9 +268,11 @@ def vector_norm_matrix(mesh: TriangleMesh, alpha: float) -> Matrix:
 def function_norm_matrix(
     mesh: TriangleMesh, beta: float, weight: ArrayLike | None = None
 ) -> Matrix:
-    """Return ``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V), symmetric positive
-    (semi)definite (section 3), or the form ``int w (f^2 + beta |grad f|^2)`` for a weight ``w``
-    (V,) that is not negative; a face has the least of its corners. Natural boundary condition.
+    """Return ``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V) (section 3).
+
+    It is symmetric positive (semi)definite, with the natural boundary condition. A weight ``w``
+    (V,), not negative, gives the form ``int w (f^2 + beta |grad f|^2)``; a face has the smallest
+    weight of its corners.
     """
     areas, face_weight = vertex_areas(mesh), face_areas(mesh)
     if weight is not None:
@@ -265,7 +285,7 @@ def function_norm_matrix(
 
 
 def l2_norm(mesh: TriangleMesh, f: FloatArray, mask: FloatArray | BoolArray | None = None) -> float:
-    """Return ``||f||`` in L2 on the surface, all channels of ``f`` (V,) or (V, C) together."""
+    """Return ``||f||`` in L2 on the surface, over all channels of ``f`` (V,) or (V, C)."""
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     return float(np.sqrt((areas * (f.T**2)).sum()))
 

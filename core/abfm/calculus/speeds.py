@@ -1,4 +1,4 @@
-"""Which speeds of a field count as fast."""
+"""The threshold of the fast speeds of a field."""
 
 import numpy as np
 
@@ -6,20 +6,21 @@ from abfm.calculus.operators import face_areas
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
-# of the area: speeds that no more of it has count as the next lower ones
+# the largest speeds, on this share of the area, count as the next lower speed
 _OUTLIER_AREA_SHARE = 0.001
-_FAST_NORM_SHARE = 0.4  # of the squared norm: what as much of it exceeds is fast
+_FAST_NORM_SHARE = 0.4  # share of the squared norm on the faces that count as fast
 
 
 def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
-    """Return what of speeds (F,) counts as fast: faces that are faster have a good part of the
-    field's squared norm, wherever that is on the surface. Those of slivers, which run wild, count
-    as their lower neighbours'; 0 if all is still.
+    """Return the speed above which speeds (F,) count as fast, or 0 if all are 0.
+
+    The faster faces have 40% of the squared norm of the field, wherever they are on the surface.
+    Outliers, which occur on slivers, count as the next lower speed.
     """
     descending = np.argsort(-speed, kind="stable")
     areas = face_areas(mesh)[descending] / mesh.length_scale**2
-    tame = min(int(np.searchsorted(np.cumsum(areas), _OUTLIER_AREA_SHARE)), len(speed) - 1)
-    most = float(speed[descending[tame]]) or float(speed.max())
+    regular = min(int(np.searchsorted(np.cumsum(areas), _OUTLIER_AREA_SHARE)), len(speed) - 1)
+    most = float(speed[descending[regular]]) or float(speed.max())
     if not most:
         return 0.0
     norms = np.cumsum(areas * np.minimum(speed[descending] / most, 1) ** 2)

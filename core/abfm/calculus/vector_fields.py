@@ -1,6 +1,4 @@
-"""Tangent fields: as operators on functions and fields, and their flow (sections 4 and 6); their
-parts, in the mixed form of `hodge_gradients`; and which commute.
-"""
+"""Tangent fields: operators, flow (sections 4 and 6), Helmholtz-Hodge parts, commuting fields."""
 
 from collections.abc import Callable, Sequence
 
@@ -31,7 +29,7 @@ from abfm.types import FloatArray, IntArray
 
 Projection = Callable[[FloatArray], FloatArray]
 _WEIGHT_MAX = 1e100  # weight of a bracket
-_STEP_NORM = 4.0  # a Taylor step of this norm loses under two digits to cancellation
+_STEP_NORM = 4.0  # a Taylor step of this norm loses less than two digits to cancellation
 _NORM_LIMIT = 1e5
 
 
@@ -44,7 +42,7 @@ def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:
         )
     if not np.isfinite(array).all():
         raise ParameterError(
-            f"{name} has values that are not finite: give one finite vector per face"
+            f"{name} has values that are not finite; expected one finite vector per face"
         )
     return array
 
@@ -54,12 +52,15 @@ def _in_frames(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> Sequence[Float
 
 
 def to_ambient(mesh: TriangleMesh, coefficients: FloatArray) -> FloatArray:
-    """Turn frame coefficients (..., F, 2) into vectors in space (..., F, 3)."""
+    """Convert frame coefficients (..., F, 2) into vectors in space (..., F, 3)."""
     return np.asarray(np.einsum("...fk,fkx->...fx", coefficients, face_frames(mesh)))
 
 
 def to_frame(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Turn vectors in space (..., F, 3) into coefficients (..., F, 2); a normal part is dropped."""
+    """Convert vectors in space (..., F, 3) into coefficients (..., F, 2).
+
+    A normal part is dropped.
+    """
     return np.asarray(np.einsum("...fx,fkx->...fk", field, face_frames(mesh)))
 
 
@@ -71,30 +72,33 @@ def pointwise_inner(field: FloatArray) -> Matrix:
 
 
 def directional_derivative(mesh: TriangleMesh, v: FloatArray) -> Matrix:
-    """Return ``D_v = I_V^F [v]^T grad`` on vertex functions, (V, V), for frame coefficients ``v``
-    (F, 2) (section 4). Where ``v`` crosses the boundary, values flow in and out.
+    """Return ``D_v = I_V^F [v]^T grad`` on vertex functions, (V, V) (section 4).
+
+    ``v`` (F, 2) holds frame coefficients. Where ``v`` crosses the boundary, values flow in and out.
     """
     return Matrix(averaging(mesh) @ pointwise_inner(v) @ gradient(mesh))
 
 
 def dual_directional_derivative(mesh: TriangleMesh, f: FloatArray) -> Matrix:
-    """Return ``D̄_f = I_V^F [grad f]^T`` on fields, (V, 2F), with ``D̄_f v = D_v f``, for ``f``
-    (V,) (section 4).
+    """Return ``D̄_f = I_V^F [grad f]^T`` on fields, (V, 2F), for ``f`` (V,) (section 4).
+
+    It satisfies ``D̄_f v = D_v f``.
     """
     return Matrix(averaging(mesh) @ pointwise_inner((gradient(mesh) @ f).reshape(-1, 2)))
 
 
 def face_directional_derivative(mesh: TriangleMesh, v: FloatArray) -> Matrix:
-    """Return ``[v]^T grad I_F^V``, (F, F): face values averaged, then derived (section 6)."""
+    """Return ``[v]^T grad I_F^V``, (F, F): average face values, then differentiate (section 6)."""
     return Matrix(pointwise_inner(v) @ gradient(mesh) @ averaging(mesh))
 
 
 def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
     """Return ``ad_v u = [v, u]`` as an operator on fields, (2F, 2F), for ``v`` (F, 2) (Eq. 11).
 
-    Exactly antisymmetric; ``D_[v,u] = D_v D_u - D_u D_v`` (Eq. 10) and the Jacobi identity hold in
-    the limit of fine meshes. Eq. 11 acts on the components of fields in space; here it is read in
-    the face frames, which also drops the normal part that the printed (3F, 3F) operator picks up.
+    It is exactly antisymmetric. ``D_[v,u] = D_v D_u - D_u D_v`` (Eq. 10) and the Jacobi identity
+    hold in the limit of fine meshes. Eq. 11 acts on the components of fields in space. This
+    implementation reads it in the face frames, which drops the normal part of the printed (3F, 3F)
+    operator.
     """
     components, frames = to_ambient(mesh, v), face_frames(mesh)
     derivative = face_directional_derivative(mesh, v)
@@ -107,24 +111,26 @@ def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
 
 
 def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray:
-    """Return the Lie bracket ``[v, u]`` of fields (F, 3), whose derivative is ``D_v D_u - D_u D_v``
-    (Eqs. 10 and 11), (F, 3). On smoothly varying meshes the error falls as the edge length.
+    """Return the Lie bracket ``[v, u]`` of fields (F, 3), (F, 3).
+
+    Its derivative is ``D_v D_u - D_u D_v`` (Eqs. 10 and 11). On smoothly varying meshes the error
+    is proportional to the edge length.
     """
     first, second = _in_frames(mesh, v, u)
     with np.errstate(over="ignore", invalid="ignore"):
         found = lie_bracket(mesh, first) @ second.ravel()
     if not np.isfinite(found).all():
-        raise ParameterError("the bracket overflows: scale the fields down")
+        raise ParameterError("the Lie bracket overflows; scale the fields down")
     return to_ambient(mesh, found.reshape(-1, 2))
 
 
 def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
-    """Compute ``exp(t matrix) x`` to rounding; not finite where it overflows."""
+    """Compute ``exp(t matrix) x`` to rounding; the result is not finite if it overflows."""
     bound = abs(t) * float(np.min([abs(matrix).sum(axis=axis).max() for axis in (0, 1)]))
     if not bound <= _NORM_LIMIT:
         raise AdvectionError(
-            f"the exponential of a matrix of norm {bound:.0e} was asked for (at most "
-            f"{_NORM_LIMIT:.0e}): shorten the time or slow the field"
+            f"time times the norm of the matrix is {bound:.0e}; expected at most "
+            f"{_NORM_LIMIT:.0e}. Shorten the time or slow the field."
         )
     steps = max(1, int(np.ceil(bound / _STEP_NORM)))
     for _ in range(steps):
@@ -137,35 +143,37 @@ def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
 
 
 def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> FloatArray:
-    """Return a field ``u`` (F, 3) carried along the flow of ``v`` (F, 3), in the mesh's length unit
-    per unit of time, for a time of either sign: ``exp(-t ad_v) u``.
+    """Return a field ``u`` pushed forward along the flow of ``v``: ``exp(-t ad_v) u``, (F, 3).
 
-    Eq. 12 prints ``exp(t ad_v)``. With the bracket of Eq. 10 that is the pullback, which is the
-    pushforward for ``-t``: rotating a sphere, for example, must turn a field along.
+    Fields are in the mesh's length unit per unit of time; ``t`` may be negative. Eq. 12 prints
+    ``exp(t ad_v)``. With the bracket of Eq. 10 that is the pullback, which is the pushforward for
+    ``-t``. The sign matters: rotating a sphere, for example, must rotate a field with it.
     """
     if not is_finite_number(t):
-        raise AdvectionError(f"t is {brief(t)}; expected a finite time: shorten the time")
+        raise AdvectionError(f"t is {brief(t)}; expected a finite time. Shorten the time.")
     velocity, field = _in_frames(mesh, v, u)
-    carried = exponential_action(lie_bracket(mesh, velocity), field.ravel(), -t)
-    if not np.isfinite(carried).all():
-        raise AdvectionError("the carried field overflows: shorten the time or slow the field")
-    return to_ambient(mesh, carried.reshape(-1, 2))
+    pushed = exponential_action(lie_bracket(mesh, velocity), field.ravel(), -t)
+    if not np.isfinite(pushed).all():
+        raise AdvectionError(
+            "the field overflows along the flow; shorten the time or slow the field"
+        )
+    return to_ambient(mesh, pushed.reshape(-1, 2))
 
 
 def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Split a field (F, 3) of any unit into a gradient, a rotated gradient and a harmonic field.
 
-    The three are orthogonal in L2 and sum to ``v``, both to rounding; a normal part is dropped. On
-    a boundary the gradient takes all flux through it: the other two are tangent to the boundary.
-    They are the gradient, face by face, of an edge (Crouzeix-Raviart) function; that of a vertex
-    function that vanishes on the boundary, turned by 90 degrees; and the rest, of as many
-    dimensions as there are independent loops.
+    The three are orthogonal in L2 and sum to ``v``, both up to rounding; a normal part is dropped.
+    On a boundary the gradient takes all flux through it, and the other two are tangent to the
+    boundary. The first part is the gradient, face by face, of an edge (Crouzeix-Raviart) function.
+    The second is the gradient of a vertex function that vanishes on the boundary, rotated by 90
+    degrees. The remainder is harmonic; its dimension is the number of independent loops.
     """
     field = to_frame(mesh, check_field(mesh, v, "v")).ravel()
     gradient, rotated = (project(field) for project in _projections(mesh))
     parts = (gradient, rotated, field - gradient - rotated)
     if not np.isfinite(parts[2]).all():
-        raise ParameterError("the parts of v overflow: scale it down")
+        raise ParameterError("the parts of v overflow; scale it down")
     first, second, third = (to_ambient(mesh, part.reshape(-1, 2)) for part in parts)
     return first, second, third
 
@@ -174,7 +182,7 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
 def _projections(mesh: TriangleMesh) -> tuple[Projection, Projection]:
     """Return ``G_F``-orthogonal projections of coefficients (2F,) onto both gradients' ranges."""
     edges, vertices = hodge_gradients(mesh)
-    # pinched vertices do not join edges
+    # a pinched vertex does not connect the edges of its parts
     first_faces = np.unique(mesh.parts, return_index=True)[1]
     first_edges, first_vertex = mesh.face_edges[first_faces, 0], np.arange(int(mesh.is_closed))
     mass = field_mass(mesh)
@@ -198,25 +206,27 @@ def commuting_fields(
 ) -> FloatArray:
     """Find the smoothest fields that commute with ``v``, smoothest first (section 6, Figure 5).
 
-    Minimises ``|div u|^2 + |curl u|^2 + weight |[v, u]|^2 / |v|^2`` (norms in L2, ``|v|`` the root
-    mean square) over fields of unit norm that are orthogonal in L2 to ``v``, which commutes with
-    itself, and to each other; boundary condition of `hodge_laplacian`. Where ``v`` has a first
-    integral ``f``, all products of ``v`` with functions of ``f`` commute with it and are found too.
-    On a mesh no other field commutes exactly, so a weight takes the place of the constraint; the
-    bracket vanishes in proportion to the edge length on smoothly varying meshes.
+    It minimises ``|div u|^2 + |curl u|^2 + weight |[v, u]|^2 / |v|^2`` over fields of unit norm.
+    Norms are in L2, and ``|v|`` is the root mean square. The fields are orthogonal in L2 to each
+    other and to ``v``, which commutes with itself. The boundary condition is that of
+    `hodge_laplacian`. If ``v`` has a first integral ``f``, the products of ``v`` with functions of
+    ``f`` commute with it and are also found. On a mesh no other field commutes exactly, so a weight
+    replaces the constraint. The bracket vanishes in proportion to the edge length on smoothly
+    varying meshes.
 
     Parameters
     ----------
     v : (F, 3) array
         Tangent vectors, in any unit; a normal part is dropped.
     weight : float, optional
-        Of the bracket; by default sqrt(area) over the mean edge length, 0 for the smoothest of all.
+        Weight of the bracket; by default sqrt(area) over the mean edge length. 0 gives the
+        smoothest fields of all.
 
     Returns
     -------
     (count, F, 3) array
-        Each with the root mean square of ``v``, and a positive product with ``v`` turned by 90
-        degrees plus ``v`` times its squared speed, unless that vanishes.
+        Fields with the root mean square of ``v``. Each has a positive product with ``v`` rotated by
+        90 degrees plus ``v`` times its squared speed, unless that vanishes.
     """
     field = to_frame(mesh, check_field(mesh, v, "v"))
     areas = face_areas(mesh)
@@ -225,49 +235,50 @@ def commuting_fields(
         speed = float(np.sqrt(areas @ (field**2).sum(axis=1) / area))
     if not 0 < speed < np.inf:
         raise ParameterError(
-            "v is zero, or overflows when squared: every field commutes with none; give a field"
+            "v is zero, or its square overflows; expected a field that is not zero"
         )
     most = len(areas)
     if not is_integer(count, 1, most):
         raise ParameterError(
-            f"{brief(count)} commuting fields asked for; on {most} faces it can be 1 to {most}"
+            f"{brief(count)} commuting fields requested; expected 1 to {most} on {most} faces"
         )
     if weight is None:
         weight = float(np.sqrt(area) / edge_lengths(mesh).mean())
     if not (is_finite_number(weight) and 0 <= float(weight) <= _WEIGHT_MAX):
         raise ParameterError(
-            f"weight is {brief(weight)}; expected a number of at least 0 and at most "
-            f"{_WEIGHT_MAX:g}"
+            f"weight is {brief(weight)}; expected a number from 0 to {_WEIGHT_MAX:g}"
         )
     field = field / speed
-    # in units of it, the L2 norm is that of coefficients
+    # coefficients times this root have the L2 norm as their Euclidean norm
     root = np.sqrt(np.repeat(areas / area, 2))
-    times, over = sparse.diags_array(root), sparse.diags_array(1 / root)
-    hodge = over @ hodge_laplacian(mesh) @ over  # area * G_F^-1/2 (G_F Delta) G_F^-1/2
-    bracket = np.sqrt(area) * Matrix(times @ lie_bracket(mesh, field) @ over)
+    scale, inverse_scale = sparse.diags_array(root), sparse.diags_array(1 / root)
+    # area * G_F^-1/2 (G_F Delta) G_F^-1/2
+    hodge = inverse_scale @ hodge_laplacian(mesh) @ inverse_scale
+    bracket = np.sqrt(area) * Matrix(scale @ lie_bracket(mesh, field) @ inverse_scale)
     operator = Matrix(hodge + float(weight) * (bracket.T @ bracket))
     found = _lowest(operator, root * field.ravel(), int(count))
     fields = (found.T / root).reshape(-1, *field.shape)
-    turned = (rotation(mesh) @ field.ravel()).reshape(field.shape)
-    usual = turned + field * (field**2).sum(axis=1, keepdims=True)
-    fields[np.einsum("f,nfk,fk->n", areas, fields, usual) < 0] *= -1
+    rotated = (rotation(mesh) @ field.ravel()).reshape(field.shape)
+    reference = rotated + field * (field**2).sum(axis=1, keepdims=True)
+    fields[np.einsum("f,nfk,fk->n", areas, fields, reference) < 0] *= -1
     return to_ambient(mesh, speed * fields)
 
 
 def relative_bracket(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> float:
-    """Return ``sqrt(area) |[v, u]| / (|v| |u|)``, with root mean squares, of fields (F, 3) with
-    speed: without unit, 0 for fields that commute.
+    """Return ``sqrt(area) |[v, u]| / (|v| |u|)`` of fields (F, 3), with root mean squares.
+
+    It has no unit, and is 0 for fields that commute.
     """
     areas = face_areas(mesh)
     of_v, of_u = (float(np.sqrt(areas @ (w**2).sum(axis=1))) for w in _in_frames(mesh, v, u))
     both = float(np.sqrt(areas @ (lie_bracket_of(mesh, v, u) ** 2).sum(axis=1)))
     if of_v * of_u == 0:
-        raise ParameterError("v or u is zero, so the bracket has nothing to be relative to")
+        raise ParameterError("v or u is zero, so the relative bracket is not defined")
     return float(areas.sum()) * both / (of_v * of_u)
 
 
 def _lowest(operator: Matrix, known: FloatArray, count: int) -> FloatArray:
-    """Return the lowest eigenvectors orthogonal to ``known``, (n, count), by inverses."""
+    """Return the lowest eigenvectors orthogonal to ``known``, (n, count), by inverse iteration."""
     size = len(known)
     solve = factor(Matrix(operator + sparse.eye_array(size)))
     of_known = solve(known)

@@ -1,4 +1,4 @@
-"""The flow of a field: functions carried along it, and points that follow it."""
+"""The flow of a field: functions advected along it, and points that follow it."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Advection of functions along fields in a row, with the adjoint, and to many times at once."""
+"""Advection of functions along consecutive fields, with the adjoint, and to many times at once."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from abfm.types import FloatArray
 
 
 class LinearizedFlow:
-    """``id - t D_v`` of one field: the first two terms of the exponential (Eq. 5)."""
+    """``id - t D_v`` of one field, the first two terms of the exponential (Eq. 5)."""
 
-    rho = 0.0  # a step is one product, however long it is
+    rho = 0.0  # a step is one product, whatever its length
 
     def __init__(self, pattern: DerivativePattern, v: FloatArray) -> None:
         self.pattern, self.values = pattern, pattern.values(v)
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
-        """Make one step of length ``t`` from ``f`` (V,)."""
+        """Advect ``f`` (V,) by one step of length ``t``."""
         return Trajectory(t, [Segment(f, 1)], f - t * self._derivative(f))
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
@@ -32,8 +32,8 @@ class LinearizedFlow:
         rows = np.repeat(dual, np.diff(pattern.indptr))
         entries = -trajectory.step * rows[:, None] * start[pattern.indices]
         pattern.add_chain_rule(entries, gradient)
-        carried = pattern.product(pattern.transposed(self.values), dual)
-        return mu - trajectory.step * pattern.extended_dual(carried)
+        derivative = pattern.product(pattern.transposed(self.values), dual)
+        return mu - trajectory.step * pattern.extended_dual(derivative)
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
         return f - times[:, None] * self._derivative(f)
@@ -43,18 +43,18 @@ class LinearizedFlow:
 
 
 class Advection:
-    """The flows of N fields in a row, each for a time ``step``, made by `Discretisation.flow`."""
+    """The flows of N consecutive fields, each for a time ``step``, by `Discretisation.flow`."""
 
     def __init__(self, parts: Sequence[ExponentialFlow | LinearizedFlow], step: float) -> None:
         self.parts, self.step = parts, step
 
     @property
     def exponent(self) -> float:
-        """Spectral bound times time: about how many products with ``D_v`` an advection costs."""
+        """Spectral bound times time, about the number of products with ``D_v`` of an advection."""
         return self.step * sum(part.rho for part in self.parts)
 
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
-        """Advect ``f`` (V,) to the end: a trajectory per field, the last with the result."""
+        """Advect ``f`` (V,) to the end; return a trajectory per field, the last with the result."""
         trajectories: list[Trajectory] = []
         for part in self.parts:
             trajectories.append(part.forward(f, self.step, keep))
@@ -64,24 +64,24 @@ class Advection:
     def backward(
         self, trajectories: list[Trajectory], mu: FloatArray, gradient: FloatArray
     ) -> None:
-        """Add the derivative by the fields to ``gradient`` (N, F, 2), for that by the end."""
+        """Add the derivative by the fields to ``gradient`` (N, F, 2), given that by the result."""
         for j in reversed(range(len(self.parts))):
             mu = self.parts[j].backward(trajectories[j], mu, gradient[j])
 
     def at(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Carry a function ``f`` (V,) to each of the times (T,) -> (T, V), see `abfm.Flow`."""
+        """Advect a function ``f`` (V,) to each of the times (T,), (T, V); see `abfm.Flow`."""
         out = np.empty((len(times), len(f)))
         order = np.argsort(np.abs(times), kind="stable")
         ahead, back = order[times[order] >= 0], order[times[order] < 0]
         part = self.parts[0]
         is_one = isinstance(part, ExponentialFlow) and len(self.parts) == 1
-        for chosen, carry in ((ahead, self._to_later_times), (back, self._to_earlier_times)):
+        for chosen, advect in ((ahead, self._to_later_times), (back, self._to_earlier_times)):
             if len(chosen):
-                out[chosen] = (part.span if is_one else carry)(f, times[chosen])
+                out[chosen] = (part.span if is_one else advect)(f, times[chosen])
         return out
 
     def _to_later_times(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Carry to ascending times."""
+        """Advect to ascending times."""
         out = np.empty((len(times), len(f)))
         owner = np.maximum(np.ceil(times / self.step * (1 - 1e-12)) - 1, 0)
         for j in range(int(owner[-1]) + 1):
@@ -94,7 +94,7 @@ class Advection:
         return out
 
     def _to_earlier_times(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Carry to negative times, each by itself."""
+        """Advect to negative times, each separately."""
         out = np.empty((len(times), len(f)))
         for row, t in enumerate(-times):
             last = max(int(np.ceil(t / self.step * (1 - 1e-12))) - 1, 0)
@@ -107,7 +107,7 @@ class Advection:
 
 
 class Discretisation:
-    """How functions are advected on a mesh, on vertices or clusters, and in which memory."""
+    """The discrete advection of functions on a mesh, on vertices or clusters, with its memory."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class Discretisation:
     ) -> None:
         self.mesh, self.method = mesh, method
         self.pattern = derivative_pattern(mesh) if pattern is None else pattern
-        self.size = self.pattern.size  # values of a function: vertices, or clusters of them
+        self.size = self.pattern.size  # values of a function: one per vertex or per cluster
         self.workspace = Workspace(self.size)
 
     def clustered(self) -> Discretisation:
@@ -125,8 +125,9 @@ class Discretisation:
         return Discretisation(self.mesh, self.method, clustered_pattern(self.mesh))
 
     def flow(self, fields: FloatArray, tau: float, tolerance: float = TOLERANCE) -> Advection:
-        """Return the flow of N fields (N, F, 2) in a row, each for ``tau / N``. Terms that earlier
-        flows keep in the workspace are forgotten.
+        """Return the flow of N consecutive fields (N, F, 2), each for ``tau / N``.
+
+        It releases the terms that earlier flows stored in the workspace.
         """
         self.workspace.release()
         parts = [

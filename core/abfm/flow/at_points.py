@@ -1,4 +1,4 @@
-"""A continuous field at points of a surface, and straight ways from them over its faces."""
+"""A continuous field at points of a surface, and straightest geodesics from them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from abfm.types import BoolArray, FloatArray, IndexArray
 
 
 def vectors_at(mesh: TriangleMesh, field: FloatArray, points: SurfacePoints) -> FloatArray:
-    """Return a field (F, 3), made continuous as flow lines have it, at points (P,), (P, 3)."""
+    """Return a field (F, 3), made continuous as for flow lines, at points (P,), (P, 3)."""
     unit = mesh.normalized()
     vectors = smooth_flow(unit, field).vectors[points.faces]
     places = np.empty((len(points.faces), 2))
@@ -25,10 +25,10 @@ def vectors_at(mesh: TriangleMesh, field: FloatArray, points: SurfacePoints) -> 
 def straightest_geodesics(
     mesh: TriangleMesh, start: SurfacePoints, vectors: FloatArray
 ) -> tuple[SurfacePoints, BoolArray]:
-    """Go straight over the faces from points (P,) by vectors (P, 3) of their faces' planes, which
-    give directions and lengths: the straightest ways of Polthier and Schmies, 1998.
+    """Follow the straightest geodesics [Polthier and Schmies, 1998] from points (P,).
 
-    Returns where they end, and which of them met no boundary, (P,); others end where they began.
+    The vectors (P, 3), in the planes of the faces of the points, give directions and lengths.
+    Returns the ends, and which geodesics met no boundary, (P,). The others end at their start.
     """
     unit, faces = mesh.normalized(), start.faces.copy()
     frames = face_frames(mesh)[faces]
@@ -44,7 +44,7 @@ def straightest_geodesics(
 
 @per_mesh
 def _unfolded(mesh: TriangleMesh) -> SmoothFlow:
-    """Prepare walks: what they need of a field is the same whatever that is."""
+    """Return a flow of a zero field: the data for geodesics, which do not depend on a field."""
     return smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
 
 
@@ -52,6 +52,7 @@ def _unfolded(mesh: TriangleMesh) -> SmoothFlow:
 def walk(
     flow: SmoothFlow, faces: IndexArray, places: FloatArray, ways: FloatArray, inside: BoolArray
 ) -> None:
+    """Follow geodesics along ``ways`` (P, 2) in the face frames; update faces and places."""
     for i in range(faces.size):
         x, y, u, v = places[i, 0], places[i, 1], ways[i, 0], ways[i, 1]
         end = walk_straight(flow, Walker(faces[i], x, y, u, v), False)

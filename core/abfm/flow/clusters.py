@@ -1,6 +1,7 @@
-"""Vertices that are held together, so that a few thin triangles do not set the cost of an
-advection: the number of products with ``D_v`` grows with a vertex's largest share of the rates of
-its faces over its area, which needles make a hundred times the usual one.
+"""Clusters of vertices, so that a few thin triangles do not determine the cost of an advection.
+
+The number of products with ``D_v`` grows with the largest rate of a vertex. That is the sum of the
+rates of its faces over its area. Slivers make it a hundred times the usual rate.
 """
 
 import numpy as np
@@ -9,19 +10,22 @@ from abfm.calculus.operators import edge_lengths, vertex_areas
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IndexArray
 
-# times the median of all rates, beyond which a vertex is joined with a neighbour
+# ratio to the median rate beyond which a vertex is joined with a neighbour
 RATE_RATIO_MAX = 3.0
-# of the median edge, times the root of how many times too fast: longer ones do not join vertices
+# longest edge that joins vertices, in median edges, for a rate at the limit; it grows with the
+# square root of the rate
 _NEIGHBOUR_DISTANCE_MAX = 0.5
 _ROUNDS = 12  # of joining pairs
-# times the usual rates: what is gained by less is not worth another discretisation
+# smaller gains do not justify a second discretisation
 _RATE_GAIN_MIN = 1.5
 
 
 @per_mesh
 def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
-    """Return the cluster of each vertex, (V,), or None: in each round, pairs at the ends of the
-    shortest edges join, a cluster one other at most.
+    """Return the cluster of each vertex, (V,), or None if clusters gain little.
+
+    In each round, the pairs at the ends of the shortest edges join; a cluster joins at most one
+    other cluster per round.
     """
     clusters = np.arange(len(mesh.vertices))
     rates = cluster_rates(mesh, clusters)
@@ -48,7 +52,7 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
 
 def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
-    """Sum what the entries in a cluster's row of ``D_v`` can be for a field of length 1."""
+    """Return bounds of the absolute row sums of ``D_v`` on clusters, for fields of length 1."""
     slopes = edge_lengths(mesh)[mesh.face_edges] / 6
     corners = clusters[mesh.faces]
     count = int(clusters.max()) + 1
@@ -56,7 +60,7 @@ def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
     for corner in range(3):
         others = [(corner + 1) % 3, (corner + 2) % 3]
         first, second = (slopes[:, k] * (corners[:, k] != corners[:, corner]) for k in others)
-        # minus the sum of the others
+        # the entry is minus the sum of the other two
         own = np.where((first > 0) & (second > 0), slopes[:, corner], first + second)
         together = corners[:, others[0]] == corners[:, others[1]]
         both = own + np.where(together, own, first + second)

@@ -1,9 +1,9 @@
-"""The flow of a field made continuous, so that lines along it bend instead of having kinks at
-edges: a witness for the maps that advection gives.
+"""The flow of a field made continuous; it checks the maps of the discrete advection.
 
-Each vertex gets the vector of `corner_fit`; inside a face these are interpolated. Points follow the
-field by the midpoint rule, straight over the edges; from a vertex they begin in the face that the
-field leads into. On smooth fields the error falls with the square of the edge length.
+Each vertex gets the vector of `corner_fit`, and inside a face these vectors are interpolated. Flow
+lines then bend instead of having kinks at edges. Points follow the field by the midpoint rule,
+straight across edges. From a vertex they begin in the face that the field leads into. On smooth
+fields the error falls with the square of the edge length.
 """
 
 from __future__ import annotations
@@ -26,30 +26,32 @@ from abfm.numerics.real_numbers import is_finite_number
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
-STEP = 0.5  # of a walk, at most, in square roots of the area of the face where it begins
-STEP_LIMIT = 20_000  # steps of one point along one field; it then stays where it is
+STEP = 0.5  # largest step, in square roots of the area of the face where it begins
+STEP_LIMIT = 20_000  # steps of one point along one field; the point then stops
 _MEAN_LIMIT = 10_000  # steps of a point on average over the surface
-_LENGTH_MIN = 1e-12  # a part of the face so short is no way
-# of the way to a face's centre: at a vertex rounding would choose the side on which to pass it
+_LENGTH_MIN = 1e-12  # shorter steps, relative to the face, are not taken
+# Points are moved by this share of the distance to the centre of their face. Otherwise rounding
+# would choose the side on which a flow line passes a vertex.
 _INWARD_SHARE = 1e-10
-_CHUNK = 4096  # points between checkpoints: 0.2 s where they go over a hundred faces each
-_CROSSINGS = 64  # edges that a step may meet before the walk counts as caught at a vertex
+_CHUNK = 4096  # points between checkpoints: 0.2 s if they cross a hundred faces each
+_CROSSINGS = 64  # edges that a step may cross before it counts as caught at a vertex
 _CENTRES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # of children, in weights
-# of a way's squared length: less is left where it slid along the boundary
+# a step that lost more of its squared length has slid along the boundary
 _STRAIGHT_SHARE_MIN = 1 - 1e-9
 Face: TypeAlias = int | np.int64
 
 
 class ContinuousFlow:
-    """The flow of a field made continuous, or of N fields in a row, each for ``tau / N``.
+    """The flow of a field made continuous, or of N consecutive fields, each for ``tau / N``.
 
-    At the boundary a point goes on along it with the part of the field that leads along it.
+    At the boundary a point continues along it with the tangential part of the field.
 
     Parameters
     ----------
     velocity : (F, 3) or (N, F, 3) array
-        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped. Also
-        (4^k F, 3) or (N, 4^k F, 3), on the mesh subdivided k times; points stay those of the mesh.
+        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped.
+        Arrays (4^k F, 3) or (N, 4^k F, 3) are fields on the mesh subdivided k times. Points always
+        refer to the mesh itself.
     tau : float
         End time, positive or 0.
     """
@@ -59,14 +61,12 @@ class ContinuousFlow:
         self.fields, self._refined = checked_fields(mesh, velocity)
         fine = refined(mesh, self._refined)
         if not (is_finite_number(tau) and tau >= 0):
-            raise ParameterError(
-                f"tau is {brief(tau)}; expected a finite time that is not negative"
-            )
+            raise ParameterError(f"tau is {brief(tau)}; expected a finite time of at least 0")
         self.tau = float(tau)
         sizes = np.sqrt(face_areas(fine)) / mesh.length_scale
         with np.errstate(over="ignore", invalid="ignore"):
             speeds = [np.linalg.norm(v / mesh.length_scale, axis=1) for v in self.fields]
-            # faces that a point meets per unit of time, on average by areas sizes^2
+            # faces that a point crosses per unit of time, averaged with the areas sizes^2
             self._pace = np.array([float(sizes @ speed) for speed in speeds])
         self._cache: tuple[int, IndexArray, SmoothFlow] | None = None
         self._spans(0.0, self.tau)
@@ -74,24 +74,26 @@ class ContinuousFlow:
     def destinations(
         self, start: SurfacePoints | None = None, t: float | None = None
     ) -> SurfacePoints:
-        """Carry points of the mesh along the flow to ``t``, `tau` by default; all vertices by
-        default. Beyond `tau` the last field goes on.
+        """Move points along the flow to ``t``, `tau` by default; all vertices by default.
+
+        Beyond `tau` the last field continues.
         """
         return self.between(start, 0.0, self.tau if t is None else t)
 
     def origins(self, start: SurfacePoints | None = None, t: float | None = None) -> SurfacePoints:
-        """Carry points back along the flow from ``t``, `tau` by default; all vertices by default.
-        There their values came from: `pull_back` of a function is the function carried to ``t``.
+        """Move points back along the flow from ``t``, `tau` by default; all vertices by default.
+
+        `pull_back` of a function at the origins gives the function advected to ``t``.
         """
         return self.between(start, self.tau if t is None else t, 0.0)
 
     def between(self, start: SurfacePoints | None, begin: float, end: float) -> SurfacePoints:
-        """Carry points (all vertices if None) from a time to a later one, or back to an earlier.
+        """Move points (all vertices if None) from a time to a later one, or back to an earlier one.
 
         Raises
         ------
         ParameterError
-            If a time is negative, or points go over too many faces.
+            If a time is negative, or points cross too many faces.
         """
         spans = self._spans(min(begin, end), max(begin, end))
         if end < begin:
@@ -99,9 +101,11 @@ class ContinuousFlow:
         return self._walked(start, spans)
 
     def _spans(self, begin: float, end: float) -> list[tuple[int, float]]:
-        """Return the fields, by number, between ascending times, and how long each lasts there."""
+        """Return the fields between ascending times, by number, with the duration of each."""
         if not 0 <= begin <= end < math.inf:
-            raise ParameterError(f"flow lines from time {begin:g} to {end:g}: times are 0 or later")
+            raise ParameterError(
+                f"flow lines from time {begin:g} to {end:g}; expected finite times of at least 0"
+            )
         starts = np.arange(len(self.fields)) * (self.tau / len(self.fields))
         ends = np.append(starts[1:], math.inf)
         lasting = np.maximum(np.minimum(ends, end) - np.maximum(starts, begin), 0)
@@ -109,24 +113,25 @@ class ContinuousFlow:
             faces = float(self._pace @ lasting)
         if not faces <= STEP * _MEAN_LIMIT:
             raise ParameterError(
-                f"velocity leads points over {faces:.0e} faces on average (at most "
-                f"{STEP * _MEAN_LIMIT:.0e}): scale it down or shorten the time"
+                f"velocity moves points across {faces:.0e} faces on average; expected at most "
+                f"{STEP * _MEAN_LIMIT:.0e}. Scale it down or shorten the time."
             )
         return [(j, duration) for j, duration in enumerate(lasting.tolist()) if duration]
 
     def _smooth(self, j: int) -> tuple[IndexArray, SmoothFlow]:
-        """Return a field made continuous, at corners (F, 3) and for walks; that of the last one
-        asked for is kept.
+        """Return a field made continuous, at corners (F, 3) and for flow lines.
+
+        The result for the latest field is cached.
         """
-        kept = self._cache
-        if kept is None or kept[0] != j:
+        cached = self._cache
+        if cached is None or cached[0] != j:
             unit = refined(self.mesh, self._refined).normalized()
             vectors = corner_vectors(unit, self.fields[j] / self.mesh.length_scale)
-            self._cache = kept = j, vectors, from_corners(unit, vectors)
-        return kept[1:]
+            self._cache = cached = j, vectors, from_corners(unit, vectors)
+        return cached[1:]
 
     def _walked(self, start: SurfacePoints | None, spans: list[tuple[int, float]]) -> SurfacePoints:
-        """Walk along fields, by number, each for a time of either sign."""
+        """Move points along fields, by number, each for a time of either sign."""
         mesh, k = self.mesh, self._refined
         faces, barycentric = start_points(mesh, vertex_points(mesh) if start is None else start)
         faces, barycentric = to_children(faces, barycentric, k)
@@ -153,19 +158,22 @@ class ContinuousFlow:
 
 
 class SmoothFlow(NamedTuple):
-    """A continuous field, made for walks; places are in the faces' frames, from corner 0."""
+    """A continuous field, prepared for flow lines; places are in face frames.
 
-    # (F, 3, 2): at the first corner, and how they change per unit of x and of y
+    The origin of a frame is corner 0.
+    """
+
+    # (F, 3, 2): vector at the first corner, and its derivatives by x and by y
     vectors: FloatArray
     gradients: FloatArray  # (F, 3, 2), of the hat functions
-    # (F, 3, 4), to the frame behind the edge opposite each corner: cosine, sine, and the shift
+    # (F, 3, 4), map to the frame behind the edge opposite each corner: cosine, sine, and shift
     unfolding: FloatArray
     # (F, 3), slot 3 f + k on the other side of that edge, -1 on the boundary
     neighbours: IndexArray
 
 
 class Walker(NamedTuple):
-    """A place (x, y) in the frame of a face, -1 behind a boundary, and a way (u, v) seen there."""
+    """A place (x, y) in the frame of a face (-1 beyond a boundary), and a vector (u, v) there."""
 
     face: Face
     x: float
@@ -175,12 +183,12 @@ class Walker(NamedTuple):
 
 
 def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
-    """Make a field (F, 3) continuous, with lengths in a unit; faces without speed keep none."""
+    """Make a field (F, 3) continuous, with lengths in a unit; faces without speed stay without."""
     return from_corners(mesh, corner_vectors(mesh, field), unit)
 
 
 def from_corners(mesh: TriangleMesh, vectors: IndexArray, unit: float = 1.0) -> SmoothFlow:
-    """Make walks along the field that `corner_vectors` (F, 3) are of."""
+    """Prepare flow lines of the field with the `corner_vectors` (F, 3)."""
     gradients, unfolding = hat_gradients(mesh), _unfolding(mesh)
     if unit != 1.0:
         gradients, unfolding = gradients * unit, unfolding / [1.0, 1.0, unit, unit]
@@ -200,7 +208,7 @@ def _unfolding(mesh: TriangleMesh) -> FloatArray:
 
 
 def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Return a field (F, 3), made continuous, at the centres of the subdivided mesh's faces."""
+    """Return a field (F, 3), made continuous, at the face centres of the subdivided mesh."""
     vectors, corners = smooth_flow(mesh, field).vectors, mesh.vertices[mesh.faces]
     sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(mesh))
     places = np.einsum("qc,fck->fqk", _CENTRES[:, 1:], sides)
@@ -209,19 +217,20 @@ def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
 
 
 def angular_offsets(vectors: IndexArray, middles: IndexArray, angles: FloatArray) -> FloatArray:
-    """Return how far vectors lead aside of the middles of corners, in angles of these; infinite for
-    those that lead nowhere.
+    """Return the angles between vectors and the middles of corners, relative to the corner angles.
+
+    The offset of a zero vector is infinite.
     """
     return np.where(vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / angles)
 
 
 def downstream_slots(mesh: TriangleMesh, vectors: IndexArray) -> IntArray:
-    """Return each vertex's slot ``3 f + k`` in the face that `corner_vectors` lead into."""
+    """Return each vertex's slot ``3 f + k`` in the face that its `corner_vectors` lead into."""
     around = corners(mesh)
     off = angular_offsets(vectors, around.middles, around.angles)
     slots = np.argsort(-off, axis=None, kind="stable")
     ahead = np.empty(len(mesh.vertices), dtype=np.int64)
-    ahead[mesh.faces.ravel()[slots]] = slots  # of repeated vertices the last one stays
+    ahead[mesh.faces.ravel()[slots]] = slots  # the last assignment to a vertex wins
     return ahead
 
 
@@ -231,6 +240,7 @@ def _pairs(numbers: IndexArray) -> FloatArray:
 
 @kernel
 def vector_at(flow: SmoothFlow, f: Face, x: float, y: float) -> tuple[float, float]:
+    """Return the vector of a continuous field at a place (x, y) of face ``f``."""
     w = flow.vectors
     return (
         w[f, 0, 0] + x * w[f, 1, 0] + y * w[f, 2, 0],
@@ -240,8 +250,10 @@ def vector_at(flow: SmoothFlow, f: Face, x: float, y: float) -> tuple[float, flo
 
 @kernel
 def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walker:
-    """Apply the midpoint rule: ``step`` times the field halfway along a walker's way becomes its
-    way, in the frame where it is. Behind a boundary, unless it may ``slide``, the face is -1.
+    """Set a walker's vector to ``step`` times the field halfway along it (the midpoint rule).
+
+    The vector is given in the frame of the walker's face. Beyond a boundary the face is -1, unless
+    ``slide`` allows the walker to slide along it.
     """
     f, x, y, u, v = walker
     g, a, b, p, q = walk_straight(flow, Walker(f, x, y, u / 2, v / 2), slide)
@@ -252,7 +264,7 @@ def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walk
     if seen > _STRAIGHT_SHARE_MIN * length:
         cosine, sine = 2 * step * (p * u + q * v) / seen, 2 * step * (p * v - q * u) / seen
         u, v = cosine * r - sine * s, sine * r + cosine * s
-    elif seen > 0.0:  # it slid along the boundary: how much faster does it there?
+    elif seen > 0.0:  # it slid along the boundary; scale it by the ratio of the speeds
         ratio = max(2 * step * (p * r + q * s) / seen, 0.0)
         u, v = ratio * u, ratio * v
     return Walker(f, x, y, u, v)
@@ -260,7 +272,10 @@ def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walk
 
 @kernel
 def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walker:
-    """Go a walker's way over the faces; at a boundary ``slide`` along it or end with face -1."""
+    """Move a walker straight by its vector across faces.
+
+    At a boundary it slides along it with ``slide``; otherwise its face becomes -1.
+    """
     f, x, y, u, v = walker
     gradients, left, entered = flow.gradients, 1.0, -1
     for _ in range(_CROSSINGS):
@@ -295,7 +310,7 @@ def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walk
 def enter(
     gradients: FloatArray, faces: IndexArray, barycentric: FloatArray, places: FloatArray
 ) -> None:
-    """Write places (P, 2) in frames of points, moved inwards, with weights (P, 3)."""
+    """Write places (P, 2) in face frames of points with weights (P, 3), moved slightly inwards."""
     for i in range(faces.size):
         (a, b), (c, d) = gradients[faces[i], 1], gradients[faces[i], 2]
         second = (1 - _INWARD_SHARE) * barycentric[i, 1] + _INWARD_SHARE / 3
@@ -309,7 +324,7 @@ def enter(
 def leave(
     gradients: FloatArray, faces: IndexArray, places: FloatArray, barycentric: FloatArray
 ) -> None:
-    """Write weights (P, 3), none negative, of places (P, 2) in frames."""
+    """Write weights (P, 3), not negative, of places (P, 2) in face frames."""
     for i in range(faces.size):
         total = 0.0
         for c in range(3):
@@ -325,8 +340,10 @@ def leave(
 def advect_points(
     flow: SmoothFlow, sizes: FloatArray, duration: float, faces: IndexArray, places: FloatArray
 ) -> None:
-    """Move points for a time of either sign, in steps short against that in which the field changes
-    by as much as it is, so that points near its zeros do not jump.
+    """Move points along a continuous field for a time of either sign.
+
+    Steps are short compared with the time in which the field changes by its own size. Points near
+    zeros of the field therefore do not jump.
     """
     for i in range(faces.size):
         f, x, y = faces[i], places[i, 0], places[i, 1]

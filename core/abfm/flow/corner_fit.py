@@ -1,9 +1,10 @@
-"""Vectors at corners, one for each vertex, fitted to those of the faces around it.
+"""Vectors at the corners of faces, fitted to the vectors of the faces around each vertex.
 
-The faces around a vertex are unrolled into the plane, with angles scaled to a full turn where they
-close, as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013; a linear function is
-fitted to their vectors at their centres, and taken at the vertex. Vectors are complex numbers in
-the faces' frames. All but the vectors is made once for each mesh; the fit is linear in them.
+The faces around a vertex are unrolled into the plane. Angles are scaled to a full turn if the faces
+close, as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013. A linear function is
+fitted to the vectors at the centres of the faces, and evaluated at the vertex. Vectors are complex
+numbers in the frames of the faces. Everything except the vectors is computed once per mesh, and the
+fit is linear in the vectors.
 """
 
 from __future__ import annotations
@@ -18,36 +19,36 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
 from abfm.types import BoolArray, FloatArray, IndexArray
 
-_RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
+_RIDGE = 0.02  # relative regularisation of the fitted slope, for vertices with one or two faces
 
 
 def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
-    """Return a field (F, 3), made continuous, at corners, (F, 3); faces without speed keep none."""
+    """Return a field (F, 3), made continuous, at corners, (F, 3); zero faces keep zero corners."""
     vectors = as_complex(to_frame(mesh, field))
     return np.where(vectors[:, None] == 0, 0.0, fitted(mesh, vectors))
 
 
 def fitted(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
-    """Return what is fitted at corners (F, 3) to vectors in faces (F,)."""
+    """Return the vectors at corners (F, 3) fitted to vectors in faces (F,)."""
     fit = _fit(mesh)
     found = _sums(mesh, fit.weights * vectors[:, None])[mesh.corner_fans]
     return np.asarray(np.conj(fit.rotations) * found)
 
 
 def fitted_adjoint(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
-    """Return the adjoint of `fitted`: of vectors at corners (F, 3) those in faces (F,)."""
+    """Apply the adjoint of `fitted` to vectors at corners (F, 3); return vectors in faces (F,)."""
     fit = _fit(mesh)
     found = _sums(mesh, fit.rotations * vectors)[mesh.corner_fans]
     return np.asarray((np.conj(fit.weights) * found).sum(axis=1))
 
 
 class Corners(NamedTuple):
-    """What corners look like in the frames of their faces."""
+    """Corners of the faces, in the frames of the faces."""
 
-    places: IndexArray  # (F, 3), complex, the first one at zero
-    middles: IndexArray  # (F, 3), complex, of length 1: directions that halve them
+    places: IndexArray  # (F, 3), complex, the first corner at zero
+    middles: IndexArray  # (F, 3), complex, unit directions of the angle bisectors
     angles: FloatArray  # (F, 3)
-    scaled: FloatArray  # (F, 3), angles that add up to a full turn around inner vertices
+    scaled: FloatArray  # (F, 3), angles scaled to a full turn around inner vertices
 
 
 @per_mesh
@@ -68,7 +69,7 @@ def as_complex(pairs: FloatArray) -> IndexArray:
 
 class _Fit(NamedTuple):
     rotations: IndexArray  # (F, 3), complex, of length 1: from a face's frame to a vertex's plane
-    weights: IndexArray  # (F, 3), of a face's vector in the vertex's, with the rotation
+    weights: IndexArray  # (F, 3), of a face's vector in the fit at the vertex, with the rotation
 
 
 @per_mesh
@@ -88,7 +89,7 @@ def _fit(mesh: TriangleMesh) -> _Fit:
     ridge = _RIDGE * (xx + yy)
     xx, yy = xx + ridge, yy + ridge
     determinant = xx * yy - xy * xy
-    # one face has no slope, though rounding gives it some
+    # a single face has no slope; rounding may give it one
     has_slope = (np.bincount(fans.ravel()) > 1) & (determinant > 0)
     scale = np.where(has_slope, 1 / np.where(has_slope, determinant, 1.0), 0.0)
     x = scale * (yy * middles.real - xy * middles.imag)
@@ -98,7 +99,7 @@ def _fit(mesh: TriangleMesh) -> _Fit:
 
 
 def _sums(mesh: TriangleMesh, numbers: IndexArray) -> IndexArray:
-    """Add up what corners (F, 3) have in each of `TriangleMesh.corner_fans`."""
+    """Return the sums of values at corners (F, 3) over each of `TriangleMesh.corner_fans`."""
     fans = mesh.corner_fans.ravel()
     parts = (numbers.real, numbers.imag) if np.iscomplexobj(numbers) else (numbers,)
     sums = [np.bincount(fans, part.ravel()) for part in parts]
@@ -106,7 +107,7 @@ def _sums(mesh: TriangleMesh, numbers: IndexArray) -> IndexArray:
 
 
 def _is_closed(mesh: TriangleMesh) -> BoolArray:
-    """Tell which fans of faces go all the way around their vertex."""
+    """Return which fans of faces go all around their vertex."""
     fans = mesh.corner_fans
     open_slots = np.flatnonzero(mesh.opposite_slots.ravel() < 0)
     faces, corner = np.divmod(open_slots, 3)
@@ -118,8 +119,9 @@ def _is_closed(mesh: TriangleMesh) -> BoolArray:
 
 @kernel
 def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> None:
-    """Write, where there are negative numbers, the angles (F, 3) from the first side of each fan of
-    faces to the middles of its corners.
+    """Write the angles (F, 3) from the start of each fan of faces to the middles of its corners.
+
+    It fills the entries that are negative.
     """
     for slot in range(angles.size):
         if turns[slot // 3, slot % 3] >= 0.0:
@@ -137,14 +139,14 @@ def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> Non
 
 @kernel
 def adjacent_slot(neighbours: IndexArray, slot: int, turn: int) -> int:
-    """Return the vertex's slot in the next face, turning left (1) or right (2), -1 if none."""
+    """Return the vertex's slot in the next face, to the left (1) or right (2), or -1."""
     other = neighbours[slot // 3, (slot + turn) % 3]
     return -1 if other < 0 else 3 * (other // 3) + (other + turn) % 3
 
 
 @kernel
 def clockwise_end(neighbours: IndexArray, slot: int) -> int:
-    """Return the first slot of a vertex's fan of faces, or this one where the fan is closed."""
+    """Return the first slot of a vertex's fan of faces, or this slot if the fan is closed."""
     here, before = slot, adjacent_slot(neighbours, slot, 2)
     while before >= 0 and before != slot:
         here, before = before, adjacent_slot(neighbours, before, 2)

@@ -1,8 +1,8 @@
-"""The matrix of ``D_v``: a fixed sparsity, which one pass over the faces fills for a new field.
+"""The matrix of ``D_v``: a fixed sparsity, filled for a new field by one pass over the faces.
 
-Entries come in groups of seven of one row, as a vertex of valence six has: ``indptr`` counts
-groups, ``indices`` and values are (G, 7), and a row's last group is padded with zeros. All loads of
-a group come before its stores, which is what makes the adjoint fast.
+Entries come in groups of seven of one row, since a vertex of valence six has seven. ``indptr``
+counts groups, and ``indices`` and values are (G, 7). The last group of a row is padded with zeros.
+All loads of a group come before its stores, which makes the adjoint fast.
 """
 
 from dataclasses import dataclass
@@ -19,52 +19,52 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray
 
 GROUP = 7
-UNSIGNED_ONE = np.uint32(1)  # a signed one makes a signed index of the sum
-_BLOCK = 256  # rows at least
-_BLOCKED_VERTICES_MIN = 20_000  # vertices from which blocks pay
+UNSIGNED_ONE = np.uint32(1)  # a signed 1 would make the sum a signed index
+_BLOCK_ROWS_MIN = 256
+_BLOCKED_VERTICES_MIN = 20_000  # blocks do not pay on smaller meshes
 
 
 class Assembly(NamedTuple):
     """The linear map from a field to the entries of ``D_v``."""
 
     faces: IndexArray  # (F, 3)
-    positions: IndexArray  # (F, 3, 3), the entry of row corner a, column corner b
+    positions: IndexArray  # (F, 3, 3), position of the entry in row corner a, column corner b
     slopes: FloatArray  # (F, 3, 2), ``A_F / 3 grad phi``
     inverse_areas: FloatArray  # (V,)
 
 
 @dataclass(frozen=True)
 class DerivativePattern:
-    """The fixed sparsity of ``D_v`` (vertex adjacency with diagonal) and what fills it.
+    """The fixed sparsity of ``D_v`` (vertex adjacency with diagonal) and the data that fills it.
 
-    Vertices are renumbered so that neighbours are close in memory. Where vertices are held together
-    (`abfm.flow.clusters`), rows and columns are clusters, with one value each.
+    Vertices are renumbered so that neighbours are close in memory. With `abfm.flow.clusters`, rows
+    and columns are clusters with one value each.
     """
 
-    # (V,): f[order] is a function in the pattern's order; of clusters, their vertices in a row
+    # (V,): f[order] is a function in the pattern's order; vertices of a cluster are consecutive
     order: IndexArray
-    # (V,): f[rank] is a function back in the mesh's order; of clusters, each vertex's own one
+    # (V,): f[rank] is a function in the mesh's order; the cluster of each vertex
     rank: IndexArray
-    # (V,), of each vertex in its cluster's area; None where each vertex is one
+    # (V,), share of each vertex in the area of its cluster; None without clusters
     shares: FloatArray | None
     indptr: IndexArray  # (V + 1,), first group of each row
-    indices: IndexArray  # (G, 7), columns; the row itself where a group is padded
-    # (B + 1,), blocks of rows whose neighbours are in the same, the next or the last block
+    indices: IndexArray  # (G, 7), columns; the row itself as padding
+    # (B + 1,), blocks of rows whose neighbours are in the same, the next or the previous block
     bounds: IndexArray
-    transpose: IndexArray  # (7 G,), entry with row and column exchanged
+    transpose: IndexArray  # (7 G,), position of the entry with row and column exchanged
     assembly: Assembly  # in the mesh's order
 
     @property
     def size(self) -> int:
-        """Rows and columns."""
+        """Number of rows and columns."""
         return len(self.indptr) - 1
 
     def restricted(self, f: FloatArray) -> FloatArray:
-        """Bring a function (V,) into the pattern's order; means over clusters."""
+        """Return a function (V,) in the pattern's order, as means over clusters."""
         return f[self.order] if self.shares is None else self._summed(self.shares * f)
 
     def extended(self, f: FloatArray) -> FloatArray:
-        """Bring a function in the pattern's order back to the vertices (V,)."""
+        """Return a function in the pattern's order on the vertices (V,)."""
         return f[self.rank]
 
     def restricted_dual(self, mu: FloatArray) -> FloatArray:
@@ -95,19 +95,19 @@ class DerivativePattern:
         return out
 
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
-        """Add to ``out`` (F, 2) the derivative by ``v`` for that by the values of ``D_v``."""
+        """Add the derivative by ``v`` to ``out`` (F, 2), given that by the entries of ``D_v``."""
         assemble_transposed(self.assembly, entries.ravel(), out)
 
 
 @per_mesh
 def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
-    """Return the pattern for functions with a value on each vertex."""
+    """Return the pattern for functions with one value per vertex."""
     return _pattern(mesh, np.arange(len(mesh.vertices)), mesh.edges, mesh.face_edges)
 
 
 @per_mesh
 def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
-    """Return the pattern for functions with one value on each of `vertex_clusters`."""
+    """Return the pattern for functions with one value per cluster of `vertex_clusters`."""
     clusters = vertex_clusters(mesh)
     if clusters is None:
         return derivative_pattern(mesh)
@@ -122,7 +122,11 @@ def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
 def _pattern(
     mesh: TriangleMesh, clusters: IndexArray, edges: IndexArray, face_edges: IndexArray
 ) -> DerivativePattern:
-    """Build it from each vertex's cluster (V,), the clusters' edges, those opposite corners."""
+    """Return a pattern, from the cluster of each vertex (V,).
+
+    The edges are those between clusters, and ``face_edges`` (F, 3) are the edges opposite the
+    corners.
+    """
     count = int(clusters.max()) + 1
     ends = np.concatenate([edges, edges[:, ::-1]])
     ones = np.ones(len(ends), dtype=np.int8)
@@ -131,7 +135,7 @@ def _pattern(
     rank = place[clusters]
     groups = -(-(np.bincount(edges.ravel(), minlength=count)[np.argsort(place)] + 1) // GROUP)
     indptr = np.concatenate([[0], np.cumsum(groups)])
-    # for edges one way, then the other, then the diagonal: columns, and where they lie in groups
+    # edges in one direction, then in the other, then the diagonal: columns and slots in groups
     ends, diagonal = place[edges], np.arange(count)
     rows, columns = (np.concatenate([ends[:, k], ends[:, 1 - k], diagonal]) for k in (0, 1))
     numbers = np.arange(len(rows))
@@ -170,15 +174,15 @@ def _pattern(
 
 
 def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
-    """Return the ends of blocks, each with all the neighbours of the block before."""
+    """Return the bounds of blocks, each with all neighbours of the block before it."""
     count = len(indptr) - 1
     if count < _BLOCKED_VERTICES_MIN:
         return np.array([0, count])
     farthest = np.maximum.reduceat(indices.max(axis=1), indptr[:-1].astype(np.int64))
     reach = np.maximum.accumulate(farthest) + 1
-    bounds = [0, _BLOCK]
+    bounds = [0, _BLOCK_ROWS_MIN]
     while bounds[-1] < count:
-        bounds.append(min(count, max(bounds[-1] + _BLOCK, int(reach[bounds[-1] - 1]))))
+        bounds.append(min(count, max(bounds[-1] + _BLOCK_ROWS_MIN, int(reach[bounds[-1] - 1]))))
     return np.array(bounds)
 
 
@@ -196,7 +200,7 @@ def assemble(assembly: Assembly, v: FloatArray, out: FloatArray) -> None:
 
 @kernel
 def assemble_transposed(assembly: Assembly, entries: FloatArray, out: FloatArray) -> None:
-    """Add derivatives by the entries, as derivatives by the field (F, 2), to ``out``."""
+    """Add derivatives by the entries to ``out``, as derivatives by the field (F, 2)."""
     faces, positions, slopes, inverse_areas = assembly
     for f in range(faces.shape[0]):
         for b in range(3):

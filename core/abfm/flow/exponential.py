@@ -1,10 +1,10 @@
 """The action of ``exp(-t D_v)`` on functions, and its adjoint.
 
-The exponential is a Chebyshev series on the imaginary axis, where the spectrum of ``D_v`` lies up
-to small real parts: ``exp(-t D) f = sum_k c_k J_k(t rho) phi_k`` with Bessel functions ``J_k``,
-``c_0 = 1``, ``c_k = 2``, ``phi_0 = f``, ``phi_1 = -(D / rho) f`` and
-``phi_(k+1) = -2 (D / rho) phi_k + phi_(k-1)``. A long time is split into equal segments. The
-derivative is that of the sum as computed, so it is exact whatever the truncation.
+The exponential is a Chebyshev series on the imaginary axis, where the spectrum of ``D_v`` lies
+except for small real parts. It is ``exp(-t D) f = sum_k c_k J_k(t rho) phi_k`` with Bessel
+functions ``J_k``, ``c_0 = 1`` and ``c_k = 2``. The terms are ``phi_0 = f``, ``phi_1 = -(D / rho)
+f`` and ``phi_(k+1) = -2 (D / rho) phi_k + phi_(k-1)``. A long time is split into equal segments.
+The derivative is that of the computed sum, so it is exact for any truncation.
 """
 
 from __future__ import annotations
@@ -26,25 +26,27 @@ from abfm.flow.derivative import GROUP, UNSIGNED_ONE, DerivativePattern, dot, ga
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray
 
-TOLERANCE = 1e-10  # of the series where nothing else is asked for
-# terms this much larger than the function lose five digits: split the time instead
+TOLERANCE = 1e-10  # default truncation of the series
+# terms this much larger than the function lose five digits, so the time is split instead
 _GROWTH_LIMIT = 1e5
 _PRODUCT_LIMIT = 1e6
 _PRODUCTS_MIN = 2.0  # products per segment below which splitting cannot help
 _BOUND_MIN = 1e-100  # a zero field still needs a positive rho for its derivative
 _MEMORY = 70_000_000  # numbers
-# products; shorter ones spend more than half on the tail
+# Segment lengths in products. Shorter segments spend more than half of them on the tail.
 _SHORT_SEGMENT = 30.0
 _LONG_SEGMENT = 1000.0
-# of the largest value: less is nothing. Products with it are subnormal numbers, which take
-# processors many times as long; a narrow Gaussian has little else far from its centre
+# Smaller values, relative to the largest, count as 0. Their products are subnormal numbers, which
+# processors handle many times more slowly; a narrow Gaussian has mostly such values.
 _NEGLIGIBLE_SHARE = 1e-120
-_SWEEP = 4  # terms per sweep: their rows of the matrix together stay in the cache
+_SWEEP = 4  # terms per sweep, whose rows of the matrix stay in the cache together
 
 
 class RowProducts:
-    """How many rows of ``D_v``, or of its transpose, were multiplied with functions; ``is_shared``
-    says whether others counted meanwhile, as in another thread, who share what all did.
+    """Number of products of functions with rows of ``D_v`` or of its transpose.
+
+    ``is_shared`` is true if other counts were open at the same time, for example in another thread.
+    Each of them then includes the products of all.
     """
 
     count, is_shared = 0, False
@@ -55,7 +57,7 @@ _open_counts: list[RowProducts] = []
 
 @contextmanager
 def counted_row_products() -> Iterator[RowProducts]:
-    """Count what series and adjoints in the process cost: V for each term on V vertices."""
+    """Count the products of series and adjoints in this process: V for each term on V vertices."""
     products = RowProducts()
     _open_counts.append(products)
     if len(_open_counts) > 1:
@@ -68,14 +70,16 @@ def counted_row_products() -> Iterator[RowProducts]:
 
 
 def _count(terms: int, size: int) -> None:
-    """Note a series of so many terms, of which the first is the function itself."""
+    """Count a series of so many terms, of which the first is the function itself."""
     for products in _open_counts:
         products.count += max(terms - 1, 0) * size
 
 
 class Workspace:
-    """Memory for the terms of series with ``size`` rows, kept between evaluations: about 560 MB,
-    touched as far as used, and as much for scratch where it is full.
+    """Memory for the terms of series with ``size`` rows, reused between evaluations.
+
+    It takes about 560 MB, of which only the used part is touched, and as much scratch memory if it
+    is full.
     """
 
     def __init__(self, size: int) -> None:
@@ -89,20 +93,23 @@ class Workspace:
 
     @cached_property
     def rolling(self) -> FloatArray:
-        """The last three terms of a series that keeps none, (3, size)."""
+        """The last three terms of a series that does not store its terms, (3, size)."""
         return np.empty((3, self.size))
 
     @cached_property
     def terms(self) -> FloatArray:
-        """The rows, (capacity and two blocks, size); none of a flow that only carries functions."""
+        """Rows of stored terms, (capacity and two blocks, size).
+
+        A flow that only advects functions does not use them.
+        """
         return np.empty((self.capacity + 2 * self.block, self.size))
 
     def fits(self, rows: int) -> bool:
-        """Say whether so many more rows may be kept; the first block is for scratch."""
+        """Return whether so many more rows fit; the first block is scratch."""
         return self.used - self.block + rows <= self.capacity
 
     def take(self, rows: int) -> FloatArray | None:
-        """Return rows to keep until `release`, or None where there is no room."""
+        """Return rows that stay valid until `release`, or None if there is no space."""
         end = self.used + rows
         return self.terms[self.used : end] if end <= len(self.terms) else None
 
@@ -112,18 +119,18 @@ class Workspace:
 
 
 def _likely_terms(x: float) -> int:
-    """Return how many terms a series sums to the default tolerance unless they grow."""
+    """Return the usual number of terms of a series at the default tolerance, unless they grow."""
     return int(x + 8 * np.cbrt(x)) + 8
 
 
 def _bessel_coefficients(x: float) -> FloatArray:
-    """Return ``c_k J_k(x)`` to below rounding."""
+    """Return ``c_k J_k(x)`` down to values below rounding."""
     return bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 20)
 
 
 @dataclass
 class Segment:
-    """One series: its start, how many terms it summed, and these in their generation."""
+    """One series: its start, its number of terms, and the stored terms with their generation."""
 
     start: FloatArray
     count: int
@@ -133,7 +140,7 @@ class Segment:
 
 @dataclass
 class Trajectory:
-    """What an adjoint needs: segments of time ``step``, their end, and what they are without."""
+    """Data for an adjoint: segments of time ``step``, their end, and the subtracted constant."""
 
     step: float
     segments: list[Segment]
@@ -156,28 +163,28 @@ class ExponentialFlow:
         bound = perron_bound(pattern.indptr, pattern.indices, self.values, 4)
         if not np.isfinite(bound):
             raise AdvectionError(
-                "the field is not finite, or too fast for numbers: give one finite vector per face"
+                "the field is not finite or overflows; expected one finite vector per face"
             )
-        # Rounded up to a grid, so that the scheme, and with it the exactness of its derivative, is
-        # locally constant.
+        # Rounded up to a grid. The scheme is then locally constant in the field, so that its
+        # derivative is exact.
         self.rho = float(2.0 ** (np.ceil(64 * np.log2(max(bound, _BOUND_MIN))) / 64))
 
     def transposed(self) -> ExponentialFlow:
-        """Return the action of ``exp(-t D_v^T)``; not for clusters."""
+        """Return the action of ``exp(-t D_v^T)``; it does not support clusters."""
         flow = copy(self)
         flow.values = self.pattern.transposed(self.values)
         return flow
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
-        """Advect ``f`` (V,) over time ``t``; ``keep`` its terms for `backward` if they fit."""
+        """Advect ``f`` (V,) over time ``t``; ``keep`` stores terms for `backward` if they fit."""
         x = abs(t) * self.rho
         if x > _PRODUCT_LIMIT:
             raise AdvectionError(
-                f"advection over this time needs about {x:.0e} products with D_v (at most "
-                f"{_PRODUCT_LIMIT:.0e}): shorten the time or slow the field"
+                f"advection over this time needs about {x:.0e} products with D_v; expected at "
+                f"most {_PRODUCT_LIMIT:.0e}. Shorten the time or slow the field."
             )
         count = max(1, int(np.ceil(x / self.workspace.longest_segment)))
-        used, constant = self.workspace.used, constant_part(f)  # which no flow changes
+        used, constant = self.workspace.used, constant_part(f)  # a flow does not change constants
         f = f - constant if constant else f
         while (trajectory := self._attempt(f, t / count, count, keep)) is None:
             self.workspace.used = used
@@ -187,10 +194,11 @@ class ExponentialFlow:
         return trajectory
 
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
-        """Compute all segments; None where terms outgrow the function: the step is too long."""
+        """Compute all segments; return None if terms outgrow the function, as the step is long."""
         x = abs(step) * self.rho
         coefficients = _bessel_coefficients(x)
-        keep = keep and self.workspace.fits(count * _likely_terms(x))  # or scratch, one by one
+        # without space, `backward` recomputes the terms of one segment after the other
+        keep = keep and self.workspace.fits(count * _likely_terms(x))
         segments: list[Segment] = []
         state = f
         for _ in range(count):
@@ -219,12 +227,15 @@ class ExponentialFlow:
         return self.pattern.extended(end), used, growth
 
     def _series_of(self, values: FloatArray, step: float, coefficients: FloatArray) -> Series:
-        """Return the series of a step for ``D_v`` by its values, or for its transpose."""
+        """Return the series of a step, for the entries of ``D_v`` or of its transpose."""
         pattern, scale = self.pattern, -float(np.sign(step)) / self.rho
         return Series(pattern.indptr, pattern.indices, values, pattern.bounds, scale, coefficients)
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Return the derivative by ``f`` for that by the end, and add that by ``v`` (F, 2)."""
+        """Return the derivative by ``f`` given that by the end; add that by ``v`` to ``gradient``.
+
+        The gradient has shape (F, 2).
+        """
         coefficients = _bessel_coefficients(abs(trajectory.step) * self.rho)
         transposed = self.pattern.transposed(self.values)
         series = self._series_of(transposed, trajectory.step, coefficients)
@@ -242,13 +253,13 @@ class ExponentialFlow:
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Carry ``f`` to times (T,), ordered away from zero, (T, V), by one series a segment."""
+        """Advect ``f`` to times (T,), ordered away from zero, (T, V), by one series per segment."""
         trajectory = self.forward(f, float(times[-1]))
         step, last = trajectory.step, len(trajectory.segments) - 1
         out = np.repeat(trajectory.end[None], len(times), axis=0)
         owner = np.clip(np.ceil(times / step) - 1, 0, last) if step else np.zeros(len(times))
         coefficients = _bessel_coefficients(abs(step) * self.rho)
-        terms = np.empty((len(coefficients), self.pattern.size))  # touched only as far as used
+        terms = np.empty((len(coefficients), self.pattern.size))  # only the used part is touched
         for index, segment in enumerate(trajectory.segments):
             inside = np.flatnonzero((owner == index) & (times != times[-1]))
             if len(inside):
@@ -256,18 +267,18 @@ class ExponentialFlow:
                 local = np.abs(times[inside] - index * step) * self.rho
                 series = 2 * jv(np.arange(segment.count), local[:, None])
                 series[:, 0] /= 2
-                carried = (series @ terms[: segment.count])[:, self.pattern.rank]
-                out[inside] = carried + trajectory.constant
+                advected = (series @ terms[: segment.count])[:, self.pattern.rank]
+                out[inside] = advected + trajectory.constant
         return out
 
 
 class Series(NamedTuple):
-    """``sum_k coefficients[k] phi_k`` with ``phi_1 = scale M f`` and
-    ``phi_(k+1) = 2 scale M phi_k + phi_(k-1)``, for a matrix M in groups.
+    """A sum ``sum_k coefficients[k] phi_k`` for a matrix M in groups.
 
-    The rows between two ``bounds`` have no neighbours beyond the next or last such block, so that
-    several terms can be computed in one sweep, each a block behind the one before, while the matrix
-    is in the cache. Terms are kept cyclically; that before the first is 0.
+    The terms are ``phi_1 = scale M f`` and ``phi_(k+1) = 2 scale M phi_k + phi_(k-1)``. The rows
+    between two ``bounds`` have neighbours only in the same, the next or the previous block. Several
+    terms can therefore be computed in one sweep, each one block behind the term before, while the
+    matrix is in the cache. Terms are stored cyclically; the term before the first is 0.
     """
 
     indptr: IndexArray
@@ -297,7 +308,7 @@ def bessel_coefficients(x: float, count: int) -> FloatArray:
 
 @kernel
 def _without_negligible(f: FloatArray) -> FloatArray:
-    """Return a function (V,) with 0 for what is next to nothing of its largest value."""
+    """Return a function (V,) with 0 in place of values that are negligible against the largest."""
     least = _NEGLIGIBLE_SHARE * np.abs(f).max()
     out: FloatArray = f.copy()
     for i in range(f.size):
@@ -308,7 +319,7 @@ def _without_negligible(f: FloatArray) -> FloatArray:
 
 @kernel
 def _forward_rows(series: Series, k: int, block: int, terms: FloatArray, out: FloatArray) -> float:
-    """Compute term k on a block of rows, and add it to ``out``; returns its largest entry."""
+    """Compute term k on a block of rows, add it to ``out``, and return its largest entry."""
     indptr, indices, values, bounds = series.indptr, series.indices, series.values, series.bounds
     factor, weight = series.scale if k == 1 else 2.0 * series.scale, series.coefficients[k]
     rows = terms.shape[0]
@@ -330,7 +341,7 @@ def _forward_rows(series: Series, k: int, block: int, terms: FloatArray, out: Fl
 def _sweep(
     series: Series, start: int, terms: FloatArray, out: FloatArray, largest: FloatArray
 ) -> None:
-    """Compute as many terms as ``largest`` has entries, from term ``start`` on."""
+    """Compute as many terms as ``largest`` has entries, beginning with term ``start``."""
     blocks, steps = series.bounds.size - 1, largest.size
     largest[:] = 0.0
     for front in range(blocks + steps - 1):
@@ -344,9 +355,11 @@ def _sweep(
 def chebyshev_forward(
     series: Series, truncation: tuple[int, float], f: FloatArray, terms: FloatArray, out: FloatArray
 ) -> tuple[int, float]:
-    """Sum a series into ``out`` until two terms in a row are below a tolerance times ``max |f|``,
-    not before the first of the ``truncation``; returns how many it summed (0: coefficients are too
-    few) and ``max |phi_k| / max |f|``. ``terms`` (rows, V) receives the ``phi_k`` cyclically.
+    """Sum a series into ``out``; return the number of terms and ``max |phi_k| / max |f|``.
+
+    It stops when two consecutive terms are below a tolerance times ``max |f|``, but not before the
+    first term of the ``truncation``. The number is 0 if there are too few coefficients. ``terms``
+    (rows, V) receives the ``phi_k`` cyclically.
     """
     first, tolerance = truncation
     coefficients, f = series.coefficients, _without_negligible(f)
@@ -386,7 +399,10 @@ def _backward_rows(
     duals: tuple[FloatArray, FloatArray],
     entries: FloatArray,
 ) -> None:
-    """Compute the derivative by term k on a block of rows from the next two; add to ``entries``."""
+    """Compute the derivative by term k on a block of rows from the next two terms.
+
+    It adds the derivative by the matrix to ``entries``.
+    """
     (k, block), (mu, work) = place, duals
     indptr, indices, transposed, bounds = (
         series.indptr,
@@ -412,8 +428,10 @@ def _backward_rows(
 def chebyshev_backward(
     series: Series, terms: FloatArray, count: int, mu: FloatArray, entries: FloatArray
 ) -> FloatArray:
-    """Apply the adjoint of a sum of ``count`` terms, for ``mu`` by ``out``, with the values of the
-    transposed matrix; adds the derivative by these to ``entries``.
+    """Apply the adjoint of a sum of ``count`` terms to ``mu``, the derivative by the sum.
+
+    ``series`` holds the entries of the transposed matrix; the derivative by them is added to
+    ``entries``.
     """
     blocks, mu = series.bounds.size - 1, _without_negligible(mu)
     most = _SWEEP if blocks > 1 else 1

@@ -1,4 +1,4 @@
-"""The flow of given fields: functions carried along it, and the maps that it makes."""
+"""The flow of given fields: functions advected along it, and its maps."""
 
 from collections.abc import Iterator
 from functools import cached_property, partial
@@ -26,18 +26,18 @@ from abfm.types import FloatArray
 
 
 def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterator[PointMap]:
-    """Map vertices to where their values came from at each of the times (T,), or, ``inverse``, to
-    where they go; at negative times the other way round.
+    """Map vertices to the origins of their values at each of the times (T,).
 
-    Points continue from the time before, if that is less and they move ahead, or back along a
+    With ``inverse``, map vertices to their destinations; negative times exchange the two. Points
+    continue from the previous time if it is smaller and they move forward, or backward along a
     single field.
     """
     mesh, points = lines.mesh, None
     from_time, went_ahead = 0.0, False
     for time in times.tolist():
         ahead, until = inverse != (time < 0), abs(time)
-        goes_on = went_ahead is ahead and from_time <= until
-        if not goes_on or not (ahead or len(lines.fields) == 1):
+        continues = went_ahead is ahead and from_time <= until
+        if not continues or not (ahead or len(lines.fields) == 1):
             points, from_time = None, 0.0
         begin, end = (from_time, until) if ahead else (until, from_time)
         points = lines.between(points, begin, end)
@@ -46,18 +46,18 @@ def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterat
 
 
 def map_of_points(lines: ContinuousFlow, time: float, inverse: bool) -> SurfaceMap:
-    """Return what takes points where `flow_maps` takes vertices."""
+    """Return the map of points that `flow_maps` applies to the vertices."""
     ahead = inverse != (time < 0)
     return partial(lines.destinations if ahead else lines.origins, t=abs(time))
 
 
 class Flow:
-    """The flow of one tangent field, or of N fields in a row, each for ``tau / N``.
+    """The flow of one tangent field, or of N consecutive fields, each for ``tau / N``.
 
-    A function is carried by ``f_t = exp(-t D_v) f`` (Eq. 4), which solves
-    ``df/dt + <v, grad f> = 0``: its values move with the field. Of several fields the last one goes
-    on beyond ``tau``. A negative time undoes the flow: exponentials exactly, linearised steps by
-    the same steps with the sign changed, in reverse order, which is not an exact inverse.
+    A function is advected by ``f_t = exp(-t D_v) f`` (Eq. 4), which solves ``df/dt + <v, grad f> =
+    0``: its values move with the field. With several fields, the last one continues beyond ``tau``.
+    A negative time undoes the flow. Exponentials are undone exactly. Linearised steps are undone by
+    the same steps with the opposite sign in reverse order, which is not an exact inverse.
 
     >>> import abfm, numpy as np
     >>> from abfm.assets import asset_path
@@ -75,13 +75,23 @@ class Flow:
     mesh : TriangleMesh
     velocity : (F, 3) or (N, F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time, such as ``match.velocity``; a
-        normal part is dropped. Also (4^k F, 3) or (N, 4^k F, 3), such as ``match.fine_velocity``,
-        on the mesh subdivided k times: functions are interpolated there, carried there, and told at
-        the mesh's own vertices. The attributes are ``velocity`` (N, F, 3), then a mean over
-        children, ``fine_velocity`` as given, ``fine_mesh``, and k, ``refined``.
+        normal part is dropped. Arrays (4^k F, 3) or (N, 4^k F, 3), such as ``match.fine_velocity``,
+        are fields on the mesh subdivided k times. Functions are then interpolated and advected on
+        that mesh, and returned at the vertices of the mesh itself.
     method : "nonlinear" or "linearised"
-        ``exp(-t D_v)`` (Eq. 4), or its first two terms ``id - t D_v`` (Eq. 5), one step for each
-        field: for smaller steps repeat the fields.
+        ``exp(-t D_v)`` (Eq. 4), or its first two terms ``id - t D_v`` (Eq. 5) with one step for
+        each field. Repeat the fields for smaller steps.
+
+    Attributes
+    ----------
+    velocity : (N, F, 3) array
+        The fields on the mesh itself, as means over the children of each face.
+    fine_velocity : (N, 4^k F, 3) array
+        The given fields.
+    fine_mesh : TriangleMesh
+        The mesh of the given fields.
+    refined : int
+        The number k of subdivisions.
     """
 
     def __init__(
@@ -101,7 +111,7 @@ class Flow:
 
     @property
     def fine_mesh(self) -> TriangleMesh:
-        """The mesh of the fields."""
+        """The mesh of the given fields."""
         return refined(self.mesh, self.refined)
 
     @cached_property
@@ -110,13 +120,15 @@ class Flow:
         return mean_of_children(self.fine_velocity, len(self.mesh.faces))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out of copies, and of the flow in another process, what these compute again."""
+        """Omit cached values, which copies and other processes can recompute."""
         left_out = ("_advection", "_lines")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def push(self, h: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
-        """Carry any function (V,) or (V, C) to time ``t`` (tau by default), in the same shape, or
-        to several times (T,), (T, ...), in one pass, which is much faster than one by one.
+        """Advect a function (V,) or (V, C) to time ``t`` (tau by default), in the same shape.
+
+        For several times (T,) the result is (T, ...). One pass over several times is much faster
+        than separate calls.
 
         Raises
         ------
@@ -130,26 +142,29 @@ class Flow:
         values = interpolated(self.mesh, channels(self.mesh, h, "h").T, self.refined)
         rows = np.ascontiguousarray(values.T)
         with _discretisation(self.fine_mesh, self.method).workspace.lock:
-            carried = np.stack([self._advection.at(row, moments) for row in rows], axis=-1)
-        if not np.isfinite(carried).all():
+            advected = np.stack([self._advection.at(row, moments) for row in rows], axis=-1)
+        if not np.isfinite(advected).all():
             raise AdvectionError(
-                "the function overflows on its way: the discrete flow is unstable over this time"
+                "the advected function overflows; the discrete flow is unstable over this time"
             )
-        carried = carried[:, : len(self.mesh.vertices)]
-        return carried.reshape(*times.shape, len(self.mesh.vertices), *np.shape(h)[1:])
+        advected = advected[:, : len(self.mesh.vertices)]
+        return advected.reshape(*times.shape, len(self.mesh.vertices), *np.shape(h)[1:])
 
     def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
-        """Return where each vertex's value came from at time ``t`` (tau by default), by the flow
-        lines of the continuous field (`ContinuousFlow`), or, ``inverse``, where it goes.
+        """Return the origin of each vertex's value at time ``t`` (tau by default).
 
-        Beyond tau the last field goes on. A negative time asks for the inverse of the other one.
+        With ``inverse``, return the destination of each vertex. The map follows the flow lines of
+        the continuous field (`ContinuousFlow`). Beyond tau the last field continues. A negative
+        time gives the inverse of the other map.
         """
         [found] = self.point_maps([self.tau if t is None else t], inverse)
         return found
 
     def point_maps(self, times: ArrayLike, inverse: bool = False) -> Iterator[PointMap]:
-        """Return the maps of several times (T,), one after the other; in ascending order they are
-        walked once, each from the one before, and not from zero, where that is possible.
+        """Return the maps of several times (T,), one after the other.
+
+        For ascending times, points continue from the previous map instead of zero where that is
+        possible.
         """
         moments = np.atleast_1d(real_numbers(times, "t", ParameterError))
         if moments.ndim != 1 or not np.isfinite(moments).all():
@@ -157,23 +172,29 @@ class Flow:
         return flow_maps(self._lines, moments, inverse)
 
     def coordinate_map(self, t: float | None = None) -> PointMap:
-        """Return the map as the paper reads it: for each vertex the point of the surface closest
-        to the coordinates that `push` carries there. Discrete flows may fold it.
+        """Return the map of the paper, by advected coordinates.
+
+        It maps each vertex to the surface point closest to the coordinates that `push` advects
+        there. Discrete flows may fold this map.
         """
         return PointMap.project(self.mesh, self.mesh, self.push(self.mesh.vertices, t))
 
     def distortion(self, t: float | None = None) -> Distortion:
-        """Measure the map of each vertex to where it is at time ``t`` (tau by default), see
-        `PointMap.distortion`.
+        """Measure the map of each vertex to its destination at time ``t`` (tau by default).
+
+        See `PointMap.distortion`.
         """
         return self.point_map(t, inverse=True).distortion()
 
     def round_trip(self, t: float | None = None) -> RoundTrip:
-        """Measure how far from itself a vertex comes back, in edges: `abfm.maps.round_trip`."""
+        """Measure the distance between each vertex and its return, in edges.
+
+        See `abfm.maps.round_trip`.
+        """
         return self._round_trip(self.point_map(t, inverse=True), t)
 
     def map_quality(self, t: float | None = None) -> FlowMapQuality:
-        """Tell what the map of time ``t`` does to faces, and whether points come back."""
+        """Measure the distortion of the map of time ``t`` and the error of the return."""
         there = self.point_map(t, inverse=True)
         return FlowMapQuality(there.distortion(), self._round_trip(there, t))
 
@@ -182,8 +203,9 @@ class Flow:
         return round_trip(there, back)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
-        """Return the flow to time ``t`` (tau by default) on coefficients in the first k
-        eigenfunctions (section 4): ``Phi^+ exp(-t D_v) Phi``, (k, k).
+        """Return the flow to time ``t`` on the first k eigenfunctions, (k, k) (section 4).
+
+        It is the matrix ``Phi^+ exp(-t D_v) Phi``; ``t`` is tau by default.
         """
         basis = unit_eigenbasis(self.mesh, k)[1]
         return spectral_coefficients(self.mesh, self.push(basis, t), k)
@@ -194,17 +216,19 @@ class Flow:
 
     @cached_property
     def _advection(self) -> Advection:
-        """The discrete flow, in the mesh's units: times do not depend on them."""
+        """The discrete flow, in the mesh's units; times do not depend on the unit of length."""
         fields = to_frame(self.fine_mesh, self.fine_velocity)
         return _discretisation(self.fine_mesh, self.method).flow(fields, self.tau)
 
 
-_discretisation = per_mesh(Discretisation)  # one memory for all flows on a mesh
+_discretisation = per_mesh(Discretisation)  # all flows on a mesh share its memory
 
 
 def advect(mesh: MeshLike, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
-    """Carry ``f`` (V,) or (V, C), by vertices of the mesh or of its file, along a field (F, 3) for
-    a time of either sign, in the same shape: ``exp(-t D_v) f`` (Eq. 4), see `Flow.push`.
+    """Advect ``f`` along a field (F, 3) for a time of either sign: ``exp(-t D_v) f`` (Eq. 4).
+
+    ``f`` (V,) or (V, C) has values at the vertices of the mesh or of its file; the result has the
+    same shape. See `Flow.push`.
     """
     mesh = as_mesh(mesh)
     return Flow(mesh, check_field(mesh, velocity, "velocity")).push(f, t)

@@ -1,8 +1,9 @@
-"""Where points go along fields made continuous, with the exact derivative by the fields.
+"""End points of flow lines of continuous fields, with the exact derivative by the fields.
 
-The walk is that of `continuous_flow`, in even steps whose number depends on the speed alone: it is
-a smooth function of the field as long as points pass the same faces. Its derivative goes back along
-what each step has kept, and then through the fit of vectors at corners, which is linear.
+The flow lines are those of `continuous_flow`, but with equal steps whose number depends on the
+speed alone. The end points are smooth functions of the field while points cross the same faces. The
+derivative is propagated backward through the recorded steps, and then through the linear fit of
+vectors at corners.
 """
 
 from __future__ import annotations
@@ -30,32 +31,32 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
-STEPS_PER_FACE = 2.0  # at the largest speed, over a face of mean size
-# steps of a walk along one field
+STEPS_PER_FACE = 2.0  # at the largest speed, for a face of mean size
+# steps along one field
 _STEPS_MIN = 8
 _STEPS_MAX = 4096
-_CROSSINGS = 64  # edges that a step may meet, as in `continuous_flow`
+_CROSSINGS = 64  # edges that a step may cross, as in `continuous_flow`
 
 
 class Tape(NamedTuple):
-    """What the S steps of L walks along one field keep."""
+    """The record of S steps of L flow lines along one field."""
 
-    faces: IndexArray  # (L, S, 2), where a step begins, and where it is halfway
-    weights: FloatArray  # (L, S, 2, 3), barycentric, of these places
-    # (L, S, 3, 2, 2), derivatives of a step's end: by the place where it begins, and by the
-    # field's vectors there and halfway
+    faces: IndexArray  # (L, S, 2), faces at the start of a step and halfway
+    weights: FloatArray  # (L, S, 2, 3), barycentric weights of these places
+    # (L, S, 3, 2, 2), derivatives of the end of a step: by its start, and by the field's vectors
+    # there and halfway
     jacobians: FloatArray
 
 
 class Walk(NamedTuple):
-    """Where L points came to, and what leads back."""
+    """The end points of L flow lines, and the tapes for the derivative."""
 
     points: SurfacePoints
     tapes: list[Tape]  # one for each field
 
 
 class FlowLineDerivative:
-    """Walks of points of a mesh of unit area along fields given by frame coefficients."""
+    """Flow lines from points of a mesh of unit area along fields in frame coefficients."""
 
     def __init__(self, points: SurfacePoints, tau: float) -> None:
         self.mesh, self.points, self.tau = points.mesh, points, tau
@@ -64,12 +65,12 @@ class FlowLineDerivative:
         self._fans = _Fans(points)
 
     def walk(self, x: FloatArray) -> Walk:
-        """Walk along N fields (N, F, 2), each for ``tau / N``.
+        """Follow N fields (N, F, 2), each for ``tau / N``.
 
         Raises
         ------
         AdvectionError
-            If they lead over too many faces.
+            If flow lines cross too many faces.
         """
         faces, weights = self.points.faces.copy(), self.points.barycentric.copy()
         tapes: list[Tape] = []
@@ -89,12 +90,13 @@ class FlowLineDerivative:
             tapes.append(tape)
         leave(hat_gradients(self.mesh), faces, places, weights)
         if not np.isfinite(weights).all():
-            raise AdvectionError("flow lines lead nowhere: slow the field")
+            raise AdvectionError("flow lines have no finite end points; slow the field")
         return Walk(SurfacePoints(self.mesh, faces, weights), tapes)
 
     def gradient(self, walk: Walk, slopes: FloatArray) -> FloatArray:
-        """Return the derivative by the fields, (N, F, 2), of what has the slopes (L, 2) at the
-        points that a walk came to, in the frames of their faces.
+        """Return the derivative by the fields, (N, F, 2), of a function of the end points.
+
+        ``slopes`` (L, 2) are its derivatives by the end points, in the frames of their faces.
         """
         slopes = slopes.copy()
         found = np.empty((len(walk.tapes), len(self.mesh.faces), 2))
@@ -106,29 +108,30 @@ class FlowLineDerivative:
         return found
 
     def steps(self, field: FloatArray, fields: int) -> int:
-        """Return how many steps there are along one of so many fields: a power of two."""
+        """Return the number of steps along one of so many fields, a power of two."""
         with np.errstate(over="ignore"):
             fastest = math.sqrt(float((field**2).sum(axis=1).max()))
         over = STEPS_PER_FACE * fastest * self.tau / fields / self._size
         if not over <= _STEPS_MAX:
-            raise AdvectionError(f"flow lines lead over {over:.0e} faces: slow the field")
+            raise AdvectionError(f"flow lines cross {over:.0e} faces; slow the field")
         return int(2 ** math.ceil(math.log2(max(over, _STEPS_MIN))))
 
     def jacobian(self, walk: Walk) -> sparse.csr_array:
-        """Return the derivative of the ends of a walk, in the frames of their faces, by the
-        fields, (2 L, N F 2).
+        """Return the derivative of the end points of a walk by the fields, (2 L, N F 2).
+
+        The end points are in the frames of their faces.
         """
-        rows, nothing = [], np.zeros((len(self.points.faces), 2))
-        for row in range(nothing.size):
+        rows, zeros = [], np.zeros((len(self.points.faces), 2))
+        for row in range(zeros.size):
             checkpoint()
-            slopes = nothing.copy()
+            slopes = zeros.copy()
             slopes[row // 2, row % 2] = 1.0
             rows.append(sparse.csr_array(self.gradient(walk, slopes).reshape(1, -1)))
         return sparse.csr_array(sparse.vstack(rows))
 
 
 class _Fans:
-    """The faces around those of some points that are at vertices."""
+    """The faces around those points that are at vertices."""
 
     def __init__(self, points: SurfacePoints) -> None:
         mesh = points.mesh
@@ -147,18 +150,21 @@ class _Fans:
         self._angles = around.angles.ravel()[self._slots]
 
     def turn_downstream(self, vectors: IndexArray, faces: IntArray, weights: FloatArray) -> None:
-        """Begin at vertices in the face that corner vectors lead into, see `downstream_slots`."""
+        """Move points at vertices to the faces that corner vectors lead into.
+
+        See `downstream_slots`.
+        """
         off = angular_offsets(vectors.ravel()[self._slots], self._middles, self._angles)
         order = np.argsort(-off, kind="stable")
         best = np.full(len(faces), -1)
-        best[self._owners[order]] = self._slots[order]  # of repeated points the last one stays
+        best[self._owners[order]] = self._slots[order]  # the last assignment to a point wins
         at = np.flatnonzero(best >= 0)
         faces[at], weights[at] = best[at] // 3, np.eye(3)[best[at] % 3]
 
 
 @kernel
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return ``a b`` for (2, 2) and (2, n)."""
+    """Return ``a b`` for (2, 2) and (2, n) matrices."""
     out = np.empty((2, b.shape[1]))
     for i in range(2):
         for j in range(b.shape[1]):
@@ -170,15 +176,15 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
 def glide(
     flow: SmoothFlow, f: int, place: FloatArray, way: FloatArray, motion: FloatArray
 ) -> tuple[int, bool, FloatArray]:
-    """Go a way over the faces, sliding along boundaries, as `walk_straight` does.
+    """Move straight by a vector across faces, sliding along boundaries, as `walk_straight` does.
 
-    Place and way (2,) become those at the end, ``motion`` (2, 2) the rotation to the frame there.
-    Returned are the face, whether it slid, and the derivatives of place (rows 0, 1) and way (2, 3)
-    by both at the beginning, (4, 4).
+    Place and vector (2,) are updated to those at the end; ``motion`` (2, 2) becomes the rotation to
+    the frame there. Returns the face, whether the point slid, and a matrix (4, 4). The matrix holds
+    the derivatives of place (rows 0, 1) and vector (2, 3) at the end by both at the start.
     """
     gradients, left, entered, slid = flow.gradients, 1.0, -1, False
     x, y, u, v = place[0], place[1], way[0], way[1]
-    # of the place at the beginning, as seen from this frame and along this way, and of the way
+    # derivatives of the start, in this frame and along this vector, and of the vector
     base, ahead = np.zeros((2, 4)), np.zeros((2, 4))
     base[0, 0] = base[1, 1] = ahead[0, 2] = ahead[1, 3] = 1.0
     motion[0, 0] = motion[1, 1] = 1.0
@@ -229,6 +235,7 @@ def glide(
 
 @kernel
 def weights_at(flow: SmoothFlow, f: int, place: FloatArray, out: FloatArray) -> None:
+    """Write the barycentric weights (3,) of a place in a face."""
     for c in range(3):
         x, y = flow.gradients[f, c, 0], flow.gradients[f, c, 1]
         out[c] = x * place[0] + y * place[1] + (1.0 if c == 0 else 0.0)
@@ -248,7 +255,7 @@ def slopes_in(flow: SmoothFlow, f: int) -> FloatArray:
 def follow(
     flow: SmoothFlow, step: float, faces: IndexArray, places: FloatArray, tape: Tape
 ) -> None:
-    """Move points by as many steps of the midpoint rule as a tape has, and write it."""
+    """Move points by the steps of a tape, by the midpoint rule, and write the tape."""
     turn, ignored = np.empty((2, 2)), np.empty((2, 2))
     by_halfway, by_seen, by_start = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2))
     for i in range(faces.size):
@@ -261,13 +268,14 @@ def follow(
             tape.faces[i, k, 0], tape.faces[i, k, 1] = f, g
             weights_at(flow, f, place, tape.weights[i, k, 0])
             weights_at(flow, g, middle, tape.weights[i, k, 1])
-            # the way by the vector halfway, by the way halfway as seen there, and by the start's
+            # derivatives of the step by the vector halfway, by the half step in the frame there,
+            # and by the vector at the start
             by_seen[:], by_start[:] = 0.0, 0.0
             squared = 4 * (seen[0] ** 2 + seen[1] ** 2)
             if not slid or squared == 0.0:
                 by_halfway[:] = step * turn.T
                 way = product(by_halfway, np.array([[r], [s]]))[:, 0]
-            else:  # how much faster does it slide there?
+            else:  # it slid along the boundary; scale it by the ratio of the speeds
                 inner = 2 * step * (seen[0] * r + seen[1] * s)
                 ratio = max(inner / squared, 0.0)
                 way = np.array([ratio * step * u, ratio * step * v])
@@ -299,8 +307,9 @@ def follow(
 
 @kernel
 def backpropagate(tape: Tape, slopes: FloatArray, at_corners: FloatArray) -> None:
-    """Take slopes (L, 2) at the ends of walks to their beginnings, and add what they say of the
-    field's vectors at corners (F, 3, 2).
+    """Propagate slopes (L, 2) from the ends of flow lines back to their starts.
+
+    It adds the derivatives by the field's vectors at corners to ``at_corners`` (F, 3, 2).
     """
     count = tape.faces.shape[1]
     for i in range(slopes.shape[0]):

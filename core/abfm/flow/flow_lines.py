@@ -1,10 +1,10 @@
-"""Flow lines, a witness for advection: points walk along fields that are constant in each face,
-exactly, from edge to edge.
+"""Flow lines of fields that are constant in each face, traced exactly from edge to edge.
 
-A walker is a face and barycentric weights; ``where`` holds the face and the corner opposite the
-edge that the walker slides along (-1 inside the face). Where two faces push into their common edge
-the walker follows Filippov's solution: the mean of the two vectors that lies along the edge. At a
-vertex it takes the fastest of the faces that lead away and of the edges to slide along.
+They check the discrete advection. A walker is a face and barycentric weights. ``where`` holds the
+face and the corner opposite the edge along which the walker slides (-1 inside the face). If both
+faces of an edge push towards it, the walker follows Filippov's solution: the mean of the two
+vectors that lies along the edge. At a vertex it takes the fastest of the faces that lead away and
+the edges to slide along.
 """
 
 from dataclasses import dataclass
@@ -24,29 +24,31 @@ from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray, IndexArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
-STEP_LIMIT = 100_000  # edges and vertices that a path may meet
-AT_VERTEX = 1.0 - 1e-12  # of the weights: a walker with so much on one corner is at the vertex
-_RATE_MAX = 1e150  # faces per unit of time: products of two still are numbers
+STEP_LIMIT = 100_000  # edges and vertices that a path may cross
+AT_VERTEX = 1.0 - 1e-12  # smallest weight of one corner of a walker at that vertex
+_RATE_MAX = 1e150  # faces per unit of time; the product of two rates is still finite
 MOVING_STATE, BOUNDARY_STATE, STAGNATION_STATE = 0, 1, 2
 _ENDINGS: tuple[Ending, ...] = ("step limit", "boundary", "stagnation")
 
 
 @dataclass(frozen=True, eq=False)
 class FlowLine:
-    """The path of one point: straight from each of K places to the next, at constant speed."""
+    """The path of one point: straight at constant speed between K consecutive places."""
 
-    # (K,), when each place is reached: from 0 up, or from 0 down against the flow
+    # (K,), times at the places, ascending from 0, or descending from 0 against the flow
     times: FloatArray
     positions: FloatArray  # (K, 3), in the mesh's units
-    faces: IntArray  # (K,), a face that holds each place
-    barycentric: FloatArray  # (K, 3), the weights of its corners
+    faces: IntArray  # (K,), a face that contains each place
+    barycentric: FloatArray  # (K, 3), weights of the corners of that face
     ending: Ending
-    """Why the path ends: "time" where the whole duration was walked; "boundary" where it left the
-    mesh; "stagnation" where the field is zero or pushes in from all sides, so that the point rests
-    there; "step limit"."""
+    """Reason for the end of the path.
+
+    "time": the complete duration. "boundary": the path left the mesh. "stagnation": the field is
+    zero or points inwards from all sides. "step limit": too many edges and vertices.
+    """
 
     def at(self, t: float) -> FloatArray:
-        """Return the position (3,) at a time, clipped to those of the path."""
+        """Return the position (3,) at a time, clipped to the times of the path."""
         order = slice(None) if self.times[-1] >= 0 else slice(None, None, -1)
         times = self.times[order]
         return np.array([np.interp(t, times, self.positions[order, x]) for x in range(3)])
@@ -59,18 +61,18 @@ def flow_lines(
     duration: float,
     tau: float | None = None,
 ) -> list[FlowLine]:
-    """Walk points along a field, or along N fields in a row, exactly from edge to edge.
+    """Trace points along a field, or along N consecutive fields, exactly from edge to edge.
 
     Parameters
     ----------
     velocity : (F, 3) or (N, F, 3) array
-        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped. Also
-        (4^k F, 3) or (N, 4^k F, 3), on the mesh subdivided k times.
+        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped.
+        Arrays (4^k F, 3) or (N, 4^k F, 3) are fields on the mesh subdivided k times.
     duration : float
-        How long to walk. Negative: against the flow of the first field.
+        Duration of the path. If negative, the path goes against the flow of the first field.
     tau : float, optional
-        End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for
-        several fields.
+        End time of the N fields, each of which lasts ``tau / N``; the last one continues. It is
+        required for several fields.
     """
     fields, k = checked_fields(mesh, velocity)
     fine = refined(mesh, k)
@@ -78,7 +80,7 @@ def flow_lines(
         raise ParameterError(f"duration is {brief(duration)}; expected a finite time")
     if len(fields) > 1 and tau is None:
         raise ParameterError(
-            f"velocity has {len(fields)} fields but tau is missing: say when the last one ends"
+            f"velocity has {len(fields)} fields but tau is missing; give the end time of the last"
         )
     if tau is not None and not (is_finite_number(tau) and tau > 0):
         raise ParameterError(f"tau is {brief(tau)}; expected a positive time")
@@ -101,15 +103,17 @@ def flow_lines(
 
 
 class FaceFlow(NamedTuple):
+    """A field prepared for tracing."""
+
     rates: FloatArray  # (F, 3), how fast each barycentric weight grows, per unit of time
-    # (F, 3), the vector's part along the edge opposite each corner, in edges per unit of time
+    # (F, 3), component along the edge opposite each corner, in edges per unit of time
     along: FloatArray
     areas: FloatArray  # (F,)
     neighbours: IntArray  # (F, 3), `TriangleMesh.opposite_slots`
 
 
 class Path(NamedTuple):
-    """Memory for what a walker meets."""
+    """Memory for the places that a walker crosses."""
 
     times: FloatArray  # (K,)
     faces: IndexArray  # (K,)
@@ -119,7 +123,7 @@ class Path(NamedTuple):
 def _walked(
     face: int, start: FloatArray, spans: list[tuple[FaceFlow, float, float]], path: Path
 ) -> tuple[int, int]:
-    """Walk along fields from time to time; returns the path's entries, and how the way goes on."""
+    """Trace along fields between times; return the number of places and the final state."""
     where, b = np.array([face, -1]), start.copy()
     count, status = 0, STAGNATION_STATE
     for flow, begin, end in spans:
@@ -136,7 +140,7 @@ def _walked(
 
 
 def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
-    """Prepare a field (F, 3), not so large that a walk would overflow."""
+    """Prepare a field (F, 3); raise ParameterError if it is so large that rates overflow."""
     coefficients, corners = to_frame(mesh, field), mesh.vertices[mesh.faces]
     edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
     edges = np.einsum("fcx,fkx->fck", edges, face_frames(mesh))
@@ -145,14 +149,14 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
         along = np.einsum("fck,fk->fc", edges, coefficients) / (edges**2).sum(axis=2)
     if not (np.abs(rates).max() < _RATE_MAX and np.abs(along).max() < _RATE_MAX):
         raise ParameterError(
-            f"velocity crosses a face in less than {1 / _RATE_MAX} units of time: scale it down"
+            f"velocity crosses a face in less than {1 / _RATE_MAX} units of time; scale it down"
         )
     return FaceFlow(rates, along, face_areas(mesh), mesh.opposite_slots)
 
 
 @kernel
 def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
-    """Return the speed, in edges, from corner ``c + 1`` to ``c + 2`` where both faces push."""
+    """Return the speed, in edges, from corner ``c + 1`` to ``c + 2`` if both faces push."""
     slot = flow.neighbours[f, c]
     g, k = slot // 3, slot % 3
     here, there = flow.rates[f, c], flow.rates[g, k] * (flow.areas[g] / flow.areas[f])
@@ -163,7 +167,7 @@ def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
 
 @kernel
 def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
-    """Step over the edge opposite corner ``c``, or begin to slide along it."""
+    """Cross the edge opposite corner ``c``, or begin to slide along it; return the state."""
     slot = flow.neighbours[where[0], c]
     if slot < 0:
         return BOUNDARY_STATE
@@ -181,7 +185,10 @@ def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
 
 @kernel
 def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) -> int:
-    """Turn a walker at a corner into the fastest way on, in edges or heights per unit of time."""
+    """Move a walker at a corner to the fastest continuation.
+
+    Speeds are in edges or heights per unit of time.
+    """
     b[:] = 0.0
     fastest, face, away_from, along = 0.0, where[0], corner, -1
     is_closed = False
@@ -216,7 +223,10 @@ def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) 
 def advance(
     flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
 ) -> tuple[float, int]:
-    """Walk on for a time, at most to the next edge or vertex; returns the time that it took."""
+    """Move a walker for a time, at most to the next edge or vertex.
+
+    Returns the elapsed time and the state.
+    """
     leave, used = -1, time
     for i in range(3):
         if rates[i] < 0.0 and b[i] <= -rates[i] * used:
@@ -243,7 +253,7 @@ def trace(
     path: Path,
     count: int,
 ) -> tuple[int, int]:
-    """Walk from a time to another; writes every crossing behind ``count`` of the path."""
+    """Trace from one time to another; write each crossing to the path after ``count`` places."""
     (where, b), (now, end) = walker, span
     rates = np.empty(3)
     status = MOVING_STATE
@@ -265,15 +275,16 @@ def trace(
 
 
 def checked_fields(mesh: TriangleMesh, velocity: ArrayLike) -> tuple[FloatArray, int]:
-    """Check N fields, given as (4^k F, 3) or (N, 4^k F, 3); return them as the latter, and k, how
-    often the mesh that they are on is subdivided.
+    """Check N fields, (4^k F, 3) or (N, 4^k F, 3); return (N, 4^k F, 3) and k.
+
+    The mesh of the fields is the given mesh subdivided k times.
     """
     given = real_numbers(velocity, "velocity", ParameterError)
     array = given[None] if given.ndim == 2 else given
     if array.ndim != 3 or array.shape[2] != 3 or not len(array):
         expected = (len(mesh.faces), 3)
         raise ParameterError(
-            f"velocity has shape {given.shape}; expected {expected}, or N of these in a row"
+            f"velocity has shape {given.shape}; expected {expected}, or N such fields"
         )
     try:
         k = times_subdivided(array.shape[1], mesh)
@@ -285,11 +296,11 @@ def checked_fields(mesh: TriangleMesh, velocity: ArrayLike) -> tuple[FloatArray,
 
 
 def start_points(mesh: TriangleMesh, start: SurfacePoints) -> tuple[IntArray, FloatArray]:
-    """Return faces (P,) and barycentric weights (P, 3), none negative, of points of the mesh."""
+    """Return faces (P,) and barycentric weights (P, 3), not negative, of points of the mesh."""
     if len(start.mesh.faces) != len(mesh.faces):
         raise ParameterError(
-            f"start has points of a mesh of {len(start.mesh.faces)} faces; expected points of the "
-            f"mesh itself, of {len(mesh.faces)}"
+            f"start has points of a mesh with {len(start.mesh.faces)} faces; expected points of "
+            f"this mesh with {len(mesh.faces)} faces"
         )
     inside = np.maximum(start.barycentric, 0)
     return start.faces.copy(), inside / inside.sum(axis=1, keepdims=True)

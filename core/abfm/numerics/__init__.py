@@ -1,3 +1,1 @@
-"""Numbers as given, compiled kernels, sparse factorisation, and minimisation: nothing here knows
-of surfaces.
-"""
+"""Checked numbers, compiled kernels, sparse factorisation and minimisation, without geometry."""

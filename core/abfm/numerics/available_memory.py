@@ -1,13 +1,13 @@
-"""Memory that a compiled library will need."""
+"""A check of the memory that a compiled library will need."""
 
 import numpy as np
 
 
 def require_memory(size: float) -> None:
-    """Raise a MemoryError unless so many bytes can be had now, before a library needs them.
+    """Raise MemoryError unless so many bytes are available.
 
-    Where memory runs out inside them, some free twice, some abort, and some go on with what they
-    did not get.
+    Call it before a compiled library allocates them. If such libraries run out of memory, some free
+    memory twice, some abort, and some continue without the memory.
     """
     try:
         np.empty(int(size), np.uint8)

@@ -27,20 +27,21 @@ except ImportError:  # no wheel for linux-aarch64
 
 Solve = Callable[[FloatArray], FloatArray]
 
-# of memory to ask for, times entries, times log2(unknowns); on surfaces of 642 to 163,842
-# vertices: 6 to 11
-_BYTES = 16
+# Bytes to request per matrix entry and per log2(unknowns). Measured on surfaces of 642 to 163,842
+# vertices: 6 to 11.
+_BYTES_PER_ENTRY = 16
 
 
 def factor(matrix: sparse.csr_array) -> Solve:
-    """Factor a sparse symmetric positive definite matrix; the result solves for one b, (n,).
+    """Factor a sparse symmetric positive definite matrix; return its solver for one vector (n,).
 
-    A MemoryError tells of too little memory, when solving where it is factored in another process.
+    The solver raises MemoryError if the factorisation runs in a subprocess that ends or runs out of
+    memory. Otherwise `factor` itself raises MemoryError.
     """
     unknowns = matrix.shape[0]
     if unknowns == 0:  # a mesh without inner vertices; both libraries refuse it
         return np.copy
-    # in unknowns of a scalar system on vertices, which has seven entries a row
+    # in unknowns of a scalar system on vertices, which has seven entries per row
     work = unknowns * max(1.0, matrix.nnz / unknowns / 7) ** 2
     if is_factored_in_subprocess(work):
         return _SubprocessFactor(matrix)
@@ -57,22 +58,22 @@ def _factored(matrix: sparse.csr_array) -> Solve:
 
 
 def _factoring_step(unknowns: int, since: float | None = None) -> AbstractContextManager[object]:
-    """Tell the step: nested dissection of a surface's mesh takes n^(3/2) operations."""
+    """Report the step; nested dissection of a surface mesh takes n^(3/2) operations."""
     return step("factoring", unknowns**1.5, f" a system of {unknowns:,} unknowns", since)
 
 
 class _Factor:
     """A factorisation by cholespy.
 
-    One that outlives the interpreter, as global variables and threads make it, is reported on
-    stderr as a leak of cholespy's: all are therefore released when Python ends.
+    A factorisation that outlives the interpreter, in a global variable or a thread, is reported on
+    stderr as a memory leak. All are therefore released when Python ends.
     """
 
     _alive: ClassVar[weakref.WeakSet[_Factor]] = weakref.WeakSet()
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._unknowns, self._has_solved, entries = matrix.shape[0], False, matrix.tocoo()
-        require_memory(_BYTES * matrix.nnz * np.log2(self._unknowns + 1))
+        require_memory(_BYTES_PER_ENTRY * matrix.nnz * np.log2(self._unknowns + 1))
         row, column = entries.row.astype(np.int32), entries.col.astype(np.int32)
         data = entries.data.astype(np.float64)
         self._solver = CholeskySolverD(self._unknowns, row, column, data, MatrixType.COO)
@@ -85,14 +86,14 @@ class _Factor:
         return x
 
     def __del__(self) -> None:
-        if not hasattr(self, "_solver"):  # freed before, or there was no memory for it
+        if not hasattr(self, "_solver"):  # already freed, or the allocation failed
             return
         if self._has_solved:
-            # What cholespy keeps for the latest right-hand side it frees when another width comes,
-            # but not at its end: so the last one is without columns. Of old, it takes it with these
-            # strides only.
-            nothing = np.ndarray((self._unknowns, 0), strides=(0, 8))
-            self._solver.solve(nothing, nothing)
+            # cholespy frees the buffer of the latest right-hand side when the number of columns
+            # changes, but not in its destructor. Solving for zero columns frees it. Older versions
+            # accept an empty array with these strides only.
+            empty = np.ndarray((self._unknowns, 0), strides=(0, 8))
+            self._solver.solve(empty, empty)
         del self._solver
 
     @staticmethod
@@ -103,7 +104,10 @@ class _Factor:
 
 
 class _SubprocessFactor:
-    """A factorisation in a process of its own, waited for at first use: several run at once."""
+    """A factorisation in its own subprocess; several run at once.
+
+    The first call of the solver waits for the factorisation.
+    """
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()
@@ -124,7 +128,7 @@ class _SubprocessFactor:
 
 
 class _FactorHolder:
-    """A factorisation in the process of an `_SubprocessFactor`."""
+    """The state of the subprocess of a `_SubprocessFactor`."""
 
     _solve: Solve | None = None
 
@@ -132,6 +136,6 @@ class _FactorHolder:
         self._solve = _factored(matrix)
 
     def solve(self, b: FloatArray) -> FloatArray:
-        if self._solve is None:  # this process has taken the place of one that had factored
+        if self._solve is None:  # this process replaced the one that had factored
             raise MemoryError("the process that factored a linear system has ended")
         return self._solve(b)

@@ -1,28 +1,28 @@
-"""Which linear systems are factored in processes of their own."""
+"""The choice of linear systems that are factored in a subprocess."""
 
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-_UNKNOWNS_MIN = 15_000  # unknowns; cholespy factors fewer within a few frames of a window
-_factored_apart: ContextVar[float] = ContextVar("unknowns from which on", default=math.inf)
+_UNKNOWNS_MIN = 15_000  # cholespy factors smaller systems within a few frames of the window
+_unknowns_min: ContextVar[float] = ContextVar("smallest system in a subprocess", default=math.inf)
 
 
 @contextmanager
 def factoring_in_subprocess(unknowns: float = _UNKNOWNS_MIN) -> Iterator[None]:
-    """Factor systems of so many unknowns, or fewer with long rows, in processes of their own.
+    """Factor systems of at least so many unknowns in subprocesses, in this thread.
 
-    cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. So what
-    works beside a window works inside this block, which holds for this thread alone.
+    Systems with long rows count as larger. cholespy blocks all threads while it factors, for seven
+    seconds at 160,000 vertices. Code that runs while a window is open therefore uses this context.
     """
-    before = _factored_apart.set(unknowns)
+    before = _unknowns_min.set(unknowns)
     try:
         yield
     finally:
-        _factored_apart.reset(before)
+        _unknowns_min.reset(before)
 
 
 def is_factored_in_subprocess(unknowns: float) -> bool:
-    """Tell whether this thread has asked for it, for systems of this size."""
-    return unknowns >= _factored_apart.get()
+    """Return whether this thread factors systems of this size in a subprocess."""
+    return unknowns >= _unknowns_min.get()

@@ -1,7 +1,8 @@
-"""What all numba kernels share: GIL released, code kept on disk, one thread, sums in fixed order.
+"""Settings that all numba kernels share, and kernels for sums and sparse products.
 
-Indices are unsigned: a signed one would be tested for counting from the end at every use, which
-doubles the time.
+Kernels release the GIL, are cached on disk, and use one thread with a fixed summation order.
+Indices are unsigned. Numba tests signed indices for negative values at every use, which doubles the
+time.
 """
 
 import hashlib
@@ -31,15 +32,15 @@ except (RuntimeWarning, ValueError) as error:
     settings = ", ".join(f"{k}={v!r}" for k, v in os.environ.items() if k.startswith("NUMBA_"))
     problem = str(error).partition("\n")[0].rstrip(".")
     raise AbfmError(
-        f"numba does not take what the environment says ({settings}): {problem}; correct or unset "
-        "the variable"
+        f"numba rejects the environment variables {settings}: {problem}. Correct or unset the "
+        "variable."
     ) from error
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 class _CompilationListener(numba.core.event.Listener):
-    """Tells who waits that a kernel is compiled, which takes seconds, once on a machine."""
+    """Reports progress while Numba compiles a kernel (a few seconds, once per machine)."""
 
     def __init__(self) -> None:
         self._open_steps = threading.local()
@@ -58,7 +59,7 @@ _listen("numba:compile", _CompilationListener())
 
 
 class _Cache:
-    """numba's cache on disk, in which damaged files count as none, and nothing needs to be kept."""
+    """numba's cache on disk; it skips damaged files and ignores failed writes."""
 
     def __init__(self, cache: Any) -> None:
         self._cache = cache
@@ -68,7 +69,7 @@ class _Cache:
     def load_overload(self, signature: object, target: object) -> object:
         try:
             return self._cache.load_overload(signature, target)
-        except Exception:  # of any kind: files are pickles
+        except Exception:  # cache files are pickles and may raise anything
             with suppress(OSError):
                 self.flush()
             return None
@@ -79,29 +80,31 @@ class _Cache:
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compile with the settings that all kernels share."""
+    """Compile a function with the settings of all kernels."""
     return _compiled(function, {"contract"})
 
 
 def unfused_kernel(function: Kernel) -> Kernel:
-    """Compile without fused products and sums: whether they come depends on what is inlined, which
-    is another when it comes from disk, and what decides by signs would decide otherwise.
+    """Compile without fused multiply-adds.
+
+    Whether products and sums are fused depends on inlining, and inlining differs for callees loaded
+    from the cache. Kernels that branch on signs could then decide differently.
     """
     return _compiled(function, set())
 
 
 def _compiled(function: Kernel, fastmath: set[str]) -> Kernel:
-    """Compile a function, or take it from disk.
+    """Compile a function, or load it from the cache.
 
-    numba takes compiled code from disk as long as the function's own file is as it was. It is filed
-    under a name with the stamp of the other files, so that a change of a kernel reaches those that
-    call it from elsewhere, too.
+    numba reuses a cached function while the function's own file is unchanged. The name in the cache
+    includes a digest of all files with kernels that it calls. A change of a kernel therefore also
+    recompiles its callers in other files.
     """
     name = function.__qualname__
     function.__qualname__ = f"{name}_{_stamp(function.__globals__)}"
     compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=fastmath)(function)
-    if hasattr(compiled, "enable_caching"):  # not where NUMBA_DISABLE_JIT says so
-        with suppress(RuntimeError):  # where no folder can be written to
+    if hasattr(compiled, "enable_caching"):  # absent with NUMBA_DISABLE_JIT
+        with suppress(RuntimeError):  # if no folder is writable
             compiled.enable_caching()
             compiled._cache = _Cache(compiled._cache)
     function.__qualname__ = name
@@ -109,13 +112,13 @@ def _compiled(function: Kernel, fastmath: set[str]) -> Kernel:
 
 
 def _stamp(namespace: dict[str, Any]) -> str:
-    """Hash the source of this file and of all whose kernels a module, or what it calls, has."""
-    modules, left = {__name__}, [namespace]
-    while left:
-        for value in left.pop().values():
+    """Return a digest of this file and of all files whose kernels a module uses."""
+    modules, remaining = {__name__}, [namespace]
+    while remaining:
+        for value in remaining.pop().values():
             if isinstance(value, Dispatcher) and value.__module__ not in modules:
                 modules.add(value.__module__)
-                left.append(vars(sys.modules[value.__module__]))
+                remaining.append(vars(sys.modules[value.__module__]))
     sources = "".join(inspect.getsource(sys.modules[name]) for name in sorted(modules))
     return hashlib.sha256(sources.encode()).hexdigest()[:12]
 
@@ -128,7 +131,7 @@ def inner(a: FloatArray, b: FloatArray) -> float:
     return total
 
 
-# summed in the compiler's order: the same bits whatever else runs
+# the compiler fixes the order of the sum, so the bits do not depend on other threads
 inner = _compiled(inner, {"contract", "reassoc"})
 
 
@@ -153,5 +156,5 @@ def product(matrix: sparse.csr_array, x: FloatArray) -> FloatArray:
 
 
 def unsigned(indices: IndexArray) -> IndexArray:
-    """View the same memory with the sign bit read as a digit."""
+    """Return a view of the indices as unsigned integers of the same size."""
     return indices.view(np.uint32 if indices.itemsize == 4 else np.uint64)

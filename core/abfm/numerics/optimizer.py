@@ -1,8 +1,8 @@
 """Preconditioned L-BFGS [Nocedal & Wright 2006, ch. 7] as an iterator: init, step, stop test.
 
-SciPy's has no preconditioner, and cannot stop between two iterations or learn from an earlier run;
-its line search does not survive energies that are not finite, and asks for slopes where the value
-alone rules a step out.
+SciPy's L-BFGS has no preconditioner. It cannot stop between two iterations or reuse the pairs of an
+earlier run. Its line search fails for energies that are not finite, and evaluates slopes where the
+value alone rejects a step.
 """
 
 import math
@@ -22,7 +22,7 @@ _RELATIVE_ROUNDING = 1e-16
 
 
 class Evaluation(Protocol):
-    """What the optimiser needs to know of an energy at a point."""
+    """Energy and gradient at a point."""
 
     @property
     def energy(self) -> float: ...
@@ -34,7 +34,7 @@ Point = TypeVar("Point", bound=Evaluation)
 
 
 class Pair(NamedTuple):
-    """A step ``s``, the change ``y`` of gradient along it, ``H_0 y``, and ``1 / <s, y>``; flat."""
+    """A step ``s``, its gradient change ``y``, ``H_0 y``, and ``1 / <s, y>``, as flat arrays."""
 
     s: FloatArray
     y: FloatArray
@@ -44,7 +44,7 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class Trial(Generic[Point]):
-    """One step length: value, and slope along the direction (NaN where the value rules it out)."""
+    """One step length with its value and slope; the slope is NaN if the value rejects the step."""
 
     length: float
     value: float
@@ -57,34 +57,34 @@ class Iterate(Generic[Point]):
     """One iterate of L-BFGS."""
 
     x: FloatArray  # never has a higher energy than the one before
-    point: Point  # evaluation at x, with gradient g
+    point: Point  # evaluation at x with gradient g
     preconditioned: FloatArray  # H_0 g
-    pairs: tuple[Pair, ...]  # latest ones, oldest first
+    pairs: tuple[Pair, ...]  # the latest pairs, oldest first
     scale: float  # factor of H_0 in the next direction
-    gradient_norm: float  # sqrt(<g, H_0 g>), the norm dual to the preconditioner's
-    first_norm: float  # the same at the first iterate
-    # size of the latest step; the next search begins with at most twice as much
+    gradient_norm: float  # sqrt(<g, H_0 g>), the dual norm of the preconditioner
+    first_norm: float  # gradient norm at the first iterate
+    # size of the latest step; the next search begins with at most twice this size
     length: float = 0.0
-    failed: bool = False  # the line search found no lower energy: x is the iterate before
+    failed: bool = False  # the line search found no lower energy, so x is unchanged
 
 
 @dataclass(frozen=True, eq=False)
 class LBFGS(Generic[Point]):
-    """Minimise an energy by L-BFGS with a strong Wolfe search.
+    """Minimise an energy by L-BFGS with a strong Wolfe line search.
 
-    ``evaluate`` makes an evaluation of an array; the energy may be infinite. The gradient is asked
-    for only where it is needed, at the latest before the next evaluation. ``precondition`` is
-    ``H_0``: it applies a symmetric positive definite approximation of the inverse Hessian. Without
-    it ``H_0`` is the usual multiple of the identity, ``<s, y> / <y, y>``.
+    ``evaluate`` returns the evaluation at an array; the energy may be infinite. The gradient is
+    computed only where it is needed, at the latest before the next evaluation. ``precondition``
+    applies ``H_0``, a symmetric positive definite approximation of the inverse Hessian. Without it
+    ``H_0`` is the usual multiple of the identity, ``<s, y> / <y, y>``.
     """
 
     evaluate: Callable[[FloatArray], Point]
     precondition: Callable[[FloatArray], FloatArray] | None = None
-    memory: int = 10  # pairs kept
-    # of a step as the user measures it
+    memory: int = 10  # number of pairs
+    # measures a step in the units of `step_size_max`
     size: Callable[[FloatArray], float] = lambda step: float(np.abs(step).max())
-    step_size_max: float = np.inf  # the most that the size of a step may be
-    tolerance: float = 1e-6  # converged when the gradient's norm is this fraction of the first one
+    step_size_max: float = np.inf
+    tolerance: float = 1e-6  # converged if the gradient norm falls to this share of the first one
 
     def init(
         self,
@@ -93,9 +93,9 @@ class LBFGS(Generic[Point]):
         previous: Iterate[Point] | None = None,
         curvature_ratio: float = 1.0,
     ) -> Iterate[Point]:
-        """Return the first iterate, with its evaluation if there is one already.
+        """Return the first iterate, with the evaluation ``point`` at ``x`` if it is known.
 
-        Reuse what the ``previous`` search learned. The curvature of this energy is about
+        The search reuses the pairs of a ``previous`` search. The curvature of this energy is about
         ``curvature_ratio`` times as large.
         """
         point = self.evaluate(x) if point is None else point
@@ -110,7 +110,7 @@ class LBFGS(Generic[Point]):
         return Iterate(x, point, preconditioned, pairs, scale, norm, norm, previous.length)
 
     def step(self, state: Iterate[Point]) -> Iterate[Point]:
-        """Do one iteration; where the search fails, again without the memory."""
+        """Do one iteration; if the line search fails, repeat it without the stored pairs."""
         direction = -self._inverse_hessian(state)
         slope = _inner(direction, state.point.gradient)
         trial = None
@@ -121,7 +121,7 @@ class LBFGS(Generic[Point]):
             if self.precondition and state.pairs:
                 first = min(1.0, 2 * state.length / full)
             elif not state.pairs and not self.precondition:
-                # of length 1, whatever frames the unknowns are in
+                # a step of length 1, independent of the frames of the unknowns
                 first = min(1.0, 1.0 / float(np.sqrt(-slope)))
             trial = strong_wolfe(
                 lambda length: self.evaluate(state.x + length * direction),
@@ -136,7 +136,7 @@ class LBFGS(Generic[Point]):
         return self.step(without_pairs) if state.pairs else replace(without_pairs, failed=True)
 
     def stop_reason(self, state: Iterate[Point]) -> str | None:
-        """Return why to stop at this iterate, or None to go on."""
+        """Return the reason to stop at this iterate, or None to continue."""
         if state.failed:
             return "line search failed"
         if state.gradient_norm <= self.tolerance * state.first_norm:
@@ -144,19 +144,19 @@ class LBFGS(Generic[Point]):
         if self.precondition and state.gradient_norm**2 <= _RELATIVE_ROUNDING * abs(
             state.point.energy
         ):
-            # the decrease that a step of H_0 promises is below the energy's own rounding
+            # the decrease predicted for a step of H_0 is below the rounding error of the energy
             return "converged"
         return None
 
     def _accept(
         self, state: Iterate[Point], trial: Trial[Point], direction: FloatArray
     ) -> Iterate[Point]:
-        """Return the next iterate; a pair is kept only if the energy bends upwards along the step.
+        """Return the next iterate; store a pair only if the curvature along the step is positive.
 
-        A preconditioner is scaled by the root of the usual ``<s, y> / <y, H_0 y>``: the mismatch
-        bends the energy far more than the norm that ``H_0`` inverts, but along few directions.
-        Unscaled, every step is cut to 1e-5 of itself; with the full factor, directions not yet seen
-        are starved, and thin parts converge slower.
+        A preconditioner is scaled by the square root of the usual ``<s, y> / <y, H_0 y>``. The
+        mismatch has a far larger curvature than the norm that ``H_0`` inverts, but along few
+        directions. Unscaled, every step is cut to 1e-5 of its length. With the full factor,
+        directions without pairs get too small steps, and thin parts converge more slowly.
         """
         gradient = trial.point.gradient
         preconditioned, norm = self._preconditioned(gradient)
@@ -164,7 +164,7 @@ class LBFGS(Generic[Point]):
         change = preconditioned - state.preconditioned
         curvature = _inner(s, y)
         pairs, scale = state.pairs, state.scale
-        spread = _inner(y, change)  # where little is left to gain, rounding may beat it
+        spread = _inner(y, change)  # rounding may make it negative close to the minimum
         if curvature > 1e-12 * np.sqrt(_inner(s, s) * _inner(y, y)) and spread > 0:
             pair = Pair(s.ravel(), y.ravel(), change.ravel(), 1 / curvature)
             pairs = (*pairs, pair)[-self.memory :]
@@ -174,7 +174,7 @@ class LBFGS(Generic[Point]):
         return Iterate(x, trial.point, preconditioned, pairs, scale, norm, state.first_norm, length)
 
     def _inverse_hessian(self, state: Iterate[Point]) -> FloatArray:
-        """Apply the two-loop recursion, algorithm 7.4, with ``H_0`` summed from what is known."""
+        """Apply the two-loop recursion (algorithm 7.4), with ``H_0`` applied by linearity."""
         if not state.pairs:
             return state.preconditioned
         q, found = state.point.gradient.flatten(), state.preconditioned.flatten()
@@ -185,8 +185,9 @@ class LBFGS(Generic[Point]):
         return found.reshape(state.x.shape)
 
     def _preconditioned(self, gradient: FloatArray) -> tuple[FloatArray, float]:
-        """Return ``H_0 g`` and ``sqrt(<g, H_0 g>)``: NaN, never small, where rounding makes the
-        product negative.
+        """Return ``H_0 g`` and ``sqrt(<g, H_0 g>)``.
+
+        The norm is NaN, rather than small, if rounding makes the product negative.
         """
         found = self.precondition(gradient) if self.precondition else gradient
         square = _inner(gradient, found)
@@ -195,7 +196,7 @@ class LBFGS(Generic[Point]):
 
 @kernel
 def first_loop_update(pair: Pair, q: FloatArray, found: FloatArray) -> float:
-    """Take a pair out in the first loop: its change from ``q``, ``H_0`` of it from ``found``."""
+    """Subtract a pair's contribution from ``q``, and its ``H_0`` image from ``found``."""
     weight: float = pair.rho * inner(pair.s, q)
     for i in range(q.size):
         q[i] -= weight * pair.y[i]
@@ -205,7 +206,7 @@ def first_loop_update(pair: Pair, q: FloatArray, found: FloatArray) -> float:
 
 @kernel
 def second_loop_update(pair: Pair, weight: float, found: FloatArray) -> None:
-    """Add a pair's step, in the second loop."""
+    """Add a pair's step in the second loop."""
     share = weight - pair.rho * inner(pair.y, found)
     for i in range(found.size):
         found[i] += share * pair.s[i]
@@ -224,10 +225,10 @@ def strong_wolfe(
 ) -> Trial[Point] | None:
     """Find a step length with sufficient decrease and, below ``length_max``, a flatter slope.
 
-    Algorithms 3.5 and 3.6, from ``start`` of length 0 and negative slope; ``first`` is tried first,
-    and slopes are asked for only where the value is low enough. After twelve trials, the lowest
-    with sufficient decrease will do; None if there is none. A value that is not finite counts as
-    infinite: the step is shortened.
+    Algorithms 3.5 and 3.6 from ``start``, of length 0 and negative slope. The search tries
+    ``first`` first, and computes slopes only where the value is low enough. After twelve trials it
+    returns the lowest trial with sufficient decrease, or None if there is none. A value that is not
+    finite counts as infinite, so the step is shortened.
     """
     low, high = start, None
     length = min(first, length_max)
@@ -256,9 +257,10 @@ def strong_wolfe(
 
 
 def _interpolate(low: Trial[Point], high: Trial[Point]) -> float:
-    """Minimise the cubic or, without a slope at ``high``, the parabola, kept off the ends.
+    """Return the minimiser of the cubic, or of the parabola without a slope at ``high``.
 
-    A tenth of the way if ``high`` is infinite.
+    The result is at least a tenth of the interval away from both ends, and a tenth from ``low`` if
+    ``high`` is infinite.
     """
     width, rise = high.length - low.length, high.value - low.value
     fraction = 0.5

@@ -1,4 +1,4 @@
-"""Numbers and arrays that users give, or an error that says what is wrong with them."""
+"""Conversion and checks of numbers and arrays from users."""
 
 from typing import Any
 
@@ -12,24 +12,26 @@ from abfm.types import FloatArray
 def real_numbers(
     values: ArrayLike, name: str, error: type[AbfmError] = ParameterError
 ) -> FloatArray:
-    """Return an array of real numbers as float64, row after row; it may hold infinities and NaN.
+    """Return an array of real numbers as float64 in C order; it may hold infinities and NaN.
 
-    Masked values become NaN; tensors of PyTorch are detached and copied to the CPU. ``error`` is
-    raised for anything else: text, objects, complex numbers, or rows of different lengths.
+    Masked values become NaN; PyTorch tensors are detached and copied to the CPU. Anything else
+    raises ``error``: text, objects, complex numbers, or rows of different lengths.
     """
     try:
         array = plain_array(values)
-    except (ValueError, TypeError, OverflowError, RuntimeError) as problem:  # or of __array__
-        raise error(f"{name} is no array: {one_line(problem, 80)}; expected real numbers") from None
+    except (ValueError, TypeError, OverflowError, RuntimeError) as problem:  # also by __array__
+        raise error(
+            f"{name} is not an array: {one_line(problem, 80)}; expected real numbers"
+        ) from None
     if array.dtype.kind not in "biuf":
         raise error(f"{name} has values of type {one_line(array.dtype, 40)}; expected real numbers")
     return as_float64(array)
 
 
 def plain_array(values: Any) -> NDArray[Any]:
-    """Return the array that NumPy makes of values, with NaN in place of masked numbers.
+    """Return values as a NumPy array, with NaN for masked numbers.
 
-    Tensors of PyTorch are detached and copied to the CPU. Objects may raise anything.
+    PyTorch tensors are detached and copied to the CPU. Objects may raise any error.
     """
     if hasattr(values, "detach") and hasattr(values, "cpu"):
         values = values.detach().cpu()
@@ -40,13 +42,13 @@ def plain_array(values: Any) -> NDArray[Any]:
 
 
 def as_float64(array: NDArray[Any]) -> FloatArray:
-    """Return numbers as float64, row after row; infinities and NaN without a warning."""
+    """Return numbers as float64 in C order, without a warning for infinities and NaN."""
     with np.errstate(over="ignore", invalid="ignore"):
         return array.astype(np.float64, order="C", copy=False)
 
 
 def is_finite_number(value: object) -> bool:
-    """Return whether it is one finite real number, of any type of NumPy's but truth values."""
+    """Return whether a value is one finite real number; NumPy scalars count, booleans do not."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError):
@@ -55,7 +57,7 @@ def is_finite_number(value: object) -> bool:
 
 
 def is_integer(value: object, least: int, most: int) -> bool:
-    """Return whether it is one whole number between two, the ends included."""
+    """Return whether a value is one integer between two bounds, both included."""
     if not is_finite_number(value):
         return False
     number = float(np.asarray(value))

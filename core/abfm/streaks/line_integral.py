@@ -1,9 +1,9 @@
-"""Line integral convolution: noise smeared along a field, which shows its lines all over a surface.
+"""Line integral convolution: noise smeared along a field shows its flow lines on a surface.
 
-Cabral and Leedom, Imaging Vector Fields Using Line Integral Convolution, SIGGRAPH 1993; streamlines
-serve all texels that they meet, as in Stalling and Hege, Fast and Resolution Independent Line
-Integral Convolution, SIGGRAPH 1995. Here they are walked on the surface itself, along the field
-made continuous, and the noise belongs to places in space.
+Cabral and Leedom, Imaging Vector Fields Using Line Integral Convolution, SIGGRAPH 1993. Each
+streamline serves all texels that it meets, as in Stalling and Hege, Fast and Resolution Independent
+Line Integral Convolution, SIGGRAPH 1995. Here streamlines are traced on the surface itself, along
+the field made continuous. The noise is a function of the position in space.
 """
 
 import math
@@ -32,24 +32,25 @@ from abfm.types import FloatArray, IndexArray
 
 FloatImage = NDArray[np.float32]
 GREY = 0.5
-_STEP = 1.5  # of a walk, in grains
-_STRIDE = 1.2  # between places where noise is read and texels are served, in texels; at most
+_STEP = 1.5  # of a streamline, in grains
+# largest distance, in texels, between places where noise is read and texels are served
+_STRIDE = 1.2
 _RIPPLES = 2
-_LEAST_PARTS = 3  # of a step, at which noise is read
+_PARTS_MIN = 3  # of a step, at which noise is read
 _CONTRAST = (2, 98)  # percentiles that become black and white
-_SPEED_SHARE_MIN = 1e-9  # of the largest speed: below, there is no direction
-# part of the area that is slower than where the contrast is full, if it fades
+_SPEED_SHARE_MIN = 1e-9  # of the largest speed; slower fields have no direction
+# share of the area that is slower than the speed of full contrast, with fading
 _SLOW_AREA_SHARE = 0.98
-_LEAST_TEXELS = 1.5  # in a grain
-_SAMPLE = 7  # every so many texels tell the contrast
+_GRAIN_TEXELS_MIN = 1.5
+_CONTRAST_STRIDE = 7  # texels between the samples that determine the contrast
 _ROUNDING = 1e-9
-# steps, beyond those convolved, by which a streamline grows, and how often at most
+# a streamline grows by chunks of so many steps beyond the convolved ones, at most so many times
 _CHUNK = 4
 _CHUNKS = 12
-_NEW_TEXEL = 255  # of texels that no streamline has met
-_NEW_TEXEL_PERIOD = 8  # it grows while one in so many texels is new
+_NEW_TEXEL = 255  # marks texels that no streamline has met
+_NEW_TEXEL_PERIOD = 8  # a streamline grows while one in so many texels is new
 _TILT = np.linalg.qr(np.array([[3.0, 1.0, 2.0], [-1.0, 4.0, 1.0], [1.0, -2.0, 5.0]]))[0]
-_SHIFT = np.array([0.317, 0.541, 0.733])  # so that no plane of a mesh is one between cells of noise
+_SHIFT = np.array([0.317, 0.541, 0.733])  # keeps boundaries of noise cells off planes of the mesh
 
 
 def line_integral_convolution(
@@ -68,23 +69,23 @@ def line_integral_convolution(
     Parameters
     ----------
     velocity : (F, 3) array
-        Tangent vectors; only their directions matter, unless the contrast is to fade.
+        Tangent vectors. Only their directions matter, unless ``fade`` is true.
     length : float
-        How far noise is smeared, in units of the square root of the area.
+        Length over which noise is smeared, in units of the square root of the area.
     width : float
-        Of the streaks, in the same units, but at least about two texels.
+        Width of the streaks, in the same units, but at least about two texels.
     fade : bool
-        Whether the contrast is proportional to the speed, full from that on which is exceeded on a
-        fiftieth of the area.
+        Whether the contrast is proportional to the speed. It is full from the speed that a fiftieth
+        of the area exceeds.
     phase : float or (P,) array, optional
-        Pictures at phases rising from 0 to 1, where they start again, show streaks that move along
-        the field. Computing P of them at once is much faster than one by one.
+        Images at phases rising from 0 to 1, where they repeat, show streaks that move along the
+        field. Computing P images at once is much faster than one by one.
 
     Returns
     -------
     atlas : TextureAtlas
     image : (size, size) or (P, size, size) array of float32
-        From 0 to 1, row 0 at the bottom; grey (0.5) where there is no field or triangle.
+        Values from 0 to 1 with row 0 at the bottom; grey (0.5) where there is no field or triangle.
     """
     field = check_field(mesh, velocity, "velocity")
     field = to_ambient(mesh, to_frame(mesh, field / (np.abs(field).max() or 1.0)))
@@ -97,30 +98,30 @@ def line_integral_convolution(
         if not 0 < value <= 1:
             raise ParameterError(f"{name} is {value}; expected more than 0 and at most 1")
     if not isinstance(seed, int | np.integer):
-        raise ParameterError(f"seed is {seed!r}; expected a whole number")
+        raise ParameterError(f"seed is {seed!r}; expected an integer")
     atlas = texture_atlas(mesh, size)
     speeds = np.linalg.norm(field, axis=1)
     images = np.zeros((phases.size, size * size), dtype=np.float32)
     if speeds.any():
         owners, scale = atlas.texel_faces.ravel(), mesh.length_scale
-        spacing = scale / float(np.sqrt((owners >= 0).sum()))  # of texels; some are finer
-        grain = max(width * scale, _LEAST_TEXELS * spacing)
+        spacing = scale / float(np.sqrt((owners >= 0).sum()))  # mean distance of texels
+        grain = max(width * scale, _GRAIN_TEXELS_MIN * spacing)
         flow, areas = smooth_flow(mesh, field, grain), face_areas(mesh) / grain**2
         places = mesh.vertices @ _TILT / grain + _SHIFT
-        # places in space and texture as ``a + b x + c y`` of those in frames
+        # places in space and in the texture as functions ``a + b x + c y`` of those in frames
         corners = np.concatenate([places[mesh.faces], atlas.corners], axis=2)
         slopes = np.einsum("fiq,fik->fqk", corners, flow.gradients)
         charts = np.concatenate([corners[:, 0, :, None], slopes], axis=2)
         weights = _window(
             length * scale / (_STEP * grain), None if phase is None else phases.ravel()
         )
-        parts = max(int(np.ceil(_STEP * grain / (_STRIDE * spacing))), _LEAST_PARTS)
-        calm, done = _SPEED_SHARE_MIN * float(speeds.max()), np.zeros(len(owners), dtype=bool)
+        parts = max(int(np.ceil(_STEP * grain / (_STRIDE * spacing))), _PARTS_MIN)
+        speed_min, done = _SPEED_SHARE_MIN * float(speeds.max()), np.zeros(len(owners), dtype=bool)
         canvas = flow, charts, atlas.corners, owners, size
-        lines = Streamlines(*canvas, _STEP, parts, calm, int(seed) % 2**63)
+        lines = Streamlines(*canvas, _STEP, parts, speed_min, int(seed) % 2**63)
         convolve(lines, weights, done, images)
         fill_gaps(lines, done, images)
-        dark, bright = np.percentile(images[0, done][::_SAMPLE], _CONTRAST)
+        dark, bright = np.percentile(images[0, done][::_CONTRAST_STRIDE], _CONTRAST)
         fill_margins(lines, done, images)
         sharpen(1 / max(bright - dark, 1e-12), images)
         if fade:
@@ -142,34 +143,40 @@ def _window(steps: float, phases: FloatArray | None) -> FloatArray:
 
 
 class Streamlines(NamedTuple):
-    """A field to walk along in equal steps, and the texture in which texels are met."""
+    """A field with the step of its streamlines, and the texture of the surface."""
 
     flow: SmoothFlow
-    # (F, 5, 3), where a place (x, y) of a face is, as ``a + b x + c y``: three coordinates in
+    # (F, 5, 3), coefficients ``a + b x + c y`` of a place (x, y) of a face: three coordinates in
     # space, column and row in texels
     charts: FloatArray
-    corners: FloatArray  # (F, 3, 2), where the corners of each face lie, column and row in texels
+    corners: FloatArray  # (F, 3, 2), column and row of the corners of each face, in texels
     owners: IndexArray  # (texels,), face of each texel, row by row, or -1
     size: int  # texels in a row
     step: float
-    parts: int  # of a step, in which it is walked, and texels are served
-    calm: float  # speed up to which there is no direction
+    parts: int  # parts of a step, after each of which a texel is served
+    calm: float  # largest speed without a direction
     seed: int  # of the noise
 
 
 class Track(NamedTuple):
-    """What was met ahead and back from the middle of the arrays, in ``n`` steps of ``m`` parts."""
+    """Noise and texels along a streamline, ``n`` steps of ``m`` parts in each direction.
 
-    noise: FloatArray  # (2 n,), on average over each step
-    texels: IndexArray  # (2 n m + 1,), after each part of a step; -1 behind the end
-    misses: IndexArray  # (2 n m + 1,) of uint8, how far from their centres: squared, from 1 to 201
-    place: FloatArray  # (3,), where in space a walk is,
-    onward: FloatArray  # (3,), and the last part of a step, by which noise goes on behind its end
+    The arrays begin at the backward end; the start of the streamline is in their middle.
+    """
+
+    noise: FloatArray  # (2 n,), mean over each step
+    texels: IndexArray  # (2 n m + 1,), after each part of a step; -1 beyond the end
+    misses: IndexArray  # (2 n m + 1,) of uint8, squared distances from texel centres, 1 to 201
+    place: FloatArray  # (3,), current position in space
+    onward: FloatArray  # (3,), last part of a step, which continues the noise beyond the end
 
 
 @kernel
 def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Walker:
-    """Turn a walker's way into its next step, zero where the field is calm or turns against it."""
+    """Set a walker's vector to its next step.
+
+    It is zero where the field is below the smallest speed or turns back.
+    """
     f, x, y, before_x, before_y = walker
     u, v = vector_at(flow, f, x, y)
     speed = math.copysign(math.sqrt(u * u + v * v), step)
@@ -191,8 +198,10 @@ def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Wal
 def follow(
     lines: Streamlines, walker: Walker, ahead: int, steps: tuple[int, int], track: Track
 ) -> Walker:
-    """Go on with a walk from a step to another, ahead (1) or back (-1), and keep its track. Behind
-    its end the noise goes straight on in space, so that there is as much of it everywhere.
+    """Follow a streamline for some steps, ahead (1) or back (-1), and record its track.
+
+    Beyond its end the noise continues straight in space, so that all streamlines have the same
+    amount of noise.
     """
     flow, charts, size, parts = lines.flow, lines.charts, lines.size, lines.parts
     place, step, calm = track.place, ahead * lines.step, lines.calm
@@ -232,7 +241,7 @@ def follow(
 
 @kernel
 def hashed(place: FloatArray, seed: int) -> float:
-    """Return the random number from -1 to 1 that belongs to the cell of a place (3,)."""
+    """Return the random number from -1 to 1 of the noise cell at a place (3,)."""
     h = (np.uint64(seed) + np.uint64(1)) * np.uint64(0xD1B54A32D192ED03)
     h ^= h >> np.uint64(32)
     for k in range(3):
@@ -244,14 +253,14 @@ def hashed(place: FloatArray, seed: int) -> float:
 
 @kernel
 def put(charts: FloatArray, f: Face, x: float, y: float, place: FloatArray) -> None:
-    """Set ``place`` (3,) to where a place of a face is in space."""
+    """Set ``place`` (3,) to the position in space of a place (x, y) in a face."""
     for k in range(3):
         place[k] = charts[f, k, 0] + x * charts[f, k, 1] + y * charts[f, k, 2]
 
 
 @kernel
 def place_of(lines: Streamlines, f: Face, b: FloatArray) -> tuple[float, float]:
-    """Return a place in the frame of a face by its weights."""
+    """Return the place in the frame of a face with given barycentric weights."""
     g = lines.flow.gradients
     area = g[f, 1, 0] * g[f, 2, 1] - g[f, 1, 1] * g[f, 2, 0]
     x, y = b[1] * g[f, 2, 1] - b[2] * g[f, 1, 1], b[2] * g[f, 1, 0] - b[1] * g[f, 2, 0]
@@ -278,9 +287,9 @@ def smeared(weights: FloatArray, picture: int, noise: FloatArray, start: int) ->
 def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: FloatImage) -> None:
     """Convolve noise along streamlines, with ``weights`` (P, K), into ``images`` (P, texels).
 
-    Fills the texels whose centre is in their face, marked in ``done`` (texels,). Each streamline
-    serves the texels that it meets, as far as enough of them are new, unless another one came
-    nearer to their centres.
+    It fills the texels whose centre is in their face, and sets ``done`` (texels,) for them. Each
+    streamline serves the texels that it meets, unless another streamline came nearer to their
+    centres. It grows while enough of these texels are new.
     """
     half = weights.shape[1] // 2
     most = half + _CHUNK * _CHUNKS
@@ -292,7 +301,7 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
     for texel in range(done.size):
         f = lines.owners[texel]
         inside = f >= 0 and weigh_texel(lines, texel, b)
-        done[texel] = inside and not lines.flow.vectors[f].any()  # where there is no field
+        done[texel] = inside and not lines.flow.vectors[f].any()  # no field here
         nearest[texel] = _NEW_TEXEL if inside and not done[texel] else 0
     for texel in range(done.size):
         if nearest[texel] != _NEW_TEXEL or between_known(lines, nearest, texel):
@@ -326,7 +335,7 @@ def grow(
     lengths: tuple[int, int],
     met: tuple[Track, IndexArray],
 ) -> int:
-    """Walk to one side, half the window and as many steps more as find enough new texels."""
+    """Extend a streamline to one side, by half the window and while it meets enough new texels."""
     half, most = lengths
     track, nearest = met
     known, steps = 0, _CHUNK
@@ -351,7 +360,7 @@ def serve(
     values: FloatArray,
     images: FloatImage,
 ) -> None:
-    """Give a track's texels, from first to last node, their values where it came nearest."""
+    """Write the values of a track, from first to last node, to the texels where it is nearest."""
     first, last, parts = nodes
     for i in range(first, last + 1):
         target = track.texels[i]
@@ -367,7 +376,7 @@ def serve(
 
 @kernel
 def sharpen(factor: float, images: FloatImage) -> None:
-    """Map values (P, texels), after a factor, along half a wave of the sine, and clip them."""
+    """Map values (P, texels), times a factor, along half a wave of the sine, and clip them."""
     for picture in range(images.shape[0]):
         for texel in range(images.shape[1]):
             share = min(max(images[picture, texel] * factor, -0.5), 0.5)
@@ -391,7 +400,7 @@ def dim(lines: Streamlines, factor: float, images: FloatImage) -> None:
 
 @kernel
 def weigh_texel(lines: Streamlines, texel: int, b: FloatArray) -> bool:
-    """Compute barycentric weights of a texel's centre in its face; says whether it is inside."""
+    """Compute the barycentric weights of a texel's centre; return whether it is in its face."""
     f = lines.owners[texel]
     corners = lines.corners[f]
     u0, u1 = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
@@ -407,7 +416,10 @@ def weigh_texel(lines: Streamlines, texel: int, b: FloatArray) -> bool:
 
 @kernel
 def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
-    """Say whether two opposite neighbours are of the same face and known: 1 to 254."""
+    """Return whether two opposite neighbours of a texel are known and of the same face.
+
+    Known texels have a distance from 1 to 254 in ``nearest``.
+    """
     for away in (1, lines.size):
         count = 0
         for i in (texel - away, texel + away):
@@ -420,7 +432,10 @@ def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
 
 @kernel
 def unfold(lines: Streamlines, f: int, b: FloatArray) -> int:
-    """Move a place around face ``f`` into that behind an edge, or to the edge; returns the face."""
+    """Move a place near face ``f`` into the face behind an edge, or to the edge.
+
+    Returns the face.
+    """
     c, flow = 0, lines.flow
     for i in range(1, 3):
         if b[i] < b[c]:
@@ -461,7 +476,7 @@ def fill_gaps(lines: Streamlines, done: IndexArray, images: FloatImage) -> None:
 
 @kernel
 def fill_margins(lines: Streamlines, done: IndexArray, images: FloatImage) -> None:
-    """Give texels around each triangle what lies behind its edge, from those ``done``."""
+    """Give texels around each triangle the values behind its edge, from texels in ``done``."""
     b = np.empty(3)
     for texel in range(done.size):
         if lines.owners[texel] < 0 or done[texel]:

@@ -1,4 +1,4 @@
-"""A texture for any mesh: each triangle has a right triangle of texels, large as it is."""
+"""Texture atlas of any mesh: each face has a right triangle of texels in proportion to its size."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,36 +14,37 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
-LARGEST_SIZE = 16384  # texels along a side that graphics cards take
+SIZE_MAX = 16384  # texels along a side that graphics cards support
 _MARGIN = 0.5  # from the legs to the rectangle's sides: texel centres lie on the legs
 _RECTANGLE_SIDE_MIN = 4  # side of a rectangle whose triangles have legs of one texel
-_ROUNDS = 14
+_BISECTIONS = 14  # of the texel length
 
 
 @dataclass(frozen=True, eq=False)
 class TextureAtlas:
-    """Where each triangle lies in a square texture; see `texture_atlas`.
+    """The place of each triangle in a square texture; see `texture_atlas`.
 
     Texel (row, column) covers the square from (column, row) to (column + 1, row + 1); row 0 is at
-    the bottom. Those around a triangle, which linear filtering reads, are its own.
+    the bottom. The texels around a triangle that linear filtering reads belong to that triangle.
     """
 
     mesh: TriangleMesh
     size: int  # texels along a side
-    # on the surface at most, in the mesh's units, unless the texture is very small
+    # largest length of a texel on the surface, in the mesh's units, except in very small textures
     texel_length: float
-    corners: FloatArray  # (F, 3, 2), where the corners of each face lie, x and y in texels
-    # (size, size), the face that each texel belongs to, -1 where none
+    corners: FloatArray  # (F, 3, 2), places of the corners of each face, x and y in texels
+    # (size, size), the face of each texel, or -1
     texel_faces: NDArray[np.int32]
 
     @cached_property
     def corner_coordinates(self) -> FloatArray:
-        """Texture coordinates (3F, 2) in [0, 1], corner by corner, as polyscope takes them."""
+        """Texture coordinates (3F, 2) in [0, 1], corner by corner, in the format of polyscope."""
         return self.corners.reshape(-1, 2) / self.size
 
     def points(self, rows: IntArray, columns: IntArray) -> SurfacePoints:
-        """Return what the centres of texels (P,) of faces show: points of the surface. Beyond the
-        edge of its face, a texel shows a point on that edge.
+        """Return the points of the surface at the centres of texels (P,).
+
+        Beyond the edge of its face, a texel shows a point on that edge.
         """
         faces = self.texel_faces[rows, columns].astype(np.int64)
         origin, first, second = np.moveaxis(self.corners[faces], 1, 0)
@@ -68,36 +69,37 @@ class TextureAtlas:
 
 
 def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
-    """Lay out the triangles of a mesh in a square texture of ``size`` texels a side, up to 16384;
-    about 2 texels per face are the least, 100 show detail. Made once per mesh and size.
+    """Lay out the triangles of a mesh in a square texture of ``size`` texels a side, up to 16384.
 
-    Each triangle becomes a right triangle: the longest edge the hypotenuse, the legs as long in
-    texels as the other two edges in units of ``texel_length``, but at least one texel. Two of like
-    size share a rectangle, and all texels that linear filtering reads for a triangle are its own.
+    At least 2 texels per face are needed; 100 show detail. The atlas is made once per mesh and
+    size. Each triangle becomes a right triangle with the longest edge as its hypotenuse. The legs
+    are as long in texels as the other two edges in units of ``texel_length``, but at least one
+    texel. Two triangles of similar size share a rectangle. All texels that linear filtering reads
+    for a triangle belong to that triangle.
     """
-    if not isinstance(size, int | np.integer) or not _RECTANGLE_SIDE_MIN <= size <= LARGEST_SIZE:
+    if not isinstance(size, int | np.integer) or not _RECTANGLE_SIDE_MIN <= size <= SIZE_MAX:
         raise ParameterError(
-            f"size is {size!r}; expected a whole number of texels from {_RECTANGLE_SIDE_MIN} to "
-            f"{LARGEST_SIZE}"
+            f"size is {size!r}; expected an integer number of texels from {_RECTANGLE_SIDE_MIN} "
+            f"to {SIZE_MAX}"
         )
     rectangles = -(-len(mesh.faces) // 2)
     if rectangles > (size // _RECTANGLE_SIDE_MIN) ** 2:
         least = _RECTANGLE_SIDE_MIN * int(np.ceil(np.sqrt(rectangles)))
         raise ParameterError(
-            f"size {size} has no room for {len(mesh.faces)} faces: take {least} or more"
+            f"size {size} is too small for {len(mesh.faces)} faces; expected at least {least}"
         )
     return _lay_out(mesh, int(size))
 
 
 @per_mesh
 def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
-    # first the corner opposite the longest edge, then the farther and the nearer of the others
+    # first the corner opposite the longest edge, then the farther and the nearer other corner
     edges = edge_lengths(mesh)[mesh.face_edges]
     by_edge = np.argsort(edges, axis=1, kind="stable")
     order, legs = by_edge[:, [2, 0, 1]], np.take_along_axis(edges, by_edge[:, [1, 0]], axis=1)
     area = float((legs[:, 0] * legs[:, 1]).sum()) / 2
     fine, coarse = np.sqrt(area) / size, float(legs.max())
-    for _ in range(_ROUNDS):
+    for _ in range(_BISECTIONS):
         middle = float(np.sqrt(fine * coarse))
         fine, coarse = (fine, middle) if _pack(legs / middle, size)[0] else (middle, coarse)
     _, sequence, sides, corners = _pack(legs / coarse, size)
@@ -118,12 +120,12 @@ def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
 
 
 def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArray]:
-    """Pair triangles with legs (F, 2) in texels, and set their rectangles, if they fit."""
+    """Pair triangles with legs (F, 2) in texels, and place their rectangles, if they fit."""
     lost = 1 + _MARGIN
     heights = np.ceil(legs[:, 1] + 2 * lost - 1e-9)
     widths = np.ceil((legs[:, 0] + lost) / (1 - lost / heights) - 1e-9)
     sides = np.maximum(np.stack([widths, heights], axis=1), _RECTANGLE_SIDE_MIN)
-    sides = np.minimum(sides, LARGEST_SIZE + 1).astype(np.int16)
+    sides = np.minimum(sides, SIZE_MAX + 1).astype(np.int16)
     sequence = np.lexsort(-sides.T)
     padded = np.concatenate([sides[sequence], np.zeros((len(sides) % 2, 2), dtype=np.int16)])
     rectangles = padded.reshape(-1, 2, 2).max(axis=1).astype(np.int64)
@@ -133,7 +135,7 @@ def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArr
 
 @kernel
 def set_on_shelves(sides: IndexArray, size: int, corners: IndexArray) -> bool:
-    """Set rectangles of descending height on shelves of a square; says whether they have room."""
+    """Place rectangles of descending height on shelves of a square; return whether they fit."""
     x, y, shelf = 0, 0, 0
     for i in range(sides.shape[0]):
         width, height = sides[i, 0], sides[i, 1]
@@ -151,7 +153,10 @@ def set_on_shelves(sides: IndexArray, size: int, corners: IndexArray) -> bool:
 def halve_rectangles(
     corners: IndexArray, sides: IndexArray, owners: IndexArray, texels: IndexArray
 ) -> None:
-    """Give the texels of rectangles to two owners (n, 2), below and above the falling diagonal."""
+    """Assign the texels of rectangles to two owners (n, 2), below and above the diagonal.
+
+    The diagonal falls from left to right.
+    """
     for i in range(sides.shape[0]):
         w, h = sides[i, 0], sides[i, 1]
         for row in range(h):

@@ -1,4 +1,4 @@
-"""Long computations: progress, pause and cancel, and the subprocesses that they run in."""
+"""Long-running work: progress, cancellation, threads and subprocesses."""
 
 import lazy_loader
 

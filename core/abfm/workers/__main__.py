@@ -1,4 +1,4 @@
-"""The process of a `worker.Worker`."""
+"""Entry point of the subprocess of a `worker.Worker`."""
 
 from abfm.workers.worker import Server
 

@@ -1,5 +1,6 @@
-"""Pause, resume and cancel work from another thread: whoever starts it says ``with
-controlled(control)``; work that takes long calls `checkpoint` on its way.
+"""Pause, resume and cancel work from another thread.
+
+The caller runs the work inside ``with controlled(control)``. The work calls `checkpoint` regularly.
 """
 
 from __future__ import annotations
@@ -11,14 +12,14 @@ from contextvars import ContextVar
 
 
 class CancelledError(Exception):
-    """Raised inside work that was cancelled; `match` catches it."""
+    """Raised inside cancelled work; `match` catches it."""
 
 
 class Control:
-    """Pause, resume or cancel a `match` from another thread; takes effect within one evaluation of
-    the energy.
+    """Pause, resume or cancel a `match` from another thread.
 
-    ``cancelled`` and ``brief`` say whether it was cancelled, and briefly.
+    It takes effect within one evaluation of the energy. ``cancelled`` is true after `cancel`, and
+    ``skip_checks`` is its argument.
     """
 
     def __init__(self) -> None:
@@ -30,31 +31,30 @@ class Control:
 
     @property
     def paused(self) -> bool:
-        """Whether it holds the solve."""
+        """Whether the work is paused."""
         return not self._running.is_set()
 
     def pause(self) -> None:
-        """Hold the solve before its next evaluation."""
+        """Pause the work before its next evaluation."""
         self.set_paused(True)
 
     def resume(self) -> None:
-        """Go on after `pause`."""
+        """Resume the work after `pause`."""
         self.set_paused(False)
 
     def set_paused(self, paused: bool) -> None:
-        """Pause or resume."""
+        """Pause or resume the work."""
         with self._lock:
             if not paused:
                 self._running.set()
-            elif not self.cancelled:  # a cancelled solve must still end
+            elif not self.cancelled:  # cancelled work must still end
                 self._running.clear()
         self._notify_observers()
 
     def cancel(self, skip_checks: bool = False) -> None:
-        """Stop the solve; `match` returns its best iterate with the stop reason "cancelled".
+        """Stop the work; `match` returns its best iterate with the stop reason "cancelled".
 
-        Where that is only to go on from, ``skip_checks`` saves time: the result is
-        not verified.
+        If the caller continues from the result, ``skip_checks`` saves the time of verifying it.
         """
         with self._lock:
             self.cancelled, self.skip_checks = True, skip_checks
@@ -64,7 +64,7 @@ class Control:
 
     @contextmanager
     def observed_by(self, observer: Callable[[Control], None]) -> Iterator[None]:
-        """Tell a watcher of all that is asked of this control, also before."""
+        """Call an observer after each change, and at once if the work is paused or cancelled."""
         self._observers = (*self._observers, observer)
         try:
             if self.paused or self.cancelled:
@@ -78,8 +78,8 @@ class Control:
             observer(self)
 
     def wait(self) -> None:
-        """Return when the solve may go on; raise `CancelledError` if it must not."""
-        # a signal may cancel while this holds what `set` would wait for
+        """Wait while the work is paused; raise `CancelledError` if it is cancelled."""
+        # `Event.wait` holds a lock that a cancelling signal handler would need in `Event.set`
         if not self._running.is_set():
             self._running.wait()
         if self.cancelled:
@@ -87,13 +87,13 @@ class Control:
 
 
 _current: ContextVar[tuple[Control, Callable[[], bool]] | None] = ContextVar(
-    "what this thread listens to, and whether it heeds it", default=None
+    "control of this thread, and whether it is active", default=None
 )
 
 
 @contextmanager
 def controlled(control: Control, is_active: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Let the checkpoints of this thread wait for a control, whenever the work ``is_active`` it."""
+    """Let the checkpoints of this thread obey a control while ``is_active`` returns true."""
     before = _current.set((control, is_active))
     try:
         yield
@@ -102,13 +102,13 @@ def controlled(control: Control, is_active: Callable[[], bool] = lambda: True) -
 
 
 def current_control() -> Control | None:
-    """Return what this thread's checkpoints wait for."""
+    """Return the control that the checkpoints of this thread obey."""
     current = _current.get()
     return current[0] if current else None
 
 
 def checkpoint() -> None:
-    """Return when this thread's work may go on; raise `CancelledError` if it must not."""
+    """Wait while the work of this thread is paused; raise `CancelledError` if it is cancelled."""
     if current := _current.get():
         control, is_active = current
         if is_active():

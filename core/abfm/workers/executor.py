@@ -1,4 +1,4 @@
-"""Calls in several processes as a `concurrent.futures.Executor`, and one loop over any executor."""
+"""Subprocesses as a `concurrent.futures.Executor`, and a loop over the results of any executor."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ Result = TypeVar("Result")
 ONE_THREAD = {
     f"{name}_NUM_THREADS": "1" for name in ("OMP", "MKL", "OPENBLAS", "NUMBA", "VECLIB_MAXIMUM")
 }
-"""What makes compiled libraries compute in one thread: a call takes one core, and sums of several
-threads come out differently.
+"""Environment that makes compiled libraries use one thread.
+
+Each call then takes one core, and sums do not depend on the number of threads.
 """
 ENDED_MESSAGE = "the process has ended"
 CALLS_SUBMITTED_MAX = 2000
-"""Calls that an executor has at once: more than it has workers, and few enough to cancel quickly.
-"""
-_POLL_SECONDS = 0.1  # between two checks whether results are still wanted
+"""Calls submitted at once: more than there are workers, and few enough to cancel quickly."""
+_POLL_SECONDS = 0.1  # between two calls of `is_wanted`
 
 
 class Processes(Executor):
-    """Processes of this machine, each of which computes in one thread.
+    """Subprocesses on this machine, each of which computes in one thread.
 
     A process starts when a call first needs it. If a process dies, its call raises
     `WorkerEndedError`; other calls are not affected, and the next call starts another process.
@@ -39,13 +39,13 @@ class Processes(Executor):
     Parameters
     ----------
     count : int
-        How many processes there are at most.
+        Largest number of processes.
     """
 
     def __init__(self, count: int) -> None:
-        self._threads = ThreadPoolExecutor(count)  # each waits for one process
+        self._threads = ThreadPoolExecutor(count)  # each thread waits for one process
         self._workers = [Worker(no_state, ENDED_MESSAGE, ONE_THREAD) for _ in range(count)]
-        self._idle = self._workers[::-1]  # the last one is called next
+        self._idle = self._workers[::-1]  # a stack; the last worker gets the next call
 
     def submit(
         self, function: Callable[..., Result], /, *given: Any, **named: Any
@@ -54,7 +54,7 @@ class Processes(Executor):
         return self._threads.submit(self._call, call, copy_context())
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Refuse further calls; ``cancel_futures`` also ends, at once, those under way."""
+        """Refuse further calls; ``cancel_futures`` also ends running calls at once."""
         self._threads.shutdown(wait and not cancel_futures, cancel_futures=cancel_futures)
         if wait or cancel_futures:
             for worker in self._workers:
@@ -80,19 +80,20 @@ def completed(
     is_wanted: Callable[[], bool],
     submitted_max: int = CALLS_SUBMITTED_MAX,
 ) -> Iterator[tuple[Task, Future[Result]]]:
-    """Submit tasks and yield each with its future as it ends, until no more are wanted. Nothing is
-    cancelled.
+    """Submit tasks and yield each with its future when it completes, while ``is_wanted``.
+
+    Calls that are still running at the end are not cancelled.
 
     Parameters
     ----------
     submit : callable
         Submits a task to an executor.
     tasks : deque
-        They are taken from its left end; tasks that are added meanwhile are submitted, too.
+        Tasks, submitted from the left. Tasks added during the iteration are also submitted.
     is_wanted : callable
-        Whether to go on; called before each task that is submitted, and ten times a second.
-    most : int
-        How many tasks are submitted at once.
+        Whether to continue; called before each submission, and ten times a second.
+    submitted_max : int
+        Largest number of tasks submitted at once.
     """
     waiting, ended = dict[Future[Result], Task](), SimpleQueue[Future[Result]]()
     while (tasks or waiting) and is_wanted():
@@ -110,7 +111,7 @@ def completed(
 
 
 def in_order(numbered: Iterable[tuple[int, Result]]) -> Iterator[Result]:
-    """Yield what comes with the numbers 0, 1, 2, ... in any order, in their order."""
+    """Yield items numbered 0, 1, 2, ... in the order of their numbers."""
     early, following = dict[int, Result](), 0
     for number, each in numbered:
         early[number] = each

@@ -1,5 +1,7 @@
-"""What a worker and its process say to each other. Values that never change, such as meshes, are
-sent by name, a digest of the content: one goes to a process once, and no result brings it back.
+"""Messages between a worker and its subprocess.
+
+Immutable values such as meshes are sent by name, a digest of their content. Each value is sent to a
+process once, and results never send it back.
 """
 
 from __future__ import annotations
@@ -14,20 +16,20 @@ _named_types: set[type] = set()
 
 
 def sent_by_name(named: Type) -> Type:
-    """Decorate a class whose objects, which never change, are to be sent by their ``digest``."""
+    """Decorate an immutable class whose objects are sent by their ``digest``."""
     _named_types.add(named)
     return named
 
 
 class Parcel(NamedTuple):
-    """A value, in which others stand by names, and pickles of those that the other end lacks."""
+    """A pickled value with named values left out, and pickles of those that the receiver lacks."""
 
     content: bytes
     names: tuple[str, ...]
     values: dict[str, bytes]
 
     def unpack(self, known: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-        """Return the value, and what stands in it by name: ``known`` here or sent along."""
+        """Return the value, and its named values, which are ``known`` or sent along."""
         received = {name: pickle.loads(content) for name, content in self.values.items()}
         named = {name: received[name] if name in received else known[name] for name in self.names}
         unpickler = _Unpickler(io.BytesIO(self.content))
@@ -54,7 +56,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 def pack(value: object, known: Container[str] = ()) -> tuple[Parcel, dict[str, Any]]:
-    """Return a value for an end that knows some names, and what stands in it by name."""
+    """Return a parcel for a receiver with known names, and the named values of the content."""
     file, named = io.BytesIO(), dict[str, Any]()
     pickler = _Pickler(file, protocol=5)
     pickler.named = named
@@ -66,7 +68,7 @@ def pack(value: object, known: Container[str] = ()) -> tuple[Parcel, dict[str, A
 
 
 class Request(NamedTuple):
-    """A call: a function and its arguments, to be answered at once if it is ``is_immediate``."""
+    """A call of a function; an immediate call does not wait for earlier calls."""
 
     number: int
     parcel: Parcel
@@ -74,7 +76,7 @@ class Request(NamedTuple):
 
 
 class ControlUpdate(NamedTuple):
-    """What a `Control` says to a call that may be under way."""
+    """The state of the `Control` of a call that may be running."""
 
     number: int
     paused: bool
@@ -83,8 +85,10 @@ class ControlUpdate(NamedTuple):
 
 
 MessageKind = Literal["step", "report", "warning", "value", "error"]
-"""What an answer is: on the way a step (or None), another report or the text of an `AbfmWarning`,
-at the end one of the rest.
+"""Content of an answer.
+
+During the call it is a step (or None), another report or the text of an `AbfmWarning`. At the end
+it is the value or the error.
 """
 
 

@@ -1,8 +1,8 @@
-"""A process of our own, and the messages that go to it and come back: pickles after their length.
+"""A child process, and the messages to and from it: pickles preceded by their length.
 
-Answers come through a socket where there is one: it takes in a long one in a single call, without
-the interpreter, which a window that draws lends only once a frame. A pipe asks for it again every
-64 KiB.
+Answers come through a socket where the platform has one. A socket receives a long answer in a
+single call without the interpreter, which a drawing window releases only once per frame. A pipe
+needs the interpreter every 64 KiB.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import IO, Any
 
-_LENGTH = 8  # bytes, of a message's length
+_LENGTH_BYTES = 8  # of the length before each message
 _running: weakref.WeakSet[subprocess.Popen[bytes]] = weakref.WeakSet()
 
 
@@ -27,18 +27,18 @@ class ProcessEndedError(Exception):
 
 
 class ChildProcess:
-    """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to
-    it any more. Not by `multiprocessing`, whose new processes run the user's script again.
+    """Runs ``python -m module``, which serves `Requests`, until it is closed or garbage-collected.
 
-    Its environment is this process's, with some variables changed.
+    Its environment is that of this process with some variables changed. `multiprocessing` is not
+    used because its new processes run the user's script again.
     """
 
     def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
         command, variables = [sys.executable, "-m", module], os.environ | (environment or {})
-        # In a group of its own: Ctrl-C on a terminal, which goes to a whole group, is this end's
-        # business.
+        # A separate process group: a terminal sends Ctrl-C to a complete group, and only this
+        # process handles it.
         pipe = subprocess.PIPE
-        if sys.platform == "win32":  # where a process cannot have a socket for its output
+        if sys.platform == "win32":  # a process cannot have a socket for its output there
             group = subprocess.CREATE_NEW_PROCESS_GROUP
             self._process = subprocess.Popen(
                 command, stdin=pipe, stdout=pipe, creationflags=group, env=variables
@@ -56,7 +56,7 @@ class ChildProcess:
             self._read = lambda buffer: answers.recv_into(buffer, 0, socket.MSG_WAITALL)
         self._receiving = threading.RLock()
         self.close = weakref.finalize(self, _end, self._process, received, self._receiving)
-        """End the process at once; also while another thread waits for it."""
+        """End the process at once, even while another thread waits for it."""
         _running.add(self._process)
 
     @property
@@ -68,15 +68,15 @@ class ChildProcess:
         return self._process.poll() is not None
 
     def send(self, message: object) -> None:
-        """Send one message; ProcessEndedError if nobody is there to read it."""
+        """Send one message; raise ProcessEndedError if the process has ended."""
         assert self._process.stdin is not None
         try:
             _send(self._process.stdin, message)
-        except (OSError, ValueError) as error:  # a pipe that is broken, or closed by `close`
+        except (OSError, ValueError) as error:  # a broken pipe, or one closed by `close`
             raise ProcessEndedError from error
 
     def receive(self) -> Any:
-        """Wait, while other threads go on, for one message; ProcessEndedError if none will come."""
+        """Wait for one message; other threads continue. Raise ProcessEndedError if none comes."""
         try:
             with self._receiving:
                 return _receive(self._read)
@@ -85,43 +85,43 @@ class ChildProcess:
 
 
 def kill_all() -> None:
-    """End all that run, at once: for a process that ends itself so."""
+    """Kill all child processes at once, for a process that ends without cleaning up."""
     for process in list(_running):
         process.kill()
 
 
 class Requests:
-    """The process's end: requests to iterate over, until the other end is gone, and answers."""
+    """The child's side: an iterator over requests until the parent ends, and a method to answer."""
 
     def __init__(self) -> None:
         self._requests, self._answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-        os.dup2(2, 1)  # what libraries print must not mix with the answers
+        os.dup2(2, 1)  # output of libraries must not mix with the answers
 
     def __iter__(self) -> Iterator[Any]:
-        # the other end is gone, perhaps in the middle of a message
+        # the parent has ended, perhaps in the middle of a message
         with suppress(EOFError, pickle.UnpicklingError):
             while True:
                 yield _receive(self._requests.readinto)
 
     def answer(self, message: object) -> None:
-        """Send one message; BrokenPipeError if the other end is gone."""
+        """Send one message; raise BrokenPipeError if the parent has ended."""
         _send(self._answers, message)
 
 
 def _send(pipe: IO[bytes], message: object) -> None:
     content = pickle.dumps(message, protocol=5)
-    pipe.write(len(content).to_bytes(_LENGTH))
+    pipe.write(len(content).to_bytes(_LENGTH_BYTES))
     pipe.write(content)
     pipe.flush()
 
 
 def _receive(read: Callable[[memoryview], int]) -> Any:
-    """Read one message; `read` fills a buffer, or its beginning."""
-    return pickle.loads(_read_exactly(read, int.from_bytes(_read_exactly(read, _LENGTH))))
+    """Read one message; ``read`` fills at least the beginning of a buffer."""
+    return pickle.loads(_read_exactly(read, int.from_bytes(_read_exactly(read, _LENGTH_BYTES))))
 
 
 def _read_exactly(read: Callable[[memoryview], int], size: int) -> memoryview:
-    """Read so many bytes; EOFError if fewer come."""
+    """Read so many bytes; raise EOFError if there are fewer."""
     content, start = memoryview(bytearray(size)), 0
     while start < size:
         if not (count := read(content[start:])):
@@ -137,11 +137,11 @@ def _end(
 ) -> None:
     process.kill()
     process.wait()
-    # Whoever waits is told first that nothing will come: the number of what is closed is soon
-    # another's.
+    # A waiting thread must see the end of the stream before the socket is closed, because the
+    # system soon reuses its file descriptor.
     with receiving:
         received.close()
     assert process.stdin is not None
-    # what nobody read, which Python would else report when it forgets the pipe
+    # otherwise Python reports unread data when it destroys the pipe
     with suppress(OSError, ValueError):
         process.stdin.close()

@@ -1,10 +1,9 @@
-"""How far long work is, told while it goes on: what is being done, and for how long it is expected
-to go on.
+"""Progress of long-running work: the current step and its expected duration.
 
-Work says ``with step("factoring", work=n**1.5)``; whoever waits for it says ``with telling(show)``.
-How long a step takes is extrapolated from steps of the same name that this process has made before,
-smaller ones mostly: a match factors its coarse meshes first. Nothing that is computed depends on
-any of this.
+The work runs inside ``with step("factoring", work=n**1.5)``, the caller inside ``with
+reporting_steps(show)``. The duration of a step is extrapolated from earlier steps of the same name
+in this process. They are mostly smaller, since a match factors its coarse meshes first. No computed
+result depends on it.
 """
 
 from __future__ import annotations
@@ -22,16 +21,26 @@ from abfm.workers.control import checkpoint
 
 Item = TypeVar("Item")
 
-# smaller works than this share of the largest one measured tell nothing about large ones
+# rates of works below this share of the largest measured work do not predict large works
 _WORK_SHARE_MIN = 0.25
-_SECONDS_MIN = 1e-3  # seconds; shorter ones measure the clock
-_SECONDS_SHOWN_MIN = 2.0  # seconds; how long less takes nobody asks
+_SECONDS_MIN = 1e-3  # shorter steps measure only the clock
+_SECONDS_SHOWN_MIN = 2.0  # the duration of shorter steps is not shown
 _SHARE_MAX = 0.99  # share of a step that takes longer than expected
 
 
 @dataclass(frozen=True)
 class Step:
-    """Work that began by `time.monotonic`: its seconds, and the share done; None is unknown."""
+    """A step of long-running work.
+
+    Attributes
+    ----------
+    expected : float or None
+        Expected seconds, if known.
+    done : float or None
+        Completed share, from 0 to 1, if counted.
+    began : float
+        Start, by `time.monotonic`.
+    """
 
     task: str
     expected: float | None = None
@@ -39,13 +48,16 @@ class Step:
     began: float = field(default_factory=time.monotonic)
 
     def share(self, now: float | None = None) -> float | None:
-        """Share that is done at a time, 0 to 1, which never falls; None if unknown."""
+        """Return the completed share, 0 to 1, at a time; it never falls, and is None if unknown."""
         if self.done is not None or self.expected is None:
             return self.done
         return min(self._elapsed(now) / self.expected, _SHARE_MAX)
 
     def seconds_remaining(self, now: float | None = None) -> float | None:
-        """Seconds left, at least 0; None if unknown, as when it takes longer than expected."""
+        """Return the remaining seconds, at least 0.
+
+        It is None if unknown, for example if the step takes longer than expected.
+        """
         elapsed = self._elapsed(now)
         if self.done is not None:
             return elapsed * (1 / self.done - 1) if self.done > 0 else None
@@ -54,14 +66,14 @@ class Step:
         return self.expected - elapsed
 
     def started_now(self) -> Step:
-        """The same as it is told by another process, whose clock may be another one."""
+        """Return the same step as started now; another process may have another clock."""
         return replace(self, began=time.monotonic())
 
     def text(self, now: float | None = None) -> str:
-        """Return what is being done, and how long it goes on if known and a while."""
-        left, elapsed = self.seconds_remaining(now), self._elapsed(now)
-        if left is not None and left + elapsed >= _SECONDS_SHOWN_MIN:
-            return f"{self.task}, about {rounded_time(left)} left"
+        """Return the step with its remaining or elapsed time if it takes two seconds or more."""
+        remaining, elapsed = self.seconds_remaining(now), self._elapsed(now)
+        if remaining is not None and remaining + elapsed >= _SECONDS_SHOWN_MIN:
+            return f"{self.task}, about {rounded_time(remaining)} left"
         return (
             f"{self.task}, {rounded_time(elapsed)} so far"
             if elapsed >= _SECONDS_SHOWN_MIN
@@ -73,37 +85,37 @@ class Step:
 
 
 def rounded_time(seconds: float) -> str:
-    """A time as one says it: ``8 s``, ``20 s``, ``3 min``."""
+    """Return a rounded time with its unit: ``8 s``, ``20 s``, ``3 min``."""
     if seconds >= 55:
         return f"{max(round(seconds / 60), 1)} min"
     return f"{max(round(seconds), 1) if seconds < 10 else 5 * round(seconds / 5)} s"
 
 
 def progress_text(what: str, step: Step | None) -> str:
-    """Return what goes on, with the step that it is at if that is known."""
+    """Return a description of work with its current step, if known."""
     return f"{what}: {step.text()}" if step else what
 
 
 StepListener = Callable[[Step | None], None]
-_step_listener: ContextVar[StepListener | None] = ContextVar("who is told", default=None)
-_outer: ContextVar[Step | None] = ContextVar("the step around the present one", default=None)
-# seconds for a unit of work, and of how much it was measured here
+_step_listener: ContextVar[StepListener | None] = ContextVar("step listener", default=None)
+_outer: ContextVar[Step | None] = ContextVar("enclosing step", default=None)
+# Seconds per unit of work, and the amount of work for which this process measured it. The initial
+# values are from a machine with two cores.
 _rates: dict[str, tuple[float, float]] = {
-    # for a vertex, on a machine with two cores, as all of these
-    "making coarser meshes": (1.2e-5, 0),
-    "factoring": (1.4e-8, 0),  # for an unknown to 3/2
-    "factoring for distances": (2.6e-7, 0),  # for a vertex to 3/2
-    "checking by flow lines": (1.6e-5, 0),  # for a vertex
-    "looking for symmetries": (4.5e-5, 0),  # for a vertex
-    "reading": (1e-7, 0),  # for a byte
+    "making coarser meshes": (1.2e-5, 0),  # per vertex
+    "factoring": (1.4e-8, 0),  # per unknowns^(3/2)
+    "factoring for distances": (2.6e-7, 0),  # per vertices^(3/2)
+    "checking by flow lines": (1.6e-5, 0),  # per vertex
+    "looking for symmetries": (4.5e-5, 0),  # per vertex
+    "reading": (1e-7, 0),  # per byte
 }
 _lock = threading.Lock()
 
 
 @contextmanager
-def reporting_steps(report_step: StepListener) -> Iterator[None]:
-    """Tell of every step that this thread begins meanwhile, and None when there is none."""
-    before = _step_listener.set(report_step)
+def reporting_steps(listener: StepListener) -> Iterator[None]:
+    """Report every step that begins in this thread to a listener, and None if there is no step."""
+    before = _step_listener.set(listener)
     try:
         yield
     finally:
@@ -111,7 +123,7 @@ def reporting_steps(report_step: StepListener) -> Iterator[None]:
 
 
 def report_step(now: Step | None) -> None:
-    """Tell of a step that goes on elsewhere, and None at its end."""
+    """Report a step of another thread or process, or None at its end."""
     if listener := _step_listener.get():
         listener(now)
 
@@ -120,11 +132,18 @@ def report_step(now: Step | None) -> None:
 def step(
     task: str, work: float | None = None, about: str = "", since: float | None = None
 ) -> Iterator[Callable[[float], None]]:
-    """Tell of a step while it goes on; what it gives is called with the share that is done, where
-    that is counted.
+    """Report a step while the context lasts; yield a function to report its completed share.
 
-    To the task, `about`, such as its size, is added when it is told; `work` is how much that is, in
-    a unit of the task's own, and `since` when it began, by `time.monotonic`, if not now.
+    Parameters
+    ----------
+    task : str
+        Name of the step.
+    work : float, optional
+        Amount of work, in a unit of the task.
+    about : str
+        Added to the name in reports, for example the size.
+    since : float, optional
+        Start, by `time.monotonic`, if not now.
     """
     known = _rates.get(task)
     expected = known[0] * work if known and work else None
@@ -150,8 +169,10 @@ def step(
 
 @contextmanager
 def stepped(task: str, items: Collection[Item]) -> Iterator[Iterator[Item]]:
-    """Give an iterator over items, which are the work of a step: before each there is a checkpoint,
-    after each the share that is done is reported. The step ends with the context.
+    """Report work through items as one step, which ends with the context.
+
+    It yields an iterator over the items. The iterator calls `checkpoint` before each item, and
+    reports the completed share after each.
     """
     with step(task) as done:
         yield _counted(items, done)
@@ -165,7 +186,7 @@ def _counted(items: Collection[Item], done: Callable[[float], None]) -> Iterator
 
 
 def _store_rate(task: str, rate: float, work: float) -> None:
-    """Keep the rate of large works, which small ones do not tell: a busy machine is slow."""
+    """Store the rate of a large work; small works on a busy machine do not predict it."""
     if rate * work < _SECONDS_MIN:
         return
     with _lock:

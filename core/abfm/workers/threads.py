@@ -1,4 +1,4 @@
-"""Threads for jobs that a program does not wait for."""
+"""Threads for jobs that do not keep the program from ending."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from concurrent.futures import Executor, Future
 from functools import partial
 from typing import ParamSpec, TypeVar
 
-# seconds without a job after which a thread ends; the next job gets another one
+# seconds without a job after which a thread ends; the next job starts another thread
 _IDLE_SECONDS = 10.0
 
 Arguments = ParamSpec("Arguments")
@@ -18,9 +18,10 @@ _Job = Callable[[], None]
 
 
 class DaemonThreads(Executor):
-    """As many threads as there are jobs at once: none waits for another one.
+    """An executor with as many threads as there are jobs at once, so no job waits for another.
 
-    Those of `concurrent.futures.ThreadPoolExecutor` keep a program from ending while they work.
+    The threads of `concurrent.futures.ThreadPoolExecutor` keep a program from ending while they
+    work.
     """
 
     def __init__(self, name: str) -> None:
@@ -36,14 +37,14 @@ class DaemonThreads(Executor):
         *given: Arguments.args,
         **named: Arguments.kwargs,
     ) -> Future[Result]:
-        """Run a function in a thread; RuntimeError where the machine has no more of them."""
+        """Run a function in a thread; raise RuntimeError if no thread can start."""
         future = Future[Result]()
 
         def job() -> None:
             if future.set_running_or_notify_cancel():
                 try:
                     future.set_result(function(*given, **named))
-                except BaseException as error:  # also what is no Exception: the thread goes on
+                except BaseException as error:  # also SystemExit: the thread continues
                     future.set_exception(error)
 
         with self._condition:
@@ -57,7 +58,7 @@ class DaemonThreads(Executor):
 
     def _work(self, jobs: list[_Job]) -> None:
         while jobs:
-            jobs.pop()()  # not kept while this thread is idle
+            jobs.pop()()  # popped, so that an idle thread holds no reference to it
             with self._condition:
                 self._idle += 1
                 self._condition.wait_for(lambda: self._waiting, _IDLE_SECONDS)

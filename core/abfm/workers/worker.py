@@ -1,7 +1,7 @@
-"""Work in a process of its own, so that who must answer meanwhile is not held up.
+"""Work in a subprocess, so that the main process stays responsive.
 
-Libraries keep Python's interpreter to themselves while they factor a matrix, and a window keeps it
-while it draws: what runs in another process gets all of its time, and can be ended.
+Some libraries hold Python's interpreter lock while they factor a matrix, and a window holds it
+while it draws. A subprocess has its own interpreter, and can be killed.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
 
 WORKER_MODULE = "abfm.workers"
-# seconds for which reports wait for one another: each message costs the work the time of its own
+# seconds for which reports are collected into one message, as each message takes time
 _REPORT_SECONDS = 0.02
 _answer: ContextVar[Callable[[MessageKind, object], None]] = ContextVar(
-    "answers to the present call"
+    "answers to the current call"
 )
 
 
@@ -43,19 +43,19 @@ class WorkerEndedError(AbfmError):
 
 
 class Call(Generic[Result]):
-    """A function that was called in the process; its `result` is to be waited for."""
+    """A call of a function in the process; `result` waits for it."""
 
     def __init__(self, connection: _Connection, number: int, is_immediate: bool) -> None:
         self._connection, self.number, self.is_immediate = connection, number, is_immediate
-        self.named: dict[str, Any] = {}  # what was sent with it by name
+        self.named: dict[str, Any] = {}  # values that were sent with it by name
         self.answers: deque[Answer] = deque()
 
     def result(self, on_report: Callable[[Any], object] = lambda report: None) -> Result:
-        """Wait for what the function returns, or raise what it raises.
+        """Wait for the return value, or raise the error of the function.
 
-        Meanwhile steps and warnings of the library are reported as if they were of this thread, its
-        control holds and ends the call, and ``on_report`` gets the reports. What is not waited for
-        to its end is cancelled.
+        Meanwhile steps and warnings of the library are reported as if they came from this thread.
+        The control of this thread pauses and cancels the call, and ``on_report`` receives the
+        reports. A call is cancelled if waiting for it is interrupted.
         """
         control, is_over = current_control(), False
 
@@ -73,7 +73,7 @@ class Call(Generic[Result]):
                     content, _ = parcel.unpack(self.named)
                     match kind:
                         case "step":
-                            # the other process may have another clock
+                            # processes may have different clocks
                             report_step(content and content.started_now())
                         case "report":
                             on_report(content)
@@ -94,20 +94,19 @@ def no_state() -> None:
 
 
 class Worker(Generic[State]):
-    """Calls functions in a process of its own, one after the other, with the state as the first
-    argument.
+    """Calls functions one after the other in a subprocess, with the state as the first argument.
 
-    The process starts with the first call, and anew with the next one after it has ended; it ends
-    when the worker is closed or nothing refers to it any more.
+    The process starts with the first call, and again with the next call if it has ended. It ends
+    when the worker is closed or garbage-collected.
 
     Parameters
     ----------
-    make : callable
-        Makes the state in the process; like all functions one that can be imported there.
-    ended : str
-        What `WorkerEndedError` says to who waits for a process that has ended.
-    changed : mapping, optional
-        Variables of the process's environment that are other ones than here.
+    make_state : callable
+        Makes the state in the process. Like all functions, it must be importable there.
+    ended_message : str
+        Message of the `WorkerEndedError` if the process has ended.
+    environment : mapping, optional
+        Changed environment variables of the process.
     """
 
     def __init__(
@@ -132,7 +131,7 @@ class Worker(Generic[State]):
         *given: Arguments.args,
         **_: Arguments.kwargs,
     ) -> Call[Result]:
-        """Call a function after those that were called before; what it gives is not waited for."""
+        """Call a function after all earlier calls, without waiting for its result."""
         with self._lock:
             if self._closed:
                 raise WorkerEndedError(self._ended_message)
@@ -146,15 +145,16 @@ class Worker(Generic[State]):
             connection = self._connection
         return connection.call(function, given, False)
 
-    def beside(
+    def call_now(
         self,
         function: Callable[Concatenate[State, Arguments], Result],
         /,
         *given: Arguments.args,
         **_: Arguments.kwargs,
     ) -> Call[Result]:
-        """Call another, short function at once in the process that there is, whatever it computes;
-        WorkerEndedError if there was none.
+        """Call a short function at once in the running process, even during another call.
+
+        Raise WorkerEndedError if no process is running.
         """
         if self._connection is None:
             raise WorkerEndedError(self._ended_message)
@@ -162,17 +162,20 @@ class Worker(Generic[State]):
 
     @property
     def is_idle(self) -> bool:
-        """Whether nobody waits for an answer."""
+        """Whether no call is running or waiting."""
         return self._connection is None or not self._connection.is_awaited
 
     @property
     def pid(self) -> int | None:
-        """The process's number; None before it starts."""
+        """The process id; None before the process starts."""
         connection = self._connection
         return connection.process.pid if connection else None
 
     def close(self) -> None:
-        """End the process at once, and start no other; who waits for an answer is told."""
+        """End the process at once and refuse further calls; waiting calls fail.
+
+        They raise WorkerEndedError.
+        """
         with self._lock:
             self._closed = True
             if self._connection is not None:
@@ -180,7 +183,10 @@ class Worker(Generic[State]):
 
 
 class _Connection:
-    """To one process; of those that wait, one reads, and gives the others theirs: no thread."""
+    """The connection to one process, without a thread.
+
+    One of the waiting threads reads the answers and distributes them to the other calls.
+    """
 
     def __init__(
         self,
@@ -193,8 +199,8 @@ class _Connection:
         self._has_ended = False
         self._ended_message = ended_message
         self._calls: weakref.WeakValueDictionary[int, Call[Any]] = weakref.WeakValueDictionary()
-        self._sent: tuple[str, ...] = ()  # what the process has by name
-        self._step: Answer | None = None  # what it is doing
+        self._sent: tuple[str, ...] = ()  # names of the values that the process holds
+        self._step: Answer | None = None  # the current step of the process
         self._arrived = threading.Condition()
         self._is_reading = False
         self._sending = threading.Lock()
@@ -221,7 +227,7 @@ class _Connection:
         return bool(self._calls)
 
     def send_update(self, update: ControlUpdate) -> None:
-        """Send an order, or let the thread do it that is sending a request: without waiting."""
+        """Send an update without waiting, or leave it to the thread that is sending a request."""
         self._updates.append(update)
         self._send_updates()
 
@@ -242,14 +248,14 @@ class _Connection:
                     answers = self.process.receive()
             finally:
                 if answers is None:
-                    self.process.close()  # so that it leaves no zombie
+                    self.process.close()  # otherwise it remains as a zombie
                 with self._arrived:
                     self._is_reading, self._has_ended = False, answers is None
                     self._distribute(answers or [])
                     self._arrived.notify_all()
 
     def _send(self, message: object) -> None:
-        with suppress(ProcessEndedError):  # which is told when the answer does not come
+        with suppress(ProcessEndedError):  # raised again when the answer is missing
             self.process.send(message)
 
     def _send_updates(self) -> None:
@@ -261,7 +267,7 @@ class _Connection:
                 self._sending.release()
 
     def _distribute(self, answers: list[Answer]) -> None:
-        """Give each to its call; steps to all that come after it, too, as they wait for it."""
+        """Give each answer to its call, and steps also to all later calls, which wait for it."""
         for answer in answers:
             is_step = answer.kind == "step"
             if is_step:
@@ -273,26 +279,28 @@ class _Connection:
 
 
 def report(content: object) -> None:
-    """Tell who waits for the present call something on its way."""
+    """Send a report to the thread that waits for the current call."""
     _answer.get()("report", content)
 
 
 class Server:
-    """The process: one thread computes, one answers, this one listens, until nobody is there any
-    more, or no memory; the first message makes the state that all others are about.
+    """The process: one thread computes, one answers, and this one reads requests.
+
+    It ends if the parent ends or if there is no memory. The first message makes the state that all
+    functions get.
     """
 
     def __init__(self) -> None:
         self._requests = Requests()
         self._state: Any = None
-        self._named: dict[str, Any] = {}  # of the latest request that had any
+        self._named: dict[str, Any] = {}  # named values of the latest request with any
         self._controls: dict[int, Control] = {}
         self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._unsent: SimpleQueue[Answer] = SimpleQueue()
         self._urgent = threading.Event()
 
     def run(self) -> None:
-        """Take messages until nobody sends any, then end the process, whatever it computes."""
+        """Read messages until the parent ends, then end the process, even during a computation."""
         warnings.simplefilter("always", AbfmWarning)
         warnings.showwarning = partial(_show_warning, warnings.showwarning)
         for work in (self._compute, self._send):
@@ -304,7 +312,7 @@ class Server:
         for message in self._requests:
             match message:
                 case ControlUpdate(number, paused, cancelled, skip_checks):
-                    # of one that is over nothing is known
+                    # the call may be over
                     control = self._controls.get(number, Control())
                     control.cancel(skip_checks) if cancelled else control.set_paused(paused)
                 case Request(number, parcel, is_immediate):
@@ -335,14 +343,14 @@ class Server:
             with reporting_steps(partial(answer, "step")), controlled(self._controls[number]):
                 value = function(self._state, *given)
             answer("value", value)
-        except BaseException as error:  # also what is no Exception: else nobody would be answered
+        except BaseException as error:  # also SystemExit: the caller needs an answer
             answer("error", _sendable(error))
         finally:
             _answer.reset(answering)
             del self._controls[number]
 
     def _send(self) -> None:
-        """Send all there is at once: a window that draws takes in few messages a second."""
+        """Send all pending answers at once; a drawing window receives few messages per second."""
         while True:
             answers = [self._unsent.get()]
             if answers[0].kind == "report":
@@ -357,7 +365,7 @@ class Server:
 def _show_warning(
     before: Callable[..., None], message: Warning | str, category: type[Warning], *place: Any
 ) -> None:
-    """Send a warning of the library to the thread that waits for the call; print others."""
+    """Send a library warning to the thread that waits for the call; print other warnings."""
     answer = _answer.get(None)
     if answer is not None and issubclass(category, AbfmWarning):
         answer("warning", str(message))
@@ -366,7 +374,7 @@ def _show_warning(
 
 
 def _run_and_exit(work: Callable[[], None]) -> None:
-    """Work, and then end the process."""
+    """Run a function, and then end the process."""
     try:
         with suppress(BrokenPipeError):
             work()
@@ -377,7 +385,7 @@ def _run_and_exit(work: Callable[[], None]) -> None:
 
 
 def _sendable(error: BaseException) -> BaseException:
-    """Return an error without what it holds on to; a bug as what can surely be sent."""
+    """Return an error without its traceback; an unexpected error becomes a RuntimeError."""
     if isinstance(error, AbfmError | MemoryError | CancelledError):
         return error.with_traceback(None)
     traceback.print_exception(error)

@@ -100,7 +100,7 @@ def test_who_waits_for_its_turn_is_told_what_is_done_meanwhile(shared, tmp_path)
 
 def test_a_call_beside_is_answered_though_another_one_is_computed(shared, tmp_path):
     first = shared.call(jobs.hold, tmp_path / "end")
-    assert shared.beside(jobs.give_back, 4).result() == 4
+    assert shared.call_now(jobs.give_back, 4).result() == 4
     (tmp_path / "end").touch()
     first.result()
 
@@ -125,7 +125,7 @@ def test_the_control_of_who_waits_holds_and_ends_the_call(worker, paused):
     waiting.start()
 
     def count():
-        return worker.beside(jobs.lines).result()
+        return worker.call_now(jobs.lines).result()
 
     until(lambda: count() > 3)
     if paused:
@@ -190,7 +190,7 @@ def test_who_waits_is_told_that_the_process_was_killed_and_the_next_call_has_ano
         call.result()
     assert inner.returncode is not None  # it leaves no zombie
     with pytest.raises(WorkerEndedError):
-        worker.beside(jobs.give_back, 1).result()
+        worker.call_now(jobs.give_back, 1).result()
     assert worker.call(jobs.give_back, 1).result() == 1
     os.kill(worker.pid, number)
     until(lambda: worker._connection.process.has_ended)
