@@ -186,7 +186,7 @@ def _swept(
         raise UsageError(re.sub("^column ", "--", str(error))) from error
     first = rows[0].values()
     if not over.keys() & {each.name for each in MESH_INPUTS}:
-        load_mesh(first["mesh"], **mesh_options(first).given)  # else it would fail every row
+        load_mesh(first["mesh"], **mesh_options(first).changed)  # else it would fail every row
     return rows, f"{printable(arguments.table.name)}, over {' and '.join(over)}"
 
 

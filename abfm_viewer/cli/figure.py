@@ -112,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _mesh(arguments: argparse.Namespace) -> TriangleMesh:
-    found = load_mesh(arguments.mesh, **options.mesh_options(arguments).given)
+    found = load_mesh(arguments.mesh, **options.mesh_options(arguments).changed)
     for message in found.messages:
         print_note(message)
     return found

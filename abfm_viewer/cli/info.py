@@ -63,7 +63,7 @@ def _report(arguments: argparse.Namespace) -> str:
         own = {"result": name}
         lines = [f"{printable(name)}: {first}", *others]
     else:
-        facts = describe(load_mesh(name, **options.mesh_options(arguments).given))
+        facts = describe(load_mesh(name, **options.mesh_options(arguments).changed))
         own, lines = {"mesh": name, "usable": True}, [printable(name), *_lines(facts)]
     return json.dumps(own | facts) if arguments.json else "\n".join(lines)
 

@@ -101,7 +101,7 @@ def open_session(
         if second is not None:
             raise AbfmError(f"{path.name} is no mesh; give two meshes, or one project or result")
         return session_of(read_document(path), _origin(path.absolute()))
-    session = Session(load_mesh(path, **options.given), path.name)
+    session = Session(load_mesh(path, **options.changed), path.name)
     if second is None:
         return session
     if has_frames:
@@ -109,7 +109,7 @@ def open_session(
         session.restore(document_of_frames(sequence, session.surface(), session.view), {}, None)
         session.notices.show("; ".join(notes))
     else:
-        other = load_mesh(second, **options.given)
+        other = load_mesh(second, **options.changed)
         session.set_surfaces(*session.document.surfaces, Surface(other, second.name))
     session.reset_history()
     return session

@@ -1,4 +1,4 @@
-"""Triangle meshes: the type, its checks, and reading files."""
+"""Triangle meshes: the type, its checks, and readers of mesh files."""
 
 from abfm.mesh.files import as_mesh, as_meshes, load_mesh
 from abfm.mesh.objects import MeshLike

@@ -1,4 +1,4 @@
-"""What a mesh must be before anything is computed on it, and the repairs that are safe."""
+"""Checks that every mesh must pass, and the repairs that are always safe."""
 
 from __future__ import annotations
 
@@ -22,25 +22,29 @@ from abfm.mesh.topology import edges_of_faces
 from abfm.numerics.real_numbers import plain_array
 from abfm.types import BoolArray, IntArray
 
-# squared areas of such sizes neither underflow nor overflow
+# squared areas of meshes of these sizes neither underflow nor overflow
 SIZE_MIN = 1e-60
 SIZE_MAX = 1e60
-# distance from the origin over width, from which on rounding takes more than 2e-9 of the width
+# Distance from the origin over width. Above it, rounding errors of the coordinates exceed 2e-9 of
+# the width.
 OFFSET_RATIO_MAX = 1e7
-CLEANING = "in MeshLab for example with Filters > Cleaning and Repairing"
+CLEANING = "for example in MeshLab with Filters > Cleaning and Repairing"
 
 
 def check(
     vertices: ArrayLike,
     faces: ArrayLike,
     options: MeshOptions,
-    given: FileNumbers | tuple[IntArray, int] | None,
+    file_numbers: FileNumbers | tuple[IntArray, int] | None,
 ) -> Draft:
-    """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
-    meaning = "(V, 3), coordinates as numbers"
+    """Check and repair a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
+    meaning = "(V, 3) with numbers as coordinates"
     points = np.array(_number_array(vertices, "vertices", meaning), dtype=np.float64)
     triangles = _face_array(faces, len(points))
-    numbers = FileNumbers(*given) if given else FileNumbers(np.arange(len(points)), len(points))
+    if file_numbers:
+        numbers = FileNumbers(*file_numbers)
+    else:
+        numbers = FileNumbers(np.arange(len(points)), len(points))
     draft = Draft(
         points,
         triangles,
@@ -51,12 +55,12 @@ def check(
         [],
     )
     draft.drop_unreferenced_vertices()
-    kept = len(draft.vertices)
-    if dropped := draft.file_vertex_count - kept - len(draft.copies):
-        gaps = np.flatnonzero(draft.vertex_ids != np.arange(kept))
+    used_count = len(draft.vertices)
+    if dropped := draft.file_vertex_count - used_count - len(draft.copies):
+        gaps = np.flatnonzero(draft.vertex_ids != np.arange(used_count))
         were = counted(dropped, "vertex that no face uses was", "vertices that no face uses were")
         draft.messages.append(
-            f"{were} dropped (for example vertex {gaps[0] if len(gaps) else kept})"
+            f"{were} dropped (for example vertex {gaps[0] if len(gaps) else used_count})"
         )
     _refuse_unusable_coordinates(draft)
 
@@ -74,7 +78,7 @@ def check(
         place = keep_hemisphere(found, options.hemisphere) if options.hemisphere else ""
         if options.largest_component:
             keep_largest_component(found)
-        found.kept = (
+        found.kept_counts = (
             f"{len(found.vertices)} of {len(draft.vertices)} vertices and {len(found.faces)} of "
             f"{len(draft.faces)} faces{place}"
         )
@@ -85,12 +89,12 @@ def check(
     except DefectError as defect:
         if len(draft.faces) > FACES_MAX:
             raise MeshError(
-                f"{defect.problem}: try --merge, --clean or --largest-component (in Python: "
+                f"{defect.problem}. Try --merge, --clean or --largest-component (in Python: "
                 "merge=True, ...)"
             ) from None
         merged = None if options.merge else _merged(draft)
-        joins = merged is not None and components(merged).max() < components(draft).max()
-        raise with_remedies(defect, options, attempt, merged is not None, joins) from None
+        merging_joins = merged is not None and components(merged).max() < components(draft).max()
+        raise with_remedies(defect, options, attempt, merged is not None, merging_joins) from None
 
 
 def _copied(draft: Draft) -> Draft:
@@ -100,8 +104,10 @@ def _copied(draft: Draft) -> Draft:
 
 
 def _merged(draft: Draft) -> Draft | None:
-    """Return the mesh with vertices at the same position merged; None if there are none, or if its
-    components all lie on one of them, as the spheres of two hemispheres do.
+    """Return a copy whose vertices at the same position are merged, or None.
+
+    It is None if no two vertices have the same position. It is also None if all components lie at
+    the same place, as the spheres of two hemispheres do.
     """
     found = _copied(draft)
     try:
@@ -116,36 +122,38 @@ def _merged(draft: Draft) -> Draft | None:
 
 def _checked(draft: Draft) -> Draft:
     _refuse_several_components(draft)
-    _refuse_faces(draft, draft.has_vertex_twice(), "a vertex twice", "remove")
+    twice = draft.has_vertex_twice()
+    _refuse_faces(draft, twice, "degenerate, with the same vertex twice", "Remove")
     flat = flat_faces(draft.vertices, draft.faces)
-    _refuse_faces(draft, flat, "no area, up to rounding", "remove or collapse")
-    _note_distance(draft)
+    _refuse_faces(draft, flat, "degenerate, with no area up to rounding", "Remove or collapse")
+    _warn_of_large_offset(draft)
     vertex_count, face_count = len(draft.vertices), len(draft.faces)
     if 3 * face_count > vertex_count * (vertex_count - 1):
-        # before edges, maybe many more than vertices, are looked for
+        # refused before edges are built, of which there may be many more than vertices
         raise DefectError(
-            f"{face_count} faces on {vertex_count} vertices have more sides than there are pairs "
-            "of vertices, twice each: faces repeat or edges have more than two faces",
-            f"remove the extra ones, {CLEANING}",
+            f"{face_count} faces on {vertex_count} vertices are too many: some faces repeat, or "
+            "some edges have more than two faces",
+            f"Remove the extra faces, {CLEANING}",
         )
     draft.edges, draft.face_edges = edges_of_faces(draft.faces, vertex_count)
     _refuse_duplicate_faces(draft)
     _refuse_non_manifold_edges(draft)
-    _make_faces_agree(draft)
+    _orient_consistently(draft)
     draft.corner_fans = topology.corner_fans(draft.edge_slots, face_count)
-    _note_seams(draft)
+    _warn_of_seams(draft)
     pinched = topology.pinched_vertices(draft.faces, draft.corner_fans, vertex_count)
     if pinched.any():
         draft.messages.append(
             f"warning: {counted(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining "
             "parts that share no edge "
-            f"(for example vertex {draft.vertex_ids[np.argmax(pinched)]}): nothing flows across it"
+            f"(for example vertex {draft.vertex_ids[np.argmax(pinched)]}). Nothing flows across "
+            "a pinched vertex"
         )
     return draft
 
 
-def _note_seams(draft: Draft) -> None:
-    """Warn of parts of the boundary at one position, where the surface only looks connected."""
+def _warn_of_seams(draft: Draft) -> None:
+    """Warn if boundary vertices coincide: the surface looks connected there, but is not."""
     slots = draft.edge_slots[draft.edge_slots[:, 1] < 0, 0]
     rim = np.unique(draft.faces.ravel()[topology.next_corner(slots)])
     _, first = np.unique(draft.vertices[rim], axis=0, return_index=True)
@@ -153,8 +161,8 @@ def _note_seams(draft: Draft) -> None:
         example = draft.vertex_ids[np.delete(rim, first)[0]]
         draft.messages.append(
             f"warning: {counted(repeats, 'boundary vertex repeats', 'boundary vertices repeat')} "
-            f"the position of another (for example vertex {example}), as at a seam: nothing flows "
-            "across it; --merge joins it (in Python: merge=True)"
+            f"the position of another one (for example vertex {example}), as at a seam of a "
+            "texture. Nothing flows across such a seam; --merge closes it (in Python: merge=True)"
         )
 
 
@@ -164,63 +172,67 @@ def _refuse_several_components(draft: Draft) -> None:
     if count == 1:
         return
     sizes = np.bincount(component)
-    stray = np.argmax(component != sizes.argmax())
+    outside = np.argmax(component != sizes.argmax())
     merged = _merged(draft)
     fewer = components(merged).max() + 1 if merged else count
     joined = f", {fewer} after merging vertices" if fewer < count else ""
     raise DefectError(
-        f"the surface has {count} components that do not touch{joined} (the one with most faces "
-        f"has {sizes.max()} of {len(component)}; face {draft.face_ids[stray]}, counting from 0, is "
-        "outside it)",
-        "join them, or give one of them",
+        f"the surface has {count} components that do not touch{joined}; expected one. The largest "
+        f"has {sizes.max()} of {len(component)} faces; face {draft.face_ids[outside]}, counting "
+        "from 0, is outside it",
+        "Join the components, or use a mesh of one of them",
     )
 
 
 def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
-    """Return the rows of three real numbers, or a MeshError."""
+    """Return an array of rows of three real numbers, or raise a MeshError."""
     try:
         array = plain_array(rows)
     except (TypeError, RuntimeError) as error:
-        raise MeshError(f"{name} are no array: {one_line(error, 80)}") from error
+        raise MeshError(
+            f"{name} cannot be converted to an array ({one_line(error, 80)}). Use an array of "
+            f"shape {meaning}"
+        ) from error
     except ValueError as error:
         raise MeshError(
-            f"the rows of {name} differ in length: give an array of shape {meaning}"
+            f"the rows of {name} differ in length; expected an array of shape {meaning}"
         ) from error
     if array.size == 0:
         raise MeshError(
-            f"the mesh has no {name}: a surface of vertices and triangles is needed (not a point "
-            "cloud)"
+            f"the mesh has no {name}; expected a surface with vertices and triangles, not a point "
+            "cloud"
         )
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iuf":
         raise MeshError(
-            f"{name} has shape {array.shape} and type {one_line(array.dtype, 40)}: give an array "
-            f"of shape {meaning}"
+            f"{name} has shape {array.shape} and type {one_line(array.dtype, 40)}; expected an "
+            f"array of shape {meaning}"
         )
     return array
 
 
 def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
-    meaning = "(F, 3), vertex indices counted from 0 (split larger polygons)"
+    meaning = "(F, 3) with vertex indices counted from 0 (split larger polygons)"
     array = _number_array(faces, "faces", meaning)
     if array.dtype.kind == "f":
         fractional = np.any(array != np.floor(array), axis=1)
         if fractional.any():
             face = np.argmax(fractional)
             raise MeshError(
-                f"{counted(fractional.sum(), 'face has', 'faces have')} indices that are no whole "
-                f"numbers (face {face}: {array[face].tolist()}): give vertex indices counted from 0"
+                f"{counted(fractional.sum(), 'face has', 'faces have')} indices that are not "
+                f"integers (face {face}: {array[face].tolist()}); expected vertex indices counted "
+                "from 0"
             )
     outside = (array < 0) | (array >= vertex_count)
     if outside.any():
         face, corner = np.argwhere(outside)[0]
         named = one_line(f"{array[face, corner]:.0f}", 40)
-        advice = "correct the indices, or complete the vertices"
+        advice = "Correct the indices, or add the missing vertices"
         if array.min() == 1 and array.max() == vertex_count:
-            advice = "all indices count from 1; subtract 1"
+            advice = "All indices count from 1: subtract 1"
         raise MeshError(
-            f"{counted(outside.any(axis=1).sum(), 'face names', 'faces name')} a vertex that does "
-            f"not exist (face {face}, counting from 0, names vertex {named} of {vertex_count} "
-            f"numbered from 0): {advice}"
+            f"{counted(outside.any(axis=1).sum(), 'face refers', 'faces refer')} to a vertex that "
+            f"does not exist (face {face}, counting from 0, refers to vertex {named}, but the "
+            f"{vertex_count} vertices are numbered from 0). {advice}"
         )
     return array.astype(np.int64, copy=False)
 
@@ -232,32 +244,33 @@ def _refuse_unusable_coordinates(draft: Draft) -> None:
         raise MeshError(
             f"{counted(bad.sum(), 'vertex has', 'vertices have')} coordinates that are not finite "
             f"(vertex {draft.vertex_ids[vertex]}, counting from 0: "
-            f"{draft.vertices[vertex].tolist()}): correct or remove them"
+            f"{draft.vertices[vertex].tolist()}). Correct or remove them"
         )
-    reach, size = _reach_and_size(draft)
-    if reach > SIZE_MAX or 0 < size < SIZE_MIN:
+    extent, width = _extent_and_width(draft)
+    if extent > SIZE_MAX or 0 < width < SIZE_MIN:
         vertex = np.abs(draft.vertices).max(axis=1).argmax()
         raise MeshError(
-            f"the mesh is {size:.3g} wide and reaches {reach:.3g} (vertex "
-            f"{draft.vertex_ids[vertex]}), where areas "
-            f"over- or underflow: rescale it to between {SIZE_MIN:g} and {SIZE_MAX:g}"
+            f"the mesh is {width:.3g} wide, and its largest coordinate is {extent:.3g} (vertex "
+            f"{draft.vertex_ids[vertex]}), so areas overflow or underflow. Rescale it to a size "
+            f"between {SIZE_MIN:g} and {SIZE_MAX:g}"
         )
 
 
-def _reach_and_size(draft: Draft) -> tuple[float, float]:
+def _extent_and_width(draft: Draft) -> tuple[float, float]:
     """Return the largest coordinate and the largest width."""
     width = draft.vertices.max(axis=0) - draft.vertices.min(axis=0)
     return np.abs(draft.vertices).max(), width.max()
 
 
-def _note_distance(draft: Draft) -> None:
-    """Say where coordinates are so large that they leave few digits to the shape itself."""
-    reach, size = _reach_and_size(draft)
-    if reach / size >= OFFSET_RATIO_MAX:
+def _warn_of_large_offset(draft: Draft) -> None:
+    """Warn if the surface is so far from the origin that rounding changes its shape."""
+    extent, width = _extent_and_width(draft)
+    if extent / width >= OFFSET_RATIO_MAX:
         draft.messages.append(
-            f"warning: the surface lies {reach / size:.1g} times its width from the origin, where "
-            f"rounding moves its vertices by {np.finfo(np.float64).eps * (reach / size):.0g} of "
-            "its width: move it to the origin in the program that made it"
+            f"warning: the surface lies {extent / width:.1g} times its width from the origin. "
+            "Rounding moves its vertices there by "
+            f"{np.finfo(np.float64).eps * (extent / width):.0g} of its width. Move it to the "
+            "origin in the program that made it"
         )
 
 
@@ -265,7 +278,7 @@ def _refuse_faces(draft: Draft, bad: BoolArray, defect: str, remedy: str) -> Non
     if bad.any():
         face = np.argmax(bad)
         raise DefectError(
-            f"{counted(bad.sum(), 'face is', 'faces are')} degenerate: {defect} (face "
+            f"{counted(bad.sum(), 'face is', 'faces are')} {defect} (face "
             f"{draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)})",
             f"{remedy} them, {CLEANING}",
         )
@@ -273,20 +286,20 @@ def _refuse_faces(draft: Draft, bad: BoolArray, defect: str, remedy: str) -> Non
 
 def _refuse_duplicate_faces(draft: Draft) -> None:
     a, b, c = draft.face_edges.T
-    least, most = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    # two edges of a triangle tell its vertices
-    keys = least * (draft.face_edges.max() + 1) + (a + b + c - least - most)
+    smallest, largest = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    # two edges of a triangle determine its vertices
+    keys = smallest * (draft.face_edges.max() + 1) + (a + b + c - smallest - largest)
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
-    again = np.append(False, keys[1:] == keys[:-1])
-    if again.any():
-        position = np.argmax(again)
+    is_repeat = np.append(False, keys[1:] == keys[:-1])
+    if is_repeat.any():
+        position = np.argmax(is_repeat)
         first, second = np.sort(draft.face_ids[order[position - 1 : position + 1]])
         raise DefectError(
-            f"{counted(again.sum(), 'face repeats', 'faces repeat')} the vertices of another "
-            f"(faces {first} and {second}, counting from 0: vertices "
+            f"{counted(is_repeat.sum(), 'face has', 'faces have')} the same vertices as another "
+            f"one (faces {first} and {second}, counting from 0: vertices "
             f"{draft.corners(order[position])})",
-            f"remove the copies, {CLEANING}",
+            f"Remove the copies, {CLEANING}",
         )
 
 
@@ -298,18 +311,18 @@ def _refuse_non_manifold_edges(draft: Draft) -> None:
         faces = draft.face_ids[np.flatnonzero((draft.face_edges == edge).any(axis=1))]
         raise DefectError(
             f"{counted(int(np.sum(uses > 2)), 'edge has', 'edges have')} more than two faces "
-            f"(vertices {start} and {end}, counting from 0: faces "
+            f"(vertices {start} and {end}, counting from 0, with faces "
             f"{', '.join(map(str, faces[:4]))})",
-            "remove some of their faces, in MeshLab for example with Repair non Manifold Edges "
-            "(--clean only removes sheets that hang on a larger one)",
+            "Remove some of these faces, for example in MeshLab with Repair non Manifold Edges "
+            "(--clean only removes sheets attached to a larger surface)",
         )
 
 
-def _make_faces_agree(draft: Draft) -> None:
-    """Turn faces over so that neighbours agree, or raise a MeshError if the surface is one-sided.
+def _orient_consistently(draft: Draft) -> None:
+    """Flip faces so that neighbours agree, or raise a MeshError if the surface is one-sided.
 
-    Each piece joined through edges is settled by itself: a closed one ends with its normals
-    outward, one with a boundary keeps the side that most of its faces have.
+    Pieces whose faces are joined by edges are oriented separately. The normals of a closed piece
+    point outward. A piece with a boundary keeps the orientation of most of its faces.
     """
     count = len(draft.faces)
     draft.edge_slots = topology.edge_slots(draft.face_edges, len(draft.edges))
@@ -318,21 +331,21 @@ def _make_faces_agree(draft: Draft) -> None:
     disagree = start[:, 0] == start[:, 1]
     if not disagree.any():
         return
-    # components of the faces as given and of their turned copies in the orientation double cover
+    # components of the orientation double cover: faces as in the input, and their flipped copies
     f, g = inner.T // 3
     same = np.stack([f, g + count * disagree], axis=1)
     opposite = np.stack([f + count, g + count * ~disagree], axis=1)
     labels = topology.connected(2 * count, np.concatenate([same, opposite]))
-    as_given, turned = labels[:count], labels[count:]
-    one_sided = as_given == turned
+    original, flipped = labels[:count], labels[count:]
+    one_sided = original == flipped
     if one_sided.any():
         raise DefectError(
             f"the surface is not orientable, like a Moebius strip ({one_sided.sum()} of "
             f"{count} faces lie on a one-sided piece, for example face "
             f"{draft.face_ids[np.argmax(one_sided)]}, counting from 0)",
-            "cut it open",
+            "Cut the surface open",
         )
-    flip, piece = turned < as_given, np.minimum(as_given, turned)
+    flip, piece = flipped < original, np.minimum(original, flipped)
     flip = flip ^ _prefers_other_side(draft, flip, piece)[piece]
     if flip.any():
         for name in ("faces", "face_edges"):
@@ -340,13 +353,13 @@ def _make_faces_agree(draft: Draft) -> None:
             setattr(draft, name, np.where(flip[:, None], of_corners[:, [0, 2, 1]], of_corners))
         draft.edge_slots = topology.edge_slots(draft.face_edges, len(draft.edges))
         draft.messages.append(
-            f"{counted(flip.sum(), 'face was', 'faces were')} turned over so that all agree on a "
-            f"side (for example face {draft.face_ids[np.argmax(flip)]})"
+            f"{counted(flip.sum(), 'face was', 'faces were')} flipped so that all have the same "
+            f"orientation (for example face {draft.face_ids[np.argmax(flip)]})"
         )
 
 
 def _prefers_other_side(draft: Draft, flip: BoolArray, piece: IntArray) -> BoolArray:
-    """Return per piece label whether the flips proposed for it are the wrong one of two choices."""
+    """Return for each label of a piece whether the opposite choice of flips is the right one."""
     a, b, c = np.moveaxis((draft.vertices - draft.vertices.mean(axis=0))[draft.faces], 1, 0)
     volume = np.einsum("fx,fx->f", a, np.cross(b, c)) * np.where(flip, -1, 1)
     inward = np.bincount(piece, volume) < 0

@@ -1,12 +1,12 @@
-"""A coarser mesh of the same surface, with even triangles: edges collapse to their midpoints.
+"""Coarsening: edges collapse to their midpoints until a mesh has few, even triangles.
 
-What has a boundary is closed by faces to a vertex at infinity. Faces hang together by `twins`: the
-slot (see `topology`) on the other side of the edge opposite each corner. An edge collapses only
-where its ends have no common neighbours but the two corners opposite to it, so that the topology
-stays. Edges with an infinite key never do.
+A surface with a boundary is closed by faces to a vertex at infinity. `twins` connects the faces: it
+is the slot (see `topology`) on the other side of the edge opposite each corner. An edge may
+collapse only if the two corners opposite to it are the only common neighbours of its ends. This
+preserves the topology. Edges with an infinite key never collapse.
 
-``igl.decimate`` gives other meshes where lengths are equal, takes twice as long, and keeps the GIL
-all the time: a window would stand still.
+``igl.decimate`` depends on the order of edges of equal length and takes twice as long. It also
+holds the GIL all the time, so that a window would freeze.
 """
 
 from typing import NamedTuple
@@ -19,45 +19,46 @@ from abfm.mesh.triangle_mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel, unfused_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
-_INDEX_TYPE = np.int32  # enough for slots of 700 million faces
-# a mesh that refuses to shrink to this times what was asked is no coarser mesh
+_INDEX_TYPE = np.int32  # enough for the slots of 700 million faces
+# vertices over the requested number, above which a result is not accepted as coarser
 _VERTICES_RATIO_MAX = 1.25
 
 
 @per_mesh
 def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
-    """Return a mesh of about ``vertex_count`` vertices near the surface; None if there is none.
+    """Return a mesh of about ``vertex_count`` vertices near the surface, or None if impossible.
 
-    Edges collapse in the order of their lengths, so that what comes out is far more even than what
-    went in: needles are the first to go. Topology stays. Made once per mesh and count.
+    The shortest edge collapses first, so that slivers disappear early and the triangles of the
+    result are much more even than those of the input. The topology is preserved. The result is
+    cached for each mesh and count.
     """
     count = len(mesh.vertices)
     boundary = int(mesh.is_boundary_edge.sum() * vertex_count / count)
     face_count = 2 * (vertex_count - mesh.euler_characteristic) - boundary
     if vertex_count >= count or face_count < 4:
         return None
-    points = np.concatenate([mesh.vertices, np.zeros((1, 3))])  # and one at infinity
+    points = np.concatenate([mesh.vertices, np.zeros((1, 3))])  # the last one is at infinity
     faces, twins, edges = (array.astype(_INDEX_TYPE) for array in _closed(mesh))
     lengths = ((mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]]) ** 2).sum(axis=1)
-    fixed = np.append(mesh.is_pinched_vertex, True)  # these stay, with all their edges
+    fixed = np.append(mesh.is_pinched_vertex, True)  # edges at these vertices do not collapse
     keys = np.full(edges.max() + 1, np.inf)
     keys[: len(lengths)] = np.where(fixed[mesh.edges].any(axis=1), np.inf, lengths)
     order = np.argsort(keys, kind="stable").astype(_INDEX_TYPE)
     surface = _Surface(points, faces, twins, edges, fixed)
     _collapse_edges(surface, order, keys, len(mesh.faces), face_count)
-    left = faces[: mesh.faces.size].reshape(-1, 3)
-    left = left[left[:, 0] >= 0]
+    remaining = faces[: mesh.faces.size].reshape(-1, 3)
+    remaining = remaining[remaining[:, 0] >= 0]
     used = np.zeros(count, dtype=bool)
-    used[left] = True
+    used[remaining] = True
     try:
-        coarse = TriangleMesh(points[:count][used], (np.cumsum(used) - 1)[left])
+        coarse = TriangleMesh(points[:count][used], (np.cumsum(used) - 1)[remaining])
     except MeshError:
         return None
     return coarse if len(coarse.vertices) <= _VERTICES_RATIO_MAX * vertex_count else None
 
 
 def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:
-    """Return vertex, other slot and edge of every slot (3 F,), with the faces to infinity."""
+    """Return the vertex, twin and edge of every slot (3 F,), including the faces to infinity."""
     inner = mesh.edge_slots[~mesh.is_boundary_edge]
     outer = mesh.edge_slots[mesh.is_boundary_edge, 0]
     corners, size = mesh.faces.ravel(), mesh.faces.size
@@ -68,7 +69,7 @@ def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:
     twins = np.empty(size + 3 * len(outer), dtype=np.int64)
     twins[inner] = inner[:, ::-1]
     twins[new], twins[outer] = outer, new
-    # around the boundary: the face after one that ends at a fan begins there
+    # around the boundary: a face that ends at a fan is followed by the face that begins there
     fans = mesh.corner_fans.ravel()
     before, after = np.argsort(fans[ends], kind="stable"), np.argsort(fans[start], kind="stable")
     twins[new[before] + 2], twins[new[after] + 1] = new[after] + 1, new[before] + 2
@@ -80,33 +81,32 @@ def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:
 
 
 class _Surface(NamedTuple):
-    points: FloatArray  # of the vertices, (V, 3)
-    # by slots (3 F,): the vertex of each corner, -1 in faces that are gone, the other slot and the
-    # number of each edge
-    faces: IndexArray
-    twins: IndexArray
-    edges: IndexArray
-    fixed: IndexArray  # (V,) whether edges at a vertex do not collapse
+    points: FloatArray  # (V, 3) positions of the vertices
+    # of all slots, (3 F,)
+    faces: IndexArray  # vertex of each corner; -1 in removed faces
+    twins: IndexArray  # slot on the other side of each edge
+    edges: IndexArray  # number of each edge
+    fixed: IndexArray  # (V,) whether the edges at a vertex must not collapse
 
 
 class _Places(NamedTuple):
-    slot_of: IndexArray  # of every edge, (E,)
-    corner_of: IndexArray  # at every vertex, (V,)
+    slot_of: IndexArray  # (E,) one slot of each edge
+    corner_of: IndexArray  # (V,) one corner at each vertex
 
 
 class _Queue(NamedTuple):
-    heap: IndexArray  # of edges, (E,)
-    place: IndexArray  # of each edge in it
-    keys: FloatArray  # squared lengths of edges, or infinite
+    heap: IndexArray  # (E,) edges
+    place: IndexArray  # (E,) place of each edge in the heap
+    keys: FloatArray  # (E,) squared length of each edge, or infinite
 
 
 @kernel
 def _collapse_edges(
-    surface: _Surface, order: IndexArray, keys: FloatArray, finite: int, wanted: int
+    surface: _Surface, order: IndexArray, keys: FloatArray, finite: int, target: int
 ) -> None:
-    """Collapse until at most ``wanted`` of the first ``finite`` faces are left.
+    """Collapse edges until at most ``target`` of the first ``finite`` faces remain.
 
-    ``order`` (E,) are the edges with ascending ``keys``; the surface and the keys are overwritten.
+    ``order`` (E,) has the edges by ascending ``keys``. The surface and the keys are overwritten.
     """
     faces, twins, edges, fixed = surface.faces, surface.twins, surface.edges, surface.fixed
     queue = _Queue(order.copy(), np.empty_like(order), keys)
@@ -117,22 +117,22 @@ def _collapse_edges(
         places.slot_of[edges[slot]] = slot
         places.corner_of[faces[slot]] = slot
     seen, star = np.zeros(fixed.size, dtype=np.int64), np.empty_like(faces)
-    left, total, attempt = finite, faces.size // 3, 0
-    while left > wanted and total > 4 and keys[queue.heap[0]] < np.inf:
+    remaining, total, attempt = finite, faces.size // 3, 0
+    while remaining > target and total > 4 and keys[queue.heap[0]] < np.inf:
         edge = queue.heap[0]
         slot = places.slot_of[edge]
         _rekey(queue, edge, np.inf)
         attempt += 1
-        if not _is_free(surface, slot, star, seen, attempt):
+        if not _may_collapse(surface, slot, star, seen, attempt):
             continue
         for side in (slot, twins[slot]):
-            left -= side < 3 * finite
+            remaining -= side < 3 * finite
         total -= 2
         u = _collapse(surface, places, queue, slot, star)
         for corner in star[: fill_star(star, twins, places.corner_of[u])]:
             spoke, rim = next_slot(corner), edges[corner]
             _rekey(queue, edges[spoke], _squared_length(surface, u, faces[next_slot(spoke)]))
-            if keys[rim] == np.inf:  # refused before
+            if keys[rim] == np.inf:  # it could not collapse before
                 ends = faces[spoke], faces[next_slot(spoke)]
                 _rekey(queue, rim, _squared_length(surface, ends[0], ends[1]))
 
@@ -154,8 +154,8 @@ def next_slot(slot: int) -> int:
 
 @unfused_kernel
 def fill_star(star: IndexArray, twins: IndexArray, first: int) -> int:
-    """Put the corners around the vertex of the first into ``star``; return how many they are."""
-    # a generator would read better, but numba cannot compile what calls one from its cache
+    """Write the corners around the vertex of corner ``first`` to ``star``; return their number."""
+    # a generator would be more readable, but Numba cannot cache functions that call one
     count, corner = 0, first
     while count == 0 or corner != first:
         star[count] = corner
@@ -165,14 +165,16 @@ def fill_star(star: IndexArray, twins: IndexArray, first: int) -> int:
 
 
 @kernel
-def _is_free(surface: _Surface, slot: int, star: IndexArray, seen: IndexArray, mark: int) -> bool:
-    """Return whether the ends of an edge have two common neighbours only."""
+def _may_collapse(
+    surface: _Surface, slot: int, star: IndexArray, seen: IndexArray, attempt: int
+) -> bool:
+    """Return whether the ends of an edge have exactly two common neighbours."""
     faces, twins = surface.faces, surface.twins
     for corner in star[: fill_star(star, twins, next_slot(slot))]:
-        seen[faces[next_slot(corner)]] = mark
+        seen[faces[next_slot(corner)]] = attempt
     common = 0
     for corner in star[: fill_star(star, twins, next_slot(next_slot(slot)))]:
-        common += seen[faces[next_slot(corner)]] == mark
+        common += seen[faces[next_slot(corner)]] == attempt
     return common == 2
 
 
@@ -180,7 +182,7 @@ def _is_free(surface: _Surface, slot: int, star: IndexArray, seen: IndexArray, m
 def _collapse(
     surface: _Surface, places: _Places, queue: _Queue, slot: int, star: IndexArray
 ) -> int:
-    """Move one end of an edge to its middle, give it the other's faces, and return it."""
+    """Move one end of an edge to its middle, give it the faces of the other end, and return it."""
     points, faces, twins, edges = surface.points, surface.faces, surface.twins, surface.edges
     u: int = faces[next_slot(slot)]
     v = faces[next_slot(next_slot(slot))]
@@ -191,10 +193,10 @@ def _collapse(
     for side in (slot, twins[slot]):
         p, q = twins[next_slot(side)], twins[next_slot(next_slot(side))]
         twins[p], twins[q] = q, p
-        gone, kept = edges[p], edges[q]
-        _rekey(queue, gone, np.inf)
-        edges[p] = kept
-        places.slot_of[kept] = q
+        removed, remaining = edges[p], edges[q]
+        _rekey(queue, removed, np.inf)
+        edges[p] = remaining
+        places.slot_of[remaining] = q
         places.corner_of[faces[side]] = next_slot(p)
         places.corner_of[u] = next_slot(next_slot(p))
         for k in range(3):
@@ -204,7 +206,7 @@ def _collapse(
 
 @kernel
 def _rekey(queue: _Queue, edge: int, key: float) -> None:
-    """Give an edge another key and put it where it belongs in the heap."""
+    """Change the key of an edge and restore the order of the heap."""
     heap, place, keys = queue.heap, queue.place, queue.keys
     before = keys[edge]
     keys[edge] = key

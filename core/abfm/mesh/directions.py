@@ -1,4 +1,4 @@
-"""Directions that are spread evenly."""
+"""Evenly spread directions."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from abfm.types import FloatArray
 
 
 def spread_directions(count: int) -> FloatArray:
-    """Return evenly spread points of the unit sphere, (count, 3), on a spiral."""
+    """Return evenly spread points (count, 3) on a spiral around the unit sphere."""
     k = np.arange(count)
     z = 1 - (2 * k + 1) / count
     angle = np.pi * (3 - np.sqrt(5)) * k

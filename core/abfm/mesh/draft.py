@@ -1,4 +1,4 @@
-"""A mesh on its way through the checks."""
+"""A mesh while it is checked and repaired."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NO_COPIES = np.zeros((0, 2), dtype=np.int64)
 
 
 class FileNumbers(NamedTuple):
-    """How the vertices (V,) of a mesh are counted in its file; see `TriangleMesh`."""
+    """Numbers of the vertices (V,) of a mesh in its file; see `TriangleMesh`."""
 
     vertex_ids: IntArray
     file_vertex_count: int
@@ -22,7 +22,7 @@ class FileNumbers(NamedTuple):
 
 @dataclass(repr=False)
 class Draft:
-    """A mesh on its way through the checks; what it has is what a `TriangleMesh` has then."""
+    """A mesh while it is checked and repaired; its attributes become those of `TriangleMesh`."""
 
     vertices: FloatArray
     faces: IntArray
@@ -31,8 +31,8 @@ class Draft:
     file_vertex_count: int
     copies: IntArray
     messages: list[str]
-    kept: str = ""
-    """How many of the vertices and faces were kept, in words."""
+    kept_counts: str = ""
+    """Text with the numbers of vertices and faces that were kept, such as "5 of 6 vertices ..."."""
     edges: IntArray = field(init=False)
     face_edges: IntArray = field(init=False)
     edge_slots: IntArray = field(init=False)
@@ -46,19 +46,20 @@ class Draft:
         if len(self.copies):
             self.copies = self.copies[np.isin(self.copies[:, 1], self.vertex_ids)]
 
-    def keep(self, kept: BoolArray) -> None:
-        """Keep some faces (F,), and the vertices that these use."""
-        self.faces, self.face_ids = self.faces[kept], self.face_ids[kept]
+    def keep_faces(self, is_kept: BoolArray) -> None:
+        """Keep the faces where ``is_kept`` (F,) is True, and the vertices that they use."""
+        self.faces, self.face_ids = self.faces[is_kept], self.face_ids[is_kept]
         self.drop_unreferenced_vertices()
 
-    def join(self, labels: IntArray) -> IntArray:
-        """Make the vertices with the same label (V,) one, the first of them; labels rise in order
-        of first appearance. Return the file's numbers of those that are gone and of what they
-        became, (n, 2).
+    def merge(self, labels: IntArray) -> IntArray:
+        """Merge the vertices with the same label (V,) into the first of them.
+
+        Labels increase in order of first appearance. Return pairs (n, 2) of numbers in the file: a
+        merged vertex, and the vertex that it was merged into.
         """
         first = np.unique(labels, return_index=True)[1]
-        gone = np.delete(np.arange(len(labels)), first)
-        pairs = self.vertex_ids[np.stack([gone, first[labels[gone]]], axis=1)]
+        merged = np.delete(np.arange(len(labels)), first)
+        pairs = self.vertex_ids[np.stack([merged, first[labels[merged]]], axis=1)]
         became = np.arange(self.file_vertex_count)
         became[pairs[:, 0]] = pairs[:, 1]
         earlier = np.stack([self.copies[:, 0], became[self.copies[:, 1]]], axis=1)
@@ -69,15 +70,15 @@ class Draft:
         return pairs
 
     def has_vertex_twice(self) -> BoolArray:
-        """Return the faces (F,) with fewer than three vertices."""
+        """Return whether each face (F,) has the same vertex twice."""
         a, b, c = self.faces.T
         return np.asarray((a == b) | (b == c) | (c == a))
 
     def corners(self, face: int | np.integer[Any]) -> str:
-        """Return the vertices of a face, as the input counts."""
+        """Return the vertices of a face as text, numbered as in the input."""
         return ", ".join(str(vertex) for vertex in self.vertex_ids[self.faces[face]])
 
 
 def counted(number: int | np.integer[Any], one: str, many: str) -> str:
-    """Return a number with the noun and verb that go with it."""
+    """Return a number followed by the singular or plural words for it."""
     return f"1 {one}" if number == 1 else f"{number} {many}"

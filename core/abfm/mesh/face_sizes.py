@@ -1,36 +1,35 @@
-"""Areas of faces, and which faces have none."""
+"""Areas and side lengths of faces, and the detection of faces without area."""
 
 import numpy as np
 
 from abfm.types import BoolArray, FloatArray, IntArray
 
-FLATNESS = 1e-12  # height over longest edge at which a face has no usable gradient
-# height over distance from the origin at which it is a matter of rounding
+FLATNESS = 1e-12  # height over longest edge, up to which gradients on a face are unusable
+# height over distance from the origin, up to which it may be a rounding error
 ROUNDING = 4 * np.finfo(np.float64).eps
-# faces whose corners are looked at together, as many as the processor's caches hold
-AT_A_TIME = 1 << 15
+CHUNK_FACES = 1 << 15  # number of faces processed together; their corners fit the CPU caches
 
 
 def twice_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Compute twice the area of every face, (F,)."""
+    """Return twice the area of each face, (F,)."""
     found = np.empty(len(faces))
-    for start in range(0, len(faces), AT_A_TIME):
-        a, b, c = _corners(vertices, faces[start : start + AT_A_TIME])
-        found[start : start + AT_A_TIME] = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    for start in range(0, len(faces), CHUNK_FACES):
+        a, b, c = _corners(vertices, faces[start : start + CHUNK_FACES])
+        found[start : start + CHUNK_FACES] = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return found
 
 
 def flat_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Compute the faces (F,) without area: so flat that gradients on them would be noise.
+    """Return whether each face (F,) has no area, so that gradients on it would be noise.
 
-    The height over the longest edge is at most 1e-12 of that edge, or what rounding does to the
-    coordinates: 9e-16 of how far the face reaches from the origin. That is the same in every unit
-    of length and after every rotation.
+    The height over the longest edge of such a face is at most 1e-12 of that edge, plus the rounding
+    error of its coordinates. The latter is 9e-16 of the largest distance of its corners from the
+    origin. The criterion does not depend on the unit of length or on rotations.
     """
     distances = np.sqrt(_squares(vertices))
     found = np.empty(len(faces), dtype=bool)
-    for start in range(0, len(faces), AT_A_TIME):
-        some = slice(start, start + AT_A_TIME)
+    for start in range(0, len(faces), CHUNK_FACES):
+        some = slice(start, start + CHUNK_FACES)
         a, b, c = _corners(vertices, faces[some])
         sides = [b - a, c - b, a - c]
         twice = np.sqrt(_squares(np.cross(sides[0], sides[2])))
@@ -41,17 +40,18 @@ def flat_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
 
 
 def side_lengths(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Compute the length of the side opposite each corner, (F, 3)."""
+    """Return the length of the side opposite each corner, (F, 3)."""
     a, b, c = _corners(vertices, faces)
     return np.stack([np.sqrt(_squares(side)) for side in (c - b, a - c, b - a)], axis=1)
 
 
 def _corners(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return where the corners of faces are, (3, F, 3)."""
-    return np.moveaxis(vertices.take(faces, axis=0), 1, 0)  # several times as fast as by index
+    """Return the positions of the corners of faces, (3, F, 3)."""
+    # `take` is several times as fast as indexing
+    return np.moveaxis(vertices.take(faces, axis=0), 1, 0)
 
 
 def _squares(vectors: FloatArray) -> FloatArray:
-    """Compute squared lengths of rows, (n,)."""
+    """Return the squared length of each row, (n,)."""
     found: FloatArray = np.einsum("nx,nx->n", vectors, vectors)
     return found

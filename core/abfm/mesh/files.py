@@ -1,4 +1,4 @@
-"""Reading mesh files."""
+"""Reading of meshes from files and from objects of other libraries."""
 
 import os
 import warnings
@@ -39,7 +39,7 @@ _NAME_LENGTH_MAX = 300
 
 
 def read_vtk(opened: Opened) -> FileContents:
-    """Read the points and the polygons of a file of VTK."""
+    """Read the points and the polygons of a VTK file."""
     file = vtk_contents(opened)
     return split_polygons(file.points, *file.polygons())
 
@@ -59,16 +59,16 @@ READERS: Readers[FileContents] = {
     Format.FREESURFER_QUADS: read_quadrangles,
     Format.FREESURFER_ASCII: read_ascii_surface,
 }
-"""By the format of the file."""
+"""The reader of each file format."""
 
 
 def endings_of(readers: Readers[Contents]) -> tuple[str, ...]:
-    """Return what names of files that these readers read usually end in."""
+    """Return the usual file name endings of the formats of these readers."""
     return tuple(ending for ending, found in ENDINGS.items() if found in readers)
 
 
 MESH_ENDINGS = (*endings_of(READERS), *(f"{ending}.gz" for ending in endings_of(READERS)))
-"""What names of meshes usually end in; surfaces of FreeSurfer may end in anything."""
+"""Usual endings of names of mesh files; names of FreeSurfer surfaces may have any ending."""
 
 
 def load_mesh(
@@ -79,48 +79,55 @@ def load_mesh(
     hemisphere: str | None = None,
     largest_component: bool = False,
 ) -> TriangleMesh:
-    """Read a triangle mesh from a file, or make one of a mesh of another library.
+    """Read a triangle mesh from a file, or convert a mesh of another library.
 
-    Vertices keep the order and count of the file or object, unused ones included; only STL and
-    glTF, which repeat vertices, are merged by position, with a message. Polygons and strips are
-    split into triangles. glTF is read as it is shown at rest, with its morph weights and skins.
-    Surfaces of FreeSurfer, such as ``lh.white``, keep the coordinates of the file: surface RAS, to
-    which ``cras`` is not added, as in nibabel.
+    Vertices have the order and count of the file or object, including those that no face uses.
+    STL and glTF files repeat vertices; these are merged by position, with a message. Polygons and
+    triangle strips are split into triangles. A glTF scene is read in its rest pose, with its morph
+    weights and skins. FreeSurfer surfaces, such as ``lh.white``, have the coordinates of the file:
+    surface RAS without ``cras``, as in nibabel.
 
     Parameters
     ----------
     mesh : path or object
-        A file: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, surfaces of FreeSurfer or MNI
-        objects; each may be compressed (.gz). Its first bytes decide the format, or else the ending
-        of its name. Or a pair (vertices, faces), a ``trimesh.Trimesh``, PyVista ``PolyData`` or
-        ``UnstructuredGrid``, a mesh of meshio, Open3D, PyMeshLab, vedo, LaPy or BrainSpace,
-        nilearn's ``SurfaceImage`` or ``PolyMesh``, a nibabel GIFTI image, or a `TriangleMesh`,
-        which is returned as it is.
+        A file is obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, a FreeSurfer surface or an MNI
+        object. It may be compressed (.gz). Its first bytes determine the format, or else the
+        ending of its name. Accepted objects are:
+
+        - a pair (vertices, faces)
+        - a ``trimesh.Trimesh``
+        - PyVista ``PolyData`` or ``UnstructuredGrid``
+        - a mesh of meshio, Open3D, PyMeshLab, vedo, LaPy or BrainSpace
+        - nilearn's ``SurfaceImage`` or ``PolyMesh``, or a nibabel GIFTI image
+        - a `TriangleMesh`, which is returned unchanged
     merge : bool or float, optional
-        Make vertices one that are at most this distance apart, in the file's unit, as where a
-        texture has a seam: the first of them stays where it is. A distance of an edge's length is
-        refused. True takes 1e-6 of the diagonal of the bounding box, or less where edges are short.
+        Merge vertices that are at most this distance apart, in the unit of the file, for example at
+        the seams of a texture. The first of them keeps its position. The distance must be smaller
+        than every edge. True uses 1e-6 of the diagonal of the bounding box, or less if edges are
+        short.
     clean : bool
-        Remove repeated faces, and sheets that hang on a surface of at least their area. Remove
-        faces without area: join their ends if these are close, or else split their neighbours, so
-        that no hole is left. What cannot be cleaned so is refused.
+        Remove repeated faces, and sheets attached to a surface of at least their area. Remove
+        faces without area: merge their ends if these are close, or else split their neighbours, so
+        that no hole remains. A mesh that still has defects is refused.
     hemisphere : {"L", "R"}, optional
-        Of a surface with both hemispheres, keep one. L has the smaller x; if both are at one place,
-        as spheres are, it is the first in the file, as Connectome Workbench and nilearn order them.
-        A surface in one piece is kept as it is. Of objects of nilearn, the part.
+        Keep one hemisphere of a surface with both. L has the smaller x. If both are at the same
+        place, as spheres are, L is the first in the file, the order of Connectome Workbench and
+        nilearn. A surface of one component is kept as it is. For nilearn objects, this chooses the
+        part.
     largest_component : bool
-        Of several components keep the one with the largest area instead of refusing the mesh.
+        If the mesh has several components, keep the one with the largest area.
 
     Notes
     -----
-    Options apply in this order, and `TriangleMesh.messages` reports every change with a count and
-    an example. Values given for each vertex of the file fit all the same: see
+    Options apply in this order. `TriangleMesh.messages` reports every change with a count and an
+    example. Arrays with one value for each vertex of the file remain usable: see
     `TriangleMesh.restrict`, and `TriangleMesh.on_file` for results.
 
     Raises
     ------
     MeshError
-        One line that begins with the file's name: why it cannot be read, or its mesh be used.
+        One line that begins with the name of the file: it cannot be read, or its mesh cannot be
+        used.
     """
     options = MeshKeywords(
         merge=merge, clean=clean, hemisphere=hemisphere, largest_component=largest_component
@@ -128,91 +135,96 @@ def load_mesh(
     return as_mesh(mesh, **options)
 
 
-def as_mesh(given: MeshLike, name: str = "mesh", **options: Unpack[MeshKeywords]) -> TriangleMesh:
-    """Return what `load_mesh` does; in messages an object is called by the name."""
-    if isinstance(given, TriangleMesh):
+def as_mesh(source: MeshLike, name: str = "mesh", **options: Unpack[MeshKeywords]) -> TriangleMesh:
+    """Return the mesh of a file or object as `load_mesh` does; messages call an object ``name``."""
+    if isinstance(source, TriangleMesh):
         if any(options.values()):
-            raise ParameterError("options of a mesh apply where it is made, not to a TriangleMesh")
-        return given
-    is_file = isinstance(given, str | os.PathLike)
-    name = one_line(given, _NAME_LENGTH_MAX) if is_file else name
+            raise ParameterError(
+                "mesh options such as merge or clean cannot change a TriangleMesh. Use them when "
+                "the mesh is loaded"
+            )
+        return source
+    is_file = isinstance(source, str | os.PathLike)
+    name = one_line(source, _NAME_LENGTH_MAX) if is_file else name
     try:
         side = options.get("hemisphere")
         if is_file:
-            found = read_contents(given, READERS, "mesh")
-            named = found.side or named_side(given)
+            found = read_contents(source, READERS, "mesh")
+            named = found.side or named_side(source)
             if side and named and named != side:
                 raise MeshError(
-                    f"it is a {HEMISPHERES[named]} hemisphere, and the {HEMISPHERES[side]} one was "
-                    "requested: leave out --hemisphere, or choose another file"
+                    f"the file has a {HEMISPHERES[named]} hemisphere, but the {HEMISPHERES[side]} "
+                    "one was requested. Omit --hemisphere, or choose another file"
                 )
             side = side or named
         else:
-            found = _of_object(given, side)
+            found = _of_object(source, side)
             side = side or found.side
-            if parts_of(given):
+            if parts_of(source):
                 options["hemisphere"] = None
         return TriangleMesh(
             found.vertices,
             found.faces,
             structure=STRUCTURES.get(side or ""),
-            file_name=os.path.basename(given) if is_file else "",
+            file_name=os.path.basename(source) if is_file else "",
             messages=found.messages,
             **options,
         )
     except MemoryError as error:
         raise MeshError(
-            f"{name}: the mesh does not fit into memory: close other programs, or coarsen it"
+            f"{name}: the mesh does not fit into memory. Close other programs, or coarsen the mesh"
         ) from error
     except MeshError as error:
         raise error.in_file(name) from error
 
 
 def as_meshes(a: MeshLike, b: MeshLike) -> tuple[TriangleMesh, TriangleMesh]:
-    """Return `as_mesh` of two surfaces, one mesh if they are the same object."""
+    """Return `as_mesh` of two surfaces; the same mesh twice if they are the same object."""
     mesh = as_mesh(a, "a")
     return mesh, mesh if a is b else as_mesh(b, "b")
 
 
-def _of_object(given: object, hemisphere: str | None) -> FileContents:
+def _of_object(source: object, hemisphere: str | None) -> FileContents:
     try:
-        return contents_of(given, hemisphere or "")
+        return contents_of(source, hemisphere or "")
     except MemoryError:
         raise
-    except Exception as error:  # the objects are not ours, and may raise anything
+    except Exception as error:  # objects of other libraries may raise any error
         raise MeshError(one_line(error, 400)) from error
 
 
 def read_contents(
-    path: str | os.PathLike[str], readers: Readers[Contents], wanted: str
+    path: str | os.PathLike[str], readers: Readers[Contents], expected: str
 ) -> Contents:
-    """Return the contents of a file, or raise a MeshError, whatever a reader raises on a bad file.
+    """Return the contents of a file; convert every error of a reader to a MeshError.
 
     Parameters
     ----------
     readers : mapping
-        By the formats that can be read.
-    wanted : str
-        What the file is expected to hold, such as "mesh".
+        The reader of each format that can be read.
+    expected : str
+        The expected kind of file, such as "mesh", for messages.
     """
     opened = None
     try:
         opened = open_file(path)
         if opened.format not in readers:
-            known = ", ".join(endings_of(readers))
+            endings = ", ".join(endings_of(readers))
             more = " or a FreeSurfer surface" * (Format.FREESURFER_SURFACE in readers)
-            raise MeshError(f"it is {opened.format}, not a {wanted}; expected {known}{more}")
+            raise MeshError(
+                f"the file is {opened.format}, not a {expected}; expected {endings}{more}"
+            )
         with step("reading", len(opened.data), f" {opened.format}"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return readers[opened.format](opened)
     except (MemoryError, MeshError):
         raise
     except FileNotFoundError as error:
-        missing = f"a file that it names is missing: {one_line(error.filename)}"
-        raise MeshError(missing if opened else "there is no such file") from error
+        missing = f"the file refers to {one_line(error.filename)}, which does not exist"
+        raise MeshError(missing if opened else "the file does not exist") from error
     except IsADirectoryError as error:
-        named = "a file that it names is a folder: correct the name"
-        raise MeshError(named if opened else "this is a folder, not a file") from error
+        folder = "the file refers to a folder instead of a file. Correct the name"
+        raise MeshError(folder if opened else "this is a folder, not a file") from error
     except Exception as error:
         read_as = f" as {opened.format}" if opened else ""
         raise MeshError(f"cannot be read{read_as}: {one_line(error)}") from error

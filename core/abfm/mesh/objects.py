@@ -1,4 +1,4 @@
-"""Meshes of other libraries, recognised by their attributes: none of the libraries is imported."""
+"""Meshes of other libraries, recognized by their attributes; no library is imported."""
 
 from __future__ import annotations
 
@@ -25,121 +25,131 @@ MeshLike: TypeAlias = Any
 """A `TriangleMesh`, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio,
 Open3D, PyMeshLab, vedo, LaPy, BrainSpace, nilearn or nibabel."""
 ACCEPTED_TYPES = (
-    "a TriangleMesh, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista "
-    "(PolyData, UnstructuredGrid), meshio, Open3D, PyMeshLab, vedo, LaPy, BrainSpace, nilearn or "
-    "nibabel (GIFTI)"
+    "a TriangleMesh, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio, "
+    "Open3D, PyMeshLab, vedo, LaPy, BrainSpace, nilearn or nibabel"
 )
 _FACES = ("triangle", "quad")
 _SIDES = {word: side for side, word in HEMISPHERES.items()}
 _DRAWN_KINDS = ("vertex", "line", "line3", "polyline")
 
 
-def has(given: Any, *names: str) -> bool:
-    """Return whether an object has all of these attributes; some objects raise other errors."""
+def has(source: Any, *names: str) -> bool:
+    """Return whether an object has all of these attributes, whatever errors it raises."""
     try:
-        return not isinstance(given, type) and all(hasattr(given, name) for name in names)
+        return not isinstance(source, type) and all(hasattr(source, name) for name in names)
     except Exception:
         return False
 
 
-def contents_of(given: Any, hemisphere: str = "") -> FileContents:
+def contents_of(source: Any, hemisphere: str = "") -> FileContents:
     """Return the vertices and faces of an object, in its order.
 
     Raises
     ------
     ValueError
-        If it is not one of the objects that are accepted, or its arrays do not make a mesh.
+        If the type of the object is not accepted, or its arrays do not make a mesh.
     """
-    if isinstance(given, tuple | list):
-        if len(given) != 2:
-            raise ValueError(f"it has {len(given)} parts; expected a pair (vertices, faces)")
-        return FileContents(*given)
-    if parts := parts_of(given):
+    if isinstance(source, tuple | list):
+        if len(source) != 2:
+            raise ValueError(
+                f"a tuple or list of {len(source)} items is not a mesh; expected a pair (vertices, "
+                "faces)"
+            )
+        return FileContents(*source)
+    if parts := parts_of(source):
         if len(parts) == 1:
             hemisphere = hemisphere or _SIDES.get(next(iter(parts)), "")
-        given = part_of(parts, hemisphere)
+        source = part_of(parts, hemisphere)
     for names, read in _READERS.items():
-        if has(given, *names):
-            found = read(given)
+        if has(source, *names):
+            found = read(source)
             return found._replace(side=hemisphere or found.side)
     raise ValueError(
-        f"it is of type {one_line(type(given).__name__, 60)}; expected {ACCEPTED_TYPES}"
+        f"an object of type {one_line(type(source).__name__, 60)} is not a mesh; expected "
+        f"{ACCEPTED_TYPES}"
     )
 
 
-def parts_of(given: Any) -> Mapping[str, Any] | None:
+def parts_of(source: Any) -> Mapping[str, Any] | None:
     """Return the parts of the mesh of a SurfaceImage or PolyMesh; None for other objects."""
-    mesh = given.mesh if has(given, "mesh", "data") else given
+    mesh = source.mesh if has(source, "mesh", "data") else source
     return mesh.parts if has(mesh, "parts") else None
 
 
 def part_of(parts: Mapping[str, Any], hemisphere: str) -> Any:
-    """Return the part of an object of nilearn for a hemisphere, or the only part.
+    """Return the part of a nilearn object for a hemisphere, or its only part.
 
     Raises
     ------
     ValueError
-        If the part is missing, or there are several and none is chosen.
+        If the part is missing, or if there are several parts and none is chosen.
     """
     found = dict(parts)
     if not hemisphere and len(found) == 1:
         return next(iter(found.values()))
     if not hemisphere:
         raise ValueError(
-            'it has two hemispheres; choose one: abfm.load_mesh(..., hemisphere="L") or "R"'
+            'it has two hemispheres. Choose one: abfm.load_mesh(..., hemisphere="L") or "R"'
         )
     part = HEMISPHERES.get(hemisphere)
     if part not in found:
-        raise ValueError(f"hemisphere is {brief(hemisphere)}; it has {brief(list(found))}")
+        raise ValueError(
+            f"hemisphere is {brief(hemisphere)}, but the object has {brief(list(found))}"
+        )
     return found[part]
 
 
-def _of_poly_data(given: Any) -> FileContents:
-    """Read polygons and triangle strips, which list the number of their corners before them."""
-    sizes, corners = _lists(given.faces, "faces")
-    triangles = triangles_of_strips(*_lists(given.strips, "strips"))
+def _of_poly_data(source: Any) -> FileContents:
+    """Read polygons and triangle strips, each stored after the number of its corners."""
+    sizes, corners = _lists(source.faces, "faces")
+    triangles = triangles_of_strips(*_lists(source.strips, "strips"))
     all_sizes = [sizes, np.full(len(triangles), 3)]
-    return _split(given.points, all_sizes, [corners, triangles.ravel()])
+    return _split(source.points, all_sizes, [corners, triangles.ravel()])
 
 
-def _of_grid(given: Any) -> FileContents:
-    """Read the polygons of PyVista's UnstructuredGrid, whose surface would have another order."""
-    types = np.asarray(given.celltypes).astype(np.int64)
-    sizes, corners = polygons_of_cells(*_lists(given.cells, "cells"), types)
-    return _split(given.points, [sizes], [corners])
+def _of_grid(source: Any) -> FileContents:
+    """Read the polygons of a PyVista ``UnstructuredGrid``.
+
+    Its extracted surface would have another order.
+    """
+    types = np.asarray(source.celltypes).astype(np.int64)
+    sizes, corners = polygons_of_cells(*_lists(source.cells, "cells"), types)
+    return _split(source.points, [sizes], [corners])
 
 
-def _of_adapter(given: Any) -> FileContents:
-    """Read the polygons of BrainSpace, and of VTK's own adapter to NumPy."""
-    sizes, corners = _lists(given.Polygons, "polygons")
-    return _split(given.Points, [sizes], [corners])
+def _of_adapter(source: Any) -> FileContents:
+    """Read the polygons of a BrainSpace surface, or of the NumPy adapter of VTK."""
+    sizes, corners = _lists(source.Polygons, "polygons")
+    return _split(source.Points, [sizes], [corners])
 
 
-def _lists(given: Any, name: str) -> tuple[IntArray, IntArray]:
-    numbers = np.asarray([] if given is None else given).astype(np.int64).ravel()
+def _lists(source: Any, name: str) -> tuple[IntArray, IntArray]:
+    numbers = np.asarray([] if source is None else source).astype(np.int64).ravel()
     try:
         return split_lists(numbers)
     except ValueError:
-        raise ValueError(f"its {name} are cut short") from None
+        raise ValueError(
+            f"its list of {name} ends too early; expected each length followed by as many corners"
+        ) from None
 
 
-def _of_cells(given: Any) -> FileContents:
+def _of_cells(source: Any) -> FileContents:
     """Read the triangles, quadrilaterals and polygons of a mesh of meshio or vedo."""
-    blocks = [("polygon", given.cells)]  # vedo
-    if all(has(block, "type", "data") for block in given.cells):
-        blocks = [(str(block.type), block.data) for block in given.cells]
+    blocks = [("polygon", source.cells)]  # vedo
+    if all(has(block, "type", "data") for block in source.cells):
+        blocks = [(str(block.type), block.data) for block in source.cells]
     sizes, corners = [], []
     for kind, data in blocks:
         if kind in _DRAWN_KINDS:
             continue
         if kind not in _FACES and not kind.startswith("polygon"):
             raise ValueError(
-                f"it has cells of type {brief(kind)}; expected triangles, quads or polygons, such "
-                "as the surface of a volume"
+                f"it has cells of type {brief(kind)}; expected triangles, quads or polygons. "
+                "Extract the surface of a volume first"
             )
         sizes.append(np.array([len(row) for row in data], dtype=np.int64))
         corners.append(np.concatenate([np.zeros(0, dtype=np.int64), *data]))
-    points = np.asarray(given.points)
+    points = np.asarray(source.points)
     if points.ndim == 2 and points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
     return _split(points, sizes, corners)
@@ -152,8 +162,8 @@ def _split(points: Any, sizes: list[IntArray], corners: list[IntArray]) -> FileC
     return split_polygons(points, np.concatenate(sizes), np.concatenate(corners).astype(np.int64))
 
 
-def _of_scene(given: Any) -> NoReturn:
-    raise ValueError("it is a scene; use the mesh that its to_mesh() returns")
+def _of_scene(source: Any) -> NoReturn:
+    raise ValueError("a scene is not a mesh. Use the mesh that its to_mesh() returns")
 
 
 _READERS: dict[tuple[str, ...], Callable[[Any], FileContents]] = {
@@ -174,5 +184,5 @@ _READERS: dict[tuple[str, ...], Callable[[Any], FileContents]] = {
     ("Points", "Polygons"): _of_adapter,
     ("v", "t"): lambda mesh: FileContents(mesh.v, mesh.t),
 }
-"""By attributes: a part of nilearn's PolyMesh, nibabel, PyVista, meshio and vedo, trimesh, Open3D,
-PyMeshLab, BrainSpace, LaPy."""
+"""Reader of objects with these attributes: a part of nilearn's PolyMesh, nibabel, PyVista, meshio
+and vedo, trimesh, Open3D, PyMeshLab, BrainSpace, LaPy."""

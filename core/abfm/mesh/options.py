@@ -1,4 +1,4 @@
-"""Options of reading a mesh: what to change before it is checked."""
+"""Options for loading a mesh: changes made before it is checked."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MERGE = "merge"
 
 
 class MeshKeywords(TypedDict, total=False):
-    """The options as keywords of functions."""
+    """The options as keyword arguments."""
 
     merge: bool | float | None
     clean: bool
@@ -25,14 +25,14 @@ class MeshKeywords(TypedDict, total=False):
 
 
 def read_flag(text: str) -> bool:
-    """Return True for a text such as "yes", False for one such as "no"."""
+    """Return True for a text such as "yes" and False for one such as "no"."""
     if text.lower() in (*_TRUE_WORDS, *_FALSE_WORDS):
         return text.lower() in _TRUE_WORDS
-    raise ParameterError(f"{brief(text)} is neither {_TRUE_WORDS[0]} nor {_FALSE_WORDS[0]}")
+    raise ParameterError(f"{brief(text)}: expected {_TRUE_WORDS[0]} or {_FALSE_WORDS[0]}")
 
 
 def read_merge(text: str) -> bool | float:
-    """Return the distance that a text gives, or True for ``auto``."""
+    """Convert text to a merging distance; True for "auto" or "yes", False for "no"."""
     if text.lower() in ("auto", "yes", "true"):
         return True
     if text.lower() in ("no", "false"):
@@ -40,7 +40,7 @@ def read_merge(text: str) -> bool | float:
     try:
         return float(text)
     except ValueError:
-        raise ParameterError(f"{brief(text)} is neither a distance nor auto") from None
+        raise ParameterError(f"{brief(text)}: expected a distance or auto") from None
 
 
 def _option(read: Callable[[str], Any], metavar: str, button: str, about: str, default: Any) -> Any:
@@ -50,45 +50,45 @@ def _option(read: Callable[[str], Any], metavar: str, button: str, about: str, d
 
 @dataclass(frozen=True, kw_only=True)
 class MeshOptions:
-    """What to change in a mesh before it is checked, in this order.
+    """Changes to a mesh before it is checked, in the order in which they apply.
 
-    The metadata of each field has its ``help``, the ``metavar`` of its value (empty for a flag),
-    what its ``button`` is called, and ``read``, which makes its value of a text.
+    The metadata of each field has its ``help``, the label of its ``button``, and the ``metavar`` of
+    its value (empty for a flag). The function ``read`` converts text to its value.
 
     Raises
     ------
     ParameterError
-        If the distance is not a positive number, or the hemisphere neither L nor R.
+        If the distance is not a positive number, or the hemisphere is neither L nor R.
     """
 
     merge: bool | float | None = _option(
         read_merge,
         "DISTANCE",
         "Merge vertices",
-        "merge vertices at most DISTANCE apart, in the file's unit; without it, those at the same "
-        "position and up to 1e-6 of the diagonal of the bounding box",
+        "merge vertices at most DISTANCE apart, in the unit of the file; without DISTANCE, at most "
+        "1e-6 of the diagonal of the bounding box",
         None,
     )
     clean: bool = _option(
         read_flag,
         "",
         "Clean",
-        "remove repeated faces, faces without area, and sheets that hang on the surface",
+        "remove repeated faces, faces without area, and sheets attached to the surface",
         False,
     )
     hemisphere: str | None = _option(
         str,
         "L|R",
         "",
-        "use the left or right hemisphere of a surface with both; L has the smaller x, or is the "
-        "first in the file if both are at one place",
+        "use the left or right hemisphere of a surface with both. L has the smaller x; if both are "
+        "at the same place, L is the first in the file",
         None,
     )
     largest_component: bool = _option(
         read_flag,
         "",
         "Largest component",
-        "of several components use the one with the largest area",
+        "if the mesh has several components, use the one with the largest area",
         False,
     )
 
@@ -97,7 +97,7 @@ class MeshOptions:
         is_distance = isinstance(merge, int | float) and math.isfinite(merge) and merge > 0
         if not (merge is None or isinstance(merge, bool) or is_distance):
             raise ParameterError(
-                f"merge is {brief(merge)}; expected a distance above 0, or True for one that is "
+                f"merge is {brief(merge)}; expected a distance above 0, or True for a distance "
                 "chosen from the size of the mesh"
             )
         if side is not None and side not in HEMISPHERES:
@@ -105,38 +105,40 @@ class MeshOptions:
 
     @classmethod
     def value(cls, name: str, text: str) -> Any:
-        """Return the value of an option that a text gives, or raise a ParameterError."""
+        """Convert text to the value of an option, or raise a ParameterError."""
         read = next(each.metadata["read"] for each in fields(cls) if each.name == name)
         value: Any = read(text)
         cls(**{name: value})
         return value
 
     @property
-    def given(self) -> Mapping[str, Any]:
-        """The options that are not the defaults, by name."""
+    def changed(self) -> Mapping[str, Any]:
+        """The options that differ from the defaults, by name."""
         values = ((each.name, getattr(self, each.name)) for each in fields(self))
         return {name: value for name, value in values if value}
 
     @property
-    def words(self) -> str:
-        """The options as on the command line."""
+    def arguments(self) -> str:
+        """The options as command line arguments."""
         return " ".join(
             f"--{name.replace('_', '-')}{'' if value is True else f' {value}'}"
-            for name, value in self.given.items()
+            for name, value in self.changed.items()
         )
 
     @property
     def keywords(self) -> str:
-        """The options as in Python."""
-        return ", ".join(f"{name}={value!r}" for name, value in self.given.items())
+        """The options as Python keyword arguments."""
+        return ", ".join(f"{name}={value!r}" for name, value in self.changed.items())
 
     @property
     def button(self) -> str:
-        """What a button is called that applies the options."""
+        """The label of a button that applies the options."""
         buttons = {each.name: each.metadata["button"] for each in fields(self)}
-        names = [buttons[name] or HEMISPHERES[value].title() for name, value in self.given.items()]
+        names = [
+            buttons[name] or HEMISPHERES[value].title() for name, value in self.changed.items()
+        ]
         return ", ".join([names[0], *(name.lower() for name in names[1:])])
 
 
 DEFAULT_OPTIONS = MeshOptions()
-"""Nothing is changed."""
+"""Options that change nothing."""

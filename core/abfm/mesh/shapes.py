@@ -1,4 +1,4 @@
-"""Generated surfaces, for figures, measurements and tests."""
+"""Generated surfaces for figures, benchmarks and tests."""
 
 import numpy as np
 import trimesh
@@ -13,13 +13,13 @@ _LIMBS = np.array(
 
 
 def even_sphere(count: int) -> TriangleMesh:
-    """Return evenly spread points of the unit sphere, and their convex hull."""
+    """Return the convex hull of ``count`` evenly spread points of the unit sphere."""
     hull = trimesh.convex.convex_hull(spread_directions(count))
     return TriangleMesh(hull.vertices, hull.faces)
 
 
 def five_limbs(count: int) -> TriangleMesh:
-    """Return a flat body with five limbs of different lengths, of long and thin triangles."""
+    """Return a flat body with five limbs of different lengths; its triangles are long and thin."""
     ball = even_sphere(count)
     cosines = ball.vertices @ (_LIMBS / np.linalg.norm(_LIMBS, axis=1)[:, None]).T
     reach = 1 + np.exp(8 * (cosines - 1)) @ np.array([1.2, 0.8, 0.9, 1, 1.1])
@@ -27,10 +27,10 @@ def five_limbs(count: int) -> TriangleMesh:
 
 
 def grid(n: int, m: int, around: bool) -> tuple[IntArray, IntArray, IntArray]:
-    """Return n x m squares as two triangles each, (2 n m, 3), and the vertices' rows and columns.
+    """Return the triangles of n x m squares, (2 n m, 3), and the row and column of each vertex.
 
-    Diagonals alternate. There are n x m vertices where the grid closes around, else one row and one
-    column more.
+    Diagonals alternate. If the grid is periodic (``around``), there are n x m vertices, else one
+    row and one column more.
     """
     rows, columns = (n, m) if around else (n + 1, m + 1)
     i, j = np.indices((n, m)).reshape(2, -1)
@@ -45,16 +45,16 @@ def grid(n: int, m: int, around: bool) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def sphere(subdivisions: int) -> TriangleMesh:
-    """Return the unit sphere with 10 * 4**subdivisions + 2 vertices, nearly even triangles."""
+    """Return the unit sphere with 10 * 4**subdivisions + 2 vertices and nearly even triangles."""
     shape = trimesh.creation.icosphere(subdivisions=subdivisions)
     return TriangleMesh(shape.vertices, shape.faces)
 
 
 def two_armed(subdivisions: int) -> TriangleMesh:
-    """Return a flat body with two curved arms, which 180 degrees about z exchange vertex by vertex.
+    """Return a flat body with two curved arms and a symmetry of 180 degrees about z.
 
-    A sphere with its vertices in pairs about z, drawn out along x, flattened, and turned the more
-    the farther out.
+    The rotation maps vertices to vertices. The body is a sphere stretched along x, flattened, and
+    twisted by an angle that increases with the distance from the z axis.
     """
     ball = sphere(subdivisions)
     x, y, z = (ball.vertices * [1, 1, 0.5]).T
@@ -64,16 +64,17 @@ def two_armed(subdivisions: int) -> TriangleMesh:
 
 
 def stepped_slab(squares: int) -> TriangleMesh:
-    """Return a slab of 4 x 3 cubes less two opposite corners, two on top: all edges are creases.
+    """Return a stepped slab of cubes, a surface with many sharp edges.
 
-    Every side of a cube has ``squares`` x ``squares`` squares of four triangles. The rotation by
-    180 degrees about z carries vertices to vertices.
+    The slab has 4 x 3 cubes without two opposite corners, and two more cubes on top. Every side of
+    a cube has ``squares`` x ``squares`` squares of four triangles. The rotation by 180 degrees
+    about z maps vertices to vertices.
     """
     slab = {(x, y, 0) for x in range(4) for y in range(3)} - {(0, 2, 0), (3, 0, 0)}
     cubes = slab | {(1, 1, 1), (2, 1, 1)}  # by their lowest corners
     steps = np.indices((squares, squares)).reshape(2, -1).T[:, None]
     around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    corners = []  # of all squares, (4, 3) each, in squares' sides
+    corners = []  # (4, 3) corners of each square, in units of the side of a square
     for cube in sorted(cubes):
         for axis in range(3):
             for side in (0, 1):
@@ -94,7 +95,10 @@ def stepped_slab(squares: int) -> TriangleMesh:
 
 
 def torus(n: int, m: int, R: float = 1.0, r: float = 0.45) -> TriangleMesh:
-    """Return a torus about y: n vertices around at distance R, m around the tube; both even."""
+    """Return a torus about the y axis, with n x m vertices; n and m must be even.
+
+    n vertices lie on the circle of radius R, m around the tube of radius r.
+    """
     faces, i, j = grid(n, m, around=True)
     u, w = 2 * np.pi * i / n, 2 * np.pi * j / m
     ring = R + r * np.cos(w)
@@ -103,7 +107,7 @@ def torus(n: int, m: int, R: float = 1.0, r: float = 0.45) -> TriangleMesh:
 
 
 def geodesic_sphere(frequency: int) -> TriangleMesh:
-    """Return the unit sphere as a divided icosahedron with 10 * frequency**2 + 2 vertices."""
+    """Return the unit sphere as a subdivided icosahedron with 10 * frequency**2 + 2 vertices."""
     solid = trimesh.creation.icosahedron()
     i, j = np.indices((frequency + 1, frequency + 1)).reshape(2, -1)
     inside = i + j <= frequency
@@ -118,29 +122,32 @@ def geodesic_sphere(frequency: int) -> TriangleMesh:
         np.stack([number[i[some] + p, j[some] + q] for p, q in steps], axis=1)
         for some, *steps in corners_of
     ]
-    own = np.concatenate(triangles)
-    faces = np.concatenate([own + face * len(i) for face in range(len(corners))])
+    of_one = np.concatenate(triangles)
+    faces = np.concatenate([of_one + face * len(i) for face in range(len(corners))])
     points = points.reshape(-1, 3)
     rounded = np.round(points, 9)
-    _, kept, merged = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-    return TriangleMesh(points[kept], merged.ravel()[faces])
+    _, first, merged = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    return TriangleMesh(points[first], merged.ravel()[faces])
 
 
 def gourd(frequency: int) -> TriangleMesh:
-    """Return a squat surface about y with three bulges, of 10 * frequency**2 + 2 vertices."""
+    """Return a flattened surface of revolution about y with three bulges.
+
+    It has 10 * frequency**2 + 2 vertices.
+    """
     ball = geodesic_sphere(frequency)
     polar = np.arccos(np.clip(ball.vertices[:, 1], -1, 1))
     return TriangleMesh(ball.vertices * gourd_radius(polar)[:, None], ball.faces)
 
 
 def gourd_radius(polar: FloatArray) -> FloatArray:
-    """Return the distance of the `gourd` from its centre, by the angle from the y axis."""
-    squat = 1 / np.hypot(np.sin(polar) / 1.1, np.cos(polar) / 0.75)
-    return np.asarray(squat * (1 + 0.16 * np.cos(4 * polar)))
+    """Return the distance of the `gourd` from its centre for angles from the y axis."""
+    ellipsoid = 1 / np.hypot(np.sin(polar) / 1.1, np.cos(polar) / 0.75)
+    return np.asarray(ellipsoid * (1 + 0.16 * np.cos(4 * polar)))
 
 
 def three_arms(subdivisions: int) -> tuple[TriangleMesh, tuple[int, int, int]]:
-    """Return a flat body with a thick arm upwards and two thin ones downwards; and their tips."""
+    """Return a flat body with a thick arm upwards and two thin arms downwards, and their tips."""
     shape = trimesh.creation.icosphere(subdivisions=subdivisions)
     radius, tips = np.ones(len(shape.vertices)), []
     for degrees, height, sharpness in ((90, 1.5, 6), (-45, 1.4, 9), (-135, 1.4, 9)):

@@ -1,4 +1,4 @@
-"""Midpoint subdivision: every face cut into four like it, on the same surface."""
+"""Midpoint subdivision: every face is split into four similar faces on the same surface."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,12 +10,17 @@ from abfm.types import FloatArray, IntArray
 
 
 def subdivided(mesh: TriangleMesh) -> TriangleMesh:
-    """Return the mesh with a vertex in the middle of every edge: V + E vertices, 4 F faces.
+    """Return the mesh with a new vertex in the middle of every edge: V + E vertices, 4 F faces.
 
-    The vertices stay, also their numbers in the file, and edge e gets vertex ``V + e``. Face f
-    becomes the faces ``4 f`` to ``4 f + 3``: those at its corners 0, 1 and 2, each with this corner
-    in its place, and the middle one, whose corner c lies opposite the corner c of f. MeshError if
-    parts have no area.
+    The old vertices keep their numbers, also those in the file. The middle of edge e becomes
+    vertex ``V + e``. Face f is replaced by the faces ``4 f`` to ``4 f + 3``. Face ``4 f + c`` (c =
+    0, 1, 2) lies at corner c of f, which is also its corner c. Face ``4 f + 3`` is the middle one.
+    Its corner c lies opposite the corner c of f.
+
+    Raises
+    ------
+    MeshError
+        If new faces have no area.
     """
     middles = mesh.face_edges + len(mesh.vertices)
     children = np.repeat(middles[:, None], 4, axis=1)
@@ -32,18 +37,18 @@ def subdivided(mesh: TriangleMesh) -> TriangleMesh:
     )
 
 
-_kept = per_mesh(subdivided)
+_cached_subdivided = per_mesh(subdivided)
 
 
 def refined(mesh: TriangleMesh, k: int) -> TriangleMesh:
-    """Return the mesh `subdivided` k times, which is made once and kept with the mesh."""
+    """Return the mesh `subdivided` k times; it is cached with the mesh."""
     for _ in range(k):
-        mesh = _kept(mesh)
+        mesh = _cached_subdivided(mesh)
     return mesh
 
 
 def interpolated(mesh: TriangleMesh, values: ArrayLike, k: int = 1) -> FloatArray:
-    """Return a vertex function (V, ...) on the vertices of the mesh subdivided k times."""
+    """Interpolate a vertex function (V, ...) to the vertices of the mesh subdivided k times."""
     found = np.asarray(values, dtype=np.float64)
     for level in range(k):
         start, end = refined(mesh, level).edges.T
@@ -52,19 +57,22 @@ def interpolated(mesh: TriangleMesh, values: ArrayLike, k: int = 1) -> FloatArra
 
 
 def times_subdivided(faces: int, mesh: TriangleMesh) -> int:
-    """Return k for the faces of the mesh subdivided k times, 4^k of its own; MeshError if other."""
-    k = max(faces // len(mesh.faces), 1).bit_length() // 2
-    if faces != 4**k * len(mesh.faces):
-        own = len(mesh.faces)
+    """Return k if the mesh subdivided k times has this number of faces, else raise a MeshError."""
+    count = len(mesh.faces)
+    k = max(faces // count, 1).bit_length() // 2
+    if faces != 4**k * count:
         raise MeshError(
-            f"{faces} faces; expected those of the mesh, {own}, or of its midpoint subdivision, "
-            f"{4 * own}, {16 * own}, ..."
+            f"the number of faces is {faces}; expected the {count} of the mesh, or those of its "
+            f"midpoint subdivisions: {4 * count}, {16 * count}, ..."
         )
     return k
 
 
 def mean_of_children(fields: FloatArray, faces: int) -> FloatArray:
-    """Return the means (N, F, 3) of fields (N, 4^k F, 3), whose children have the same areas."""
+    """Average fields (N, 4^k F, 3) of a subdivided mesh over the children of each face.
+
+    Return (N, F, 3). The mean is not weighted, as all children of a face have the same area.
+    """
     if fields.shape[1] == faces:
         return fields
     return np.asarray(fields.reshape(len(fields), faces, -1, 3).mean(axis=2))
@@ -73,7 +81,7 @@ def mean_of_children(fields: FloatArray, faces: int) -> FloatArray:
 def to_children(
     faces: IntArray, barycentric: FloatArray, k: int = 1
 ) -> tuple[IntArray, FloatArray]:
-    """Return faces (P,) and weights (P, 3) of points on the mesh subdivided k times."""
+    """Convert the faces (P,) and weights (P, 3) of points to the mesh subdivided k times."""
     for _ in range(k):
         corner, largest = barycentric.argmax(axis=1), barycentric.max(axis=1)
         outer = largest >= 0.5
@@ -86,7 +94,7 @@ def to_children(
 
 
 def to_parents(faces: IntArray, barycentric: FloatArray, k: int = 1) -> tuple[IntArray, FloatArray]:
-    """Undo `to_children`."""
+    """Convert points of the mesh subdivided k times back; the inverse of `to_children`."""
     for _ in range(k):
         parents, child = np.divmod(faces, 4)
         middle = (1 - barycentric) / 2

@@ -1,6 +1,6 @@
-"""How the faces of a mesh hang together: edges, neighbours, components, fans.
+"""Connectivity of the faces of a mesh: edges, neighbours, components, fans.
 
-A *slot* is one corner of one face, flat index ``3 f + k``; it also stands for the edge opposite to
+A *slot* is the flat index ``3 f + k`` of corner k of face f. It also denotes the edge opposite to
 that corner.
 """
 
@@ -13,13 +13,13 @@ from abfm.types import BoolArray, IntArray
 
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
-    """Return the edges (E, 2), sorted, smaller vertex first; and that opposite each corner."""
+    """Return the sorted edges (E, 2), smaller vertex first, and the edge opposite each corner."""
     sides = np.empty((len(faces), 3), dtype=np.int64)
     for corner in range(3):
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
         sides[:, corner] = np.minimum(start, end) * vertex_count + np.maximum(start, end)
     keys, order = _sorted_with_places(sides.ravel(), vertex_count**2)
-    del sides  # of millions of faces these fill much memory
+    del sides  # of meshes with millions of faces, these need much memory
     first = np.append(True, keys[1:] != keys[:-1])
     face_edges = np.empty_like(order)
     face_edges[order] = np.cumsum(first) - 1
@@ -28,9 +28,10 @@ def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArr
 
 
 def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]:
-    """Sort keys from 0 to below a number, with their places: in one sort where both fit 64 bits.
+    """Return keys (from 0 to ``above`` - 1) in ascending order, and the order.
 
-    That takes a fraction of the time in which NumPy finds the order alone.
+    If a key and its place fit in 64 bits, both are sorted as one number. This takes a fraction of
+    the time of ``np.argsort``.
     """
     bits = len(keys).bit_length()
     if above << bits > np.iinfo(np.int64).max:
@@ -43,7 +44,7 @@ def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]
 
 
 def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
-    """Return the slots (E, 2) of every edge, smaller first; the second is -1 on the boundary."""
+    """Return the slots (E, 2) of each edge, smaller one first; the second is -1 on the boundary."""
     order = np.argsort(face_edges, axis=None, kind="stable")
     uses = np.bincount(face_edges.ravel(), minlength=edge_count)
     first = np.cumsum(uses) - uses
@@ -52,19 +53,19 @@ def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
 
 
 def next_corner(slots: IntArray) -> IntArray:
-    """Return the slots of the following corners in their faces: where the slots' edges start."""
+    """Return the slots of the next corners of the same faces, where the edges of slots start."""
     return slots - slots % 3 + (slots + 1) % 3
 
 
 def connected(count: int, pairs: IntArray) -> IntArray:
-    """Return the component label of ``count`` nodes joined by ``pairs`` (n, 2); labels rise in
-    order of first appearance.
+    """Return the component label of each of ``count`` nodes connected by ``pairs`` (n, 2).
 
-    As fast as SciPy's, whose import takes longer than reading a mesh and drawing it.
+    Labels increase in order of first appearance. This is as fast as SciPy's function, whose import
+    takes longer than reading and drawing a mesh.
     """
     nodes = np.arange(count)
     root = nodes
-    # between roots: every root but the least of its neighbours joins a lesser one, so few rounds
+    # pairs of roots: each root joins a smaller neighbour if it has one, so few rounds are needed
     while len(pairs):
         root = root.copy()
         np.minimum.at(root, np.maximum(*pairs.T), np.minimum(*pairs.T))
@@ -76,31 +77,32 @@ def connected(count: int, pairs: IntArray) -> IntArray:
 
 
 def equal_rows(rows: NDArray[Any]) -> tuple[IntArray, IntArray]:
-    """Return the first of each kind of equal rows (n, k), and the kind of each row, (n,).
+    """Return the index of each unique row of rows (n, k), and the group of each row, (n,).
 
-    As ``np.unique`` along the first axis, in a fraction of its time.
+    Equal rows form a group, whose index is that of its first row. This is ``np.unique`` along the
+    first axis, in a fraction of its time.
     """
     order = np.lexsort(rows.T)
-    among = rows[order]
-    is_new = np.append(True, (among[1:] != among[:-1]).any(axis=1))
-    kinds = np.empty(len(rows), dtype=np.int64)
-    kinds[order] = np.cumsum(is_new) - 1
-    return order[is_new], kinds
+    ordered = rows[order]
+    is_new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
+    groups = np.empty(len(rows), dtype=np.int64)
+    groups[order] = np.cumsum(is_new) - 1
+    return order[is_new], groups
 
 
 def grouped(rows: IntArray, labels: IntArray) -> list[IntArray]:
-    """Return the rows (n, ...) of each label (n,), lowest label first."""
+    """Return the rows (n, ...) of each label (n,), by ascending labels."""
     order = np.argsort(labels, kind="stable")
     last = np.flatnonzero(np.diff(labels[order]))
     return np.split(rows[order], last + 1) if len(rows) else []
 
 
 def corner_fans(slots: IntArray, face_count: int) -> IntArray:
-    """Return the fan of every corner, (F, 3): corners at one vertex, linked through shared edges.
+    """Return the fan of each corner, (F, 3).
 
-    ``slots`` are the :func:`edge_slots` of a consistently oriented mesh. A manifold vertex has one
-    fan, a pinched one several: the fans are the vertices that the surface has when it is cut apart
-    at its pinched vertices.
+    A fan is a set of corners at one vertex that are connected by shared edges. ``slots`` are the
+    :func:`edge_slots` of a consistently oriented mesh. A manifold vertex has one fan, and a pinched
+    one has several. If the surface is cut at its pinched vertices, its vertices are the fans.
     """
     start = next_corner(slots[slots[:, 1] >= 0])
     end = next_corner(start)
@@ -109,9 +111,7 @@ def corner_fans(slots: IntArray, face_count: int) -> IntArray:
 
 
 def pinched_vertices(faces: IntArray, fans: IntArray, vertex_count: int) -> BoolArray:
-    """Return the vertices (V,) with several :func:`corner_fans`: parts without shared edges touch
-    there.
-    """
+    """Return whether each vertex (V,) is pinched: it has several :func:`corner_fans`."""
     vertex_of_fan = np.zeros(fans.max() + 1, dtype=np.int64)
     vertex_of_fan[fans] = faces
     return np.bincount(vertex_of_fan, minlength=vertex_count) > 1

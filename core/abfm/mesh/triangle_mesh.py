@@ -1,4 +1,4 @@
-"""A triangle mesh that has been checked once and never changes."""
+"""Triangle meshes that are checked once and immutable."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ Result = TypeVar("Result")
 Others = ParamSpec("Others")
 Number = TypeVar("Number", bound=np.generic)
 
-_COPY_ROUNDING = 1e-6  # of the largest value: a difference that writing and reading may make
-_NORMAL_SHARE_MIN = 0.3  # of what the normals of a sphere come to
+_COPY_ROUNDING = 1e-6  # rounding errors of writing and reading, as a fraction of the largest value
+_NORMAL_SHARE_MIN = 0.3  # as a fraction of the value of a sphere, see `is_inside_out`
 
 
 def per_mesh(
     build: Callable[Concatenate[TriangleMesh, Others], Result],
 ) -> Callable[Concatenate[TriangleMesh, Others], Result]:
-    """Decorate ``build(mesh, ...)``, whose results are to be made once and kept with the mesh."""
+    """Decorate a function ``build(mesh, ...)`` so that its results are cached with the mesh."""
 
     @wraps(build)
     def cached(mesh: TriangleMesh, /, *others: Others.args, **named: Others.kwargs) -> Result:
@@ -45,7 +45,7 @@ def per_mesh(
         found: Result
         try:
             found = mesh.cache[key]
-        except KeyError:  # another thread may build it meanwhile: there is only one
+        except KeyError:  # if another thread builds it meanwhile, both return the same object
             found = mesh.cache.setdefault(key, build(mesh, *others, **named))
         return found
 
@@ -56,58 +56,65 @@ def per_mesh(
 class TriangleMesh(Display):
     """An oriented, connected, edge-manifold triangle mesh, with or without boundary.
 
-    Refused: no vertices or faces, wrong shapes or types, coordinates that are not finite or
-    overflow, indices out of range, degenerate or duplicate faces, edges with more than two faces,
-    one-sided surfaces, several components. Repaired, with a message: faces that disagree on a side
-    are turned over (outward where the surface is closed, otherwise to the side that most faces
-    have), vertices that no face uses are dropped. Pinched vertices are only reported.
+    The following input is refused:
+
+    - no vertices or no faces, wrong shapes or types, indices out of range
+    - coordinates that are not finite, or so large or small that areas overflow or underflow
+    - degenerate or duplicate faces, edges with more than two faces
+    - one-sided surfaces, and surfaces of several components
+
+    Two defects are repaired, with a message. Faces whose orientation disagrees are flipped: outward
+    if the surface is closed, else to the orientation of most faces. Vertices that no face uses are
+    dropped. Pinched vertices only cause a warning.
 
     Parameters
     ----------
     vertices, faces : (V, 3) array of float, (F, 3) array of int
-        Corners of triangles count vertices from 0. Copied.
+        Positions, and vertex indices of the corners, counted from 0. Both are copied.
     structure : str, optional
-        What it is a surface of, as GIFTI's ``AnatomicalStructurePrimary`` has it, such as
-        ``CortexLeft``. It is written with outputs and compared with that of values.
+        Anatomical structure, as in GIFTI's ``AnatomicalStructurePrimary``, such as ``CortexLeft``.
+        It is written to output files, and compared with the structure of values.
     file_name : str
-        The name of its file, for messages.
+        The name of the mesh file, for messages.
     messages : iterable of str
-        What was already done to the input, put before the messages of the checks.
+        Earlier changes of the input, put before the messages of the checks.
     numbers : FileNumbers, optional
-        The vertex_ids, ascending, the file_vertex_count and the copies, if vertices were left out
-        or merged already.
+        The ``vertex_ids``, ascending, the ``file_vertex_count`` and the ``copies``, if vertices
+        were omitted or merged before.
     **options
-        What to change first: ``merge``, ``clean``, ``hemisphere`` and ``largest_component``, see
-        :func:`abfm.load_mesh`.
+        Changes before the checks: ``merge``, ``clean``, ``hemisphere`` and ``largest_component``,
+        see :func:`abfm.load_mesh`.
 
     Attributes
     ----------
     vertex_ids, face_ids : (V,) and (F,) array of int
-        Rows of the input, or of the file, that vertices and faces came from; ascending.
+        The row of each vertex and face in the input or file, ascending.
     file_vertex_count : int
         Number of vertices of the input.
     copies : (n, 2) array of int
-        Vertices of the input that were merged into another one, ascending, and that one.
+        Vertices of the input that were merged, ascending, and the vertices that they were merged
+        into.
     numbered : tuple of (n,) array of int, twice
-        The vertices of the input that the mesh has, ascending, merged ones included, and their
-        rows.
+        The vertices of the input that the mesh has, ascending, including merged ones, and their
+        rows in the mesh.
     file_name : str
-        The name of its file, or empty.
+        The name of the mesh file, or empty.
     messages : tuple of str
-        What was repaired or is worth a warning; one line each.
+        Repairs and warnings, one line each.
     edges, face_edges : (E, 2) and (F, 3) array of int
         Vertex pairs, smaller index first, and the edge opposite each corner.
     edge_slots : (E, 2) array of int
-        The slots ``3 f + k`` of the corners opposite each edge, smaller first; -1 is no second one.
+        The slots ``3 f + k`` of the corners opposite each edge, smaller first; the second is -1 on
+        the boundary.
     corner_fans : (F, 3) array of int
-        The vertex of each corner if pinched vertices were cut apart.
+        The vertex of each corner if the surface were cut at its pinched vertices.
     cache : dict
-        What :func:`per_mesh` keeps; it may be cleared at any time.
+        Results cached by :func:`per_mesh`; it may be cleared at any time.
 
     Raises
     ------
     MeshError
-        Naming the defect, how often it occurs, an example as the input counts, and what to do.
+        With the defect, how often it occurs, an example numbered as in the input, and a remedy.
     """
 
     vertices: FloatArray
@@ -142,11 +149,11 @@ class TriangleMesh(Display):
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(
-            f"a TriangleMesh does not change: make a new one instead of setting {name}"
+            f"a TriangleMesh is immutable. Create a new one instead of setting {name}"
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy, or the mesh in another process, has: nothing that is kept here."""
+        """Return the state for copies and other processes, without the cache."""
         return self.__dict__ | {"cache": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -160,7 +167,7 @@ class TriangleMesh(Display):
     @property
     @per_mesh
     def opposite_slots(self) -> IntArray:
-        """The slot ``3 f + k`` of each corner's opposite edge in the other face, or -1, (F, 3)."""
+        """(F, 3) the slot of each corner's opposite edge in the adjacent face, or -1."""
         first, second = self.edge_slots.T
         opposite = np.full(self.faces.size, -1)
         opposite[first] = second
@@ -171,7 +178,7 @@ class TriangleMesh(Display):
     @property
     @per_mesh
     def digest(self) -> str:
-        """Name of the mesh by its content, in hexadecimal digits: the same in every process."""
+        """Hash of the contents in hexadecimal digits, the same in every process."""
         found = hashlib.sha256(repr((self.file_vertex_count, self.messages)).encode())
         for name in ("vertices", "faces", "vertex_ids", "face_ids", "copies"):
             array = np.ascontiguousarray(getattr(self, name))
@@ -181,70 +188,79 @@ class TriangleMesh(Display):
 
     @cached_property
     def length_scale(self) -> float:
-        """Square root of the total area: the length unit of the solver."""
+        """Square root of the total area, the unit of length of the solver."""
         return float(np.sqrt(0.5 * twice_areas(self.vertices, self.faces).sum()))
 
     @per_mesh
     def normalized(self) -> TriangleMesh:
-        """Return the same mesh scaled to unit area (made once)."""
+        """Return the same mesh scaled to unit area; it is cached."""
         scaled, vertices = copy.copy(self), _frozen(self.vertices / self.length_scale)
         scaled.__dict__.update(vertices=vertices, length_scale=1.0)
         return scaled
 
     @cached_property
     def edge_faces(self) -> IntArray:
-        """(E, 2) faces of each edge, smaller index first; the second is -1 on the boundary."""
+        """(E, 2) the faces of each edge, smaller index first; the second is -1 on the boundary."""
         return _frozen(self.edge_slots // 3)
 
     @cached_property
     def is_boundary_edge(self) -> BoolArray:
-        """(E,) True where an edge has one face."""
+        """(E,) whether each edge has only one face."""
         return _frozen(self.edge_slots[:, 1] < 0)
 
     @cached_property
     def is_boundary_vertex(self) -> BoolArray:
-        """(V,) True where a vertex lies on the boundary."""
+        """(V,) whether each vertex lies on the boundary."""
         mask = np.zeros(len(self.vertices), dtype=bool)
         mask[self.edges[self.is_boundary_edge]] = True
         return _frozen(mask)
 
     @cached_property
     def is_pinched_vertex(self) -> BoolArray:
-        """(V,) True where parts of the surface that share no edge touch."""
+        """(V,) whether parts of the surface without a shared edge touch at each vertex."""
         return _frozen(pinched_vertices(self.faces, self.corner_fans, len(self.vertices)))
 
     @property
     def is_closed(self) -> bool:
+        """Whether the surface has no boundary."""
         return not self.is_boundary_edge.any()
 
     @cached_property
     def is_inside_out(self) -> bool:
-        """Whether it encloses space, all of it or nearly, and its faces look inward.
+        """Whether the surface is closed, or nearly, and its normals point inward.
 
-        Normals then point to the middle, on the whole; the more clearly, the more they agree on a
-        direction, as a dish's do: what is flat or shaped like a saddle has no inner side.
+        On average, the normals of such a surface point to its middle. Flat surfaces and saddles
+        have no inner side. Therefore the threshold increases with the length of the mean normal,
+        which is large if most normals have the same direction.
         """
         a, b, c = np.moveaxis(self.vertices[self.faces], 1, 0)
         normals, middles = np.cross(b - a, c - a), (a + b + c) / 3
         sizes = np.linalg.norm(normals, axis=1)
         outward = middles - sizes @ middles / sizes.sum()
-        agree = float(np.linalg.norm(normals.sum(axis=0)) / sizes.sum())
-        clearly = _NORMAL_SHARE_MIN * agree * float(sizes @ np.linalg.norm(outward, axis=1))
-        return float(np.einsum("fx,fx->", normals, outward)) < -clearly
+        mean_normal = float(np.linalg.norm(normals.sum(axis=0)) / sizes.sum())
+        sphere = float(sizes @ np.linalg.norm(outward, axis=1))
+        threshold = _NORMAL_SHARE_MIN * mean_normal * sphere
+        return float(np.einsum("fx,fx->", normals, outward)) < -threshold
 
     @property
     def euler_characteristic(self) -> int:
-        """V - E + F."""
+        """The Euler characteristic, V - E + F."""
         return len(self.vertices) - len(self.edges) + len(self.faces)
 
     @cached_property
     def parts(self) -> IntArray:
-        """(F,) part of each face: faces joined by edges; parts touch at pinched vertices alone."""
+        """(F,) the part of each face; faces of a part are connected by edges.
+
+        Different parts touch only at pinched vertices.
+        """
         return _frozen(connected(len(self.faces), self.edge_faces[~self.is_boundary_edge]))
 
     @cached_property
     def boundary_loops(self) -> tuple[IntArray, ...]:
-        """Vertices of each closed loop of the boundary; two that touch at a pinched vertex."""
+        """The vertices of each closed loop of the boundary.
+
+        Loops that touch at a pinched vertex are separate.
+        """
         start = next_corner(self.edge_slots[self.is_boundary_edge, 0])
         ends = self.corner_fans.ravel()[np.stack([start, next_corner(start)], axis=1)]
         loops = connected(int(self.corner_fans.max()) + 1, ends)[ends[:, 0]]
@@ -252,7 +268,10 @@ class TriangleMesh(Display):
 
     @cached_property
     def genus(self) -> int:
-        """Handles: ``V - E + F = 2 - 2 genus - loops`` with pinched vertices cut apart."""
+        """The number of handles: ``V - E + F = 2 - 2 genus - loops``.
+
+        The surface is cut at its pinched vertices first.
+        """
         characteristic = self.corner_fans.max() + 1 - len(self.edges) + len(self.faces)
         return int(2 * (self.parts.max() + 1) - len(self.boundary_loops) - characteristic) // 2
 
@@ -267,14 +286,17 @@ class TriangleMesh(Display):
         return numbers[order], np.concatenate([np.arange(len(self.vertices)), rows])[order]
 
     def local_vertices(self, numbers: NDArray[Any]) -> IntArray:
-        """Return the rows of vertices as the file counts them, in the same shape; -1 for others."""
-        known, rows = self.numbered
-        place = np.searchsorted(known, numbers).clip(max=len(known) - 1)
-        return np.where(known[place] == numbers, rows[place], -1)
+        """Convert vertex numbers of the file to rows of the mesh, in the same shape.
+
+        The row is -1 for vertices that the mesh does not have.
+        """
+        file_numbers, rows = self.numbered
+        place = np.searchsorted(file_numbers, numbers).clip(max=len(file_numbers) - 1)
+        return np.where(file_numbers[place] == numbers, rows[place], -1)
 
     def to_trimesh(self) -> trimesh.Trimesh:
         """Return a ``trimesh.Trimesh`` with the vertices and faces in this order."""
-        import trimesh  # with what it loads
+        import trimesh  # imported here as it loads many modules
 
         return trimesh.Trimesh(self.vertices.copy(), self.faces.copy(), process=False)
 
@@ -290,13 +312,13 @@ class TriangleMesh(Display):
             pyvista = import_module("pyvista")
         except ImportError as error:
             raise MeshError(
-                f"PyVista cannot be imported ({one_line(error)}); install it with: "
+                f"PyVista cannot be imported ({one_line(error)}). Install it with: "
                 "pip install pyvista"
             ) from error
         return pyvista.PolyData.from_regular_faces(self.vertices.copy(), self.faces)
 
     def local_vertex(self, index: int) -> int:
-        """Return the row of the vertex that the file calls ``index``, or raise a FunctionError."""
+        """Return the row of the vertex with this number in the file, or raise a FunctionError."""
         if not 0 <= index < self.file_vertex_count:
             raise FunctionError(
                 f"there is no vertex {index}: the mesh has {self.file_vertex_count} vertices, "
@@ -305,15 +327,21 @@ class TriangleMesh(Display):
         row = int(self.local_vertices(np.array(index)))
         if row < 0:
             raise FunctionError(
-                f"vertex {index} was dropped, as no kept face uses it: choose another"
+                f"vertex {index} was dropped because no remaining face uses it. Choose another one"
             )
         return row
 
     def restrict(self, values: NDArray[Number]) -> NDArray[Number]:
-        """Return the kept rows (V, ...) of (file_vertex_count, ...) or (V, ...) values.
+        """Return the values (V, ...) of the vertices of the mesh.
 
-        Of vertices that were merged the value of the first one is taken, as ParaView does; a
-        AbfmWarning reports how many others differ from it.
+        ``values`` has one row for each vertex of the file, (file_vertex_count, ...), or of the
+        mesh, (V, ...). A vertex that others were merged into keeps its own value, as in ParaView.
+        An AbfmWarning reports how many merged vertices have another value.
+
+        Raises
+        ------
+        FunctionError
+            If the number of rows is different.
         """
         if len(values) == self.file_vertex_count:
             if len(self.copies):
@@ -325,34 +353,36 @@ class TriangleMesh(Display):
         if len(self.vertices) != self.file_vertex_count:
             expected += f" ({len(self.vertices)} of them kept)"
         raise FunctionError(
-            f"{len(values)} values were given for a mesh of {expected}: give one per vertex"
+            f"{len(values)} values for a mesh of {expected}. Use one value for each vertex"
         )
 
     def on_file(self, values: NDArray[Any], missing: float = np.nan) -> NDArray[Any]:
-        """Return values (V, ...) as rows of the mesh's file, (file_vertex_count, ...), the inverse
-        of `restrict`; vertices that no face uses get the value ``missing``, and those that were
-        merged the value of the vertex that they became.
+        """Expand values (V, ...) to one row for each vertex of the file; the inverse of `restrict`.
+
+        The result has shape (file_vertex_count, ...). Vertices that no face uses have the value
+        ``missing``. Merged vertices have the value of the vertex that they were merged into.
         """
         if len(values) == self.file_vertex_count:
             return values
         shape = (self.file_vertex_count, *values.shape[1:])
-        whole = np.full(shape, missing, np.result_type(values.dtype, missing))
+        expanded = np.full(shape, missing, np.result_type(values.dtype, missing))
         numbers, rows = self.numbered
-        whole[numbers] = values[rows]
-        return whole
+        expanded[numbers] = values[rows]
+        return expanded
 
     def _warn_of_differences(self, values: NDArray[Any]) -> None:
-        copies, kept = (values[part].reshape(len(self.copies), -1) for part in self.copies.T)
-        differs = (copies != kept) & ((copies == copies) | (kept == kept))  # both NaN are the same
+        copies, firsts = (values[part].reshape(len(self.copies), -1) for part in self.copies.T)
+        # two NaN are equal
+        differs = (copies != firsts) & ((copies == copies) | (firsts == firsts))
         if values.dtype.kind == "f" and differs.any():
-            differs &= ~(np.abs(copies - kept) <= _COPY_ROUNDING * np.nanmax(np.abs(values)))
+            differs &= ~(np.abs(copies - firsts) <= _COPY_ROUNDING * np.nanmax(np.abs(values)))
         rows = np.flatnonzero(differs.any(axis=1))
         if len(rows):
             copy, first = self.copies[rows[0]]
             warnings.warn(
-                f"{len(rows)} of {len(copies)} merged vertices have another value than the vertex "
-                f"that they were merged into, whose value is taken (for example vertex {copy} than "
-                f"vertex {first})",
+                f"{len(rows)} of {len(copies)} merged vertices had another value than the vertex "
+                f"that they were merged into (for example vertex {copy}, merged into vertex "
+                f"{first}). The values of merged vertices are ignored",
                 AbfmWarning,
                 stacklevel=3,
             )

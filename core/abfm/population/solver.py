@@ -89,7 +89,7 @@ class PopulationSolver:
         self.weights = np.array([subject.weight for subject in cohort.subjects])
 
     def _mesh(self, path: str) -> TriangleMesh:
-        return load_mesh(path, **mesh_options(self.mesh_values).given)
+        return load_mesh(path, **mesh_options(self.mesh_values).changed)
 
     def _template_file(self, template: MeshLike) -> str:
         """Return the path of a template; write a template that is not a file.
@@ -99,7 +99,7 @@ class PopulationSolver:
         if isinstance(template, str | os.PathLike):
             return os.path.abspath(os.path.expanduser(template))
         is_checked = isinstance(template, TriangleMesh)
-        options = {} if is_checked else mesh_options(self.mesh_values).given
+        options = {} if is_checked else mesh_options(self.mesh_values).changed
         mesh = as_mesh(template, "template", **options)
         vertices, faces = mesh.on_file(mesh.vertices, 0.0), mesh.vertex_ids[mesh.faces]
         side = side_of(mesh.structure)

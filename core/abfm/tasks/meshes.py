@@ -26,7 +26,7 @@ def mesh_of(path: str, values: Mapping[str, Any]) -> TriangleMesh:
 
 @lru_cache(maxsize=_MESHES_CACHED_MAX)
 def _loaded(path: str, fingerprint: tuple[int, int], options: MeshOptions) -> TriangleMesh:
-    return load_mesh(path, **options.given)
+    return load_mesh(path, **options.changed)
 
 
 def mesh_notes(*meshes: TriangleMesh) -> list[str]:

@@ -115,7 +115,7 @@ def test_refused(vertices, faces, named):
     with raises(MeshError, *named) as caught:
         TriangleMesh(vertices, faces)
     assert "\n" not in str(caught.value)
-    assert ": " in str(caught.value)  # the advice
+    assert re.search(r"; expected|\. [A-Z]", str(caught.value))  # the advice
     for remedy in caught.value.remedies:
         kept = TriangleMesh(vertices, faces, **remedy.options)
         check_names(remedy.keeps, len(kept.vertices), len(kept.faces))
@@ -261,8 +261,8 @@ def test_a_mesh_far_away_is_used_with_a_warning(power):
     vertices, faces = icosphere(2).vertices, icosphere(2).faces
     near, far = (TriangleMesh((vertices + shift) * 10.0**power, faces) for shift in (1e6, 1e9))
     assert near.messages == ()
-    told = r"warning: the surface lies 5e\+08 times its width from the origin, .* by 1e-07 of"
-    assert re.match(told, far.messages[0])
+    warning = r"warning: the surface lies 5e\+08 times its width from the origin. .* by 1e-07 of"
+    assert re.match(warning, far.messages[0])
 
 
 def test_more_faces_than_pairs_of_vertices_are_refused_before_edges_are_looked_for(monkeypatch):
@@ -325,8 +325,8 @@ def test_inward_is_left_as_it_is_where_consistent_and_ends_outward_where_not():
     assert mesh.messages == ()
     assert volume(mesh) < 0
     mesh = TriangleMesh(SPHERE.vertices + 100, turned(SPHERE.faces, np.arange(80) != 3))
-    told = "79 faces were turned over so that all agree on a side (for example face 0)"
-    assert mesh.messages == (told,)
+    (message,) = mesh.messages
+    check_message(message, 79, 0)
     assert volume(mesh) > 0
 
 

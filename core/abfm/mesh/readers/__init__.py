@@ -1,5 +1,5 @@
-"""One reader per file format: a path in, what the file has out, a ValueError where it is bad.
+"""Readers of mesh files, one for each format; they raise a ValueError for invalid files.
 
-They are our own because they keep the file's vertex numbers, refuse files that are cut off, and
-take no more memory and time than the length of the file allows.
+They preserve the vertex numbers of the file, refuse truncated files, and limit memory and time by
+the size of the file. Other libraries do not.
 """

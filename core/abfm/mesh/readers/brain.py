@@ -1,4 +1,4 @@
-"""Surfaces of brain imaging: GIFTI, FreeSurfer's formats, and MNI objects (CIVET)."""
+"""Readers of brain surfaces: GIFTI, the formats of FreeSurfer, and MNI objects (CIVET)."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from abfm.reading import (
 )
 from abfm.reading import read_gifti as gifti
 
-_MNI_PROPERTIES = 5  # how the surface reflects light
+_MNI_PROPERTIES = 5  # numbers that describe the reflection of light
 
 
 def read_gifti(opened: Opened) -> FileContents:
@@ -22,20 +22,20 @@ def read_gifti(opened: Opened) -> FileContents:
     triangles = [array.values for array in found.arrays if array.intent == "NIFTI_INTENT_TRIANGLE"]
     if len(points) != 1 or len(triangles) != 1:
         raise ValueError(
-            f"it has {len(points)} point sets and {len(triangles)} triangle arrays instead of one "
-            "of each: give a surface file (.surf.gii)"
+            f"it has {len(points)} point sets and {len(triangles)} triangle arrays; expected one "
+            "of each, as in a surface file (.surf.gii)"
         )
     vertices = np.asarray(points[0], dtype=np.float64)
     return FileContents(vertices, triangles[0], side=found.structure)
 
 
 def read_surface(opened: Opened) -> FileContents:
-    """Read a FreeSurfer surface of triangles, such as ``lh.white``, in surface RAS as it is."""
+    """Read a FreeSurfer surface of triangles, such as ``lh.white``, in its surface RAS."""
     return FileContents(*freesurfer_surface(opened.data))
 
 
 def read_quadrangles(opened: Opened) -> FileContents:
-    """Read an old FreeSurfer surface, split as FreeSurfer and nibabel split its quadrangles."""
+    """Read an old FreeSurfer surface; quadrangles are split as in FreeSurfer and nibabel."""
     vertices, quads = freesurfer_quadrangles(opened.data)
     even = quads[:, :1] % 2 == 0
     first = np.where(even, quads[:, [0, 1, 3]], quads[:, [0, 1, 2]])
@@ -45,19 +45,18 @@ def read_quadrangles(opened: Opened) -> FileContents:
 
 
 def read_ascii_surface(opened: Opened) -> FileContents:
-    """Read a FreeSurfer surface as mris_convert writes it in text: .asc or .srf."""
+    """Read a FreeSurfer surface written by ``mris_convert`` as text: .asc or .srf."""
     text = decoded(opened.data, "replace")
     words = Words(text, text.find("\n") if text.startswith("#") else 0)
     vertex_count, face_count = words.count("vertices"), words.count("faces")
-    rows = words.numbers(4 * vertex_count, "the table of vertices").reshape(
-        -1, 4
-    )  # the last column marks ripped ones
+    # the last column marks ripped vertices
+    rows = words.numbers(4 * vertex_count, "the table of vertices").reshape(-1, 4)
     faces = words.whole_numbers(4 * face_count, "the table of faces").reshape(-1, 4)
     return FileContents(rows[:, :3].copy(), faces[:, :3].copy())
 
 
 def read_mni_obj(opened: Opened) -> FileContents:
-    """Read the polygons of an MNI object file in text, as CIVET and BrainSuite write it.
+    """Read the polygons of a text MNI object file, as written by CIVET and BrainSuite.
 
     Format: http://www.bic.mni.mcgill.ca/users/mishkin/mni_obj_format.pdf.
     """
@@ -70,11 +69,11 @@ def read_mni_obj(opened: Opened) -> FileContents:
     polygon_count = words.count("polygons")
     per_color = words.count("colours")
     if per_color > 2:
-        raise ValueError(f"it has the number {per_color} before its colours; expected 0, 1 or 2")
+        raise ValueError(f"the number before the colours is {per_color}; expected 0, 1 or 2")
     words.numbers(4 * (1, polygon_count, point_count)[per_color], "the list of colours")
     sizes = np.diff(words.whole_numbers(polygon_count, "the list of ends"), prepend=0)
     if (sizes < 0).any():
-        raise ValueError("the ends of its polygons do not increase")
+        raise ValueError("the end indices of the polygons do not increase, as they should")
     return split_polygons(
         vertices, sizes, words.whole_numbers(int(sizes.sum()), "the list of corners")
     )

@@ -1,4 +1,4 @@
-"""What gives the faces of a file their colours, and the readers of it that need few lines: PLY."""
+"""Colours of the faces of a mesh file, and the reader of those of PLY files."""
 
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -15,7 +15,7 @@ WHITE: Color = (1.0, 1.0, 1.0, 1.0)
 
 
 class Material(NamedTuple):
-    """An image, as the bytes of its file, and the colour that it is multiplied by.
+    """An image, as the bytes of its file, and the colour by which it is multiplied.
 
     Colours are red, green, blue (sRGB) and opacity, each from 0 to 1.
     """
@@ -23,27 +23,27 @@ class Material(NamedTuple):
     image: bytes | None = None
     color: Color = WHITE
     wraps: tuple[Wrap, Wrap] = ("repeat", "repeat")
-    """What is beyond the image, to the sides and above and below."""
+    """Continuation of the image beyond its borders, horizontally and vertically."""
     alpha_mode: str = "OPAQUE"
-    """What opacity means, as glTF has it: OPAQUE, MASK or BLEND."""
+    """Use of the opacity, as in glTF: OPAQUE, MASK or BLEND."""
 
 
 class ColoredFaces(NamedTuple):
-    """Vertices and faces (F, 3) as `load_mesh` reads them, and what corners of faces have."""
+    """Vertices and faces (F, 3) as `load_mesh` reads them, and the colours of their corners."""
 
     vertices: FloatArray
     faces: IntArray
     coordinates: FloatArray
-    """(F, 3, 2), to the right and up, from 0 to 1 over the image; NaN where there are none."""
+    """(F, 3, 2) to the right and up, from 0 to 1 over the image; NaN if there are none."""
     colors: FloatArray
-    """(F, 3, 4), which the material's colour is multiplied by."""
+    """(F, 3, 4) factors of the colour of the material."""
     owners: IntArray
-    """(F,), the material of each face."""
+    """(F,) the material of each face."""
     materials: tuple[Material, ...]
 
 
 def colored_ply(opened: Opened) -> ColoredFaces:
-    """Read a PLY file with the colours of its vertices; images that it may name are not read."""
+    """Read a PLY file with the colours of its vertices; images are not read."""
     file = ply_contents(opened)
     faces = split_polygons(file.vertices, file.sizes, file.corners).faces
     colors = np.ones((len(file.vertices), 4)) if file.colors is None else file.colors
@@ -58,7 +58,9 @@ def colored_ply(opened: Opened) -> ColoredFaces:
 
 
 def inside(faces: IntArray, count: int) -> IntArray:
-    """Return the faces if they name vertices that there are, or raise a ValueError."""
+    """Return the faces, or raise a ValueError if they refer to vertices that do not exist."""
     if faces.size and not 0 <= faces.min() <= faces.max() < count:
-        raise ValueError(f"a face names a vertex that is none of its {count}")
+        raise ValueError(
+            f"a face refers to a vertex that does not exist; the file has {count} vertices"
+        )
     return faces

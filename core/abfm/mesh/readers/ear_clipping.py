@@ -1,7 +1,8 @@
-"""Plane polygons cut into triangles: one ear, a corner whose triangle is empty, after the other.
+"""Triangulation of plane polygons by ear clipping.
 
-Meisters, "Polygons have ears", 1975. (``mapbox_earcut`` leaves corners on straight sides out, which
-makes cracks between polygons, and does not tell what crosses itself.)
+An ear is a corner whose triangle contains no other corner [Meisters, "Polygons have ears", 1975].
+``mapbox_earcut`` is not used: it drops corners on straight sides, which leaves cracks between
+polygons, and it does not report polygons that intersect themselves.
 """
 
 import numpy as np
@@ -12,18 +13,23 @@ from abfm.types import BoolArray, FloatArray, IndexArray
 
 @kernel
 def clip_polygons(
-    points: FloatArray, corners: IndexArray, sizes: IndexArray, asked: BoolArray, faces: IndexArray
+    points: FloatArray,
+    corners: IndexArray,
+    sizes: IndexArray,
+    requested: BoolArray,
+    faces: IndexArray,
 ) -> BoolArray:
-    """Write into ``faces`` (n - 2 P, 3) the triangles of the polygons (P,) that are ``asked`` for.
+    """Write the triangles of the requested polygons (P,) to ``faces`` (n - 2 P, 3).
 
-    ``points`` (n, 2) are the corners of one polygon after the other, each counterclockwise, which
-    the faces call ``corners``. Return those (P,) that have no right ones: they keep what they had.
+    ``points`` (n, 2) are the concatenated corners of the polygons, each in counterclockwise order,
+    and ``corners`` their vertex numbers. Return whether each polygon (P,) failed because it
+    intersects itself. The triangles of failed polygons are not changed.
     """
     failed = np.zeros(sizes.size, dtype=np.bool_)
     start, face = 0, 0
     for polygon in range(sizes.size):
         count = sizes[polygon]
-        if asked[polygon]:
+        if requested[polygon]:
             triangles = _clip_ears(points[start : start + count])
             failed[polygon] = len(triangles) < count - 2
             if not failed[polygon]:
@@ -37,11 +43,11 @@ def clip_polygons(
 
 @kernel
 def _clip_ears(points: FloatArray) -> IndexArray:
-    """Compute triangles (n - 2, 3) of corners (n, 2), or fewer if there are no more ears.
+    """Return the triangles (n - 2, 3) of corners (n, 2), or fewer if no ears remain.
 
-    Of all ears the most even is cut first: flat ones are left to the end, when their neighbours
-    have helped them. A simple polygon always has one; what crosses itself may not. Each cut changes
-    only whether its two neighbours are ears: the time grows with the square of n.
+    The most even ear is cut first. Flat ears wait, as cutting their neighbours may improve them. A
+    simple polygon always has an ear; one that intersects itself may have none. Each cut affects
+    only the two neighbouring corners. The time grows with the square of n.
     """
     count = len(points)
     before, after = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
@@ -72,7 +78,7 @@ def _clip_ears(points: FloatArray) -> IndexArray:
 
 @kernel
 def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float:
-    """Compute twice the area of a corner's triangle over its longest side squared; 0: no ear."""
+    """Return twice the area of a corner's triangle over its longest side squared; 0 if no ear."""
     area = _turn(points, a, b, c)
     if area <= 0:
         return 0.0
@@ -94,12 +100,12 @@ def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float
 
 @kernel
 def _turn(points: FloatArray, a: int, b: int, c: int) -> float:
-    """Compute twice the signed area of a triangle."""
+    """Return twice the signed area of a triangle."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     return float(ux * (points[c, 1] - points[a, 1]) - uy * (points[c, 0] - points[a, 0]))
 
 
 @kernel
 def _distance(points: FloatArray, a: int, b: int) -> float:
-    """Compute the squared distance of two points."""
+    """Return the squared distance of two points."""
     return float((points[a, 0] - points[b, 0]) ** 2 + (points[a, 1] - points[b, 1]) ** 2)

@@ -1,7 +1,7 @@
-"""glTF scenes, as text (.gltf, with its buffers in it or beside it) and binary (.glb).
+"""Reader of glTF scenes, text (.gltf with embedded or separate buffers) and binary (.glb).
 
-Vertices are where they are shown: morphed by weights, and moved by a node or by the joints of a
-skin. Format: sections 3.7.2.2 (morph targets) and 3.7.3 (skins) of glTF 2.0.
+The positions of vertices include morph targets and the transformation of a node or skin. Format:
+sections 3.7.2.2 (morph targets) and 3.7.3 (skins) of glTF 2.0.
 """
 
 from typing import Any
@@ -14,25 +14,25 @@ from abfm.mesh.topology import edges_of_faces
 from abfm.reading import Opened
 from abfm.types import FloatArray
 
-_AT_A_TIME = 1 << 14  # vertices that joints move
+_CHUNK_VERTICES = 1 << 14  # number of skinned vertices processed together
 
 
 def read_gltf(opened: Opened) -> FileContents:
-    """Read all triangles of a scene as it is shown at rest: transformed, morphed and skinned.
+    """Read all triangles of a scene in its rest pose: transformed, morphed and skinned.
 
-    glTF repeats a vertex wherever texture or normal are discontinuous. Where that leaves cracks,
-    vertices at the same position are merged.
+    glTF files repeat a vertex if its texture coordinates or normals are discontinuous. Vertices at
+    the same position are merged if this closes cracks.
     """
     document = Document(opened)
     contents = joined(placed_parts(document))
     if not document.is_animated:
         return contents
-    note = "its animations are not applied: it is read as it is at rest"
+    note = "animations are ignored; the scene was read in its rest pose"
     return contents._replace(messages=(*contents.messages, note))
 
 
 def placed_parts(document: Document) -> list[Part]:
-    """Return what has triangles, as the scene places it."""
+    """Return all parts with triangles, placed as in the scene."""
     meshes: dict[int, list[Part]] = {}
     parts: list[Part] = []
     for node, matrix in list(document.placements()):
@@ -46,18 +46,18 @@ def placed_parts(document: Document) -> list[Part]:
                 document.count(len(part.points))
                 placed[key] = shaped(document, part, node, matrix)
             document.count(len(part.faces))
-            points, is_mirrored = placed[key]  # what is mirrored keeps its outer side
+            points, is_mirrored = placed[key]  # faces of mirrored parts keep their outer side
             faces = part.faces[:, ::-1] if is_mirrored else part.faces
             parts.append(Part(points, faces, part.primitive))
         if len(parts) > PARTS_MAX:
             raise ValueError(
-                f"its scene has more than {PARTS_MAX} parts: export what is to be matched alone"
+                f"the scene has more than {PARTS_MAX} parts. Export the surface to be matched alone"
             )
     return parts
 
 
 def _vertices_of(primitive: dict[str, Any]) -> tuple[int, ...]:
-    """Return the numbers of the accessors that place the vertices of a primitive."""
+    """Return the numbers of the accessors that determine the vertex positions of a primitive."""
     attributes = of(primitive, "attributes", dict, {})
     targets = of(primitive, "targets", list, [])
     places = [of(entry, "POSITION", int, -1) for entry in (attributes, *targets)]
@@ -66,7 +66,7 @@ def _vertices_of(primitive: dict[str, Any]) -> tuple[int, ...]:
 
 
 def joined(parts: list[Part]) -> FileContents:
-    """Return the vertices and faces of all parts, merged by position where that closes cracks."""
+    """Return the vertices and faces of all parts, merged by position if this closes cracks."""
     arrays = {id(part.points): part.points for part in parts}
     starts = np.cumsum([0, *(len(points) for points in arrays.values())])
     start_of = dict(zip(arrays, starts.tolist(), strict=False))
@@ -87,10 +87,9 @@ def _boundary_length(contents: FileContents) -> int:
 def shaped(
     document: Document, part: Part, node: dict[str, Any], matrix: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Return the vertices (n, 3) of a part as a node shows them, and whether they are mirrored.
+    """Return the vertices (n, 3) of a part placed by a node, and whether they are mirrored.
 
-    A ValueError reports what cannot be applied. Skins place vertices themselves, and ignore the
-    transformation of the node.
+    A skin replaces the transformation of the node. Raise a ValueError if the data are invalid.
     """
     points = _morphed(document, part, node)
     if (skin := of(node, "skin", int, None)) is not None:
@@ -102,14 +101,14 @@ def shaped(
 
 
 def _morphed(document: Document, part: Part, node: dict[str, Any]) -> FloatArray:
-    """Return the vertices with the shifts of all targets, times their weights."""
+    """Return the vertices displaced by the weighted sum of the morph targets."""
     targets = of(part.primitive, "targets", list, [])
     mesh = document.entry("meshes", of(node, "mesh", int, None))
     holder = node if "weights" in node else mesh
     if not targets or "weights" not in holder:
         return part.points
     points = part.points
-    weights = numbers_of(holder, "weights", len(targets), "mesh with as many morph targets")
+    weights = numbers_of(holder, "weights", len(targets), "mesh with morph targets")
     for weight, target in zip(weights.tolist(), targets, strict=True):
         position = of(target, "POSITION", int, None)
         if weight != 0 and position is not None:
@@ -122,7 +121,7 @@ def _morphed(document: Document, part: Part, node: dict[str, Any]) -> FloatArray
 def _skinned(
     document: Document, part: Part, points: FloatArray, skin: int
 ) -> tuple[FloatArray, bool]:
-    """Return the vertices where joints carry them, each weighted."""
+    """Return the vertices moved by the weighted joints of a skin, and whether they are mirrored."""
     matrices = document.joint_matrices(skin)
     attributes = of(part.primitive, "attributes", dict, {})
     joints, weights = [], []
@@ -133,21 +132,26 @@ def _skinned(
         joints.append(document.numbers(of_set[0], "VEC4").astype(np.int64))
         weights.append(document.at_vertices(part, of_set[1], "VEC4"))
     if not joints:
-        raise ValueError("a mesh has a skin, but neither JOINTS_0 nor WEIGHTS_0")
+        raise ValueError("a mesh has a skin but no JOINTS_0 and WEIGHTS_0, as glTF requires")
     joint, weight = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
     if joint.shape != weight.shape:
-        raise ValueError(f"a mesh has {len(joint)} joints for {len(weight)} vertices")
+        raise ValueError(
+            f"a mesh has joints for {len(joint)} vertices but weights for {len(weight)}; expected "
+            "the same numbers"
+        )
     document.count(joint.shape[0] * len(joints))
     if not 0 <= joint.min(initial=0) <= joint.max(initial=0) < max(len(matrices), 1):
-        raise ValueError(f"a vertex names joint {joint.max()} of {len(matrices)} of skin {skin}")
+        raise ValueError(
+            f"a vertex refers to joint {joint.max()}, but skin {skin} has {len(matrices)} joints"
+        )
     sums = weight.sum(axis=1)
     if not (sums > 0).all():
         raise ValueError(f"vertex {np.argmin(sums > 0)} of a mesh with skin {skin} has no weights")
     weight = weight / sums[:, None]
     places = np.column_stack([points, np.ones(len(points))])
     moved = np.empty_like(points)
-    for start in range(0, len(points), _AT_A_TIME):
-        some = slice(start, start + _AT_A_TIME)
+    for start in range(0, len(points), _CHUNK_VERTICES):
+        some = slice(start, start + _CHUNK_VERTICES)
         blended = np.einsum("vk,vkij->vij", weight[some], matrices[joint[some], :3])
         moved[some] = np.einsum("vij,vj->vi", blended, places[some])
     turns = np.sum(weight * np.linalg.det(matrices[:, :3, :3])[joint])

@@ -1,4 +1,4 @@
-"""Base colours of glTF scenes: images, factors, colours of vertices (section 3.9 of glTF 2.0)."""
+"""Base colours of glTF scenes: images, factors, vertex colours (section 3.9 of glTF 2.0)."""
 
 from typing import Any
 
@@ -19,10 +19,10 @@ def colored_gltf(opened: Opened) -> ColoredFaces:
     document = Document(opened)
     parts = placed_parts(document)
     numbers = [of(part.primitive, "material", int, -1) for part in parts]
-    known = {number: place for place, number in enumerate(sorted(set(numbers)))}
-    entries = [document.entry("materials", number) if number >= 0 else {} for number in known]
+    places = {number: place for place, number in enumerate(sorted(set(numbers)))}
+    entries = [document.entry("materials", number) if number >= 0 else {} for number in places]
     textures = [of(_base(entry), "baseColorTexture", dict, None) for entry in entries]
-    owners = [known[number] for number in numbers]
+    owners = [places[number] for number in numbers]
     at_corners = [
         (_coordinates(document, part, textures[owner]), _colors(document, part))
         for part, owner in zip(parts, owners, strict=True)
@@ -31,7 +31,7 @@ def colored_gltf(opened: Opened) -> ColoredFaces:
     return ColoredFaces(
         contents.vertices,
         contents.faces,
-        np.concatenate([np.zeros((0, 3, 2)), *(places for places, _ in at_corners)]),
+        np.concatenate([np.zeros((0, 3, 2)), *(coordinates for coordinates, _ in at_corners)]),
         np.concatenate([np.zeros((0, 3, 4)), *(colors for _, colors in at_corners)]),
         np.repeat(np.array(owners, dtype=np.int64), [len(part.faces) for part in parts]),
         tuple(_material(document, *each) for each in zip(entries, textures, strict=True)),
@@ -56,17 +56,17 @@ def _material(document: Document, entry: dict[str, Any], texture: Any) -> Materi
     webp = of(of(extensions, "EXT_texture_webp", dict, {}), "source", int, None)
     image = of(sampled, "source", int, webp)
     if image is None:
-        raise ValueError("its texture has no PNG, JPEG or WebP image: export one of these")
+        raise ValueError("the texture has no PNG, JPEG or WebP image. Export one of these")
     sampler = of(sampled, "sampler", int, None)
-    ways = {} if sampler is None else document.entry("samplers", sampler)
-    across, along = (_WRAPS.get(of(ways, name, int, 10497)) for name in ("wrapS", "wrapT"))
+    modes = {} if sampler is None else document.entry("samplers", sampler)
+    across, along = (_WRAPS.get(of(modes, name, int, 10497)) for name in ("wrapS", "wrapT"))
     if across is None or along is None:
-        raise ValueError("its sampler wraps the texture in a way that glTF does not know")
+        raise ValueError("the sampler of the texture has a wrapping mode that glTF does not define")
     return found._replace(image=document.image(image), wraps=(across, along))
 
 
 def _coordinates(document: Document, part: Part, texture: dict[str, Any] | None) -> FloatArray:
-    """Return texture coordinates (F, 3, 2), up from the lower left corner, or NaN."""
+    """Return texture coordinates (F, 3, 2) from the lower left corner upwards, or NaN."""
     transform = of(of(texture or {}, "extensions", dict, {}), "KHR_texture_transform", dict, {})
     usual = of(texture or {}, "texCoord", int, 0)
     name = f"TEXCOORD_{of(transform, 'texCoord', int, usual)}"
@@ -75,7 +75,10 @@ def _coordinates(document: Document, part: Part, texture: dict[str, Any] | None)
         return np.full((*part.faces.shape, 2), np.nan)
     places = _at_corners(document, part, index, "VEC2")
     if transform.get("rotation"):
-        raise ValueError("its texture is turned (KHR_texture_transform): export it as it is shown")
+        raise ValueError(
+            "the texture is rotated by KHR_texture_transform, which is not supported. Export it "
+            "without rotation"
+        )
     if "scale" in transform:
         places = places * numbers_of(transform, "scale", 2, "texture")
     if "offset" in transform:
@@ -84,7 +87,7 @@ def _coordinates(document: Document, part: Part, texture: dict[str, Any] | None)
 
 
 def _colors(document: Document, part: Part) -> FloatArray:
-    """Return the colours of corners (F, 3, 4), sRGB; where there are none, 1."""
+    """Return the colours of corners (F, 3, 4) in sRGB, or 1 if there are none."""
     colors = np.ones((*part.faces.shape, 4))
     index = of(of(part.primitive, "attributes", dict, {}), "COLOR_0", int, None)
     if index is not None:
@@ -100,9 +103,9 @@ def _at_corners(document: Document, part: Part, index: int, shape: str) -> Float
 
 
 def _srgb(colors: FloatArray) -> FloatArray:
-    """Return linear colours (..., 4), as glTF gives those that are not in images, as sRGB."""
+    """Convert linear colours (..., 4) to sRGB; only colours in images are sRGB in glTF."""
     found = colors.copy()
     x = found[..., :3]
-    curved = 1 - 1.055 * (1 - x ** (1 / 2.4))  # to the bit 1 of 1
+    curved = 1 - 1.055 * (1 - x ** (1 / 2.4))  # in this form exactly 1 for x = 1
     found[..., :3] = np.where(x <= 0.0031308, 12.92 * x, curved)
     return found

@@ -1,8 +1,9 @@
 """The JSON and the buffers of a glTF file.
 
-Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html; triangles alone are read. Own
-code: trimesh makes 2.4 GB and 19 s of 600 bytes that announce 100 million vertices, takes matrices
-that are not finite, and leaves out what is sparse; pygltflib reads the JSON, and checks nothing.
+Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html; only triangles are read. Existing
+readers do not check enough. For 600 bytes that announce 100 million vertices, trimesh needs 2.4 GB
+and 19 s. It also accepts matrices that are not finite, and ignores sparse data. The package
+pygltflib reads only the JSON, without checks.
 """
 
 import base64
@@ -20,8 +21,9 @@ from abfm.reading import Format, Opened, from_json, triangles_of_strips
 from abfm.types import FloatArray, IntArray
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of primitives; the others are points and lines
-PARTS_MAX = 50_000  # of the scene: primitives, each as often as it is placed, and nodes
-# vertices, and faces, of all parts: bytes of buffers for each, and how many may be anyway
+PARTS_MAX = 50_000  # number of nodes, and of primitives, counted as often as they are placed
+# A file must have this many bytes for each vertex and face of the scene, unless the scene has fewer
+# than the second number.
 _BYTES_EACH = 3
 _ENTRIES_MIN = 1_000_000
 _INSTANCES = "EXT_mesh_gpu_instancing"
@@ -37,35 +39,35 @@ _SHAPES |= {
 }
 
 
-_WORDS = {dict: "object", list: "array", int: "whole number", str: "text"}  # of JSON
+_TYPE_NAMES = {dict: "an object", list: "an array", int: "an integer", str: "a text"}  # of JSON
 
 
 def of(entry: Any, name: str, kind: type, default: Any) -> Any:
-    """Return what a JSON object has under a name, of this type."""
+    """Return the value of a JSON object under a name, or raise a ValueError for another type."""
     found = entry.get(name, default) if isinstance(entry, dict) else None
     if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):
-        raise ValueError(f"its {name} is no {_WORDS[kind]}, as glTF has it")
+        raise ValueError(f"the value of {name} is not {_TYPE_NAMES[kind]}, as glTF requires")
     return found
 
 
 def indices_of(entry: dict[str, Any], name: str) -> list[int]:
     found: list[int] = of(entry, name, list, [])
     if not all(type(index) is int for index in found):
-        raise ValueError(f"its {name} are no list of numbers, as glTF has it")
+        raise ValueError(f"the value of {name} is not a list of integers, as glTF requires")
     return found
 
 
 def numbers_of(entry: dict[str, Any], name: str, count: int, what: str = "node") -> FloatArray:
-    """Return the numbers (count,) that a JSON object has under a name."""
+    """Return the numbers (count,) of a JSON object under a name."""
     found = of(entry, name, list, None)
     are_numbers = found is not None and all(isinstance(each, int | float) for each in found)
     if not are_numbers or len(found) != count:
-        raise ValueError(f"the {name} of a {what} is not made of {count} numbers")
+        raise ValueError(f"the value {name} of a {what} is not a list of {count} numbers")
     return np.array([float(each) for each in found])
 
 
 class Part(NamedTuple):
-    """Vertices (n, 3), faces, and the JSON of the primitive that they are of.
+    """Vertices (n, 3) and faces of a primitive, and its JSON.
 
     Primitives that share their vertices have the same array.
     """
@@ -76,7 +78,7 @@ class Part(NamedTuple):
 
 
 class Document:
-    """The JSON and the buffers of a file; what they name is looked at before it is used."""
+    """The JSON and the buffers of a file; every reference is checked before it is used."""
 
     def __init__(self, opened: Opened) -> None:
         data, self._binary = opened.data, b""
@@ -85,7 +87,9 @@ class Document:
         self._header = from_json(data)
         version = of(self._header, "asset", dict, {}).get("version", "2.0")
         if not str(version).startswith("2."):
-            raise ValueError(f"it is glTF {str(version)[:20]}; only glTF 2 is read")
+            raise ValueError(
+                f"the version of glTF is {str(version)[:20]}; only glTF 2 is supported"
+            )
         self.is_animated = bool(of(self._header, "animations", list, []))
         self._references, self._texts = References(opened.path), dict[str, bytes]()
         self._images: dict[tuple[int, int, int], bytes] = {}
@@ -94,36 +98,38 @@ class Document:
         self._matrices, self._joints = dict[int, FloatArray](), dict[int, FloatArray]()
 
     def count(self, entries: int) -> None:
-        """Count vertices and faces that are made; a ValueError reports more than the file has."""
+        """Add to the count of vertices and faces; raise a ValueError if they exceed the limit."""
         self._counted += entries
         size = self._size + self._references.size
         if self._counted > max(_ENTRIES_MIN, size // _BYTES_EACH):
             raise ValueError(
-                f"its scene shows its meshes again and again: {self._counted} vertices and faces, "
-                f"where the file has {size} bytes; export what is to be matched alone"
+                f"the scene repeats its meshes too often: it has {self._counted} vertices and "
+                f"faces, but the file has {size} bytes. Export the surface to be matched alone"
             )
 
     def placements(self) -> Iterator[tuple[dict[str, Any], FloatArray]]:
-        """Return every node that has a mesh, and its transformation (4, 4), parents first."""
-        left = [(root, np.eye(4)) for root in self._roots()]
+        """Yield every node that has a mesh, and its transformation (4, 4), parents first."""
+        pending = [(root, np.eye(4)) for root in self._roots()]
         seen = self._matrices
-        while left:
-            index, above = left.pop()
+        while pending:
+            index, above = pending.pop()
             if index in seen or len(seen) > PARTS_MAX:
-                again = index in seen
-                reason = "is in the scene twice" if again else f"is beyond the first {PARTS_MAX}"
-                raise ValueError(f"node {index} {reason}: export what is to be matched alone")
+                repeats = index in seen
+                reason = "is in the scene twice" if repeats else f"is beyond the first {PARTS_MAX}"
+                raise ValueError(f"node {index} {reason}. Export the surface to be matched alone")
             node = self.entry("nodes", index)
             if _INSTANCES in of(node, "extensions", dict, {}):
-                raise ValueError(f"node {index} has {_INSTANCES}, which is not read: export copies")
+                raise ValueError(
+                    f"node {index} has {_INSTANCES}, which is not supported. Export copies instead"
+                )
             seen[index] = above @ _matrix(node, index)
             children = indices_of(node, "children")
             if of(node, "mesh", int, None) is not None:
                 yield node, seen[index]
-            left.extend((child, seen[index]) for child in children)
+            pending.extend((child, seen[index]) for child in children)
 
     def joint_matrices(self, skin: int) -> FloatArray:
-        """Return the matrices (J, 4, 4) of a skin, which move vertices as its joints are placed."""
+        """Return the matrices (J, 4, 4) of the joints of a skin, which move its vertices."""
         if skin not in self._joints:
             entry = self.entry("skins", skin)
             joints = indices_of(entry, "joints")
@@ -135,14 +141,15 @@ class Document:
                 found = self.numbers(inverse, "MAT4")[: len(joints)].reshape(-1, 4, 4)
                 if len(found) < len(joints):
                     raise ValueError(
-                        f"skin {skin} has {len(found)} matrices of {len(joints)} joints"
+                        f"skin {skin} has {len(found)} inverse bind matrices for {len(joints)} "
+                        "joints; expected one for each joint"
                     )
-                placed = placed @ found.transpose(0, 2, 1)  # column by column in the file
+                placed = placed @ found.transpose(0, 2, 1)  # the file stores columns
             self._joints[skin] = placed
         return self._joints[skin]
 
     def _roots(self) -> list[int]:
-        """Return the nodes of the scene that is shown; without scenes, those below no other."""
+        """Return the root nodes of the default scene; without scenes, all nodes with no parent."""
         if of(self._header, "scenes", list, []):
             return indices_of(self.entry("scenes", of(self._header, "scene", int, 0)), "nodes")
         nodes = range(len(of(self._header, "nodes", list, [])))
@@ -150,13 +157,13 @@ class Document:
         return [index for index in nodes if index not in below]
 
     def parts(self, mesh: int) -> Iterator[Part]:
-        """Return the vertices and faces of the primitives of a mesh that have triangles."""
+        """Yield the vertices and faces of the primitives of a mesh that have triangles."""
         positions_of: dict[int, FloatArray] = {}
         for entry in of(self.entry("meshes", mesh), "primitives", list, []):
             if not isinstance(entry, dict):
-                raise ValueError(f"mesh {mesh} has a primitive that is no JSON object")
+                raise ValueError(f"mesh {mesh} has a primitive that is not a JSON object")
             positions = of(of(entry, "attributes", dict, {}), "POSITION", int, None)
-            if positions is None:  # which shows nothing
+            if positions is None:  # an invisible primitive
                 continue
             indices, mode = of(entry, "indices", int, None), of(entry, "mode", int, TRIANGLES)
             if mode not in (TRIANGLES, STRIP, FAN):
@@ -170,28 +177,30 @@ class Document:
                 corners = self.numbers(indices, "SCALAR").astype(np.int64).ravel()
             if mode == TRIANGLES and len(corners) % 3:
                 raise ValueError(
-                    f"mesh {mesh} has {len(corners)} corners, which do not make whole triangles"
+                    f"mesh {mesh} has {len(corners)} corners; expected a multiple of 3 for "
+                    "triangles"
                 )
             faces = _faces(corners, mode)
             self.count(len(faces))
             if faces.size and faces.max() >= len(points):
                 raise ValueError(
-                    f"mesh {mesh} names vertex {faces.max()} of {len(points)} numbered from 0"
+                    f"mesh {mesh} refers to vertex {faces.max()}, but its {len(points)} vertices "
+                    "are numbered from 0"
                 )
             yield Part(points, faces, entry)
 
     def numbers(self, index: int, shape: str) -> NDArray[Any]:
-        """Return what an accessor gives, (count, columns of the shape)."""
+        """Return the numbers of an accessor, (count, columns of the shape)."""
         entry, name = self.entry("accessors", index), f"accessor {index}"
         if "bufferView" not in entry and "sparse" not in entry:
             raise ValueError(
-                f"{name} has no buffer view: export without compression (Draco, meshopt)"
+                f"{name} has no buffer view. Export without compression (Draco, meshopt)"
             )
         columns, meaning = _SHAPES[shape]
         kind = np.dtype(_KINDS.get(of(entry, "componentType", int, 0), "V0"))
-        right = kind.itemsize and entry.get("type") == shape
-        if not right or (shape == "SCALAR" and kind.kind == "f"):
-            raise ValueError(f"{name} is not made of {meaning} as glTF has them")
+        is_valid = kind.itemsize and entry.get("type") == shape
+        if not is_valid or (shape == "SCALAR" and kind.kind == "f"):
+            raise ValueError(f"{name} does not have the type that glTF requires for {meaning}")
         count = of(entry, "count", int, 0)
         if "bufferView" in entry:
             found = self._viewed(entry, count, kind, columns, name)
@@ -207,7 +216,7 @@ class Document:
     def _viewed(
         self, entry: dict[str, Any], count: int, kind: np.dtype[Any], columns: int, name: str
     ) -> NDArray[Any]:
-        """Return the numbers (count, columns) that a part of a buffer view has."""
+        """Return numbers (count, columns) stored in a buffer view."""
         view = self.entry("bufferViews", of(entry, "bufferView", int, None))
         data = self._buffer(of(view, "buffer", int, None))
         width, offset = kind.itemsize * columns, of(entry, "byteOffset", int, 0)
@@ -215,36 +224,42 @@ class Document:
         step = of(view, "byteStride", int, width)
         if min(start, offset, count) < 0 or step < width or start + size > len(data):
             raise ValueError(
-                f"{name} and its buffer view ask for what the buffer of {len(data)} bytes does "
-                "not have"
+                f"{name} and its buffer view exceed the buffer of {len(data)} bytes; the file may "
+                "be cut off"
             )
         if count and offset + (count - 1) * step + width > size:
-            raise ValueError(f"{name} announces {count} entries, more than its buffer view has")
+            raise ValueError(
+                f"{name} announces {count} entries, which is more than its buffer view has"
+            )
         place = start + offset if count else 0
         return np.ndarray((count, columns), kind, data, place, (step, kind.itemsize))
 
     def _with_entries(self, found: NDArray[Any], sparse: dict[str, Any], name: str) -> NDArray[Any]:
-        """Return numbers with those in their places that a sparse accessor has."""
+        """Return a copy of the numbers with the entries of a sparse accessor replaced."""
         count = of(sparse, "count", int, 0)
         at, values = (of(sparse, part, dict, {}) for part in ("indices", "values"))
         kind = np.dtype(_KINDS.get(of(at, "componentType", int, 0), "V0"))
         if kind.kind != "u":
-            raise ValueError(f"the indices of the sparse {name} are no whole numbers")
+            raise ValueError(f"the indices of the sparse {name} are not integers")
         places = self._viewed(at, count, kind, 1, f"the indices of {name}").ravel()
         if places.size and places.max() >= len(found):
-            raise ValueError(f"the sparse {name} names entry {places.max()} of {len(found)}")
+            raise ValueError(
+                f"the sparse {name} refers to entry {places.max()}, but its {len(found)} entries "
+                "are numbered from 0"
+            )
         self.count(len(found))
-        whole = found.copy()
-        whole[places] = self._viewed(
+        replaced = found.copy()
+        replaced[places] = self._viewed(
             values, count, found.dtype, found.shape[1], f"the values of {name}"
         )
-        return whole
+        return replaced
 
     def at_vertices(
         self, part: Part, index: int, shape: str, as_shares: bool = True
     ) -> NDArray[Any]:
-        """Return what an accessor gives the vertices of a part, whole numbers as shares of 1 unless
-        they are lengths.
+        """Return the rows of an accessor for the vertices of a part.
+
+        If ``as_shares``, integers are divided by the largest value of their type.
         """
         key = index, shape, as_shares
         if key not in self._arrays:
@@ -255,12 +270,13 @@ class Document:
         found = self._arrays[key]
         if len(found) != len(part.points):
             raise ValueError(
-                f"accessor {index} has {len(found)} entries for {len(part.points)} vertices"
+                f"accessor {index} has {len(found)} entries for {len(part.points)} vertices; "
+                "expected one for each vertex"
             )
         return found
 
     def image(self, index: int | None) -> bytes:
-        """Return the bytes of an image's file; the same object whenever they are the same."""
+        """Return the bytes of an image; repeated calls return the same object."""
         entry = self.entry("images", index)
         uri = of(entry, "uri", str, None)
         if uri is not None:
@@ -271,7 +287,7 @@ class Document:
         start, size = of(view, "byteOffset", int, 0), of(view, "byteLength", int, 0)
         if min(start, size) < 0 or start + size > len(data):
             raise ValueError(
-                f"image {index} asks for what the buffer of {len(data)} bytes does not have"
+                f"image {index} exceeds the buffer of {len(data)} bytes; the file may be cut off"
             )
         if (buffer, start, size) not in self._images:
             self._references.spend(size, f"image {index}")
@@ -279,18 +295,18 @@ class Document:
         return self._images[buffer, start, size]
 
     def _buffer(self, index: int | None) -> bytes:
-        """Return the bytes of a buffer, wherever they are; read once."""
+        """Return the bytes of a buffer, embedded or in a separate file; each is read once."""
         uri = of(self.entry("buffers", index), "uri", str, None)
         if uri is not None:
             return self._named(uri, f"buffer {index}")
         if index:
             raise ValueError(
-                f"buffer {index} has no data: export without compression (Draco, meshopt)"
+                f"buffer {index} has no data. Export without compression (Draco, meshopt)"
             )
         return self._binary
 
     def _named(self, uri: str, what: str) -> bytes:
-        """Return the bytes that are in a text, or in the file that it names; read once."""
+        """Return the bytes of a data URI, or of the file of a URI; each is read once."""
         if what not in self._texts:
             if not uri.startswith("data:"):
                 content = self._references.read(unquote(uri))
@@ -298,15 +314,18 @@ class Document:
                 try:
                     content = base64.b64decode(uri.partition("base64,")[2])
                 except binascii.Error as error:
-                    raise ValueError(f"{what} is no base64: {error}") from error
+                    raise ValueError(f"{what} is not valid base64: {error}") from error
             self._texts[what] = content
         return self._texts[what]
 
     def entry(self, name: str, index: int | None) -> dict[str, Any]:
-        """Return one of the top-level objects of a kind."""
+        """Return an object of a top-level array of the JSON."""
         entries = of(self._header, name, list, [])
         if index is None or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
-            raise ValueError(f"it names {name}[{index}], but has {len(entries)} {name}")
+            raise ValueError(
+                f"the file refers to {name}[{index}], but its {len(entries)} {name} are numbered "
+                "from 0"
+            )
         found: dict[str, Any] = entries[index]
         return found
 
@@ -314,19 +333,19 @@ class Document:
 def _chunks(data: bytes) -> tuple[bytes, bytes]:
     """Return the JSON and binary chunk of a .glb file."""
     if len(data) < 20:
-        raise ValueError("it is too short for a binary glTF file")
+        raise ValueError("the file is too short for binary glTF; it may be cut off")
     magic, version, length, json_length, kind = struct.unpack_from("<5I", data)
     if magic != _GLB or version != 2 or kind != _JSON:
-        raise ValueError("it does not begin as binary glTF 2 does")
+        raise ValueError("the file does not begin with the header of binary glTF 2")
     place = 20 + json_length
     if length > len(data) or place > length:
-        raise ValueError(f"it has {len(data)} bytes of {max(length, place)}: the file is cut off")
+        raise ValueError(f"the file is cut off: it has {len(data)} of {max(length, place)} bytes")
     json = data[20:place]
     while place + 8 <= length:
         size, kind = struct.unpack_from("<2I", data, place)
         place += 8
         if place + size > length:
-            raise ValueError("a chunk of it is longer than the file: it is cut off")
+            raise ValueError("the file is cut off: one of its chunks is longer than the file")
         if kind == _BINARY:
             return json, data[place : place + size]
         place += size
@@ -334,7 +353,7 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
 
 
 def _faces(corners: IntArray, mode: int) -> IntArray:
-    """Return the triangles (F, 3) that corners make."""
+    """Return the triangles (F, 3) of corners in a mode: separate, a strip or a fan."""
     if mode == TRIANGLES:
         return corners.reshape(-1, 3)
     if mode == STRIP:
@@ -344,7 +363,7 @@ def _faces(corners: IntArray, mode: int) -> IntArray:
 
 
 def _matrix(node: dict[str, Any], index: int) -> FloatArray:
-    """Return how a node is placed in what is above it, (4, 4)."""
+    """Return the transformation (4, 4) of a node relative to its parent."""
     matrix = numbers_of(node, "matrix", 16).reshape(4, 4).T if "matrix" in node else np.eye(4)
     if "translation" in node:
         moved = np.eye(4)
@@ -355,12 +374,12 @@ def _matrix(node: dict[str, Any], index: int) -> FloatArray:
     if "scale" in node:
         matrix = matrix @ np.diag(np.append(numbers_of(node, "scale", 3), 1.0))
     if not np.isfinite(matrix).all():
-        raise ValueError(f"node {index} is placed by numbers that are not finite")
+        raise ValueError(f"the transformation of node {index} has numbers that are not finite")
     return matrix
 
 
 def _rotation(quaternion: FloatArray) -> FloatArray:
-    """Return the matrix (4, 4) of a quaternion w, x, y, z; of length 0, it turns nothing."""
+    """Return the matrix (4, 4) of a quaternion w, x, y, z; the identity if its length is 0."""
     matrix, square = np.eye(4), quaternion @ quaternion
     if square < np.finfo(np.float64).eps * 4:
         return matrix

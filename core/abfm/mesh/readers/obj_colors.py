@@ -1,4 +1,4 @@
-"""OBJ files with their MTL files (http://paulbourke.net/dataformats/mtl/): images and colours."""
+"""Images and colours of OBJ files and their MTL files (http://paulbourke.net/dataformats/mtl/)."""
 
 from array import array
 from collections.abc import Sequence
@@ -15,8 +15,9 @@ from abfm.reading import Opened, number
 
 
 def colored_obj(opened: Opened, has_materials: bool = True) -> ColoredFaces:
-    """Read an OBJ file with colours behind the coordinates of all vertices, and the materials that
-    it names, unless these are not wanted.
+    """Read an OBJ file with its materials, or with vertex colours after all coordinates.
+
+    If ``has_materials`` is False, MTL files are not read.
     """
     lines, references = _Lines(), References(opened.path)
     materials: dict[str, Material] = {}
@@ -31,7 +32,7 @@ def colored_obj(opened: Opened, has_materials: bool = True) -> ColoredFaces:
 
 
 class _Lines:
-    """What the lines of an OBJ file have said so far."""
+    """Contents of the lines of an OBJ file that were read so far."""
 
     def __init__(self) -> None:
         self._lists, self._places, self._colors = Lists(), array("d"), array("d")
@@ -61,14 +62,15 @@ class _Lines:
         index = obj_index(named[0], count)
         if not 0 <= index < count:
             raise ValueError(
-                f"a face names texture coordinates {brief(named[0])}, and {count} are given"
+                f"a face refers to texture coordinates {brief(named[0])}, but the lines before it "
+                f"have {count}"
             )
         return index
 
     def found(self, materials: dict[str, Material]) -> ColoredFaces:
         vertices, (sizes, corners) = self._lists.vertices(), self._lists.polygons()
         corners = inside(corners, len(vertices))
-        # split as `read_obj` splits them; each corner is a vertex, to be known again
+        # split as in `read_obj`; each corner is a separate vertex, so that it can be identified
         triangles = split_polygons(vertices[corners], sizes, np.arange(len(corners))).faces
         colors = np.ones((len(vertices), 4))
         if len(self._colors) == vertices.size:
@@ -86,7 +88,7 @@ class _Lines:
 
 
 def _read_mtl(references: References, name: str) -> dict[str, Material]:
-    """Return the materials of a file by their names."""
+    """Return the materials of an MTL file by name."""
     found: dict[str, Material] = {}
     current = None
     for keyword, words in obj_lines(references.read(name)):
@@ -95,7 +97,7 @@ def _read_mtl(references: References, name: str) -> dict[str, Material]:
             found[current] = Material(alpha_mode="BLEND")
         elif current is not None and words:
             found[current] = _with(found[current], keyword, words, references)
-    # an image is shown as it is: what is written beside one, as Kd 0, is not meant to darken it
+    # the colour next to an image is ignored: files with Kd 0 do not mean a black image
     return {
         name: each._replace(color=(1.0, 1.0, 1.0, each.color[3])) if each.image else each
         for name, each in found.items()
@@ -105,18 +107,18 @@ def _read_mtl(references: References, name: str) -> dict[str, Material]:
 def _with(
     material: Material, keyword: str, words: Sequence[str], references: References
 ) -> Material:
-    """Return a material with what a line says of it."""
+    """Return a material changed by a line of the MTL file."""
     *color, opacity = material.color
     if keyword == "kd":
         color = [min(max(number(word), 0.0), 1.0) for word in (*words, *words, *words)[:3]]
     elif keyword in ("d", "tr"):
-        given = min(max(number(words[-1]), 0.0), 1.0)
-        opacity = given if keyword == "d" else 1 - given
+        value = min(max(number(words[-1]), 0.0), 1.0)
+        opacity = value if keyword == "d" else 1 - value
     elif keyword == "map_kd":
         if words[0].startswith("-"):
             raise ValueError(
-                f"its materials give map_Kd options ({one_line(words[0], 20)}), which are not "
-                "read: leave the name of the image alone"
+                f"map_Kd of a material has options ({one_line(words[0], 20)}), which are not "
+                "supported. Remove all but the name of the image"
             )
         return material._replace(image=references.read(" ".join(words)))
     return material._replace(color=(color[0], color[1], color[2], opacity))

@@ -1,7 +1,7 @@
-"""OFF files, as Geomview, MeshLab and others write them.
+"""Reader of OFF files, as written by Geomview, MeshLab and others.
 
-Format: http://www.geomview.org/docs/html/OFF.html. Words may stand on any lines; what else a vertex
-has follows its coordinates.
+Format: http://www.geomview.org/docs/html/OFF.html. Lines may break between any words. Normals,
+colours and texture coordinates of a vertex follow its coordinates.
 """
 
 import re
@@ -20,13 +20,13 @@ _HEADER = re.compile(r"\s*+((?:ST|[CN4])*)OFF", re.IGNORECASE)
 _ANY_DIMENSION = re.compile(r"\s*+(?:ST|[CN4])*nOFF")
 _BINARY = re.compile(rb"\s*+((?:ST|[CN4])*)OFF\s+BINARY[^\n]*+\n", re.IGNORECASE)
 _COMMENT = re.compile(r"#[^\n]*+")
-_EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # behind the other counts
+_EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # after the other counts
 _NORMAL_COLUMNS = 3
-_COLOR_COLUMNS = (4, 3)  # a colour may lack its opacity
+_COLOR_COLUMNS = (4, 3)  # with and without opacity
 _TEXTURE_COLUMNS = 2
 
 _Parts = tuple[FloatArray, IntArray, IntArray]
-"""Points, sizes of faces, and the corners of one after the other."""
+"""Points, numbers of corners of the faces, and their concatenated corners."""
 
 
 def read_off(opened: Opened) -> FileContents:
@@ -36,10 +36,15 @@ def read_off(opened: Opened) -> FileContents:
     text = decoded(opened.data, "replace")
     text = _COMMENT.sub("", text) if "#" in text else text
     if _ANY_DIMENSION.match(text):
-        raise ValueError("it is nOFF, with points of any dimension: export OFF, which has three")
+        raise ValueError(
+            "the file is nOFF, with points of any dimension; expected OFF with points of three "
+            "dimensions"
+        )
     header = _HEADER.match(text)
     if header is None and not text.lstrip()[:1].isdigit():
-        raise ValueError("it begins neither with OFF nor with its numbers of vertices and faces")
+        raise ValueError(
+            "the file does not begin with OFF or with its numbers of vertices and faces"
+        )
     prefix, begin = (header[1].upper(), header.end()) if header else ("", 0)
     words = Words(text, begin)
     counts = words.count("vertices"), words.count("faces")
@@ -48,17 +53,20 @@ def read_off(opened: Opened) -> FileContents:
 
 
 class _Text:
-    """What follows the counts: usually a vertex or face a line, but lines may end anywhere."""
+    """Body of a text file after the counts: usually one vertex or face on each line.
+
+    Lines may also break anywhere, which `contents` finds by trial.
+    """
 
     def __init__(self, text: str, begin: int, prefix: str, counts: tuple[int, int]) -> None:
         self._text, self._begin = text, begin
         self._vertex_count, self._face_count = counts
-        self._columns, self._least, self._widths = _layout(prefix)
+        self._columns, self._width_min, self._widths = _layout(prefix)
 
     def contents(self) -> FileContents:
         found, reason, is_sure = None, None, False
         try:
-            found, end = self._by_lines(self._least)
+            found, end = self._by_lines(self._width_min)
             is_sure = self._fits(*found) or not self._text[end:].strip()
         except ValueError as error:
             reason = self._cut_off() or error
@@ -69,64 +77,71 @@ class _Text:
                 continue
             if self._fits(*other):
                 return _contents(*other)
-        if reason is not None and self._least > self._columns:
-            try:  # it may lack the colours or normals that it announces
+        if reason is not None and self._width_min > self._columns:
+            try:  # the colours or normals of the header may be missing
                 found, _ = self._by_lines(self._columns)
             except ValueError as error:
                 reason = self._cut_off() or error
         if found is None:
-            raise reason or ValueError("it has no vertices")
+            raise reason or ValueError("the file has no vertices")
         return _contents(*found)
 
     def _fits(self, points: FloatArray, sizes: IntArray, corners: IntArray) -> bool:
-        """Return whether faces are possible, or show that lines end elsewhere."""
-        least, most = corners.min(initial=0), corners.max(initial=-1)
-        return bool(sizes.min(initial=3) >= 3 and least >= 0 and most < len(points))
+        """Return whether the faces are possible; if not, lines do not end as assumed."""
+        smallest, largest = corners.min(initial=0), corners.max(initial=-1)
+        return bool(sizes.min(initial=3) >= 3 and smallest >= 0 and largest < len(points))
 
     def _cut_off(self) -> ValueError | None:
-        """Return the reason, if fewer lines than vertices and faces follow."""
+        """Return an error if there are fewer lines than vertices and faces, else None."""
         expected = self._vertex_count + self._face_count
         found = sum(1 for _ in islice(_Rows(self._text, self._begin), expected))
         if found == expected:
             return None
         return ValueError(
-            f"{self._vertex_count} vertices and {self._face_count} faces are announced, but "
-            f"{found} lines follow: the file is cut off"
+            f"the file is cut off: it announces {self._vertex_count} vertices and "
+            f"{self._face_count} faces, but only {found} lines follow"
         )
 
-    def _by_lines(self, least: int) -> tuple[_Parts, int]:
-        """Return what is there if each line has a vertex or a face, and the end of the last one."""
+    def _by_lines(self, width_min: int) -> tuple[_Parts, int]:
+        """Return the parts, read as one vertex or face on each line, and the end of the last line.
+
+        Vertices must have at least ``width_min`` numbers.
+        """
         points, rows = array("d"), _Rows(self._text, self._begin)
         for words in islice(rows, self._vertex_count):
-            if len(words) < least:
+            if len(words) < width_min:
                 raise ValueError(
                     f"vertex {len(points) // self._columns}, counting from 0, has {len(words)} "
-                    f"numbers instead of {least}"
+                    f"numbers; expected {width_min}"
                 )
             points.extend(map(number, words[: self._columns]))
         if len(points) < self._vertex_count * self._columns:
-            raise ValueError("vertices are missing")
+            raise ValueError("the file is cut off: vertices are missing")
         places = np.frombuffer(points, np.float64).reshape(-1, self._columns)
         sizes, corners, end = self._faces_by_lines(rows.end)
         return (places, sizes, corners), end
 
     def _faces_by_lines(self, begin: int) -> tuple[IntArray, IntArray, int]:
-        """Return sizes and corners of faces, which may have a colour behind them, and the end."""
+        """Return sizes and corners of faces, one on each line, and the end of the last line.
+
+        A colour may follow the corners.
+        """
         lists, rows = Lists(), _Rows(self._text, begin)
         for words in islice(rows, self._face_count):
             corners = whole_number(words[0])
             if not 0 <= corners < len(words):
                 raise ValueError(
-                    f"a face announces {corners} corners, but its line has {len(words) - 1}"
+                    f"face {lists.polygon_count}, counting from 0, announces {corners} corners, "
+                    f"but its line has {len(words) - 1}"
                 )
             lists.add_polygon(list(map(whole_number, words[1 : 1 + corners])))
         sizes, corners_of_all = lists.polygons()
         if len(sizes) < self._face_count:
-            raise ValueError("faces are missing")
+            raise ValueError("the file is cut off: faces are missing")
         return sizes, corners_of_all, rows.end
 
     def _by_words(self, width: int) -> _Parts:
-        """Return the same where lines end anywhere and vertices have so many numbers."""
+        """Return the parts if lines break anywhere and each vertex has ``width`` numbers."""
         words = Words(self._text, self._begin)
         table = words.numbers(self._vertex_count * width, "the list of vertices").reshape(
             -1, width
@@ -138,30 +153,28 @@ class _Text:
 
 
 def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:
-    """Return how many numbers of a vertex are its place, how many it has at least, and how many it
-    may have.
-    """
+    """Return the numbers of columns of a vertex: its coordinates, the minimum, and the options."""
     columns = 4 if "4" in prefix else 3
-    plain = columns + _NORMAL_COLUMNS * ("N" in prefix) + _TEXTURE_COLUMNS * ("ST" in prefix)
-    widths = tuple(plain + color for color in _COLOR_COLUMNS) if "C" in prefix else (plain,)
+    width = columns + _NORMAL_COLUMNS * ("N" in prefix) + _TEXTURE_COLUMNS * ("ST" in prefix)
+    widths = tuple(width + color for color in _COLOR_COLUMNS) if "C" in prefix else (width,)
     return columns, min(widths), widths
 
 
 def _contents(points: FloatArray, sizes: IntArray, corners: IntArray) -> FileContents:
-    """Return the contents, points of four coordinates divided by the last one."""
+    """Return the contents; points with four coordinates are divided by the last one."""
     if points.shape[1] == 4:
         if (points[:, 3] == 0).any():
-            raise ValueError("it has points at infinity, whose fourth coordinate is 0")
+            raise ValueError("the file has points at infinity, with a fourth coordinate of 0")
         points = points[:, :3] / points[:, 3:]
     return split_polygons(np.ascontiguousarray(points[:, :3]), sizes, corners)
 
 
 class _Rows:
-    """The words of each line that has any."""
+    """Iterator of the words of each line that is not empty."""
 
     def __init__(self, text: str, begin: int) -> None:
         self._text, self.end = text, begin
-        """The end of the last line that was taken."""
+        """The end of the last line that was returned."""
 
     def __iter__(self) -> Iterator[list[str]]:
         text, begin = self._text, self.end
@@ -175,12 +188,15 @@ class _Rows:
 
 
 def _read_binary(data: bytes, begin: int, prefix: str) -> FileContents:
-    """Read big-endian numbers: floats of vertices, then corners and colours of each face."""
+    """Read a binary file of big-endian numbers: vertices, then corners and colours of faces."""
     columns, _, (width, *_) = _layout(prefix)
     try:
         vertex_count, face_count, _ = struct.unpack_from(">3i", data, begin)
         if min(vertex_count, face_count) < 0:
-            raise ValueError(f"it announces {vertex_count} vertices and {face_count} faces")
+            raise ValueError(
+                f"the file announces {vertex_count} vertices and {face_count} faces; expected "
+                "positive numbers"
+            )
         begin += 12
         if vertex_count * width * 4 > len(data) - begin:
             raise ValueError("the file is cut off: vertices are missing")

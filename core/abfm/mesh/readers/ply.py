@@ -1,7 +1,7 @@
-"""Polygon file format (PLY), text and binary, with any mixture of polygons and further properties.
+"""Reader of PLY files, text and binary, with polygons of any sizes and further properties.
 
-trimesh's reader takes text files that are cut off, and no binary ones with polygons of several
-sizes.
+The reader of trimesh accepts truncated text files, and refuses binary files with polygons of
+different sizes.
 """
 
 import re
@@ -37,13 +37,13 @@ _COLORS = ("red", "green", "blue", "alpha")
 _WHITES = {"B": 255.0, "H": 65535.0, "f": 1.0, "d": 1.0}  # by the type of a colour
 _NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
 _BITS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
-# of the header's types in Python's struct
+# the code of each type in Python's struct module
 _CODES = dict(zip(_NAMES + _BITS, 2 * "bBhHiIfd", strict=True)) | {"int64": "q", "uint64": "Q"}
-_WHOLE_NUMBER_MAX = 2.0**53  # above, doubles do not tell one whole number from the next
+_INTEGER_MAX = 2.0**53  # doubles above it do not represent every integer
 
 
 class _Property(NamedTuple):
-    """A column of an element: a number, or a list of numbers with its length before it."""
+    """A column of an element: a number, or a list of numbers after its length."""
 
     name: str
     code: str
@@ -56,41 +56,43 @@ class _Element(NamedTuple):
     properties: list[_Property]
 
 
-# the numbers of a property, list after list, and how many each list has
+# the numbers of a property, with lists concatenated, and the length of each list
 _Column = tuple[NDArray[Any], IntArray | None]
 
 
 class PlyFile(NamedTuple):
-    """Vertices (V, 3), the sizes of polygons, (P,), the corners of one after the other, and what
-    vertices have: columns (V,) by their names.
-    """
+    """Contents of a PLY file."""
 
     vertices: FloatArray
+    """(V, 3) positions."""
     sizes: IntArray
+    """(P,) number of corners of each polygon."""
     corners: IntArray
+    """Concatenated corners of the polygons."""
     columns: PointData
+    """Other values of the vertices, (V,), by name."""
     colors: FloatArray | None
-    """(V, 4), red, green, blue and opacity from 0 to 1, if there are any."""
+    """(V, 4) red, green, blue and opacity from 0 to 1, or None."""
 
 
 def read_ply(opened: Opened) -> FileContents:
-    """Read vertices, polygons and strips of a PLY file; all else is passed over."""
+    """Read the vertices, polygons and triangle strips of a PLY file."""
     file = ply_contents(opened)
     return split_polygons(file.vertices, file.sizes, file.corners)
 
 
 def ply_contents(opened: Opened) -> PlyFile:
-    """Read a PLY file with what it has at vertices; a ValueError reports what is wrong with it."""
+    """Read a PLY file with the values of its vertices; raise a ValueError if it is invalid."""
     data = opened.data
     if not data.startswith(b"ply"):  # text in another encoding
         data = decoded(data, "replace").encode()
     end = _END.search(data)
     begins = data.startswith(b"ply")
     if end is None or not begins or data[: end.start()].split(None, 1)[0] != b"ply":
-        raise ValueError("it does not begin with a PLY header")
+        raise ValueError("the file does not begin with a PLY header")
     header = data[: end.start()].decode("utf-8", errors="replace").splitlines()
     order, elements = _parsed([line.split() for line in header])
-    # after a header whose lines end with carriage returns, a line feed is already data
+    # if lines of the header end with a carriage return alone, a line feed after it is data
     start = end.end(1) - (end[1] == b"\r\n" and re.match(rb"ply[ \t]*+\r(?!\n)", data) is not None)
     body = _Body(data, start, order)
     if order:
@@ -100,11 +102,11 @@ def ply_contents(opened: Opened) -> PlyFile:
         found = _contents(body, elements)
     except ValueError as error:
         reason = error
-    if found is None or not body.is_at_end:  # rows may have more words than they announce
+    if found is None or not body.is_at_end:  # rows may have more words than announced
         with suppress(ValueError):
             return _contents(_Body(_announced_words(data[start:], elements), 0, order), elements)
     if found is None:
-        raise reason or ValueError("it has no elements")
+        raise reason or ValueError("the header announces no elements")
     return found
 
 
@@ -123,9 +125,7 @@ def _contents(body: "_Body", elements: Sequence[_Element]) -> PlyFile:
             corners, sizes = body.take(element, {name})[name]
             assert sizes is not None  # of a list
             if corners.dtype.kind == "f":
-                raise ValueError(
-                    "its faces name vertices by numbers of type float: make them whole numbers"
-                )
+                raise ValueError("the vertex numbers of faces have a float type; expected integers")
             if element.name == "tristrips":
                 sizes, corners = _triangles(sizes, corners)
             polygons.append((sizes, corners))
@@ -144,21 +144,21 @@ def _doubles(column: _Column) -> FloatArray:
 def _coordinate(columns: PointData, name: str) -> FloatArray:
     chosen = name if name in columns else name.upper()
     if chosen not in columns:
-        raise ValueError(f"it has no property {name}")
+        raise ValueError(f"the vertices have no property {name}")
     return columns[chosen]
 
 
 def _name_of_corners(element: _Element) -> str:
-    """Return the list of corners: by its name, of which there are many, or as the only list."""
+    """Return the name of the list of corners: one of the usual names, or that of the only list."""
     lists = [p.name for p in element.properties if p.length_code]
-    known = [name for name in lists if name.lower().replace("_", "") in _CORNERS]
-    if not (chosen := known or lists[: len(lists) == 1]):
-        raise ValueError("its faces have no list property vertex_indices")
+    usual = [name for name in lists if name.lower().replace("_", "") in _CORNERS]
+    if not (chosen := usual or lists[: len(lists) == 1]):
+        raise ValueError("the faces have no list property vertex_indices")
     return chosen[0]
 
 
 def _triangles(sizes: IntArray, corners: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the triangles of lists of strips, which -1 separates, as sizes and corners."""
+    """Return sizes and corners of the triangles of lists of strips, which are separated by -1."""
     corners = np.insert(corners.astype(np.int64), np.cumsum(sizes), -1)
     ends = np.flatnonzero(corners == -1)
     faces = triangles_of_strips(np.diff(ends, prepend=-1) - 1, corners[corners != -1])
@@ -175,12 +175,12 @@ def _colors(element: _Element, columns: PointData) -> FloatArray | None:
 
 
 def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
-    """Return the order of bytes, empty for text, and the elements that the lines announce."""
+    """Return the byte order, empty for text, and the elements announced by the header."""
     kinds = (words[1] for words in header if words[:1] == ["format"] and len(words) > 1)
     kind = next(kinds, "missing")
     if kind not in _ORDERS:
         raise ValueError(
-            f"its format is {kind[:40]}, not ascii, binary_little_endian or binary_big_endian"
+            f"the format is {kind[:40]}; expected ascii, binary_little_endian or binary_big_endian"
         )
     order, elements = _ORDERS[kind], list[_Element]()
     for words in header:
@@ -192,21 +192,19 @@ def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
             ):
                 if _CODES[length] in "fd":
                     raise ValueError(
-                        f"its list {name[:40]} has a length of type {length}: make it a whole "
-                        "number"
+                        f"the length of list {name[:40]} has type {length}; expected an integer "
+                        "type"
                     )
                 elements[-1].properties.append(_Property(name, _CODES[kind], _CODES[length]))
             case ["property", kind, name] if elements and kind in _CODES:
                 elements[-1].properties.append(_Property(name, _CODES[kind]))
             case ["element" | "property", *_]:
-                raise ValueError(
-                    f"its header has a line that PLY does not know: {' '.join(words)[:60]}"
-                )
+                raise ValueError(f"a line of the header is not valid PLY: {' '.join(words)[:60]}")
     return order, elements
 
 
 def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
-    """Return what the rows of elements announce, if each is a line, without what is behind it."""
+    """Return the announced words of each row, if each row is a line, without further words."""
     lines = (words for line in _COMMENT.sub(b"", text).splitlines() if (words := line.split()))
     rows = []
     for element in elements:
@@ -221,8 +219,9 @@ def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
 
 
 class _Body:
-    """What follows the header, taken element by element, from front to back: bytes in an order, or,
-    where it is empty, the words of a text, all of them as doubles.
+    """The data after the header, read element by element.
+
+    The data are bytes in a byte order, or, if that is empty, the words of a text as doubles.
     """
 
     def __init__(self, data: bytes, start: int, order: str) -> None:
@@ -237,8 +236,9 @@ class _Body:
         return self._position == len(self._data)
 
     def take(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
-        """Return the wanted properties of the next element, the last one of a name; or raise a
-        ValueError if the file ends before, or a list has a length below 0.
+        """Return the wanted properties of the next element, the last one of each name.
+
+        Raise a ValueError if the file is cut off, or if the length of a list is negative.
         """
         step = sum(self._kind(p.length_code or p.code).itemsize for p in element.properties)
         if element.rows * step > len(self._data) - self._position:
@@ -260,7 +260,7 @@ class _Body:
         return np.dtype(self._order + code if self._order else "=d")
 
     def _walk(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
-        """Return the same where lengths of lists must be read to know where the next row begins."""
+        """Return the wanted properties of an element with lists, whose rows differ in size."""
         found: dict[str, tuple[bytearray, array[int]]] = {}
         steps = []
         for p in element.properties:
@@ -274,52 +274,53 @@ class _Body:
                 self._walk_row(steps)
         except (struct.error, EOFError) as error:
             raise _cut_off(element) from error
-        kept = [p for p in element.properties if p.name in found]
-        return {p.name: self._column(p, *found[p.name]) for p in kept}
+        return {
+            p.name: self._column(p, *found[p.name]) for p in element.properties if p.name in found
+        }
 
     def _walk_row(
         self,
         steps: "Sequence[tuple[struct.Struct | None, int, tuple[bytearray, array[int]] | None]]",
     ) -> None:
         data, position = self._data, self._position
-        for length, size, kept in steps:
+        for length, size, column in steps:
             count = 1
             if length:
-                count = _whole(length.unpack_from(data, position)[0])
+                count = _as_integer(length.unpack_from(data, position)[0])
                 position += length.size
             if count < 0:
-                raise ValueError(f"a list has the length {count}")
+                raise ValueError(f"the length of a list is {count}; expected 0 or more")
             end = position + count * size
             if end > len(data):
                 raise EOFError
-            if kept:
-                kept[0].extend(data[position:end])
+            if column:
+                column[0].extend(data[position:end])
                 if length:
-                    kept[1].append(count)
+                    column[1].append(count)
             position = end
         self._position = position
 
     def _column(self, p: _Property, content: bytearray, counts: Sequence[int]) -> _Column:
         values = np.frombuffer(content, self._kind(p.code))
         if not self._order and p.code not in "fd":
-            wrong = ~((np.abs(values) <= _WHOLE_NUMBER_MAX) & (values == np.floor(values)))
+            wrong = ~((np.abs(values) <= _INTEGER_MAX) & (values == np.floor(values)))
             if wrong.any():
-                raise _not_whole(values[wrong][0])
+                raise _not_an_integer(values[wrong][0])
             values = values.astype(np.int64)
         return values, np.asarray(counts, np.int64) if p.length_code else None
 
 
-def _whole(value: float) -> int:
+def _as_integer(value: float) -> int:
     if not float(value).is_integer():
-        raise _not_whole(value)
+        raise _not_an_integer(value)
     return int(value)
 
 
-def _not_whole(value: float) -> ValueError:
-    return ValueError(f"it has {value:g} where a whole number is expected, of at most 16 digits")
+def _not_an_integer(value: float) -> ValueError:
+    return ValueError(f"a number is {value:g}; expected an integer of at most 16 digits")
 
 
 def _cut_off(element: _Element) -> ValueError:
     return ValueError(
-        f"the file is cut off: it has fewer rows of {element.name[:40]} than its header announces"
+        f"the file is cut off: it has fewer rows of {element.name[:40]} than the header announces"
     )

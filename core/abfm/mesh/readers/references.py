@@ -1,4 +1,4 @@
-"""Files that a mesh file refers to: materials, images, buffers."""
+"""Files that a mesh file refers to: materials, images and buffers."""
 
 import os
 from pathlib import Path
@@ -7,46 +7,52 @@ from abfm.errors import brief
 from abfm.reading import read_bytes, referenced_file
 
 BYTES_MAX = 1 << 28
-"""Of everything that a file refers to."""
+"""Total size of the files that a file refers to."""
 
 
 class References:
-    """Reads the files that a file names, each once, and all of them within one budget of bytes.
+    """Reader of the files that a file refers to; their total size is limited.
 
-    They are in its folder or below. A name that leads elsewhere, or to no file, as those of other
-    machines do, stands for a file of that name next to it, in capitals or not, if there is one.
+    They must be in the folder of the file or below. A path of another computer
+    leads elsewhere or to no file. Then a file of the same name in the folder is read, regardless of
+    upper and lower case.
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._left, self.size = path, BYTES_MAX, 0
+        self._path, self._budget, self.size = path, BYTES_MAX, 0
         self._found: dict[str, Path] = {}
         self._contents: dict[Path, bytes] = {}
-        self._beside: dict[str, str] | None = None
+        self._names_in_folder: dict[str, str] | None = None
 
     def read(self, name: str) -> bytes:
-        """Return the bytes of a file.
+        """Return the bytes of a file; each file is read once.
 
-        An OSError reports that it cannot be read, a ValueError that it is outside the folder, or
-        that the budget is spent.
+        Raises
+        ------
+        OSError
+            If the file cannot be read.
+        ValueError
+            If it is outside the folder, or the files are too large.
         """
         path = self.find(name)
         if path not in self._contents:
-            content = read_bytes(path, self._left)
+            content = read_bytes(path, self._budget)
             self.spend(len(content), name)
             self._contents[path] = content
             self.size += len(content)
         return self._contents[path]
 
     def spend(self, count: int, what: str) -> None:
-        """Take bytes from the budget."""
-        self._left -= count
-        if self._left < 0:
+        """Subtract bytes from the budget, or raise a ValueError if it is exceeded."""
+        self._budget -= count
+        if self._budget < 0:
             raise ValueError(
-                f"{brief(what)} and what it refers to besides have more than {BYTES_MAX} bytes"
+                f"{brief(what)} and the other files that the file refers to have more than "
+                f"{BYTES_MAX} bytes in total, which is too much"
             )
 
     def find(self, name: str) -> Path:
-        """Return the path of a file that is named."""
+        """Return the path of the file that a name refers to."""
         if name not in self._found:
             self._found[name] = self._find(name)
         return self._found[name]
@@ -55,20 +61,20 @@ class References:
         plain = name.strip().strip('"')
         slashed = plain.replace("\\", "/")
         error = None
-        for given in dict.fromkeys((plain, slashed)):
+        for candidate in dict.fromkeys((plain, slashed)):
             try:
-                path = referenced_file(self._path, given)
+                path = referenced_file(self._path, candidate)
             except ValueError as outside:
                 error = outside
                 continue
             if path.exists():
                 return path
         base = slashed.rpartition("/")[2].lower()
-        if self._beside is None:
+        if self._names_in_folder is None:
             folder = os.path.dirname(self._path) or "."
-            self._beside = {each.lower(): each for each in sorted(os.listdir(folder))}
-        if base in self._beside:
-            return self._path.parent / self._beside[base]
+            self._names_in_folder = {each.lower(): each for each in sorted(os.listdir(folder))}
+        if base in self._names_in_folder:
+            return self._path.parent / self._names_in_folder[base]
         if error is not None:
             raise error
         return referenced_file(self._path, slashed)

@@ -1,1 +1,1 @@
-"""Repairs of a mesh, requested by `MeshOptions`."""
+"""Optional repairs of a mesh, requested by `MeshOptions`."""

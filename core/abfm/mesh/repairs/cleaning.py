@@ -1,9 +1,8 @@
-"""Cleaning a mesh: faces without area, repeated faces, and sheets that hang on a surface.
+"""Removal of faces without area, repeated faces, and sheets attached to a surface.
 
-A face without area must not leave a hole where it was. If two of its corners are nearly at one
-position they become one vertex, so that the faces on both sides of it meet. Otherwise one corner
-lies on the longest side: the face goes, and faces on the other side of that side are split at this
-corner.
+The removal of a face without area must not leave a hole. If two of its corners are very close, they
+are merged, so that the faces on both sides of it meet. Otherwise one corner lies on the longest
+side. Then the neighbour at that side is split at this corner.
 """
 
 from __future__ import annotations
@@ -18,25 +17,25 @@ from abfm.mesh.face_sizes import flat_faces, side_lengths, twice_areas
 from abfm.mesh.topology import connected, edges_of_faces, equal_rows
 from abfm.types import BoolArray, IntArray
 
-# shortest over longest side of a face without area, up to which its ends are joined
+# shortest over longest side of a face without area, up to which the ends of that side are merged
 _ASPECT_RATIO_MAX = 1e-6
-_FLAT_FACES_MAX = 100_000  # faces without area: more stay
+_FLAT_FACES_MAX = 100_000  # if more faces have no area, all are kept
 _ROUNDS_MAX = 5
-_SPLITS_EACH = 20  # faces that are split for each face without area, at most
-_NO_FACE_MESSAGE = "no face remains: give a file of a surface"
+_SPLITS_EACH_MAX = 20  # neighbours split for each face without area
+_NO_FACE_MESSAGE = "no face remains after the mesh was cleaned. Use a file of a surface"
 
 
 def clean(draft: Draft) -> None:
-    """Clean a mesh; every change is a message. What cannot be cleaned safely stays as it is."""
-    _join_short_sides(draft)
+    """Clean a mesh, with a message for every change; defects without a safe repair remain."""
+    _merge_short_sides(draft)
     _drop(draft, draft.has_vertex_twice(), "with a vertex twice")
     _drop_repeated(draft)
     _remove_flat(draft)
-    for _ in range(_ROUNDS_MAX):  # sheets may hang on sheets that hang
-        hanging = _hanging_sheets(draft)
-        if not hanging.any():
+    for _ in range(_ROUNDS_MAX):  # sheets may be attached to attached sheets
+        attached = _attached_sheets(draft)
+        if not attached.any():
             break
-        _drop(draft, hanging, "of sheets that hang on the surface")
+        _drop(draft, attached, "of sheets attached to the surface")
 
 
 def _drop(draft: Draft, bad: BoolArray, what: str, example: str = "") -> None:
@@ -44,45 +43,47 @@ def _drop(draft: Draft, bad: BoolArray, what: str, example: str = "") -> None:
         raise MeshError(_NO_FACE_MESSAGE)
     if bad.any():
         example, count = example or str(draft.face_ids[np.argmax(bad)]), len(draft.vertices)
-        draft.keep(~bad)
-        gone = count - len(draft.vertices)
-        alone = f", and {counted(gone, 'vertex', 'vertices')} that only they used" if gone else ""
+        draft.keep_faces(~bad)
+        lost = count - len(draft.vertices)
+        alone = f", with {counted(lost, 'vertex', 'vertices')} that only they used" if lost else ""
         draft.messages.append(
             f"{counted(bad.sum(), 'face', 'faces')} {what} {'was' if bad.sum() == 1 else 'were'} "
             f"removed{alone} (for example face {example})"
         )
 
 
-def _join_short_sides(draft: Draft) -> None:
-    """Make the ends of very short sides of faces without area one vertex."""
+def _merge_short_sides(draft: Draft) -> None:
+    """Merge the ends of very short sides of faces without area."""
     is_flat = flat_faces(draft.vertices, draft.faces) & ~draft.has_vertex_twice()
     faces = draft.faces[is_flat]
     lengths = side_lengths(draft.vertices, faces)
     short = lengths <= _ASPECT_RATIO_MAX * lengths.max(axis=1, initial=0, keepdims=True)
     if short.any():
         ends = np.stack([np.roll(faces, -1, axis=1)[short], np.roll(faces, -2, axis=1)[short]], 1)
-        pairs = draft.join(connected(len(draft.vertices), ends))
+        pairs = draft.merge(connected(len(draft.vertices), ends))
         draft.messages.append(
-            f"{counted(len(pairs), 'vertex was', 'vertices were')} merged into another one at the "
-            "other end of a very short side of a face without area (for example vertex "
+            f"{counted(len(pairs), 'vertex was', 'vertices were')} merged into the other end of a "
+            "very short side of a face without area (for example vertex "
             f"{pairs[0, 0]} into vertex {pairs[0, 1]})"
         )
 
 
 def _drop_repeated(draft: Draft) -> None:
-    """Drop faces that have the vertices of an earlier one, in whatever order; and this one as well
-    where such faces form a wall whose sides end on a surface that goes on beneath them.
+    """Drop faces that have the vertices of an earlier face, in any order.
+
+    If repeated faces form a wall attached to a surface that continues below, both copies are
+    dropped.
     """
     first, group = equal_rows(np.sort(draft.faces, axis=1))
-    again = first[group] != np.arange(len(draft.faces))
-    if not again.any():
+    is_repeat = first[group] != np.arange(len(draft.faces))
+    if not is_repeat.any():
         return
-    example = np.argmax(again)
+    example = np.argmax(is_repeat)
     like = f"{draft.face_ids[example]}, as face {draft.face_ids[first[group[example]]]}"
     edges = edges_of_faces(draft.faces, len(draft.vertices))[1]
     repeats = np.bincount(group)[group] > 1
     others = np.bincount(edges[~repeats].ravel(), minlength=int(edges.max()) + 1)
-    # patches of repeated faces, by their edges
+    # patches of repeated faces, connected by edges
     label = connected(len(others), np.concatenate([edges[repeats][:, :2], edges[repeats][:, 1:]]))
     ends, joins = np.zeros(len(others), dtype=bool), np.zeros(len(others), dtype=bool)
     at = edges[repeats].ravel()
@@ -90,13 +91,14 @@ def _drop_repeated(draft: Draft) -> None:
     joins[label[at[others[at] == 1]]] = True
     patch = label[edges[:, 0]]
     wall = repeats & ends[patch] & ~joins[patch]
-    _drop(draft, again | wall, "repeating another one", like)
+    _drop(draft, is_repeat | wall, "repeating another one", like)
 
 
 def _remove_flat(draft: Draft) -> None:
-    """Remove faces without area, and split their neighbours at the corners on their longest sides.
+    """Remove faces without area, and split their neighbours so that no hole remains.
 
-    The face with the longest side goes first: its neighbour there has area, or there is none.
+    The neighbour at the longest side is split at the opposite corner. The face with the longest
+    side is removed first: the neighbour at that side has area, or does not exist.
     """
     is_flat = flat_faces(draft.vertices, draft.faces)
     count = int(is_flat.sum())
@@ -106,7 +108,7 @@ def _remove_flat(draft: Draft) -> None:
     patch = _Patch(draft, np.flatnonzero(is_near))
     patch.enqueue(np.flatnonzero(is_flat).tolist())
     splits = 0
-    while patch.queue and splits <= _SPLITS_EACH * count:
+    while patch.queue and splits <= _SPLITS_EACH_MAX * count:
         splits += patch.remove_flat(*heapq.heappop(patch.queue)[1:])
     if is_near.all() and not patch.faces:
         raise MeshError(_NO_FACE_MESSAGE)
@@ -118,22 +120,20 @@ def _remove_flat(draft: Draft) -> None:
     draft.face_ids = ids[order].astype(np.int64)
     draft.drop_unreferenced_vertices()
     _drop_repeated(draft)
-    one = count == 1
-    split = f", and {counted(splits, 'face', 'faces')} next to {'it' if one else 'them'} split"
+    split = f"; {counted(splits, 'neighbour was', 'neighbours were')} split so that no hole remains"
     draft.messages.append(
-        f"{counted(count, 'face', 'faces')} without area {'was' if one else 'were'} removed (for "
-        f"example face {example}){split if splits else ''} so that no hole is left"
+        f"{counted(count, 'face without area was', 'faces without area were')} removed (for "
+        f"example face {example}){split if splits else ''}"
     )
 
 
 class _Patch:
-    """Faces whose neighbours are known, of which those without area are removed."""
+    """Faces around those without area, with their neighbours, while the latter are removed."""
 
     def __init__(self, draft: Draft, near: IntArray) -> None:
         self.vertices = draft.vertices
-        self.ids: list[int] = (
-            draft.face_ids.tolist()
-        )  # of the faces, and of the parts of split ones
+        # numbers in the file of the faces, and of the parts of split faces
+        self.ids: list[int] = draft.face_ids.tolist()
         self.faces: dict[int, list[int]] = {}
         self.queue: list[tuple[float, int, int]] = []
         self._around: dict[tuple[int, int], set[int]] = {}
@@ -141,7 +141,7 @@ class _Patch:
             self._add(face, corners)
 
     def enqueue(self, faces: list[int]) -> None:
-        """Note those of the faces that have no area, by the longest side and the corner on it."""
+        """Add the faces without area to the queue, with the corner opposite the longest side."""
         corners = np.array([self.faces[face] for face in faces])
         lengths = side_lengths(self.vertices, corners)
         for k in np.flatnonzero(flat_faces(self.vertices, corners)).tolist():
@@ -149,17 +149,17 @@ class _Patch:
             heapq.heappush(self.queue, entry)
 
     def remove_flat(self, face: int, corner: int) -> int:
-        """Remove a face, and split at its corner what lies beyond the side opposite; how many."""
+        """Remove a face and split its neighbours opposite a corner; return their number."""
         if face not in self.faces:
             return 0
         ends = self._remove(face)
         apex = ends.pop(corner)
         beyond = sorted(self._around[min(ends), max(ends)])
         for other in beyond:
-            whole, new = self._remove(other), [len(self.ids), len(self.ids) + 1]
+            corners, new = self._remove(other), [len(self.ids), len(self.ids) + 1]
             self.ids += [self.ids[other]] * 2
             for part, end in zip(new, ends, strict=True):
-                self._add(part, [apex if vertex == end else vertex for vertex in whole])
+                self._add(part, [apex if vertex == end else vertex for vertex in corners])
             self.enqueue(new)
         return len(beyond)
 
@@ -174,11 +174,11 @@ class _Patch:
         return self.faces.pop(face)
 
 
-def _faces_around(faces: IntArray, some: BoolArray) -> BoolArray:
-    """Return the faces that share a vertex with some of them."""
-    at = np.zeros(int(faces.max()) + 1, dtype=bool)
-    at[faces[some]] = True
-    return np.asarray(at[faces].any(axis=1))
+def _faces_around(faces: IntArray, is_chosen: BoolArray) -> BoolArray:
+    """Return whether each face (F,) shares a vertex with a chosen face."""
+    is_used = np.zeros(int(faces.max()) + 1, dtype=bool)
+    is_used[faces[is_chosen]] = True
+    return np.asarray(is_used[faces].any(axis=1))
 
 
 def _sides(corners: list[int]) -> list[tuple[int, int]]:
@@ -186,11 +186,11 @@ def _sides(corners: list[int]) -> list[tuple[int, int]]:
     return [(min(b, c), max(b, c)), (min(c, a), max(c, a)), (min(a, b), max(a, b))]
 
 
-def _hanging_sheets(draft: Draft) -> BoolArray:
-    """Return the faces (F,) of sheets that end on a surface which goes on beneath them.
+def _attached_sheets(draft: Draft) -> BoolArray:
+    """Return whether each face (F,) belongs to a sheet attached to a surface that continues.
 
-    Faces joined by edges of two faces are a sheet. One hangs if each of its edges with more faces
-    has three, two of them in one and the same larger sheet.
+    A sheet is a set of faces connected by edges with two faces. It is attached if each of its other
+    edges has three faces, two of which belong to the same larger sheet.
     """
     _, edges = edges_of_faces(draft.faces, len(draft.vertices))
     uses = np.bincount(edges.ravel())
@@ -201,15 +201,15 @@ def _hanging_sheets(draft: Draft) -> BoolArray:
     inner = first[uses == 2]
     sheet = connected(len(edges), np.stack([order[inner], order[inner + 1]], axis=1) // 3)
     areas = np.bincount(sheet, twice_areas(draft.vertices, draft.faces))
-    hangs, at_edges = np.ones(len(areas), dtype=bool), np.zeros(len(areas), dtype=bool)
-    at_more = np.repeat(uses > 2, uses)
-    at_edges[sheet[order[at_more] // 3]] = True
-    hangs[sheet[order[np.repeat(uses > 3, uses)] // 3]] = False
+    is_attached, at_edges = np.ones(len(areas), dtype=bool), np.zeros(len(areas), dtype=bool)
+    is_crowded = np.repeat(uses > 2, uses)
+    at_edges[sheet[order[is_crowded] // 3]] = True
+    is_attached[sheet[order[np.repeat(uses > 3, uses)] // 3]] = False
     three = np.sort(sheet[order[first[uses == 3][:, None] + np.arange(3)] // 3], axis=1)
     low, middle, high = three.T
     single = np.where(low == middle, high, low)
     has_single = (low == middle) != (middle == high)
     for each in three.T:
-        may_go = has_single & (each == single) & (areas[each] < areas[middle])
-        hangs[each[~may_go]] = False
-    return np.asarray((hangs & at_edges)[sheet])
+        is_smaller = has_single & (each == single) & (areas[each] < areas[middle])
+        is_attached[each[~is_smaller]] = False
+    return np.asarray((is_attached & at_edges)[sheet])

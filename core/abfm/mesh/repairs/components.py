@@ -1,4 +1,4 @@
-"""Components of a surface, and choosing one of them."""
+"""Components of a surface, and the choice of one component or hemisphere."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ from abfm.reading import HEMISPHERES
 from abfm.types import BoolArray, FloatArray, IntArray
 
 _AREA_RATIO_MIN = 0.85  # the smaller over the larger area of two hemispheres
-_AREA_SHARE_MIN = 0.9  # of the area of all components
-_DISTANCE_MIN = 0.5  # of the middles along an axis, over the mean width
+_AREA_SHARE_MIN = 0.9  # the area of both over that of all components
+_DISTANCE_MIN = 0.5  # distance of the middles along an axis over the mean width
 _PLACES = {"L": "first", "R": "second"}
-_CONVENTION = ", as Connectome Workbench and nilearn order them"
+_CONVENTION = " (the order of Connectome Workbench and nilearn)"
 
 
 def components(draft: Draft) -> IntArray:
-    """Return the component of each face, (F,): faces that share a vertex belong together."""
+    """Return the component of each face, (F,); faces that share a vertex are connected."""
     faces = draft.faces
     sides = np.concatenate([faces[:, :2], faces[:, 1:]])
     return connected(len(draft.vertices), sides)[faces[:, 0]]
@@ -32,35 +32,40 @@ def keep_largest_component(draft: Draft) -> None:
 
 
 def keep_hemisphere(draft: Draft, side: str) -> str:
-    """Keep the components of one side, and return how it was chosen if not by x, see
-    `hemispheres`. A surface in one piece stays.
+    """Keep the components of one hemisphere; see `hemispheres`.
+
+    A surface of one component is not changed. If the hemispheres are ordered by their place in the
+    file, return a text about it, else an empty one.
     """
     name = HEMISPHERES[side]
     component = components(draft)
     if component.max() == 0:
-        draft.messages.append(f"the surface has one component, which is taken as the {name} one")
+        draft.messages.append(
+            f"the surface has one component, which was used as the {name} hemisphere"
+        )
         return ""
     found = hemispheres(draft)
     if found is None:
         raise MeshError(
-            f"the {name} hemisphere is requested, but the surface does not have two large "
-            "components of similar size, next to each other along x or one after the other in the "
-            "file: leave the option out, or give a file of one hemisphere"
+            f"the {name} hemisphere was requested, but the surface does not have two large "
+            "components of similar size, separate in x or in the order of the file. Omit the "
+            "option, or use a file of one hemisphere"
         )
-    is_left, is_by_order = found
-    place = f", the {_PLACES[side]} in the file" if is_by_order else ""
-    convention = _CONVENTION if is_by_order else ""
-    kept = is_left if side == "L" else ~is_left
-    _keep(draft, kept, f"the {name} hemisphere{place}{convention}")
+    is_left, is_by_file_order = found
+    place = f", the {_PLACES[side]} in the file" if is_by_file_order else ""
+    convention = _CONVENTION if is_by_file_order else ""
+    is_kept = is_left if side == "L" else ~is_left
+    _keep(draft, is_kept, f"the {name} hemisphere{place}{convention}")
     return place
 
 
 def hemispheres(draft: Draft) -> tuple[BoolArray, bool] | None:
-    """Return the faces of the left hemisphere, (F,), where the surface has two, and whether it is
-    the left one by its place in the file.
+    """Return whether each face (F,) belongs to the left hemisphere, or None without hemispheres.
 
-    That of the smaller x is the left one; other components belong to that whose middle is nearer.
-    Of two at one place, such as spheres, it is the first in the file, up to where the other begins.
+    The hemispheres are two large components of similar area. The left one has the smaller x; every
+    other component belongs to the hemisphere with the closer middle. Hemispheres at the same place,
+    such as spheres, are ordered as in the file. The left one comes first and ends where the other
+    begins. The second result is True in that case.
     """
     component, areas = components(draft), _areas(draft)
     sizes = np.bincount(component, areas)
@@ -72,19 +77,19 @@ def hemispheres(draft: Draft) -> tuple[BoolArray, bool] | None:
     middles = np.stack(sums, axis=1) / np.maximum(sizes, np.finfo(float).tiny)[:, None]
     widths = [np.ptp(corners[component == each], axis=(0, 1)) for each in two]
     gaps = np.abs(middles[two[0]] - middles[two[1]])
-    is_apart = gaps > _DISTANCE_MIN * np.mean(widths, axis=0)
-    alike = (
+    is_separate = gaps > _DISTANCE_MIN * np.mean(widths, axis=0)
+    are_similar = (
         sizes[two[1]] >= _AREA_RATIO_MIN * sizes[two[0]]
         and sizes[two].sum() >= _AREA_SHARE_MIN * sizes.sum()
     )
-    if not alike:
+    if not are_similar:
         return None
-    if is_apart[0]:
+    if is_separate[0]:
         is_left = middles[:, 0] < middles[two, 0].mean()
         return is_left[component], False
     vertices = (draft.faces[component == each] for each in two)
     (_, end), (start, _) = sorted((each.min(), each.max()) for each in vertices)
-    if is_apart.any() or end > start:
+    if is_separate.any() or end > start:
         return None
     first = np.full(len(sizes), start)
     np.minimum.at(first, component, draft.faces.min(axis=1))
@@ -95,9 +100,9 @@ def _areas(draft: Draft) -> FloatArray:
     return twice_areas(draft.vertices, draft.faces)
 
 
-def _keep(draft: Draft, kept: BoolArray, what: str) -> None:
+def _keep(draft: Draft, is_kept: BoolArray, what: str) -> None:
     vertices, faces = len(draft.vertices), len(draft.faces)
-    draft.keep(kept)
+    draft.keep_faces(is_kept)
     draft.messages.append(
         f"kept {what}: {len(draft.vertices)} of {vertices} vertices, {len(draft.faces)} of {faces} "
         "faces"

@@ -1,4 +1,4 @@
-"""Merging vertices that lie at the same position, or close to each other."""
+"""Merging of vertices at the same position, or close to each other."""
 
 import numpy as np
 
@@ -13,35 +13,35 @@ _PAIRS_MAX = 30_000_000
 
 
 def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> None:
-    """Make vertices one that are joined by steps of at most a distance: the first of them, where it
-    is.
+    """Merge vertices that are connected by steps of at most a distance into the first of them.
 
-    True takes 1e-6 of the diagonal of the bounding box. Unless faces ``may_collapse`` it is at most
-    half the shortest edge then, and a given distance is refused that is as long as an edge.
+    If the distance is True, it is 1e-6 of the diagonal of the bounding box. Unless faces
+    ``may_collapse``, it is then at most half the shortest edge. Another distance must be smaller
+    than the shortest edge, or than the median one if faces may collapse.
     """
     first, place = equal_rows(draft.vertices)
     points = draft.vertices[first]
     same = np.stack([first[place], np.arange(len(place))], axis=1)
-    reach = _reach(draft, distance, may_collapse)
+    reach = _merging_distance(draft, distance, may_collapse)
     _check_crowding(points, reach)
-    from scipy.spatial import KDTree  # whose import takes longer than reading a mesh
+    from scipy.spatial import KDTree  # imported here: it takes longer than reading a mesh
 
     tree = KDTree(points)
     if tree.count_neighbors(tree, reach) - len(points) > 2 * _PAIRS_MAX:
         raise _crowded(reach)
-    near = first[tree.query_pairs(reach, output_type="ndarray")]
-    pairs = draft.join(connected(len(draft.vertices), np.concatenate([same, near])))
+    close = first[tree.query_pairs(reach, output_type="ndarray")]
+    pairs = draft.merge(connected(len(draft.vertices), np.concatenate([same, close])))
     if len(pairs):
-        copy, kept = pairs[0]
-        where = f"at most {reach:.3g} apart" if len(near) else "at the same position"
+        copy, original = pairs[0]
+        where = f"at most {reach:.3g} apart" if len(close) else "at the same position"
         draft.messages.append(
             f"{counted(len(pairs), 'vertex was', 'vertices were')} merged into another one, "
-            f"{where} (for example vertex {copy} into vertex {kept})"
+            f"{where} (for example vertex {copy} into vertex {original})"
         )
 
 
-def _reach(draft: Draft, distance: bool | float, may_collapse: bool) -> float:
-    """Return up to which distance vertices are merged."""
+def _merging_distance(draft: Draft, distance: bool | float, may_collapse: bool) -> float:
+    """Return the largest distance at which vertices are merged, or raise a MeshError."""
     lengths = side_lengths(draft.vertices, draft.faces)
     lengths[lengths == 0] = np.inf
     face = int(lengths.min(axis=1).argmin())
@@ -56,14 +56,14 @@ def _reach(draft: Draft, distance: bool | float, may_collapse: bool) -> float:
         if may_collapse:
             which, where, shortest = "median", "", middle
         raise MeshError(
-            f"vertices at most {distance:g} apart are to be merged, but the {which} edge has "
-            f"length {shortest:.4g}{where}, and its face would collapse: give a smaller distance"
+            f"the merge distance is {distance:g}, but the {which} edge has length "
+            f"{shortest:.4g}{where}, and its face would collapse. Use a smaller distance"
         )
     return float(distance)
 
 
 def _check_crowding(points: FloatArray, reach: float) -> None:
-    """Refuse points so dense that looking for pairs of them would take very long."""
+    """Raise a MeshError if points are so dense that a search for pairs would take too long."""
     low = points.min(axis=0)
     size = max(reach, 1e-12 * float((points - low).max())) or 1.0
     cells = np.floor((points - low) / size).astype(np.int64)
@@ -74,6 +74,5 @@ def _check_crowding(points: FloatArray, reach: float) -> None:
 
 def _crowded(reach: float) -> MeshError:
     return MeshError(
-        f"too many of its vertices are less than {reach:.3g} apart: give a smaller distance to "
-        "merge"
+        f"too many vertices are less than {reach:.3g} apart. Use a smaller merge distance"
     )

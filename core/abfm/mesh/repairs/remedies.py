@@ -1,4 +1,4 @@
-"""Options with which a mesh that was refused can be used: they are tried."""
+"""Search for options with which a refused mesh can be used."""
 
 from __future__ import annotations
 
@@ -12,33 +12,39 @@ from abfm.mesh.options import MeshOptions
 from abfm.reading import HEMISPHERES
 
 FACES_MAX = 1_000_000
-"""Of larger meshes no options are tried, as that takes long."""
+"""Number of faces above which no options are tried, because that takes too long."""
 Attempt = Callable[[MeshOptions], Draft]
 
 
 class DefectError(MeshError):
-    """What is wrong with a mesh, and what to do if no option helps."""
+    """A defect of a mesh, and advice for the case that no option helps."""
 
     def __init__(self, problem: str, advice: str) -> None:
-        super().__init__(f"{problem}: {advice}")
+        super().__init__(f"{problem}. {advice}")
         self.problem = problem
 
 
 def with_remedies(
-    defect: DefectError, options: MeshOptions, attempt: Attempt, can_merge: bool, joins: bool
+    defect: DefectError,
+    options: MeshOptions,
+    attempt: Attempt,
+    can_merge: bool,
+    merging_joins: bool,
 ) -> MeshError:
-    """Return the error that names options with which the mesh can be used, or what is wrong with
-    all of them. They merge vertices if that ``joins`` components.
+    """Return an error that advises options with which the mesh can be used, if there are any.
+
+    ``can_merge`` is True if vertices share a position, and ``merging_joins`` if merging them joins
+    components.
     """
     last = ""
-    for group in _candidates(options, can_merge, joins):
+    for group in _candidates(options, can_merge, merging_joins):
         works = []
         for each in group:
             try:
                 works.append((each, attempt(each)))
             except MeshError as error:
                 is_other = not isinstance(error, DefectError) or error.problem != defect.problem
-                last = f"; with {each.words}, {error}" if is_other else ""
+                last = f". With {each.arguments}: {error}" if is_other else ""
         if group[0].hemisphere != options.hemisphere:
             works *= len(works) == len(group)
         elif works:
@@ -48,13 +54,15 @@ def with_remedies(
     return MeshError(f"{defect.problem}{last}" if last else str(defect))
 
 
-def _candidates(options: MeshOptions, can_merge: bool, joins: bool) -> Iterator[list[MeshOptions]]:
-    """Yield options, those of a group together: of the first group that works the one that keeps
-    most faces is advised, or both hemispheres if both work.
+def _candidates(
+    options: MeshOptions, can_merge: bool, merging_joins: bool
+) -> Iterator[list[MeshOptions]]:
+    """Yield groups of options to try.
 
-    Merging comes first, as it also joins the sides of seams that leave a surface connected.
+    The advice is the option that keeps most faces in the first group that works. In a group of two
+    hemispheres, both must work. Merging comes first because it also closes seams.
     """
-    merges = [replace(options, merge=True)] * can_merge + [options] * (not joins)
+    merges = [replace(options, merge=True)] * can_merge + [options] * (not merging_joins)
     cleans = [] if options.clean else [replace(each, clean=True) for each in merges]
     yield from ([each] for each in [*merges, *cleans] if each != options)
     if not (options.hemisphere or options.largest_component):
@@ -66,10 +74,12 @@ def _candidates(options: MeshOptions, can_merge: bool, joins: bool) -> Iterator[
 
 
 def _advised(problem: str, works: list[tuple[MeshOptions, Draft]]) -> MeshError:
-    words = " or ".join(f"{options.words} (keeps {draft.kept})" for options, draft in works)
-    error = MeshError(f"{problem}: use {words}; in Python: {works[0][0].keywords}")
+    advice = " or ".join(
+        f"{options.arguments} (keeps {draft.kept_counts})" for options, draft in works
+    )
+    error = MeshError(f"{problem}. Use {advice}; in Python: {works[0][0].keywords}")
     error.problem = problem
     error.remedies = tuple(
-        Remedy(options.given, options.button, draft.kept) for options, draft in works
+        Remedy(options.changed, options.button, draft.kept_counts) for options, draft in works
     )
     return error
