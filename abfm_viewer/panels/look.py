@@ -176,7 +176,7 @@ def _field(context: Context) -> None:
     if context.shown.flow.state is None:
         ui.note("There is a field after, and during, a match.")
     field = quantities.field()
-    if context.session.view.part == "commuting" and quantities.finding:
+    if context.session.view.part == "commuting" and quantities.is_computing_field:
         ui.note("The field that commutes is being computed.")
     elif field is not None:
         speed, unit = field.relative_speed()

@@ -18,7 +18,7 @@ from abfm.types import FloatArray
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.surfaces import Camera, fitted, look, register, show
-from abfm_viewer.shown.arrows import ArrowLook, arrow_spacing, arrows_of
+from abfm_viewer.shown.arrows import ArrowStyle, arrow_spacing, arrows_of
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.paint import Paint, PaintKind
 from abfm_viewer.shown.ribbons import unit
@@ -113,9 +113,9 @@ def _show(
         scale = mesh.length_scale * height / view.height
         spacing = arrow_spacing(_DENSITY, scale)
         arrows = arrows_of(
-            mesh, panel.arrows, ArrowLook(_ARROW, spacing, fast), eye, panel.determined
+            mesh, panel.arrows, ArrowStyle(_ARROW, spacing, fast), eye, panel.determined
         )
-        if len(arrows.ways):
+        if len(arrows.spines):
             overlays.draw_arrows("arrows", arrows, _INK, _RIM)
             overlays.see_arrows("arrows", arrows, eye, arrows.hidden(eye))
     if panel.lines:

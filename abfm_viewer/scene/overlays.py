@@ -283,7 +283,7 @@ class Overlays:
         eye = self._eye.get((axes.tobytes(),), lambda: Eye(axes))
         field = self._field
         arrows = None if field is None else quantities.arrows(field, self._scale, eye)
-        if arrows is None or not len(arrows.ways):
+        if arrows is None or not len(arrows.spines):
             self._remove(_ARROWS)
             draw_transparency(False)
             return
@@ -334,7 +334,7 @@ class Overlays:
 
     def _draw_tracks(self, mesh: TriangleMesh) -> None:
         """Show where a film's critical points go, and where they are now."""
-        ways, now = self._shown.tracks.ways(), self._shown.tracks.now()
+        ways, now = self._shown.tracks.paths(), self._shown.tracks.now()
         time = self._shown.session.document.time
         for kind in KINDS:
             own = tuple(way for way in ways if way.kind == kind)

@@ -23,7 +23,7 @@ from abfm_viewer.scene.overlays import Overlays, Placed, evenly_spread
 from abfm_viewer.scene.pacing import Pacing
 from abfm_viewer.scene.slots import Fit, Place, SlotView, rotation, slots
 from abfm_viewer.scene.surfaces import Viewport, viewport
-from abfm_viewer.shown.landmarks import Marks
+from abfm_viewer.shown.landmarks import LandmarkPoints
 from abfm_viewer.shown.paint import Paint, Painter
 from abfm_viewer.shown.ribbons import unit, vertex_normals
 from abfm_viewer.shown.shown import Shown
@@ -232,7 +232,7 @@ class Scene:
         return min(near, key=lambda one: one[0])[1] if near else None
 
     def _drawn(
-        self, name: str, side: Side | None, marks: Marks | None, is_goal: bool
+        self, name: str, side: Side | None, marks: LandmarkPoints | None, is_goal: bool
     ) -> list[DrawnMark]:
         if marks is None or self._session.surface(name).mesh is not marks.mesh:
             return []

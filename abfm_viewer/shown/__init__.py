@@ -1,4 +1,4 @@
-"""What pictures show: functions along the flow, the field, streaks, comparisons."""
+"""Everything that pictures show: advected functions, fields, arrows, streaks and comparisons."""
 
 import lazy_loader
 

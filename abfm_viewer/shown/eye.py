@@ -1,4 +1,4 @@
-"""Where a surface is seen from, and what of it is hidden by its other parts."""
+"""Points of view, and the parts of a surface that are hidden from them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import numpy as np
 import abfm
 from abfm.types import BoolArray, FloatArray, IntArray
 
-_PIXELS = 1024  # of a map of depths, along its longer side
+_PIXELS = 1024  # along the longer side of a depth map
 
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """An eye that sees surfaces in parallel projection, or in perspective from a place (3,), in
-    units of the square root of a surface's area; axes (3, 3) are what is right, up, and towards it.
+    """A point of view, in units of the square root of a surface's area.
+
+    The rows of ``axes`` (3, 3) point right, up, and towards the viewer. The projection is a
+    perspective from ``place`` (3,), or parallel if that is None.
     """
 
     axes: FloatArray
@@ -29,17 +31,18 @@ class Eye:
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
     def projected(self, places: FloatArray) -> FloatArray:
-        """Return where places (P, 3) are in the picture, and what is linear in it and larger where
-        they are nearer, (P, 3).
+        """Return the positions of places (P, 3) in the picture, and their depths, (P, 3).
+
+        The depth is linear in the picture and larger for nearer places.
         """
         if self.place is None:
             return np.asarray(places @ self.axes.T)
         right, up, near = ((places - self.place) @ self.axes.T).T
         return np.asarray(np.stack([right, up, np.ones(len(places))], axis=1) / -near[:, None])
 
-    def before(self, nearest: FloatArray, own: FloatArray) -> FloatArray:
-        """Return how far the nearest of what is seen (P,) is before places' own (P,)."""
-        return np.asarray(nearest - own if self.place is None else 1 / own - 1 / nearest)
+    def before(self, nearest: FloatArray, depths: FloatArray) -> FloatArray:
+        """Return the distances, along the line of sight, from depths (P,) to nearer ones (P,)."""
+        return np.asarray(nearest - depths if self.place is None else 1 / depths - 1 / nearest)
 
     def hides(
         self,
@@ -48,8 +51,11 @@ class Eye:
         cosines: FloatArray,
         slack: float,
     ) -> BoolArray:
-        """Tell which of the places (P, 3) a surface, by vertices (V, 3) and faces, has before them,
-        farther than the slack, (P,); it is seen there at angles of these cosines (P,), more than 0.
+        """Return which places (P, 3) are hidden by a surface, (P,).
+
+        ``surface`` is a pair of vertices (V, 3) and faces. It hides a place if it is more than
+        ``slack`` in front of it. ``cosines`` (P,), positive, are those between the normal of the
+        surface at the places and the line of sight.
         """
         vertices, faces = surface
         seen = self.projected(vertices)
@@ -58,12 +64,13 @@ class Eye:
         width, height = (int(n) for n in np.ceil((high - low) / pixel + 1e-9))
         seen[:, :2] = (seen[:, :2] - low) / pixel
         nearest = abfm.maps.nearest_depths(seen, faces, max(width, 1), max(height, 1))
-        own = self.projected(places)
-        column, row = ((own[:, :2] - low) / pixel).astype(np.int64).T
+        projected = self.projected(places)
+        column, row = ((projected[:, :2] - low) / pixel).astype(np.int64).T
         found = nearest[row.clip(0, len(nearest) - 1), column.clip(0, len(nearest[0]) - 1)]
         is_there, hidden = found > -np.inf, np.zeros(len(places), dtype=bool)
-        # a pixel's middle may be nearer than a place beside it on the same slope
-        length = pixel if self.place is None else pixel / own[is_there, 2]
+        # on a slope, the middle of a pixel may be nearer than a place in the same pixel
+        depths = projected[is_there, 2]
+        length = pixel if self.place is None else pixel / depths
         slope = np.sqrt(1 / cosines[is_there] ** 2 - 1)
-        hidden[is_there] = self.before(found[is_there], own[is_there, 2]) > slack + length * slope
+        hidden[is_there] = self.before(found[is_there], depths) > slack + length * slope
         return hidden

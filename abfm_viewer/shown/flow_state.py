@@ -1,4 +1,4 @@
-"""A flow that is shown, with what it is a flow of."""
+"""The state of a flow that is shown: its field, mesh, parameters and extent in time."""
 
 from __future__ import annotations
 
@@ -13,82 +13,93 @@ from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.document.document import EXTRAPOLATION
 
-_VALUE_MAX = 1e37  # that can be shown in single precision
-_SEQUENCE_LINE = 0.5  # of sqrt(area)
+_VALUE_MAX = 1e37  # single precision
+_SEQUENCE_LINE = 0.5  # length of flow lines of sequences, in sqrt(area)
 
 
 @dataclass(frozen=True, eq=False)
 class FlowState:
-    """A field (N, 4^k F, 3), of the mesh subdivided k times, or what reads it, which takes a while,
-    or one (F, 3) of a film's interval; the same only if one object.
+    """A field and the data that its flow needs; states are equal only if they are one object.
+
+    ``field`` is (N, 4^k F, 3) on the mesh subdivided k times, or (F, 3) for an interval of a
+    sequence. It may also be a slow function that reads the field.
     """
 
     mesh: TriangleMesh
-    found: FloatArray | Callable[[], FloatArray]
+    field: FloatArray | Callable[[], FloatArray]
     parameters: Parameters
-    final: bool = True  # a result, and not an iterate
-    problem: abfm.Problem | None = None  # that was solved, whose source is known on finer meshes
-    fields: int = 1  # in a row, N, as far as they are still to be read
-    initial: abfm.maps.PointMap | None = None  # of two surfaces: where B's points lie on A
-    reach: float = EXTRAPOLATION  # how long the time bar is, in units of tau
-    motion: float = 1.0  # its share in the frames between two of a sequence
+    final: bool = True  # a result, not an iterate
+    problem: abfm.Problem | None = None  # the solved problem, with its source on finer meshes
+    fields: int = 1  # N, used while the field is not yet read
+    initial: abfm.maps.PointMap | None = None  # of two surfaces, from B to A
+    reach: float = EXTRAPOLATION  # length of the time bar, in units of tau
+    motion: float = 1.0  # share of the motion in the frames between two of a sequence
 
     @property
     def count(self) -> int:
-        """How many fields there are in a row, N."""
-        is_here = not callable(self.found) and self.found.ndim == 3
-        return len(self.found) if is_here and not callable(self.found) else self.fields
+        """Number N of consecutive fields."""
+        is_here = not callable(self.field) and self.field.ndim == 3
+        return len(self.field) if is_here and not callable(self.field) else self.fields
 
     @cached_property
     def flow(self) -> abfm.Flow:
-        """The flow; not to be asked for in the frame loop."""
-        found = self.found() if callable(self.found) else self.found
-        return abfm.Flow(self.mesh, found, self.parameters.tau, self.parameters.paper.method)
+        """The flow; reading it may be slow, so the frame loop must not use it."""
+        field = self.field() if callable(self.field) else self.field
+        return abfm.Flow(self.mesh, field, self.parameters.tau, self.parameters.paper.method)
 
     @property
     def duration(self) -> float:
-        """How long the time bar is."""
+        """Length of the time bar, in time."""
         return self.reach * self.parameters.tau
 
     @property
     def line_time(self) -> float:
-        """How long flow lines of the field are, one way: tau; of a film, whose steps are short,
-        half of sqrt(area) at the usual speed.
+        """Duration of flow lines in each direction.
+
+        It is tau for a match. For a sequence, whose intervals are short, it is the time for half of
+        sqrt(area) at the root mean square speed.
         """
         if self.reach == EXTRAPOLATION:
             return self.parameters.tau
-        usual = float(np.sqrt(np.mean((self.velocity**2).sum(axis=-1))))
-        return _SEQUENCE_LINE * self.mesh.length_scale / usual if usual > 0 else self.parameters.tau
+        rms = float(np.sqrt(np.mean((self.velocity**2).sum(axis=-1))))
+        return _SEQUENCE_LINE * self.mesh.length_scale / rms if rms > 0 else self.parameters.tau
 
     @property
     def velocity(self) -> FloatArray:
-        """The fields on the mesh itself (N, F, 3); not to be asked for in the frame loop."""
+        """The fields (N, F, 3) on the mesh itself; the frame loop must not use it, as `flow`."""
         return self.flow.velocity
 
     def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:
-        """Where what is at the vertices' places (V, 3) at times (T,) came from, (T, V, 3), of two
-        surfaces on A.
+        """Return the origins at time 0 of the points at the vertices at times (T,), (T, V, 3).
+
+        ``places`` (V, 3) only gives the shape. For two surfaces the origins are on A.
         """
         maps, first = self.flow.point_maps(times), self.initial
         found = [(each if first is None else each.followed_by(first)).positions for each in maps]
         return np.array(found).reshape(len(times), *places.shape)
 
     def destinations(self, places: FloatArray, times: FloatArray) -> FloatArray:
-        """Where what is at the vertices' places (V, 3) goes until times (T,), (T, V, 3)."""
+        """Return the positions at times (T,) of points that start at the vertices, (T, V, 3).
+
+        ``places`` (V, 3) only gives the shape.
+        """
         found = [points.positions for points in self.flow.point_maps(times, inverse=True)]
         return np.array(found).reshape(len(times), *places.shape)
 
-    def carry(self, function: FloatArray, times: FloatArray) -> FloatArray:
-        """A function (V,) or (V, C) at times (T,), if the flow can be followed: (T, V, C)."""
-        carried = self._pushed(function, times)
-        if np.abs(carried).max() > _VALUE_MAX:
-            raise abfm.AdvectionError(
-                "the function overflows on its way: the discrete flow is unstable over this time"
-            )
-        return carried
+    def advect(self, function: FloatArray, times: FloatArray) -> FloatArray:
+        """Return a function (V,) or (V, C), advected along the flow to times (T,), (T, V, C).
 
-    def _pushed(self, function: FloatArray, times: FloatArray) -> FloatArray:
-        """Carry the source as it was carried when the flow was found: evaluated on its mesh."""
+        Raises `abfm.AdvectionError` if the values overflow.
+        """
+        advected = self._advected(function, times)
+        if np.abs(advected).max() > _VALUE_MAX:
+            raise abfm.AdvectionError(
+                "the advected function overflows: the discrete flow is unstable over this time"
+            )
+        return advected
+
+    def _advected(self, function: FloatArray, times: FloatArray) -> FloatArray:
+        """Advect a function; a source of the problem is advected on the mesh of the match."""
         flow = self.flow
         channels = () if self.problem is None or not flow.refined else self.problem.source.T
         for channel, source in enumerate(channels):

@@ -1,6 +1,4 @@
-"""The function between two frames of a sequence at any time: their blend, with the motion of the
-field between them.
-"""
+"""Interpolation between two frames of a sequence along the field of their interval."""
 
 from __future__ import annotations
 
@@ -14,8 +12,8 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.shown.flow_state import FlowState
 
-_TIMES = 9  # of an interval at which it is computed; those between are blended
-_NUMBERS_KEPT_MAX = 30_000_000  # numbers that are kept, in single precision
+_TIMES = 9  # computed in each interval; other times are blends of these
+_CACHED_NUMBERS_MAX = 30_000_000  # numbers in the cache, in single precision
 
 
 Frames = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
@@ -23,40 +21,42 @@ Frames = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 def blended(frames: Frames, place: float) -> FloatArray:
-    """Return the function at a place from 0 to T - 1, between the frames around it."""
+    """Return the linear interpolation at a place from 0 to T - 1, (V,)."""
     before = min(int(place), len(frames) - 2)
     first, second = frames[before], frames[before + 1]
     return np.asarray(first + np.float32(place - before) * (second - first))
 
 
-def carried(
+def interpolated(
     flow: FlowState, before: FloatArray, after: FloatArray, shares: FloatArray
 ) -> FloatArray:
-    """Return the function at shares (T,) of the interval, (T, V): as `abfm.Sequence.at` has it."""
+    """Return the function at shares (T,) of the interval, (T, V), as `abfm.Sequence.at` does."""
     return interpolate(flow.flow, before, after, shares, flow.motion)
 
 
 def _frames(flow: FlowState, before: FloatArray, after: FloatArray) -> Frames:
     shares = np.linspace(0, 1, _TIMES)
-    return carried(flow, before, after, shares).astype(np.float32)
+    return interpolated(flow, before, after, shares).astype(np.float32)
 
 
 class InBetween:
-    """Values at the shown time; computed intervals are kept, as films are played again."""
+    """Values at the shown time; computed intervals are cached, as sequences are often replayed."""
 
     def __init__(self, jobs: Jobs) -> None:
         self._at_once = jobs.at_once
         self._found: Latest[Frames] = jobs.latest()
         self._exact: Latest[FloatArray] = jobs.latest()
-        self._kept: OrderedDict[tuple[float, ...], tuple[object, Frames]] = OrderedDict()
+        self._cache: OrderedDict[tuple[float, ...], tuple[object, Frames]] = OrderedDict()
         self._shown = Memo[FloatArray]()
         self.is_behind = False
 
     def at(
         self, flow: FlowState | None, before: FloatArray, after: FloatArray, share: float
     ) -> FloatArray:
-        """Return the function at a share of the interval, (V,): blended without a flow, or while
-        what the flow carries is computed, where it `is_behind`.
+        """Return the function at a share of the interval, (V,).
+
+        It is a linear blend if there is no flow, and until the interpolation along the flow is
+        computed; then `is_behind` is true.
         """
         self.is_behind = False
         if share in (0.0, 1.0):
@@ -64,17 +64,17 @@ class InBetween:
         if flow is not None and self._at_once:
             key = (flow, before, after, share)
             given = flow, before, after, np.array([share])
-            if (exact := self._exact.ask(key, lambda: carried(*given)[0])) is not None:
+            if (exact := self._exact.ask(key, lambda: interpolated(*given)[0])) is not None:
                 return exact
         found = None if flow is None else self._frames(flow, before, after)
         self.is_behind = flow is not None and found is None
         if found is not None:
             return self._shown.get((found, share), partial(blended, found, share * (_TIMES - 1)))
-        made_of = before, after, share
-        return self._shown.get(made_of, lambda: (1 - share) * before + share * after)
+        inputs = before, after, share
+        return self._shown.get(inputs, lambda: (1 - share) * before + share * after)
 
     def prepare(self, flow: FlowState, before: FloatArray, after: FloatArray) -> None:
-        """Compute another interval, if nothing else is computed."""
+        """Compute another interval in advance, unless one is being computed."""
         if not (self._found.busy or self._at_once):
             self._frames(flow, before, after)
 
@@ -83,27 +83,27 @@ class InBetween:
         return self._found.error or self._exact.error
 
     def _frames(self, flow: FlowState, before: FloatArray, after: FloatArray) -> Frames | None:
-        self._keep()
-        made_of = (flow.found, before, after, flow.motion)
-        number = _number(made_of)
-        if number in self._kept and same(self._kept[number][0], made_of):
-            self._kept.move_to_end(number)
-            return self._kept[number][1]
-        self._found.ask(made_of, partial(_frames, flow, before, after))
-        self._keep()
-        return self._kept[number][1] if number in self._kept else None
+        self._store()
+        inputs = (flow.field, before, after, flow.motion)
+        key = _cache_key(inputs)
+        if key in self._cache and same(self._cache[key][0], inputs):
+            self._cache.move_to_end(key)
+            return self._cache[key][1]
+        self._found.ask(inputs, partial(_frames, flow, before, after))
+        self._store()
+        return self._cache[key][1] if key in self._cache else None
 
-    def _keep(self) -> None:
-        """Keep what was computed last; what was not used for long is left out."""
-        key, value = self._found.key, self._found.value
-        if not isinstance(key, tuple) or value is None:
+    def _store(self) -> None:
+        """Store the newest frames in the cache, and drop the least recently used ones."""
+        inputs, value = self._found.key, self._found.value
+        if not isinstance(inputs, tuple) or value is None:
             return
-        self._kept.setdefault(_number(key), (key, value))
-        most = max(_NUMBERS_KEPT_MAX // value.size, 4)
-        while len(self._kept) > most:
-            self._kept.popitem(last=False)
+        self._cache.setdefault(_cache_key(inputs), (inputs, value))
+        entries_max = max(_CACHED_NUMBERS_MAX // value.size, 4)
+        while len(self._cache) > entries_max:
+            self._cache.popitem(last=False)
 
 
-def _number(made_of: tuple[object, ...]) -> tuple[float, ...]:
-    """Return what names an interval's frames: its arrays, the same objects, and numbers."""
-    return tuple(each if isinstance(each, float) else id(each) for each in made_of)
+def _cache_key(inputs: tuple[object, ...]) -> tuple[float, ...]:
+    """Return a hashable key of an interval: the identities of its arrays, and its numbers."""
+    return tuple(each if isinstance(each, float) else id(each) for each in inputs)

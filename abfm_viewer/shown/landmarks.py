@@ -1,4 +1,4 @@
-"""Landmarks as pictures show them: where they were placed, and where the flow has them."""
+"""Landmarks in pictures: placed points, and points moved by the flow."""
 
 from __future__ import annotations
 
@@ -22,26 +22,28 @@ from abfm_viewer.shown.ribbons import outward
 from abfm_viewer.shown.shown_flow import ShownFlow
 
 _TIMES = 41  # tau is one of them
-_DEPTH_TOLERANCE = 0.01  # of sqrt(area): what is less far behind a face lies on it
+_DEPTH_TOLERANCE = 0.01  # of sqrt(area): a point less far behind a face is not hidden by it
 
 
 @dataclass(frozen=True, eq=False)
-class Marks:
-    """Places (P, 3) on a surface, the normals there, and which landmarks they are of."""
+class LandmarkPoints:
+    """P points of landmarks on a surface."""
 
     mesh: TriangleMesh
-    numbers: tuple[int, ...]  # from 0
-    places: FloatArray
-    normals: FloatArray
+    numbers: tuple[int, ...]  # of the landmarks, from 0
+    places: FloatArray  # (P, 3)
+    normals: FloatArray  # (P, 3)
 
     @classmethod
-    def at(cls, points: abfm.maps.SurfacePoints, numbers: tuple[int, ...]) -> Marks:
+    def at(cls, points: abfm.maps.SurfacePoints, numbers: tuple[int, ...]) -> LandmarkPoints:
         normals = abfm.calculus.face_normals(points.mesh)[points.faces]
         return cls(points.mesh, numbers, points.positions, outward(points.mesh) * normals)
 
     def hidden(self, axes: FloatArray) -> BoolArray:
-        """Return which marks, (P,), are behind a part of the surface, or, on a closed surface, look
-        away, in parallel projection; axes (3, 3) point to the right, up, and towards the viewer.
+        """Return which points are hidden by the surface in parallel projection, (P,).
+
+        On a closed surface this includes points that face away. The rows of ``axes`` (3, 3) point
+        right, up, and towards the viewer.
         """
         mesh, cosines = self.mesh, self.normals @ axes[2]
         cosines = cosines if mesh.is_closed else np.abs(cosines)
@@ -54,82 +56,88 @@ class Marks:
 
 @dataclass(frozen=True, eq=False)
 class LandmarkPaths:
-    """Where points are at times (T,) of a flow."""
+    """The positions of points at times (T,) of a flow."""
 
     times: FloatArray
     points: list[abfm.maps.SurfacePoints]
 
     @classmethod
     def along(cls, flow: FlowState, starts: abfm.maps.SurfacePoints) -> LandmarkPaths:
-        """Follow points to the end of the time bar, by the flow lines that judge a match."""
+        """Follow points to the end of the time bar, along the flow lines that verify a match."""
         lines = abfm.flow.ContinuousFlow(flow.mesh, flow.flow.fine_velocity, flow.parameters.tau)
         times, points = np.linspace(0, flow.duration, _TIMES), [starts]
         for begin, end in pairwise(times.tolist()):
             points.append(lines.between(points[-1], begin, end))
         return cls(times, points)
 
-    def at(self, time: float, numbers: tuple[int, ...]) -> Marks:
-        """Return where they are at a time, between those known on straight ways."""
+    def at(self, time: float, numbers: tuple[int, ...]) -> LandmarkPoints:
+        """Return the points at a time, linearly interpolated."""
         after = int(np.clip(np.searchsorted(self.times, time), 1, len(self.times) - 1))
         begin, end = self.times[after - 1 : after + 1]
-        before, then = (Marks.at(self.points[k], numbers) for k in (after - 1, after))
+        before, then = (LandmarkPoints.at(self.points[k], numbers) for k in (after - 1, after))
         share = float(np.clip((time - begin) / (end - begin), 0, 1))
         places = (1 - share) * before.places + share * then.places
         return replace(then if share > 0.5 else before, places=places)
 
 
 class ShownLandmarks(Jobs):
+    """The landmarks of a session, computed in the background."""
+
     def __init__(self, session: Session, flow: ShownFlow) -> None:
         super().__init__(session.at_once)
         self._session, self._flow = session, flow
-        self._placed = {side: Memo[Marks | None]() for side in SIDES}
+        self._placed = {side: Memo[LandmarkPoints | None]() for side in SIDES}
         self._starts: Memo[abfm.maps.SurfacePoints] = Memo()
-        self._ways: Latest[LandmarkPaths] = self.latest()
-        self._moved = Memo[Marks]()
+        self._paths: Latest[LandmarkPaths] = self.latest()
+        self._moved = Memo[LandmarkPoints]()
         self._axes = defaultdict[tuple[str, Side | None], Memo[FloatArray]](Memo)
         self._hidden = defaultdict[tuple[str, Side | None], Latest[BoolArray]](self.latest)
 
-    def hidden(self, slot: str, side: Side | None, marks: Marks, axes: FloatArray) -> BoolArray:
-        """Return which marks in a slot are hidden, (P,), seen by axes (3, 3); lately those of an
-        earlier view.
-        """
-        kept = self._axes[slot, side].get((axes.tobytes(),), lambda: axes)
-        about = marks.mesh, marks.numbers
-        found = self._hidden[slot, side].newest(about, Marks.hidden, marks, kept)
-        return np.zeros(len(marks.numbers), dtype=bool) if found is None else found
+    def hidden(
+        self, slot: str, side: Side | None, points: LandmarkPoints, axes: FloatArray
+    ) -> BoolArray:
+        """Return which points in a slot are hidden, (P,), seen along the axes (3, 3).
 
-    def placed(self, side: Side) -> Marks | None:
-        """Return where the user placed them on the surface of a side; None if nowhere."""
+        While this is computed, the result is that of an earlier view.
+        """
+        same_axes = self._axes[slot, side].get((axes.tobytes(),), lambda: axes)
+        subject = points.mesh, points.numbers
+        found = self._hidden[slot, side].newest(subject, LandmarkPoints.hidden, points, same_axes)
+        return np.zeros(len(points.numbers), dtype=bool) if found is None else found
+
+    def placed(self, side: Side) -> LandmarkPoints | None:
+        """Return the points that the user placed on the surface of a side; None if none."""
         landmarks, mesh = self._session.document.landmarks, self._session.surface(side).mesh
 
-        def place() -> Marks | None:
+        def place() -> LandmarkPoints | None:
             given = [(n, point) for n, one in enumerate(landmarks) if (point := one.point(side))]
             if not given:
                 return None
             numbers, points = zip(*given, strict=True)
-            return Marks.at(surface_points(mesh, points), numbers)
+            return LandmarkPoints.at(surface_points(mesh, points), numbers)
 
         return self._placed[side].get((mesh, landmarks), place)
 
-    def moved(self) -> Marks | None:
-        """Return where the flow has brought those of the source until the shown time, on the
-        target's surface; None where none are, or that is not known.
+    def moved(self) -> LandmarkPoints | None:
+        """Return the points of the source, moved by the flow to the shown time.
+
+        They are on the surface of the target. None if there are none, or they are not yet known.
         """
         landmarks = self._session.document.landmarks
         numbers = tuple(n for n, one in enumerate(landmarks) if one.source is not None)
         if not numbers or (starts := self._on_target(landmarks)) is None:
             return None
         flow, time = self._flow.state, self._flow.time
-        begun = partial(Marks.at, starts, numbers)
+        at_start = partial(LandmarkPoints.at, starts, numbers)
         if flow is None or time == 0:
-            return self._moved.get((starts, 0.0), begun)
-        found = self._ways.newest((flow.mesh, starts), LandmarkPaths.along, flow, starts)
+            return self._moved.get((starts, 0.0), at_start)
+        found = self._paths.newest((flow.mesh, starts), LandmarkPaths.along, flow, starts)
         if found is None:
-            return self._moved.get((starts, 0.0), begun)
+            return self._moved.get((starts, 0.0), at_start)
         return self._moved.get((found, time), partial(found.at, time, numbers))
 
     def _on_target(self, landmarks: tuple[Landmark, ...]) -> abfm.maps.SurfacePoints | None:
-        """Return where those of the source start on the target's surface."""
+        """Return the points of the source on the surface of the target, at time 0."""
         document, prepared = self._session.document, self._session.work.prepared
         initial = prepared.initial.correspondence if prepared else None
         if initial is None and document.surface("source") is not document.surface():

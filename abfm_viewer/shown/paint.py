@@ -1,4 +1,4 @@
-"""What each surface shows: values and their range, decided without drawing anything."""
+"""Paints: the values, colour range and title of each surface, without any drawing."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -25,43 +25,45 @@ from abfm_viewer.shown.quantities import Field
 from abfm_viewer.shown.shown import Shown
 
 COMPUTING_SUFFIX = ": computing"
-"""What follows the title of a surface whose values are still to come."""
+"""Suffix of the title of a surface whose values are being computed."""
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
-_LEAST_RANGE = 1e-12
-_RANGE_TOLERANCE = 0.02  # of a range: what values may leave it by before it is told
-# where A's function is in its own unit, and what is compared on B is not
-_OWN_UNIT_TITLE = "function on A, in its own unit"
+_RANGE_MIN = 1e-12
+_RANGE_TOLERANCE = 0.02  # of a range: values farther outside are noted in the title
+# titles of the colour bars if the functions on A and B have different units
+_UNIT_OF_A_TITLE = "function on A, in its own unit"
 _DEVIATIONS_TITLE = "function, in standard deviations"
-_SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
+_SQUARES = 20  # of a checkerboard, across the front view of a mesh
 
 
 @dataclass(frozen=True, eq=False)
 class Paint:
+    """The values and colours that a surface shows."""
+
     kind: PaintKind
-    # (V,), (F,), linear (V, 3), places (V, 2) in a checkerboard, or texture (size, size, 3)
+    # (V,), (F,), linear colours (V, 3), checkerboard coordinates (V, 2), texture (size, size, 3)
     values: FloatArray | NDArray[np.float32]
-    title: str  # for the label above the surface
-    colors: ColorRange | None = None  # where the values are colours themselves and no function's
+    title: str  # of the label above the surface
+    colors: ColorRange | None = None  # of a function; None if the values are colours
     bar: str = ""  # title of the colour bar; surfaces with the same title share one
-    corners: FloatArray | None = None  # (3F, 2): their places in a texture
-    is_dark: bool = False  # a checkerboard for a dark ground
-    mesh: TriangleMesh | None = None  # that the values are on; None for the surface's own
-    # (V,) or (F,): where values of a function are filled in, which is grey
+    corners: FloatArray | None = None  # (3F, 2): texture coordinates of the corners
+    is_dark: bool = False  # a checkerboard for a dark background
+    mesh: TriangleMesh | None = None  # of the values; None for that of the surface
+    # (V,) or (F,): where the function has no measured values; drawn grey
     unknown: BoolArray | None = None
 
 
 class Painter:
-    """Decides all paints, each the same object while what it is made of is."""
+    """Makes the paints of all surfaces; a paint is the same object until its inputs change."""
 
     def __init__(self, shown: Shown) -> None:
-        self.largest_error: float | None = None  # of a movie, where the range must not change
+        self.largest_error: float | None = None  # fixes the range of a movie
         self._shown, self._session = shown, shown.session
-        self._kept: dict[str, Memo[Paint]] = defaultdict(Memo)
+        self._memos: dict[str, Memo[Paint]] = defaultdict(Memo)
         self._unknowns: dict[str, Memo[BoolArray | None]] = defaultdict(Memo)
         self._range, self._range_on_a = Memo[ColorRange](), Memo[ColorRange]()
 
     def paint(self, name: str) -> Paint | None:
-        """Return what a surface shows now; None while nothing is known."""
+        """Return the present paint of a surface; None if it has no values yet."""
         session = self._session
         side = next((side for side in SIDES if side == name), None)
         if side and session.work.error(side):
@@ -69,8 +71,8 @@ class Painter:
         source, target = session.work.flow_values("source"), session.work.flow_values("target")
         if source is None or target is None:
             return self._before_the_map(name)
-        own = session.values("source") if target is session.values("target") else source
-        colors = self._function_range(source if own is None else own, target)
+        ranged = session.values("source") if target is session.values("target") else source
+        colors = self._function_range(source if ranged is None else ranged, target)
         if paint := self._on_finer(name, colors):
             return paint
         if side:
@@ -89,50 +91,51 @@ class Painter:
         return self._by_coloring(advected, colors) or self._plain(advected, colors)
 
     def _before_the_map(self, name: str) -> Paint | None:
-        """Show functions of two surfaces as they are, while nothing is known of how they lie on
-        each other, or nothing can be.
-        """
+        """Return the paint of two surfaces without an initial map between them."""
         session = self._session
         source, target = session.values("source"), session.values("target")
         if source is None or target is None:
             return None
         if name not in SIDES:
             return self._without_values(name) if session.initial_maps.error else None
-        colors, own = self._function_range(source, target), {"source": source, "target": target}
-        return self._function(name, own[name], self._session.document.slot_title(name), colors)
+        colors = self._function_range(source, target)
+        values = source if name == "source" else target
+        return self._function(name, values, self._session.document.slot_title(name), colors)
 
     def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint | None:
-        """Show a side's function, or the pattern that is carried where it begins; A's function in
-        its own unit, though what is compared on B be in another one. None before that is known.
+        """Return the paint of the source or target; None before its values are known.
+
+        The source shows the pattern at time 0 if the view shows a pattern. A function on A is
+        shown in its own unit, even if the functions compared on B have another one.
         """
         session, title = self._session, self._session.document.slot_title(side)
         is_of_source = session.surface(side) is session.surface("source")
         if session.view.coloring in TRANSFERRED_COLORINGS and is_of_source:
             places = session.surface(side).mesh.vertices
-            if (paint := self._carried(side, places, title)) is not None:
+            if (paint := self._pattern(side, places, title)) is not None:
                 return paint
         if side == "target" or session.work.flow_values(side) is session.values(side):
             return self._function(side, values, title, colors)
-        if (own := session.values(side)) is None:  # what came to B by an earlier one is on B
+        if (on_a := session.values(side)) is None:  # ``values`` are transferred, and so on B
             return None
         if session.work.flow_values("target") is session.values("target"):
-            return self._function(side, own, title, colors)
-        made_of = (own, *self._look)
-        colors = self._range_on_a.get(made_of, lambda: self._own_range(own))
-        return self._function(side, own, title, colors, _OWN_UNIT_TITLE)
+            return self._function(side, on_a, title, colors)
+        inputs = (on_a, *self._appearance)
+        colors = self._range_on_a.get(inputs, lambda: self._range_of(on_a))
+        return self._function(side, on_a, title, colors, _UNIT_OF_A_TITLE)
 
-    def _own_range(self, *functions: FloatArray) -> ColorRange:
+    def _range_of(self, *functions: FloatArray) -> ColorRange:
         colors = color_range(*functions)
         return self._ranged(colors.low, colors.high, colors.colormap)
 
     def _without_values(self, name: str) -> Paint:
         count, title = len(self._session.surface(name).mesh.vertices), f"{name}: no values"
-        shown = self._kept[name].get
-        return shown((count, title), lambda: Paint("colors", np.full((count, 3), NO_VALUES), title))
+        get = self._memos[name].get
+        return get((count, title), lambda: Paint("colors", np.full((count, 3), NO_VALUES), title))
 
     @property
     def _bar(self) -> str:
-        """What colours of functions are called: of two surfaces, B's may be in another unit."""
+        """Title of the colour bar of functions; on B they may be in standard deviations."""
         session = self._session
         target = session.work.flow_values("target")
         is_own = target is None or target is session.values("target")
@@ -141,18 +144,18 @@ class Painter:
     def _function(
         self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = ""
     ) -> Paint:
-        """Show a function, or what a `bar` is of."""
+        """Return the paint of a function, or of another quantity with its own colour bar."""
         bar, unknown = bar or self._bar, None if bar else self._unknown(name)
         make = partial(Paint, "vertex values", values, title, colors, bar, unknown=unknown)
-        return self._kept[name].get((values, title, colors, bar, unknown), make)
+        return self._memos[name].get((values, title, colors, bar, unknown), make)
 
     def _unknown(self, name: str) -> BoolArray | None:
-        """Return where a function that a surface shows was not measured; None where nowhere."""
-        made_of, find = self._session.document.missing_values(name, self._session.functions.values)
-        return self._unknowns[name].get(made_of, find)
+        """Return where the function of a surface was not measured; None if it was everywhere."""
+        inputs, find = self._session.document.missing_values(name, self._session.functions.values)
+        return self._unknowns[name].get(inputs, find)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
-        """Show a function of a match on the finer mesh that it was found on, if that is wanted."""
+        """Return the paint of a function on the finer mesh of the match, if the view shows it."""
         flow, is_side = self._shown.flow, name in SIDES
         is_function = is_side or (name == "advected" and self._session.view.coloring == "function")
         found = flow.on_finer_mesh(name) if is_function else None
@@ -162,10 +165,10 @@ class Painter:
         title = self._session.document.slot_title(name)
         title = title if is_side else self._extrapolated(title, flow.is_behind)
         make = partial(Paint, "vertex values", values, title, colors, self._bar, mesh=mesh)
-        return self._kept[name].get((mesh, values, title, colors), make)
+        return self._memos[name].get((mesh, values, title, colors), make)
 
     def _plain(self, advected: FloatArray, colors: ColorRange) -> Paint:
-        """Show the function, also where what the view asks for is still to come."""
+        """Return the paint of the advected function, also while another one is computed."""
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_busy = shown.flow.busy or shown.quantities.busy
         is_behind = shown.flow.is_behind if is_function else is_busy
@@ -176,20 +179,20 @@ class Painter:
         unknown = self._unknown("carried")
 
         def make() -> Paint:
-            told = title if is_behind else _with_range(title, advected, colors)
-            of = advected, told, colors, self._bar
+            full_title = title if is_behind else _with_range(title, advected, colors)
+            of = advected, full_title, colors, self._bar
             return Paint("vertex values", *of, unknown=unknown)
 
-        return self._kept["advected"].get((advected, title, colors, unknown), make)
+        return self._memos["advected"].get((advected, title, colors, unknown), make)
 
     def _by_coloring(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         kind = self._session.view.coloring
         if kind == "function":
             return self._textured(advected, colors) if self._session.view.streaks else None
         if kind in TRANSFERRED_COLORINGS:
-            carried = self._shown.flow.coordinates()
+            origins = self._shown.flow.coordinates()
             title = self._extrapolated(self._session.document.transferred_title(kind))
-            return None if carried is None else self._carried("advected", carried, title)
+            return None if origins is None else self._pattern("advected", origins, title)
         if kind in ("area distortion", "conformal distortion"):
             return self._distortion(kind)
         part = self._session.view.part
@@ -201,18 +204,18 @@ class Painter:
         values = self._shown.quantities.scalar()
         if values is None:
             return None
-        top = max(float(np.percentile(np.abs(values), 99.5)), _LEAST_RANGE)
+        top = max(float(np.percentile(np.abs(values), 99.5)), _RANGE_MIN)
         return self._function("advected", values, title, self._ranged(-top, top), kind)
 
     def _speed(self, field: Field, title: str) -> Paint:
-        """Show the speed in sqrt(area): graphics cards know no numbers like some meshes'."""
+        """Return the paint of the speed, in a unit that single precision can show."""
 
         def make() -> Paint:
             values, unit = field.relative_speed()
-            top = max(float(values.max()), _LEAST_RANGE)
+            top = max(float(values.max()), _RANGE_MIN)
             return Paint("face values", values, title, self._ranged(0.0, top), f"speed, in {unit}")
 
-        return self._kept["advected"].get((field, title, *self._look), make)
+        return self._memos["advected"].get((field, title, *self._appearance), make)
 
     def _distortion(self, kind: str) -> Paint | None:
         found = self._shown.quantities.distortion()
@@ -224,18 +227,19 @@ class Painter:
 
         def make() -> Paint:
             values = np.log2(np.clip(source, 1e-6, 1e6))
-            top = max(_most(np.abs(values), abfm.calculus.face_areas(mesh)), 0.05)
-            bar = "log2 of the area's factor" if of_area else "log2 of the stretches' ratio"
+            top = max(_percentile_95(np.abs(values), abfm.calculus.face_areas(mesh)), 0.05)
+            bar = "area change, log2" if of_area else "ratio of stretches, log2"
             colors = self._ranged(-top if of_area else 0.0, top)
             return Paint("face values", values, title, colors, bar)
 
-        return self._kept["advected"].get((source, title, *self._look), make)
+        return self._memos["advected"].get((source, title, *self._appearance), make)
 
-    def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint | None:
+    def _pattern(self, name: str, coordinates: FloatArray, title: str) -> Paint | None:
+        """Return the paint of a pattern of the source's surface at its points (V, 3)."""
         kind, theme = self._session.view.coloring, self._session.view.theme
         if kind == "labels":
             return self._labels(name, title)
-        surface = self._session.surface("source")  # whose places they are
+        surface = self._session.surface("source")
         mesh, front = surface.mesh, surface.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 
         def make() -> Paint:
@@ -246,19 +250,19 @@ class Painter:
             places = coordinates @ across / (np.sqrt(width * height) / _SQUARES)
             return Paint("checker", places, title, is_dark=theme == "dark")
 
-        return self._kept[name].get((coordinates, kind, front, title, theme), make)
+        return self._memos[name].get((coordinates, kind, front, title, theme), make)
 
     def _labels(self, name: str, title: str) -> Paint | None:
-        """Show labels where they are, or carried; None where there are none, or not yet."""
-        labels, is_carried = self._session.document.labels, name not in SIDES
+        """Return the paint of labels, moved by the flow except on the source; None if unknown."""
+        labels, is_moved = self._session.document.labels, name not in SIDES
         if labels is None:
             return None
-        values = self._shown.flow.labels() if is_carried else labels.values
+        values = self._shown.flow.labels() if is_moved else labels.values
         if values is None:
             return None
-        shown = self._kept[name].get
-        made_of = values, labels, title
-        return shown(made_of, lambda: Paint("colors", labels.linear_colors(values), title))
+        get = self._memos[name].get
+        inputs = values, labels, title
+        return get(inputs, lambda: Paint("colors", labels.linear_colors(values), title))
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         unknown = self._unknown("carried")
@@ -268,14 +272,17 @@ class Painter:
         title = self._extrapolated(self._session.document.slot_title("advected"))
 
         def make() -> Paint:
-            told, atlas = _with_range(title, advected, colors), texture.streaks.atlas
-            look = (colors, self._bar, atlas.corner_coordinates)
-            return Paint("texture", texture.colors, told, *look, unknown=unknown)
+            full_title, atlas = _with_range(title, advected, colors), texture.streaks.atlas
+            coloring = (colors, self._bar, atlas.corner_coordinates)
+            return Paint("texture", texture.colors, full_title, *coloring, unknown=unknown)
 
-        return self._kept["advected"].get((texture, title, colors), make)
+        return self._memos["advected"].get((texture, title, colors), make)
 
     def _compared(self, colors: ColorRange) -> Paint | None:
-        """Show what a subject of a population is held against; a field takes its place."""
+        """Return the paint of the comparison of a subject with its population.
+
+        None if there is no comparison, or a match or a run to show instead.
+        """
         session, document = self._session, self._session.document
         compared, active = document.active_comparison, document.active
         if compared is None or session.result is not None or session.snapshot is not None:
@@ -293,13 +300,13 @@ class Painter:
                 return Paint("vertex values", values, title, colors, self._bar, unknown=unknown)
             is_of_faces = compared.kind == "areas"
             areas = abfm.calculus.face_areas if is_of_faces else abfm.calculus.vertex_areas
-            top = max(_most(np.abs(values), areas(session.surface().mesh)), _LEAST_RANGE)
-            own = self._ranged(-top if compared.kind == "difference" else 0.0, top)
+            top = max(_percentile_95(np.abs(values), areas(session.surface().mesh)), _RANGE_MIN)
+            ranged = self._ranged(-top if compared.kind == "difference" else 0.0, top)
             kind: PaintKind = "face values" if is_of_faces else "vertex values"
-            return Paint(kind, values, title, own, title, unknown=unknown)
+            return Paint(kind, values, title, ranged, title, unknown=unknown)
 
-        of = compared, channel, title, colors, *self._look
-        return self._kept["advected"].get(of, make)
+        of = compared, channel, title, colors, *self._appearance
+        return self._memos["advected"].get(of, make)
 
     def _blend(self, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
         tau = self._session.document.tau
@@ -310,7 +317,7 @@ class Painter:
             of = blend, "linear blend", colors, self._bar
             return Paint("vertex values", *of, unknown=unknown)
 
-        return self._kept["linear blend"].get((source, target, time, tau, colors, unknown), make)
+        return self._memos["linear blend"].get((source, target, time, tau, colors, unknown), make)
 
     def _transport(self, colors: ColorRange) -> Paint | None:
         name, transport = "optimal transport", self._shown.mass_transport
@@ -327,33 +334,33 @@ class Painter:
 
         def make() -> Paint:
             error = np.abs(target - advected)
-            top = max(float(error.max()) if fixed is None else fixed, _LEAST_RANGE)
+            top = max(float(error.max()) if fixed is None else fixed, _RANGE_MIN)
             bar = f"|target - advected|, at most {top:.3g}"
             of = error, title, self._ranged(0.0, top), bar
             return Paint("vertex values", *of, unknown=unknown)
 
-        made_of = target, advected, *self._look, fixed, title, unknown
-        return self._kept["error"].get(made_of, make)
+        inputs = target, advected, *self._appearance, fixed, title, unknown
+        return self._memos["error"].get(inputs, make)
 
     def _extrapolated(self, title: str, is_behind: bool = False) -> str:
-        """A title, which says so where the time shown is one that no target was given for."""
+        """Return a title, with a note if the shown time is beyond that of the target."""
         tau = self._session.document.tau
         is_beyond = self._session.time > (1 + 1e-9) * tau
         return _labelled(f"{title}, extrapolated" if is_beyond else title, is_behind)
 
     def _function_range(self, source: FloatArray, target: FloatArray) -> ColorRange:
-        made_of, values = self._session.document.color_range_values(source, target)
-        return self._range.get((*made_of, *self._look), lambda: self._own_range(*values()))
+        inputs, values = self._session.document.color_range_values(source, target)
+        return self._range.get((*inputs, *self._appearance), lambda: self._range_of(*values()))
 
     @property
-    def _look(self) -> tuple[str, Theme]:
+    def _appearance(self) -> tuple[str, Theme]:
         return self._session.view.colormap, self._session.view.theme
 
     def _ranged(self, low: float, high: float, automatic: str = "") -> ColorRange:
-        wanted, theme = self._look
-        if wanted == "automatic":
-            wanted = automatic or ("abfm diverging" if low < 0 else "abfm sequential")
-        return ColorRange(on_ground(wanted, theme == "dark"), low, high)
+        colormap, theme = self._appearance
+        if colormap == "automatic":
+            colormap = automatic or ("abfm diverging" if low < 0 else "abfm sequential")
+        return ColorRange(on_ground(colormap, theme == "dark"), low, high)
 
 
 def _labelled(title: str, is_behind: bool) -> str:
@@ -361,15 +368,15 @@ def _labelled(title: str, is_behind: bool) -> str:
 
 
 def _with_range(title: str, values: FloatArray, colors: ColorRange) -> str:
-    """A title, with the least and the largest value where these leave the colours."""
+    """Return a title, with the range of the values if it exceeds that of the colours."""
     low, high = float(values.min()) + 0.0, float(values.max()) + 0.0  # no -0
     slack = _RANGE_TOLERANCE * (colors.high - colors.low)
     is_beyond = low < colors.low - slack or high > colors.high + slack
     return f"{title}: {low:.3g} to {high:.3g}" if is_beyond else title
 
 
-def _most(values: FloatArray, weights: FloatArray) -> float:
-    """Find what a twentieth of the weight exceeds: slivers and some folds do not count."""
+def _percentile_95(values: FloatArray, weights: FloatArray) -> float:
+    """Return the weighted 95th percentile, which slivers and a few folds do not change."""
     order = np.argsort(values)
     below = np.cumsum(weights[order])
     return float(values[order[np.searchsorted(below, 0.95 * below[-1])]])

@@ -1,4 +1,4 @@
-"""Quantities of the flow that is shown: its field, streaks, arrows, lines and maps."""
+"""Quantities of the shown flow: its field, streaks, arrows, lines and maps."""
 
 from __future__ import annotations
 
@@ -19,45 +19,45 @@ from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.document.document import HODGE_PARTS, SIDES, Coloring, FieldPart
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.arrows import ArrowLook, Arrows, arrow_spacing, arrows_of
+from abfm_viewer.shown.arrows import Arrows, ArrowStyle, arrow_spacing, arrows_of
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.shown_flow import ShownFlow
 
-# vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
-_COMMUTING_VERTICES_MAX = 15_000
-# along a side; fewer in the window, where textures change while one looks
+_COMMUTING_VERTICES_MAX = 15_000  # commuting fields then take 20 s and 1 GB
+# along a side; fewer in the window, where textures change often
 TEXELS = 1024
 _TEXELS_OF_PICTURES = 2048
-_LEAST_TEXELS_PER_FACE = 12
-_MOST_TEXELS = 16384
-_PHASES = 16  # of moving streaks that are computed; those between are blended
+_TEXELS_PER_FACE_MIN = 12
+_TEXELS_MAX = 16384
+_PHASES = 16  # computed phases of moving streaks; others are blends of these
 _SHOWN_PHASES = 32  # of moving streaks in the window
 _SHARE_TOLERANCE = 1e-6
-_OF_FIELD: tuple[Coloring, ...] = ("speed", "divergence", "curl")
-_SPEED_MAX = 1e30  # that cards know
+_FIELD_COLORINGS: tuple[Coloring, ...] = ("speed", "divergence", "curl")
+_SPEED_MAX = 1e30  # single precision of graphics cards
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """A part of the flow's field, or a related one; `shares` are of the squared norm."""
+    """A part of the flow's field, or a related field."""
 
     mesh: TriangleMesh
     velocity: FloatArray  # (F, 3), in the input's units
     speed: FloatArray  # (F,)
-    shares: dict[FieldPart, float] = field(default_factory=dict)
+    shares: dict[FieldPart, float] = field(default_factory=dict)  # of the squared norm
     unit: str = "the mesh's length per time"  # of the speed
-    of: FloatArray | None = None  # of a film's interval, of whose field it is a part
+    interval_field: FloatArray | None = None  # field of the interval of a sequence
     part: FieldPart = "whole"
-    note: str = ""  # what else is to be said, if anything
-    dimension: int = 1  # the power of a length in the unit
-    fast: float = 0.0  # of all fields in a row, for arrows' lengths; 0 where they are its own
+    note: str = ""  # for the user
+    dimension: int = 1  # power of the length in the unit
+    fast: float = 0.0  # fast speed of several consecutive fields; 0 for that of this field
 
     def relative_speed(self) -> tuple[FloatArray, str]:
-        """Return the speed (F,) with sqrt(area) as the unit of length, and its unit; of a film in
-        the mesh's unit, unless graphics cards know no such numbers.
+        """Return the speed (F,) and its unit, with sqrt(area) as the unit of length.
+
+        The speed of a sequence is in the mesh's unit of length, unless it exceeds single precision.
         """
-        if self.of is not None and self.speed.max() < _SPEED_MAX:
+        if self.interval_field is not None and self.speed.max() < _SPEED_MAX:
             return self.speed, self.unit
         unit = self.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
         unit = unit.replace("the mesh's unit", "sqrt(area)")
@@ -65,13 +65,14 @@ class Field:
 
 
 def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
+    """Return a part of the field of a segment, or the field that commutes with it."""
     velocity, shares, note, fast = flow.velocity[segment], {}, "", 0.0
     if part == "whole" and len(flow.velocity) > 1:
         speeds = np.linalg.norm(flow.velocity, axis=2)
         fast = max(abfm.calculus.fast_speed(flow.mesh, speed) for speed in speeds)
     if part == "commuting":
         velocity, bracket = commuting(flow, segment)
-        note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
+        note = f"norm of the bracket, relative to both fields: {bracket:.3g} (0 if they commute)"
     elif part != "whole":
         found = abfm.calculus.helmholtz_hodge(flow.mesh, velocity)
         parts = dict(zip(HODGE_PARTS, found, strict=True))
@@ -84,44 +85,49 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
 
 
 def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
-    """The smoothest field (F, 3) that commutes, and the bracket, or why there is none."""
+    """Return the smoothest commuting field (F, 3) and the relative norm of the Lie bracket.
+
+    Raises `AbfmError` during a run, on large meshes, and if the field is zero.
+    """
     if not flow.final:
-        raise AbfmError("the field that commutes is computed when the run has ended")
+        raise AbfmError("a commuting field is not computed during a run; wait until it has ended")
     count = len(flow.mesh.vertices)
     if count > _COMMUTING_VERTICES_MAX:
         raise AbfmError(
-            f"commuting fields are computed on up to {_COMMUTING_VERTICES_MAX:,} vertices; this "
-            f"mesh has {count:,}"
+            f"commuting fields are computed for at most {_COMMUTING_VERTICES_MAX:,} vertices, but "
+            f"this mesh has {count:,}"
         )
     velocity = flow.velocity[segment]
     if not velocity.any():
-        raise AbfmError("the field is zero, with which every field commutes")
+        raise AbfmError("the field is zero, so every field commutes with it")
     found = abfm.calculus.commuting_fields(flow.mesh, velocity)[0]
     return found, abfm.calculus.relative_bracket(flow.mesh, velocity, found)
 
 
-def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Field:
-    """The gradient of a function (V,), carried along the flow's fields to a time."""
+def pushed_gradient(flow: FlowState, function: FloatArray, time: float) -> Field:
+    """Return the gradient of a function (V,), pushed forward along the flow to a time."""
     mesh = flow.mesh
     gradient = (abfm.calculus.gradient(mesh) @ function).reshape(-1, 2)
-    carried = abfm.calculus.to_ambient(mesh, gradient)
+    pushed = abfm.calculus.to_ambient(mesh, gradient)
     ends = np.linspace(0, flow.parameters.tau, len(flow.velocity) + 1)
-    ends[-1] = max(ends[-1], time)  # beyond tau the last field goes on
+    ends[-1] = max(ends[-1], time)  # beyond tau the last field continues
     for velocity, start, end in zip(flow.velocity, ends, ends[1:], strict=False):
         if time > start:
-            carried = abfm.calculus.pushforward(mesh, velocity, carried, min(end, time) - start)
-    speed = np.linalg.norm(carried, axis=1)
-    return Field(mesh, carried, speed, unit="the source's unit per length", dimension=-1)
+            pushed = abfm.calculus.pushforward(mesh, velocity, pushed, min(end, time) - start)
+    speed = np.linalg.norm(pushed, axis=1)
+    return Field(mesh, pushed, speed, unit="the source's unit per length", dimension=-1)
 
 
 def field_arrows(
-    field: Field, look: ArrowLook, eye: Eye, shares: FloatArray | None, interval: int
+    field: Field, style: ArrowStyle, eye: Eye, shares: FloatArray | None, interval: int
 ) -> Arrows:
+    """Return the arrows of a field; ``shares`` (intervals, F) are how well it is determined."""
     determined = None if shares is None else shares[interval]
-    return arrows_of(field.mesh, field.velocity, look, eye, determined)
+    return arrows_of(field.mesh, field.velocity, style, eye, determined)
 
 
 def derivative(field: Field, kind: Coloring) -> FloatArray:
+    """Return the divergence or the curl of a field, (V,)."""
     calculus, mesh = abfm.calculus, field.mesh
     operator = calculus.divergence if kind == "divergence" else calculus.curl
     return np.asarray(operator(mesh) @ calculus.to_frame(mesh, field.velocity).ravel())
@@ -129,14 +135,15 @@ def derivative(field: Field, kind: Coloring) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Streaks:
-    """Grey textures (P, size, size), 0 to 255, phases of streaks, and their atlas."""
+    """Streaks of a field as grey textures on an atlas, one for each phase."""
 
     field: Field
     atlas: abfm.streaks.TextureAtlas
-    images: NDArray[np.uint8]
-    look: tuple[bool, bool] = (False, False)  # whether they fade, and move
+    images: NDArray[np.uint8]  # (P, size, size), 0 to 255
+    options: tuple[bool, bool] = (False, False)  # whether they fade, and move
 
     def at(self, phase: float) -> NDArray[np.uint8]:
+        """Return the texture (size, size) at a phase from 0 to 1."""
         place = phase % 1 * len(self.images)
         before, share = int(place), place % 1
         first: NDArray[np.uint8] = self.images[before % len(self.images)]
@@ -149,16 +156,19 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """Colours (size, size, 3) in linear light, on the streaks' atlas."""
+    """Colours (size, size, 3) in linear light on the atlas of the streaks."""
 
     streaks: Streaks
     colors: abfm.streaks.FloatImage
 
 
 def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
-    """Streaks along a field, in textures at least `size` wide, more on meshes with many faces."""
-    needed = int(np.sqrt(_LEAST_TEXELS_PER_FACE * len(field.mesh.faces)))
-    size = min(max(size, needed), _MOST_TEXELS)
+    """Return streaks along a field, in textures of at least ``size`` texels along a side.
+
+    Meshes with many faces have larger textures.
+    """
+    needed = int(np.sqrt(_TEXELS_PER_FACE_MIN * len(field.mesh.faces)))
+    size = min(max(size, needed), _TEXELS_MAX)
     phases = np.arange(_PHASES) / _PHASES if moving else None
     atlas, images = abfm.streaks.line_integral_convolution(
         field.mesh, field.velocity, size=size, fade=fade, phase=phases
@@ -176,12 +186,16 @@ def coloured(
     colors: ColorRange,
     unknown: BoolArray | None,
 ) -> Texture:
+    """Return streaks at a phase, coloured by a function (V,), grey where it is unknown (V,)."""
     image = streaks.at(phase)
     return Texture(streaks, shown.streak_texture(streaks.atlas, image, values, colors, unknown))
 
 
 class FieldQuantities(Jobs):
-    """Answers with what was computed last for the same mesh or field; None before."""
+    """Quantities of the flow of a session, computed in the background.
+
+    While a new value is computed, a method returns the last one of the same mesh or field, or None.
+    """
 
     def __init__(self, session: Session, flow: ShownFlow) -> None:
         super().__init__(session.at_once)
@@ -198,23 +212,24 @@ class FieldQuantities(Jobs):
         self._paths: Latest[list[abfm.flow.FlowLine]] = self.latest()
 
     @property
-    def finding(self) -> bool:
+    def is_computing_field(self) -> bool:
         return self._field.busy
 
     @property
     def is_behind(self) -> bool:
-        """Return whether the field that the view shows is that of an earlier flow."""
-        view, flow, known = self._session.view, self.flow.state, self._field.key
-        of_field = view.coloring in _OF_FIELD or view.arrows or view.streaks
-        if flow is None or not (of_field and isinstance(known, tuple)):
+        """Whether the view shows the field of an earlier flow."""
+        view, flow, key = self._session.view, self.flow.state, self._field.key
+        shows_field = view.coloring in _FIELD_COLORINGS or view.arrows or view.streaks
+        if flow is None or not (shows_field and isinstance(key, tuple)):
             return False
-        return not any(one is flow for one in known[1])
+        return not any(one is flow for one in key[1])
 
     @property
     def convolving(self) -> bool:
         return self._streaks.busy
 
     def field(self) -> Field | None:
+        """Return the part of the field that the view shows, at the shown time."""
         flow, time, part = self.flow.state, self.flow.time, self._session.view.part
         if flow is None:
             return None
@@ -222,7 +237,7 @@ class FieldQuantities(Jobs):
             source = self._session.work.flow_values("source")
             if source is None:
                 return None
-            return self._field.newest(flow.mesh, carried_gradient, flow, source, time)
+            return self._field.newest(flow.mesh, pushed_gradient, flow, source, time)
         last = flow.count - 1
         segment = min(int(time / flow.parameters.tau * flow.count * (1 - 1e-12)), last)
         return self._part(flow, segment, part)
@@ -231,49 +246,44 @@ class FieldQuantities(Jobs):
         return self._field.newest(flow.mesh, field_part, flow, segment, part)
 
     def scalar(self) -> FloatArray | None:
+        """Return the divergence or the curl of the field, (V,)."""
         if (field := self.field()) is None:
             return None
         return self._scalar.newest(field.mesh, derivative, field, self._session.view.coloring)
 
     def arrows(self, field: Field, scale: float, eye: Eye) -> Arrows | None:
-        """Return a field's arrows for an eye that sees so many pixels for a length of sqrt(area),
-        lately those of an earlier field or eye; None before there are any.
-        """
+        """Return the arrows of a field for an eye; ``scale`` is pixels per sqrt(area)."""
         view = self._session.view
         if (fast := self.fast(field)) is None:
             return self._arrows.value
-        look = ArrowLook(view.arrow_length, arrow_spacing(view.arrow_density, scale), fast)
-        how = look, eye, self._determined_shares(), self._session.document.interval
-        return self._arrows.newest(field.mesh, field_arrows, field, *how)
+        style = ArrowStyle(view.arrow_length, arrow_spacing(view.arrow_density, scale), fast)
+        options = style, eye, self._determined_shares(), self._session.document.interval
+        return self._arrows.newest(field.mesh, field_arrows, field, *options)
 
     def _determined_shares(self) -> FloatArray | None:
-        """Return how well fields are determined, (intervals, F); None before that is known, and of
-        fields of which that is not.
-        """
+        """Return how well the data determine the fields, (intervals, F); None if unknown."""
         return None
 
     def fast(self, field: Field) -> float | None:
-        """Return what speed counts as fast, 0 for the field's own; None before that is known."""
+        """Return the fast speed, or 0 for that of the field alone; None before it is known."""
         return field.fast
 
     def hidden_arrows(self, arrows: Arrows, eye: Eye) -> BoolArray | None:
-        """Tell which arrows the surface hides from an eye, lately from an earlier one, (A,); None
-        before that is known of any.
-        """
+        """Return which arrows the surface hides from an eye, (A,)."""
         return self._hidden_arrows.newest(arrows, Arrows.hidden, arrows, eye)
 
     def map_quality(self) -> abfm.maps.FlowMapQuality | None:
-        """Judge the map of the shown time; while that moves, and lately, that of an earlier one."""
+        """Return the quality of the map at the shown time, or an earlier one if the time moves."""
         flow, time = self.flow.state, self.flow.time
         if flow is None:
             return None
-        known = self._quality.value
-        if known is not None and not (self.at_once or self.flow.settled):
-            return known if len(known.distortion.flipped) == len(flow.mesh.faces) else None
+        last = self._quality.value
+        if last is not None and not (self.at_once or self.flow.settled):
+            return last if len(last.distortion.flipped) == len(flow.mesh.faces) else None
         return self._quality.newest(flow.mesh, lambda *of: flow.flow.map_quality(time), flow, time)
 
     def distortion(self) -> abfm.maps.Distortion | None:
-        """Measure what the map does to faces; while the time moves by their corners alone."""
+        """Return the distortion of the map; while the time moves, by the corners of faces only."""
         flow, quality = self.flow.state, self.map_quality()
         is_exact = self.at_once or (self.flow.settled and not self._quality.busy)
         if flow is None or (is_exact and quality is not None):
@@ -285,27 +295,25 @@ class FieldQuantities(Jobs):
     def texture(
         self, values: FloatArray, colors: ColorRange, unknown: BoolArray | None = None
     ) -> Texture | None:
-        """Return streaks coloured by a function (V,), grey where it is unknown (V,), lately an
-        earlier one; None before any.
-        """
+        """Return streaks coloured by a function (V,), grey where it is unknown (V,)."""
         field, view = self.field(), self._session.view
         if field is None or self._session.matching.running:
             return None
-        about, streaks = self._streaks_of(field, view.fade, view.animate)
+        subject, streaks = self._streaks_of(field, view.fade, view.animate)
         if streaks is None:
             return None
         phase = 0.0 if len(streaks.images) == 1 else self._session.player.phase
         if not self.at_once:
             phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
-        return self._texture.newest(about, coloured, streaks, phase, values, colors, unknown)
+        return self._texture.newest(subject, coloured, streaks, phase, values, colors, unknown)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
-        """Return streaks along a field, and what the texture is about."""
+        """Return the subject of the texture, for `Latest.newest`, and streaks along a field."""
         size = _TEXELS_OF_PICTURES if self.at_once else TEXELS
         return field, self._streaks.newest(field, convolved, field, size, fade, moving)
 
     def lines(self) -> list[abfm.flow.FlowLine]:
-        """Follow the points that were clicked on, against the flow for tau, and with it."""
+        """Return the flow lines through the clicked points, backward and forward in time."""
         flow, field, points = self.flow.state, self.field(), self._session.document.lines
         if flow is None or field is None or not points:
             return []
@@ -316,11 +324,11 @@ class FieldQuantities(Jobs):
             starts, lines = surface_points(mesh, points), partial(abfm.flow.flow_lines, mesh)
             return [line for t in (-tau, tau) for line in lines(field.velocity, starts, t)]
 
-        about = mesh, points
-        return self._lines.newest(about, lambda *_: compute(), field, flow.parameters.tau) or []
+        subject = mesh, points
+        return self._lines.newest(subject, lambda *_: compute(), field, flow.parameters.tau) or []
 
     def paths(self) -> list[abfm.flow.FlowLine]:
-        """The ways of the points that are followed, to the end of the time bar."""
+        """Return the paths of the followed points, to the end of the time bar."""
         flow, points = self.flow.state, self._session.document.points
         if flow is None or not points:
             return []
@@ -335,11 +343,11 @@ class FieldQuantities(Jobs):
 
     @property
     def path_time(self) -> float:
-        """The shown time as `paths` count it."""
+        """The shown time, in the time of `paths`."""
         return self.flow.time
 
     def starts(self, paths: Sequence[abfm.flow.FlowLine]) -> FloatArray:
-        """Return where points that are followed start on the source's surface, (P, 3)."""
+        """Return the start points of paths on the surface of the source, (P, 3)."""
         prepared = self._session.work.prepared
         if prepared is None:
             return np.array([path.positions[0] for path in paths])
@@ -358,16 +366,16 @@ class MassTransport(Latest[FloatArray]):
 
     @property
     def note(self) -> str:
-        """Say what transport leaves out of the functions; nothing if nothing."""
+        """A note if transport ignores negative values; empty otherwise."""
         found = [self._session.work.flow_values(side) for side in SIDES]
         known = [values for values in found if values is not None]
         least = min((float(values.min()) for values in known), default=0.0)
         if least >= 0 or len(known) < len(found) or self.error:
             return ""
-        return f"optimal transport takes values below 0, down to {least:.3g}, as 0"
+        return f"optimal transport replaces negative values (down to {least:.3g}) by 0"
 
     def values(self) -> FloatArray | None:
-        """The interpolation (V,); None before there is any, or where there cannot be."""
+        """Return the interpolation (V,); None if it is not yet or cannot be computed."""
         session = self._session
         source, target = session.work.flow_values("source"), session.work.flow_values("target")
         if source is None or target is None:

@@ -1,4 +1,4 @@
-"""Flat strips along ways on a surface, in units of the square root of its area."""
+"""Flat strips along curves on a surface, in units of the square root of its area."""
 
 import numpy as np
 
@@ -12,7 +12,10 @@ Triangles = tuple[FloatArray, IntArray]
 
 
 def strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
-    """Make strips of half widths (n, K) through places (n, K, 3), counterclockwise from outside."""
+    """Return n strips of half widths (n, K) through places (n, K, 3) with normals (n, K, 3).
+
+    The faces are counterclockwise from outside.
+    """
     count, nodes = half_widths.shape
     side = half_widths[:, :, None] * unit(np.cross(normals, np.gradient(places, axis=1)))
     vertices = np.stack([places - side, places + side], axis=2).reshape(-1, 3)
@@ -21,18 +24,21 @@ def strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> 
 
 
 def unit(vectors: FloatArray) -> FloatArray:
+    """Return vectors (..., 3) of length 1; zero vectors stay zero."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
 
 
 def normals_at(mesh: TriangleMesh, faces: IntArray, barycentric: FloatArray) -> FloatArray:
-    """Return unit normals at points of a surface, which turn smoothly from face to face, (K, 3)."""
+    """Return unit normals (K, 3) at points of a surface, interpolated from its vertices."""
     return unit(np.einsum("kc,kcx->kx", barycentric, vertex_normals(mesh)[mesh.faces[faces]]))
 
 
 @per_mesh
 def vertex_normals(mesh: TriangleMesh) -> FloatArray:
+    """Return outward unit normals of the vertices, (V, 3)."""
     return outward(mesh) * abfm.functions.vertex_normals(mesh)
 
 
 def outward(mesh: TriangleMesh) -> int:
+    """Return the factor, 1 or -1, that makes normals of a mesh point outward."""
     return -1 if mesh.is_inside_out else 1

@@ -1,4 +1,4 @@
-"""The flow of a film, which has a field of its own in each interval, and its quantities."""
+"""The flow of a sequence, which has one field for each interval, and its quantities."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from abfm_viewer.shown.quantities import (
 )
 from abfm_viewer.shown.shown_flow import ShownFlow
 
-_STREAKS_BYTES_MAX = 300_000_000  # of a film's intervals that are kept
+_STREAKS_BYTES_MAX = 300_000_000  # of cached streaks of intervals
 
 
 def _sequence_document(session: Session) -> SequenceDocument:
@@ -40,7 +40,7 @@ def _sequence_document(session: Session) -> SequenceDocument:
 
 
 class SequenceFlow(ShownFlow):
-    """The flow of the interval of the shown time: of a run under way, else of the result."""
+    """The flow of the interval at the shown time: that of a run in progress, or of the result."""
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
@@ -67,7 +67,7 @@ class SequenceFlow(ShownFlow):
         return memo.get((field, tau, motion), make)
 
     def advected(self) -> FloatArray | None:
-        """Return the function at the shown time, and compute the next interval in advance."""
+        """Return the function at the shown time; while playing, request the next interval also."""
         document, session = _sequence_document(self._session), self._session
         columns, channel = document.sequence.columns, document.channel
         interval, share = document.interval, min(session.time / session.document.tau, 1.0)
@@ -92,13 +92,13 @@ class SequenceFlow(ShownFlow):
 
 
 class SequenceQuantities(FieldQuantities):
-    """Quantities of a film's fields, whose arrows have one scale in all intervals."""
+    """Quantities of the fields of a sequence; its arrows have one scale in all intervals."""
 
     def __init__(self, session: Session, flow: ShownFlow) -> None:
         super().__init__(session, flow)
         self._fast_in: Latest[float] = self.latest()
         self._determined: Latest[FloatArray] = self.latest()
-        self._kept_streaks: OrderedDict[tuple[object, ...], Streaks] = OrderedDict()
+        self._cached_streaks: OrderedDict[tuple[object, ...], Streaks] = OrderedDict()
 
     def _part(self, flow: FlowState, segment: int, part: FieldPart) -> Field | None:
         unit = _sequence_document(self._session).sequence.unit_of_speed
@@ -106,7 +106,7 @@ class SequenceQuantities(FieldQuantities):
 
     @property
     def _is_of_interval(self) -> bool:
-        """Whether the field that is shown is that of an interval, or a part of it."""
+        """Whether the shown field is that of an interval, or a part of it."""
         return self._session.view.part in ("whole", *HODGE_PARTS)
 
     def _determined_shares(self) -> FloatArray | None:
@@ -118,8 +118,9 @@ class SequenceQuantities(FieldQuantities):
         return self._determined.newest(document.sequence, attrgetter("determined"), document.result)
 
     def fast(self, field: Field) -> float | None:
-        """Return what speed counts as fast in any interval; None before that is known. It only
-        grows while a run goes on.
+        """Return the fast speed of all intervals; None before it is known.
+
+        It never decreases during a run.
         """
         document = _sequence_document(self._session)
         if not self._is_of_interval:
@@ -129,57 +130,60 @@ class SequenceQuantities(FieldQuantities):
         return self._fast_in.newest(document.sequence, fast_in, document.result)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
-        """Return the streaks of an interval, which are kept for when it is shown again.
+        """Return the streaks of an interval, cached for the next time that it is shown.
 
-        While a film plays they are None where they are still to be computed; else those of an
-        earlier interval stay until then.
+        While they are computed, the result is that of an earlier interval, or None while the
+        sequence plays.
         """
-        kept, key = self._kept_streaks, _key_of(field, (fade, moving))
-        if key in kept:
-            kept.move_to_end(key)
-            return field.mesh, kept[key]
+        cache, key = self._cached_streaks, _key_of(field, (fade, moving))
+        if key in cache:
+            cache.move_to_end(key)
+            return field.mesh, cache[key]
         make = partial(convolved, field, quantities.TEXELS, fade, moving)
         found, last = self._streaks.ask((field, fade, moving), make), self._streaks.value
-        if last is not None and last.field.of is not None and last.field.mesh is field.mesh:
-            if any(each.field.mesh is not field.mesh for each in kept.values()):
-                kept.clear()  # those of another film
-            kept[_key_of(last.field, last.look)] = last
-            while len(kept) > max(_STREAKS_BYTES_MAX // last.images.nbytes, 4):
-                kept.popitem(last=False)
+        is_of_sequence = last is not None and last.field.interval_field is not None
+        if last is not None and is_of_sequence and last.field.mesh is field.mesh:
+            if any(each.field.mesh is not field.mesh for each in cache.values()):
+                cache.clear()  # of another sequence
+            cache[_key_of(last.field, last.options)] = last
+            while len(cache) > max(_STREAKS_BYTES_MAX // last.images.nbytes, 4):
+                cache.popitem(last=False)
         if found is None and not self._session.player.playing:
             is_of_mesh = last is not None and last.field.mesh is field.mesh
             return field.mesh, last if is_of_mesh else None
         return field.mesh, found
 
     def paths(self) -> list[abfm.flow.FlowLine]:
-        """The ways of the points that are followed, through all intervals."""
+        """Return the paths of the followed points through all intervals."""
         document = _sequence_document(self._session)
         flow, points, result = self.flow.state, document.points, document.result
         if flow is None or not points or result is None:
             return []
-        whole = document.end - document.start
-        lasting = document.sequence.frames.durations * len(result) / whole
+        total = document.end - document.start
+        relative_durations = document.sequence.frames.durations * len(result) / total
 
         def through_all() -> list[abfm.flow.FlowLine]:
             starts = surface_points(flow.mesh, points)
-            fields = result.velocity * lasting[:, None, None]  # each as long as the others
-            return abfm.flow.flow_lines(flow.mesh, fields, starts, whole, whole)
+            fields = result.velocity * relative_durations[:, None, None]  # of equal duration
+            return abfm.flow.flow_lines(flow.mesh, fields, starts, total, total)
 
         return self._paths.ask((result, points), through_all) or []
 
     @property
     def path_time(self) -> float:
-        """The shown time as if all intervals were of one length."""
+        """The shown time, rescaled so that all intervals have the same duration."""
         document = _sequence_document(self._session)
         even = np.linspace(0, document.end - document.start, len(document.sequence))
         return float(np.interp(document.time, document.sequence.times, even))
 
 
 def _part_of_interval(flow: FlowState, segment: int, part: FieldPart, unit: str) -> Field:
-    assert not callable(flow.found)
-    return replace(field_part(flow, segment, part), of=flow.found, part=part, unit=unit)
+    assert not callable(flow.field)
+    part_of_field = field_part(flow, segment, part)
+    return replace(part_of_field, interval_field=flow.field, part=part, unit=unit)
 
 
-def _key_of(field: Field, look: tuple[bool, bool]) -> tuple[object, ...]:
-    """Return what streaks of an interval are kept by, with what they are of."""
-    return id(field.of if field.of is not None else field), field.part, *look
+def _key_of(field: Field, options: tuple[bool, bool]) -> tuple[object, ...]:
+    """Return the key of the streaks of an interval in the cache."""
+    identity = id(field if field.interval_field is None else field.interval_field)
+    return identity, field.part, *options

@@ -1,4 +1,4 @@
-"""What pictures show of a session: everything that is computed from it off the frame loop."""
+"""Everything that is computed from a session for its pictures, in the background."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from abfm_viewer.shown.tracks import ShownTracks
 
 
 class Shown:
-    """Of a session; `quantities` of the flow are those of the kind of its document."""
+    """Flow, quantities, landmarks, tracks and transport of a session.
+
+    `quantities` depends on the kind of the document.
+    """
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -36,17 +39,17 @@ class Shown:
 
     @property
     def is_ready(self) -> bool:
-        """Return whether the flow can be played: the player waits for what it would show. A film,
-        with fields of its own in each interval, is played without streaks until they are there.
+        """Whether all times of the flow can be played.
+
+        Otherwise the player waits. It does not wait for the streaks of a sequence, where each
+        interval has its own field: the sequence is shown without them until they are computed.
         """
         waits = self.session.document.has_one_field and self.quantities.convolving
         return self.flow.is_ready and not waits
 
     @property
     def is_behind(self) -> bool:
-        """Return whether the surfaces do not show yet what the panel reports: the result, or the
-        step of its path that was chosen.
-        """
+        """Whether the surfaces still show an earlier state than the result or step in the panel."""
         session = self.session
         if session.solver.running or session.result is None or session.outdated:
             return False
@@ -56,12 +59,15 @@ class Shown:
 
     @property
     def busy(self) -> str:
-        """Say in a word or two what is computed in the background besides the solver."""
+        """Description of the present background computation; empty if there is none.
+
+        The solver is not included.
+        """
         if self.session.busy:
             return self.session.busy
         if self.flow.busy:
             return "computing times"
-        if self.quantities.finding:
+        if self.quantities.is_computing_field:
             return "computing the field"
         if self.tracks.busy:
             return "following critical points"

@@ -1,4 +1,4 @@
-"""The flow that is shown, and functions carried along it to the time that is shown."""
+"""The shown flow, and functions and points at the shown time."""
 
 from __future__ import annotations
 
@@ -27,38 +27,40 @@ if TYPE_CHECKING:
 _TIMES = 61
 _TIMES_WHILE_SOLVING = 17
 _SPAN_NUMBERS_MAX = 60_000_000  # numbers in a span, as float32
-_SETTLE_SECONDS = 0.15  # seconds without a new time after which it is worth computing exactly
+_SETTLE_SECONDS = 0.15  # seconds without a change of time before exact values are computed
 
 
-Carrying: TypeAlias = Callable[[FlowState, FloatArray, FloatArray], FloatArray]
+ValuesAtTimes: TypeAlias = Callable[[FlowState, FloatArray, FloatArray], FloatArray]
+"""Function of a flow, initial values and times (T,), which returns values (T, ...)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """A function at evenly spaced times (T,), in single precision: scrubbing is a blend."""
+    """A function at evenly spaced times (T,), in single precision; it is blended in between."""
 
     times: FloatArray
     frames: Frames
-    note: str = ""  # why it ends before the time bar does; empty if it does not
+    note: str = ""  # why it ends before the time bar; empty if it does not
 
     def at(self, time: float) -> FloatArray:
-        """The function at a time; the last one known for times after the end."""
+        """Return the function at a time, or at the last time if that is earlier."""
         return blended(self.frames, float(np.interp(time, self.times, np.arange(len(self.times)))))
 
 
-def pushed(state: FlowState, function: FloatArray, times: FloatArray) -> FloatArray:
-    return state.carry(function, times)
+def advected(state: FlowState, function: FloatArray, times: FloatArray) -> FloatArray:
+    """Return a function, advected to the times."""
+    return state.advect(function, times)
 
 
-def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Span:
-    """A function over the whole time bar, or up to tau where the flow overflows beyond."""
-    wanted = _TIMES if state.final else _TIMES_WHILE_SOLVING
-    count = int(np.clip(_SPAN_NUMBERS_MAX // function.size, 9, wanted)) // 2 * 2 + 1
+def span(state: FlowState, function: FloatArray, values_at: ValuesAtTimes = advected) -> Span:
+    """Return a function over the entire time bar, or up to tau if the flow overflows later."""
+    times_max = _TIMES if state.final else _TIMES_WHILE_SOLVING
+    count = int(np.clip(_SPAN_NUMBERS_MAX // function.size, 9, times_max)) // 2 * 2 + 1
     tau = state.parameters.tau
 
     def until(end: float, note: str = "") -> Span:
         times = np.linspace(0, end, count)
-        return Span(times, carry(state, function, times).astype(np.float32), note)
+        return Span(times, values_at(state, function, times).astype(np.float32), note)
 
     try:
         return until(state.duration)
@@ -66,11 +68,15 @@ def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Sp
         return until(tau, f"not beyond τ: {error}")
 
 
-class Carried:
-    """A function at the shown time, the same array for the same; `behind` if of another."""
+class AtShownTime:
+    """A function at the shown time.
 
-    def __init__(self, jobs: Jobs, carry: Carrying = pushed) -> None:
-        self._carry = carry
+    It is the same array until its inputs change. While `behind` is true, it is that of an earlier
+    flow.
+    """
+
+    def __init__(self, jobs: Jobs, values_at: ValuesAtTimes = advected) -> None:
+        self._values_at = values_at
         self._span: Latest[Span] = jobs.latest()
         self._exact: Latest[FloatArray] = jobs.latest()
         self._blended = Memo[FloatArray]()
@@ -83,75 +89,84 @@ class Carried:
 
     @property
     def error(self) -> str:
-        """Say why there are no values, or only up to tau; nothing if all is well."""
+        """Reason why there are no values, or only up to tau; empty if there are."""
         return self._span.error or (self._span.value.note if self._span.value else "")
 
-    def _known(self, state: FlowState, function: FloatArray) -> Span | None:
-        return self._span.newest(function.shape, span, state, function, self._carry)
+    def _newest_span(self, state: FlowState, function: FloatArray) -> Span | None:
+        return self._span.newest(function.shape, span, state, function, self._values_at)
 
     def is_ready(self, state: FlowState, function: FloatArray) -> bool:
+        """Return whether the values at all times are computed."""
         if not self._at_once:
-            self._known(state, function)
+            self._newest_span(state, function)
         return not self._span.busy
 
     def at(
         self, state: FlowState, function: FloatArray, time: float, settled: bool
     ) -> FloatArray | None:
-        """Values at a time, exact if it is settled; an earlier flow's while new ones come."""
+        """Return the values at a time, exact if the time is ``settled``.
+
+        While they are computed, the values are those of an earlier flow; None if there are none.
+        """
         self.behind = False
         if time == 0:
             return function
 
         def exact() -> FloatArray | None:
             key = (state, function, time)
-            return self._exact.ask(key, lambda: self._carry(state, function, np.array([time]))[0])
+            at = self._values_at
+            return self._exact.ask(key, lambda: at(state, function, np.array([time]))[0])
 
         if self._at_once:
             return exact()
-        known = self._known(state, function)
+        newest = self._newest_span(state, function)
         self.behind = state.final and self._span.busy
-        if known is None:
+        if newest is None:
             return None
-        is_known = state.final and not self._span.busy and time <= known.times[-1]
-        if settled and is_known and (values := exact()) is not None:
+        is_current = state.final and not self._span.busy and time <= newest.times[-1]
+        if settled and is_current and (values := exact()) is not None:
             return values
-        return self._blended.get((known, time), partial(known.at, time))
+        return self._blended.get((newest, time), partial(newest.at, time))
 
 
 def labels_at(mesh: TriangleMesh, values: IntArray, places: FloatArray) -> IntArray:
-    """Return the labels (P,) of the vertices nearest to places (P, 3), of labels of all (V,)."""
+    """Return the labels (P,) of the vertices nearest to places (P, 3).
+
+    ``values`` (V,) are the labels of all vertices.
+    """
     return np.asarray(values[vertex_tree(mesh).query(places)[1]])
 
 
 @per_mesh
 def vertex_tree(mesh: TriangleMesh) -> KDTree:
-    from scipy.spatial import KDTree  # late, as the first frame needs none
+    """Return a tree of the vertices of a mesh."""
+    from scipy.spatial import KDTree  # imported late: the first frame does not need it
 
     return KDTree(mesh.vertices)
 
 
 class ShownFlow(Jobs):
-    """Of a session: the newest iterate's flow during a run, else the result's."""
+    """The flow of a session: that of the best iterate during a run, otherwise of the result."""
 
     def __init__(self, session: Session) -> None:
         super().__init__(session.at_once)
         self._session = session
-        self._source = Carried(self)
-        self._coordinates = Carried(self, FlowState.origins)
-        self._destinations = Carried(self, FlowState.destinations)
+        self._source = AtShownTime(self)
+        self._coordinates = AtShownTime(self, FlowState.origins)
+        self._destinations = AtShownTime(self, FlowState.destinations)
         self._labels: Latest[IntArray] = self.latest()
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
         self._places = Memo[FloatArray]()
         self._fine: Latest[abfm.Match] = self.latest()
-        self._on_fine = Carried(self)  # along the flow as it is there
+        self._on_fine = AtShownTime(self)  # along the flow of the finer mesh
         self._fine_state = Memo[FlowState]()
         self._fine_columns: dict[str, Memo[FloatArray]] = defaultdict(Memo)
-        self.is_behind = False  # `advected` gave another flow's or time's values lately
+        self.is_behind = False  # whether `advected` last returned values of another flow or time
 
     @property
     def state(self) -> FlowState | None:
-        """The flow, the same object for the same field; None before there is any."""
+        """The flow, the same object for the same field; None if there is no field."""
         snapshot, result = self._session.snapshot, self._session.result
         mesh, prepared = self._session.surface().mesh, self._session.work.prepared
         first = prepared.initial.correspondence.points if prepared else None
@@ -168,13 +183,14 @@ class ShownFlow(Jobs):
 
     @property
     def time(self) -> float:
-        """The shown time in the time of the flow (they differ after tau was changed)."""
+        """The shown time, in the time of the flow; they differ after a change of tau."""
         flow, time = self.state, self._session.time
         return time if flow is None else time * flow.parameters.tau / self._session.document.tau
 
     def advected(self) -> FloatArray | None:
-        """The active channel's source at the shown time, (V,), on B where there are two surfaces;
-        None before it was evaluated.
+        """Return the source of the active channel at the shown time, (V,); None before it is known.
+
+        For two surfaces it is on B.
         """
         session, flow = self._session, self.state
         self.is_behind = False
@@ -192,18 +208,20 @@ class ShownFlow(Jobs):
             if found is not None:
                 columns = found.advected
                 return self._column.get((columns, channel), lambda: columns[:, channel])
-        carried = self._source.at(flow, source, time, self.settled)
+        values = self._source.at(flow, source, time, self.settled)
         self.is_behind = self._source.behind
-        return source if carried is None else carried
+        return source if values is None else values
 
     def on_finer_mesh(self, name: str) -> tuple[TriangleMesh, FloatArray] | None:
-        """Return the source, the target or the advected function, (V,), on the finer mesh on which
-        the result was found; None where it was on none, that is not wanted, or not yet known.
+        """Return the finer mesh of a match, and a function (V,) on it.
+
+        ``name`` is source, target or advected. None if the match has no finer mesh, if the view
+        does not show it, or before the values are known.
         """
         session, result = self._session, self._session.result
         if result is None or session.snapshot is not None or session.outdated:
             return None
-        if session.surface(name) is not session.surface():  # it is on A
+        if session.surface(name) is not session.surface():  # the surface is A
             return None
         if not (session.view.finer and result.refined):
             return None
@@ -226,13 +244,14 @@ class ShownFlow(Jobs):
             return fine.mesh, column(name)
         make = partial(FlowState, fine.mesh, fine.fine_velocity, fine.parameters)
         state = self._fine_state.get((fine,), make)
-        carried = self._on_fine.at(state, source, time, self.settled)
+        values = self._on_fine.at(state, source, time, self.settled)
         self.is_behind = self._on_fine.behind
-        return None if carried is None else (fine.mesh, carried)
+        return None if values is None else (fine.mesh, values)
 
     def coordinates(self) -> FloatArray | None:
-        """Return where each vertex's value came from at the shown time, (V, 3), by flow lines, of
-        two surfaces on A; None before that is known.
+        """Return the origin of the point at each vertex at the shown time, (V, 3), by flow lines.
+
+        For two surfaces the origins are on A. None before they are known.
         """
         flow, places = self.state, self._origins
         if flow is None or places is None:
@@ -240,8 +259,9 @@ class ShownFlow(Jobs):
         return self._coordinates.at(flow, places, self.time, self.settled)
 
     def labels(self) -> IntArray | None:
-        """Return the labels of the source's surface where each vertex's value came from at the
-        shown time, (V,), lately of an earlier one; None before that is known.
+        """Return the labels at the shown time, (V,), from the source's surface by flow lines.
+
+        While they are computed they are those of an earlier time; None before any are known.
         """
         labels, places = self._session.document.labels, self.coordinates()
         if labels is None or places is None:
@@ -251,7 +271,7 @@ class ShownFlow(Jobs):
 
     @property
     def _origins(self) -> FloatArray | None:
-        """Where each vertex's value is at time 0, (V, 3)."""
+        """Origins of the vertices at time 0, (V, 3); for two surfaces on A."""
         surface = self._session.surface()
         if self._session.surface("source") is surface:
             return surface.mesh.vertices
@@ -261,7 +281,7 @@ class ShownFlow(Jobs):
         return self._places.get((first,), lambda: first.positions)
 
     def destinations(self) -> FloatArray | None:
-        """Return where each vertex goes until the shown time, (V, 3), by flow lines."""
+        """Return the position at the shown time of each vertex, (V, 3), by flow lines."""
         flow, vertices = self.state, self._session.surface().mesh.vertices
         if flow is None:
             return None
@@ -269,7 +289,7 @@ class ShownFlow(Jobs):
 
     @property
     def is_ready(self) -> bool:
-        """Return whether what the view carries along is known at all times of the flow."""
+        """Whether the function or pattern of the view is known at all times of the flow."""
         session, state = self._session, self.state
         source, places = session.work.flow_values("source"), self._origins
         if state is None or source is None or places is None or not state.final:
@@ -281,16 +301,16 @@ class ShownFlow(Jobs):
 
     @property
     def settled(self) -> bool:
-        """Return whether the time stands, so that exact values are worth computing."""
-        stands_for = clock.perf_counter() - self._session.editor.time_changed
-        return not self._session.player.playing and stands_for > _SETTLE_SECONDS
+        """Whether the time has not changed for a while, so that exact values are computed."""
+        unchanged = clock.perf_counter() - self._session.editor.time_changed
+        return not self._session.player.playing and unchanged > _SETTLE_SECONDS
 
     @property
     def note(self) -> str:
-        """Say why the time bar cannot be followed to its end; nothing if it can."""
+        """Reason why the flow ends before the time bar; empty if it does not."""
         return self._source.error
 
     @property
     def problem(self) -> str:
-        """Say why the shown time could not be computed exactly; nothing if it could."""
+        """Reason why the values at the shown time are not exact; empty if they are."""
         return self._source.problem or self._coordinates.problem

@@ -1,4 +1,4 @@
-"""Streaks of line integral convolution as a texture in colours."""
+"""Coloured textures from streaks of line integral convolution."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +9,8 @@ from abfm.streaks.line_integral import FloatImage
 from abfm.streaks.texture_atlas import TextureAtlas
 from abfm.types import BoolArray, FloatArray, IndexArray
 
-SHADE = 0.72  # how much the darkest streak darkens a function's colour, in linear light
-# streaks without a function, in linear light
+SHADE = 0.72  # share by which the darkest streak darkens a colour, in linear light
+# levels of streaks without a function, in linear light
 _BRIGHT_LEVEL = 0.85
 _DARK_LEVEL = 0.06
 _COLORS = 1024
@@ -23,10 +23,10 @@ def streak_texture(
     colors: ColorRange | None = None,
     unknown: BoolArray | None = None,
 ) -> FloatImage:
-    """Colours (size, size, 3) in linear light of an image (size, size) of streaks, 0 to 1 or 255.
+    """Return the colours (size, size, 3), in linear light, of an image (size, size) of streaks.
 
-    Streaks darken the colours of a function (V,), and are grey without, and in faces with a vertex
-    where it is unknown (V,).
+    The image is from 0 to 1, or from 0 to 255 as integers. Streaks darken the colours of a function
+    (V,). They are grey without a function, and in faces with a vertex where it is unknown (V,).
     """
     scale = 1 / 255 if image.dtype == np.uint8 else 1.0
     if values is None or colors is None:
@@ -50,11 +50,11 @@ def _draw(
     shades: tuple[float, float],
     image: IndexArray,
 ) -> FloatImage:
-    """Draw rows of a table by functions that are affine in each face, darkened by an image; where
-    they are NaN, by its last row, which else has none.
+    """Return the texture of a function that is affine in each face, darkened by an image.
 
-    The shades are how much darker than 1 an image of zeros makes it, and each unit of it brighter.
-    A kernel, because the window draws while it runs.
+    The values of the function are rows of the table; where they are NaN the last row is drawn.
+    ``shades`` are the darkening by an image of zeros, and the brightening by each unit of it. This
+    is a compiled kernel because the window draws while it runs.
     """
     last = max(table.shape[0] - 2, 0)
     texture = np.empty((owners.shape[0], owners.shape[1], 3), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Ways of a film's critical points over the surface, found off the frame loop."""
+"""Tracks of the critical points of a sequence, computed in the background."""
 
 from __future__ import annotations
 
@@ -16,34 +16,36 @@ KINDS = ("source", "sink", "spiral", "saddle")
 
 
 class ShownTracks(Jobs):
+    """Tracks of critical points and episodes of the sequence of a session."""
+
     def __init__(self, session: Session) -> None:
         super().__init__(session.at_once)
         self._session = session
-        self._found: Latest[tuple[PointPath, ...]] = self.latest()
+        self._paths: Latest[tuple[PointPath, ...]] = self.latest()
         self._episodes: Latest[list[abfm.sequences.Episode]] = self.latest()
 
-    def ways(self) -> tuple[PointPath, ...]:
-        """Return those of the film's result that are wanted and known by now."""
+    def paths(self) -> tuple[PointPath, ...]:
+        """Return the tracks of the result; empty if the view hides them or they are not ready."""
         document = self._session.document
         sequence = document.sequence_result
         if sequence is None or not document.view.tracks:
             return ()
-        return self._found.ask(sequence, lambda: tuple(ways_of(sequence.tracks()))) or ()
+        return self._paths.ask(sequence, lambda: tuple(ways_of(sequence.tracks()))) or ()
 
     def counts(self) -> dict[str, int]:
-        """Return how many there are by kind, of kinds that there are."""
-        found = Counter(way.kind for way in self.ways())
+        """Return the number of tracks by kind, without kinds that have none."""
+        found = Counter(path.kind for path in self.paths())
         return {kind: found[kind] for kind in KINDS if found[kind]}
 
     def episodes(self) -> list[abfm.sequences.Episode]:
-        """Return when the film's result is slow or fast, as far as it is known by now."""
+        """Return the slow and fast episodes of the result; empty before they are known."""
         sequence = self._session.document.sequence_result
         return [] if sequence is None else self._episodes.ask(sequence, sequence.episodes) or []
 
     def now(self) -> dict[str, FloatArray]:
-        """Return where they are at the shown time, (P, 3) by kind."""
+        """Return the positions at the shown time, (P, 3) by kind."""
         document, places = self._session.document, dict[str, list[FloatArray]]()
-        for way in self.ways():
-            if (place := way.at(document.time, self._session.document.tau / 2)) is not None:
-                places.setdefault(way.kind, []).append(place)
+        for path in self.paths():
+            if (place := path.at(document.time, self._session.document.tau / 2)) is not None:
+                places.setdefault(path.kind, []).append(place)
         return {kind: np.array(found) for kind, found in places.items()}

@@ -8,7 +8,7 @@ import numpy as np
 import abfm
 from abfm.mesh.subdivision import subdivided
 from abfm_viewer import shown
-from abfm_viewer.shown.arrows import ArrowLook, arrows_of
+from abfm_viewer.shown.arrows import ArrowStyle, arrows_of
 from abfm_viewer.shown.eye import Eye
 
 
@@ -32,5 +32,5 @@ def _match_something() -> None:
         result.advect([0.0, 0.5])
         atlas, image = abfm.streaks.line_integral_convolution(mesh, result.velocity[0], size=64)
         shown.streak_texture(atlas, (255 * image).astype(np.uint8))
-        look, eye = ArrowLook(length=0.1, spacing=0.1), Eye(np.eye(3))
+        look, eye = ArrowStyle(length=0.1, spacing=0.1), Eye(np.eye(3))
         arrows_of(mesh, result.velocity[0], look, eye).hidden(eye)

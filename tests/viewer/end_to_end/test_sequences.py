@@ -240,7 +240,7 @@ def carry_frames_from_both_sides(solved):
     for time in (0.0, 2.25, 3.5, 4.0):
         solved.type("time", f"{time:g}")
         np.testing.assert_allclose(shown(solved).values, sequence.at(time), atol=1e-4)
-    assert solved.window.shown.flow.state.found is session.sequence_match.field(session.document, 3)
+    assert solved.window.shown.flow.state.field is session.sequence_match.field(session.document, 3)
     solved.click("Look", within="steps")
     solved.check("arrows")
     # one scale for all intervals
@@ -314,7 +314,7 @@ def draw_tracks(solved):
     solved.check("tracks")
     settled(solved)
     expected = session.document.result.tracks()
-    ways = tracks.ways()
+    ways = tracks.paths()
     assert [(way.kind, way.times[0]) for way in ways] == [(t.kind, t.times[0]) for t in expected]
     assert {way.kind for way in ways} == {"spiral"}
     assert ps.has_surface_mesh("tracks of each spiral")

@@ -68,7 +68,7 @@ def dim_until_the_step_is_known(walked, monkeypatch):
 
 
 def dim_until_the_step_is_carried(walked, monkeypatch):
-    dim_the_surface_until_the_step_is_shown(walked, monkeypatch, FlowState, "carry")
+    dim_the_surface_until_the_step_is_shown(walked, monkeypatch, FlowState, "advect")
 
 
 def dim_the_surface_until_the_step_is_shown(walked, monkeypatch, owner, name):

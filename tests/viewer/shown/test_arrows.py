@@ -10,12 +10,12 @@ from abfm import TriangleMesh
 from abfm.calculus import face_normals, fast_speed
 from abfm.maps import spread_points
 from abfm.mesh.shapes import five_limbs
-from abfm_viewer.shown.arrows import ArrowLook, arrow_spacing, arrows_of, places
+from abfm_viewer.shown.arrows import ArrowStyle, arrow_spacing, arrows_of, places
 from abfm_viewer.shown.eye import Eye
 from tests.shapes import icosphere, square, torus
 
 BALL, LIMBS, RING = icosphere(4), five_limbs(2000), torus(60, 30)
-LOOK = ArrowLook(length=0.12, spacing=0.06)
+STYLE = ArrowStyle(length=0.12, spacing=0.06)
 FRONT = Eye(np.eye(3))
 
 
@@ -26,7 +26,7 @@ def rotation(mesh, axis=(0, 0, 1.0)):
 
 
 def lengths(arrows):
-    return np.linalg.norm(np.diff(arrows.ways, axis=1), axis=2).sum(axis=1)
+    return np.linalg.norm(np.diff(arrows.spines, axis=1), axis=2).sum(axis=1)
 
 
 def axes(seed):
@@ -41,8 +41,8 @@ def tilted(angle):
 
 
 def test_arrows_go_with_the_field_as_far_as_it_is_fast():
-    arrows = arrows_of(BALL, rotation(BALL), LOOK)
-    feet, middles, tips = np.moveaxis(arrows.ways, 1, 0)
+    arrows = arrows_of(BALL, rotation(BALL), STYLE)
+    feet, middles, tips = np.moveaxis(arrows.spines, 1, 0)
     wanted = np.cross([0, 0, 1.0], BALL.length_scale * middles)
     speed, along = np.linalg.norm(wanted, axis=1), tips - feet
     cosines = (along * wanted).sum(axis=1) / np.linalg.norm(along, axis=1) / speed
@@ -54,15 +54,15 @@ def test_arrows_go_with_the_field_as_far_as_it_is_fast():
     per_speed = lengths(arrows)[slow] / speed[slow]
     assert 0.2 < slow.mean() < 0.8
     np.testing.assert_allclose(per_speed, np.median(per_speed), rtol=0.03)
-    assert lengths(arrows).max() == pytest.approx(0.92 * LOOK.spacing, rel=0.01)
+    assert lengths(arrows).max() == pytest.approx(0.92 * STYLE.spacing, rel=0.01)
 
 
 @pytest.mark.parametrize("mesh", [BALL, LIMBS], ids=["ball", "limbs"])
-@pytest.mark.parametrize("look", [LOOK, ArrowLook(1.0, 0.045)], ids=["few", "many"])
-def test_no_arrow_lies_over_another(mesh, look):
-    arrows = arrows_of(mesh, rotation(mesh), look)
+@pytest.mark.parametrize("style", [STYLE, ArrowStyle(1.0, 0.045)], ids=["few", "many"])
+def test_no_arrow_lies_over_another(mesh, style):
+    arrows = arrows_of(mesh, rotation(mesh), style)
     shares = np.linspace(0, 1, 6)[:, None, None]
-    feet, middles, tips = np.moveaxis(arrows.ways, 1, 0)
+    feet, middles, tips = np.moveaxis(arrows.spines, 1, 0)
     places = np.concatenate([feet + shares * (middles - feet), middles + shares * (tips - middles)])
     owners = np.tile(np.arange(len(feet)), len(places))
     normals = arrows.normals.mean(axis=1)
@@ -71,26 +71,27 @@ def test_no_arrow_lies_over_another(mesh, look):
     same = owners[:, None] == owners
     apart[same | other_side[owners[:, None], owners]] = 9
     assert len(feet) > 100
-    assert apart.min() > 0.06 * look.spacing
+    assert apart.min() > 0.06 * style.spacing
 
 
 def test_a_smaller_length_makes_all_shorter():
-    long, short = (arrows_of(BALL, rotation(BALL), ArrowLook(x, 0.06)) for x in (0.03, 0.01))
+    long, short = (arrows_of(BALL, rotation(BALL), ArrowStyle(x, 0.06)) for x in (0.03, 0.01))
     np.testing.assert_allclose(lengths(long), 3 * lengths(short), rtol=0.01)
-    np.testing.assert_allclose(long.ways[:, 1], short.ways[:, 1])
+    np.testing.assert_allclose(long.spines[:, 1], short.spines[:, 1])
 
 
 def test_places_stay_while_the_field_changes_and_what_is_drawn_turns_and_grows_with_the_mesh():
     one, other = (
-        arrows_of(BALL, rotation(BALL, axis), LOOK).ways[:, 1] for axis in ((0, 0, 1.0), (1, 0, 0))
+        arrows_of(BALL, rotation(BALL, axis), STYLE).spines[:, 1]
+        for axis in ((0, 0, 1.0), (1, 0, 0))
     )
     both = cdist(one, other).min(axis=1) == 0
     assert both.mean() > 0.9  # others are where one of the fields is slow
-    again = arrows_of(BALL, rotation(BALL), LOOK)
-    np.testing.assert_array_equal(again.vertices, arrows_of(BALL, rotation(BALL), LOOK).vertices)
+    again = arrows_of(BALL, rotation(BALL), STYLE)
+    np.testing.assert_array_equal(again.vertices, arrows_of(BALL, rotation(BALL), STYLE).vertices)
     turn = axes(3)
     moved = TriangleMesh(50 * BALL.vertices @ turn.T, BALL.faces)
-    there = arrows_of(moved, 7 * rotation(BALL) @ turn.T, LOOK)
+    there = arrows_of(moved, 7 * rotation(BALL) @ turn.T, STYLE)
     np.testing.assert_allclose(there.vertices, again.vertices @ turn.T, atol=1e-7)
 
 
@@ -98,16 +99,16 @@ def test_a_field_in_one_place_has_arrows_there_alone_and_one_outlier_changes_not
     centers = BALL.vertices[BALL.faces].mean(axis=1)
     local = rotation(BALL) * np.exp(-((centers[:, :1] - 1) ** 2 + centers[:, 2:] ** 2) / 0.05)
     local += 1e-3 * rotation(BALL)
-    arrows = arrows_of(BALL, local, LOOK)
-    assert 5 < len(arrows.ways) < 0.2 * len(arrows_of(BALL, rotation(BALL), LOOK).ways)
-    assert (arrows.ways[:, 1, 0] > 0).all()
+    arrows = arrows_of(BALL, local, STYLE)
+    assert 5 < len(arrows.spines) < 0.2 * len(arrows_of(BALL, rotation(BALL), STYLE).spines)
+    assert (arrows.spines[:, 1, 0] > 0).all()
     wild = rotation(BALL)
     wild[17] *= 1e6
-    found = np.median(lengths(arrows_of(BALL, wild, LOOK)))
-    assert found == pytest.approx(np.median(lengths(arrows_of(BALL, rotation(BALL), LOOK))))
-    faint = arrows_of(BALL, 1e-100 * rotation(BALL), LOOK)
-    np.testing.assert_allclose(lengths(faint), lengths(arrows_of(BALL, rotation(BALL), LOOK)))
-    assert len(arrows_of(BALL, 0 * wild, LOOK).ways) == 0
+    found = np.median(lengths(arrows_of(BALL, wild, STYLE)))
+    assert found == pytest.approx(np.median(lengths(arrows_of(BALL, rotation(BALL), STYLE))))
+    faint = arrows_of(BALL, 1e-100 * rotation(BALL), STYLE)
+    np.testing.assert_allclose(lengths(faint), lengths(arrows_of(BALL, rotation(BALL), STYLE)))
+    assert len(arrows_of(BALL, 0 * wild, STYLE).spines) == 0
 
 
 def test_a_field_that_moves_nothing_but_one_face_has_one_arrow():
@@ -115,16 +116,16 @@ def test_a_field_that_moves_nothing_but_one_face_has_one_arrow():
     field = np.zeros((len(mesh.faces), 3))
     a, b, _ = mesh.vertices[mesh.faces[100]]
     field[100] = 1e-100 * (b - a)
-    assert len(arrows_of(mesh, field, LOOK).ways) == 1
+    assert len(arrows_of(mesh, field, STYLE).spines) == 1
 
 
 def test_a_reference_speed_makes_all_fields_comparable():
-    slow, fast = (arrows_of(BALL, x * rotation(BALL), replace(LOOK, fast=1.0)) for x in (0.5, 1.0))
+    slow, fast = (arrows_of(BALL, x * rotation(BALL), replace(STYLE, fast=1.0)) for x in (0.5, 1.0))
     assert lengths(slow).max() == pytest.approx(0.5 * lengths(fast).max(), rel=0.01)
 
 
 def test_arrows_lie_close_above_the_surface_also_across_thin_parts():
-    arrows = arrows_of(LIMBS, rotation(LIMBS), LOOK)
+    arrows = arrows_of(LIMBS, rotation(LIMBS), STYLE)
     above = arrows.vertices + arrows.heights[:, None] * arrows.normals
     unit = LIMBS.normalized()
     distance = np.sqrt(nearest(unit, above.reshape(-1, 3)))
@@ -143,7 +144,7 @@ def nearest(mesh, places):
 
 
 def are_hidden(places, normals, axes):
-    """Which places on the ring look away, or have a face more than 0.01 before them, by rays."""
+    """Which places on the ring style away, or have a face more than 0.01 before them, by rays."""
     import igl
 
     mesh, towards = RING.normalized(), axes[2]
@@ -154,7 +155,7 @@ def are_hidden(places, normals, axes):
 @pytest.mark.parametrize("tilt", [1.3, 1.4])
 def test_arrows_are_whole_or_not_there_at_outlines(tilt):
     """A vertex that is drawn has no face before it, and looks towards the eye."""
-    arrows, eye = arrows_of(RING, rotation(RING), LOOK), Eye(tilted(tilt))
+    arrows, eye = arrows_of(RING, rotation(RING), STYLE), Eye(tilted(tilt))
     hidden = arrows.hidden(eye)
     drawn = arrows.seen(eye, hidden).reshape(arrows.vertices.shape)
     is_there = np.ptp(drawn, axis=1).max(axis=1) > 0
@@ -172,19 +173,19 @@ def test_arrows_are_whole_or_not_there_at_outlines(tilt):
 
 
 def test_an_eye_in_perspective_sees_the_same_from_far_away():
-    arrows = arrows_of(LIMBS, rotation(LIMBS), LOOK)
+    arrows = arrows_of(LIMBS, rotation(LIMBS), STYLE)
     parallel = Eye(axes(1))
     far = Eye(parallel.axes, 200 * parallel.axes[2])
     assert (arrows.hidden(far) == arrows.hidden(parallel)).mean() > 0.99
     near = Eye(parallel.axes, 3 * parallel.axes[2])
-    assert not np.array_equal(near.towards(arrows.ways), parallel.towards(arrows.ways))
+    assert not np.array_equal(near.towards(arrows.spines), parallel.towards(arrows.spines))
     assert (arrows.hidden(near) == arrows.hidden(parallel)).mean() > 0.85
 
 
 def test_a_surface_with_boundary_has_arrows_on_the_side_that_is_seen_and_none_beyond_it():
     mesh = square(10)
-    arrows = arrows_of(mesh, np.tile([1.0, 0.5, 0], (len(mesh.faces), 1)), LOOK)
-    assert len(arrows.ways) > 100
+    arrows = arrows_of(mesh, np.tile([1.0, 0.5, 0], (len(mesh.faces), 1)), STYLE)
+    assert len(arrows.spines) > 100
     assert arrows.vertices[..., :2].min() >= -1e-9
     assert arrows.vertices[..., :2].max() <= 1 + 1e-9
     for sign in (1, -1):
@@ -204,16 +205,16 @@ def test_arrows_are_as_far_apart_in_pixels_on_small_surfaces_as_on_large_ones():
 
 
 def test_an_eye_gets_more_whole_arrows_and_every_place_one_nearby():
-    whole, look = np.zeros(2), ArrowLook(1.0, 0.12, fast=1e-9)
+    whole, style = np.zeros(2), ArrowStyle(1.0, 0.12, fast=1e-9)
     for seed in range(3):
         eye = Eye(axes(seed))
         for way in eye.axes:  # all arrows are of the full length
             for k, own in enumerate((None, eye)):
-                arrows = arrows_of(LIMBS, rotation(LIMBS, way), look, own)
+                arrows = arrows_of(LIMBS, rotation(LIMBS, way), style, own)
                 whole[k] += (~arrows.hidden(eye)).sum()
         spread = spread_points(LIMBS).points.positions
-        apart = cdist(spread, places(LIMBS, look.spacing, eye).positions) / LIMBS.length_scale
-        assert apart.min(axis=1).max() < 1.5 * look.spacing
+        apart = cdist(spread, places(LIMBS, style.spacing, eye).positions) / LIMBS.length_scale
+        assert apart.min(axis=1).max() < 1.5 * style.spacing
     assert whole[1] > 1.1 * whole[0]
 
 
@@ -243,7 +244,7 @@ def test_places_in_plain_sight_stay_while_the_surface_turns():
 
 def test_an_arrow_does_not_go_around_a_sharp_edge():
     mesh = icosphere(0)
-    arrows = arrows_of(mesh, rotation(mesh), ArrowLook(1.0, 0.13), Eye(axes(5)))
+    arrows = arrows_of(mesh, rotation(mesh), ArrowStyle(1.0, 0.13), Eye(axes(5)))
     cosines = np.einsum("amx,anx->amn", arrows.normals, arrows.normals)
-    assert len(arrows.ways)
+    assert len(arrows.spines)
     assert cosines.min() > 2 * 0.6**2 - 1  # both within one angle of their middle

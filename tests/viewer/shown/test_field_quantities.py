@@ -12,7 +12,7 @@ from abfm.pages.colormaps import NO_VALUES, color_range, linear_table
 from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.shown import quantities as quantities_module
 from abfm_viewer.shown.flow_state import FlowState
-from abfm_viewer.shown.quantities import Field, carried_gradient
+from abfm_viewer.shown.quantities import Field, pushed_gradient
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
 from tests.core.sequences.turning_film import solved
@@ -82,7 +82,7 @@ def test_what_is_still_to_come_is_said(session, shown, held):
     shown.quantities.field()
     assert shown.busy == "computing the field"
     may_decompose.set()
-    until(lambda: shown.quantities.field() and not shown.quantities.finding, session)
+    until(lambda: shown.quantities.field() and not shown.quantities.is_computing_field, session)
     assert shown.busy == ""
     assert shown.quantities.texture(shown.flow.advected(), colors_of(session)) is None
     assert shown.busy == "computing streaks"
@@ -228,7 +228,7 @@ def test_a_gradient_is_carried_along_several_fields_one_after_the_other():
         (0.5, pushforward(mesh, velocity[2], second, 0.1)),
         (1.0, pushforward(mesh, velocity[2], second, 0.6)),
     ):
-        found = carried_gradient(flow, f, time).velocity
+        found = pushed_gradient(flow, f, time).velocity
         np.testing.assert_allclose(found, expected, atol=1e-12)
 
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from abfm.calculus import face_normals
-from abfm_viewer.shown.landmarks import Marks
+from abfm_viewer.shown.landmarks import LandmarkPoints
 from tests.shapes import icosphere, torus
 
 SPHERE, RING = icosphere(3), torus(60, 30)
@@ -15,7 +15,7 @@ FROM_Z = np.eye(3)
 
 
 def are_hidden(mesh, places, normals, axes):
-    return Marks(mesh, tuple(range(len(places))), places, normals).hidden(axes)
+    return LandmarkPoints(mesh, tuple(range(len(places))), places, normals).hidden(axes)
 
 
 @pytest.mark.parametrize("seed", range(4))

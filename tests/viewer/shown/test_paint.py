@@ -13,7 +13,7 @@ from abfm.reading.labels import Labels
 from abfm_viewer.document.document import Coloring
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.paint import Painter, _most
+from abfm_viewer.shown.paint import Painter, _percentile_95
 from abfm_viewer.shown.quantities import Field
 from abfm_viewer.shown.shown import Shown
 from tests.core.fields import wavy_field
@@ -175,7 +175,7 @@ def test_negative_functions_have_no_transport_or_one_without_and_say_so(session,
     gaussians = "gaussian:x=1,y=0,z=0,width=0.15 + gaussian:x=-1,y=0,z=0,width=0.15,height=-0.005"
     set_source(session, gaussians)
     assert settled_transport(shown, painter).values.min() >= 0
-    told = "optimal transport takes values below 0, down to -0.005, as 0"
+    told = "optimal transport replaces negative values (down to -0.005) by 0"
     assert shown.mass_transport.note == told
 
 
@@ -240,10 +240,10 @@ def test_a_few_bad_faces_do_not_set_the_range():
     """Nor many slivers: the range is that of most of the area."""
     values, areas = np.linspace(0, 1, 1000), np.ones(1000)
     values[::50] = 20
-    assert _most(values, areas) == pytest.approx(0.97, abs=0.01)
+    assert _percentile_95(values, areas) == pytest.approx(0.97, abs=0.01)
     values[::4], areas[::4] = 20, 1e-3
-    assert _most(values, areas) < 1
-    assert _most(np.zeros(5), np.ones(5)) == 0
+    assert _percentile_95(values, areas) < 1
+    assert _percentile_95(np.zeros(5), np.ones(5)) == 0
 
 
 def test_labels_tell_of_extrapolation_and_of_values_beyond_the_colors(session, shown, monkeypatch):

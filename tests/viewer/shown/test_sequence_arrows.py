@@ -59,7 +59,7 @@ def test_a_standing_wave_is_blended_and_has_no_arrows(shown_of):
     frames = amplitudes[:, None] * np.cos(6 * SPHERE.vertices[:, 0])
     sequence, shown = shown_of(frames, 1.25)
     assert (sequence.confirmed, sequence.has_motion) == (0, False)
-    until(lambda: (arrows := arrows_of(shown)) is not None and not len(arrows.ways))
+    until(lambda: (arrows := arrows_of(shown)) is not None and not len(arrows.spines))
     painter = Painter(shown)
     until(lambda: painter.paint("advected") is not None and not shown.busy, shown.session)
     expected = 0.75 * frames[1] + 0.25 * frames[2]

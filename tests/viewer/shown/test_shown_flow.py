@@ -12,7 +12,7 @@ from abfm.maps import chord_distortion
 from abfm.mesh.subdivision import subdivided
 from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.paint import Painter
-from abfm_viewer.shown.shown_flow import Carried, span
+from abfm_viewer.shown.shown_flow import AtShownTime, span
 from tests.core.fields import wavy_field
 from tests.messages import check_message
 from tests.viewer.sessions import PAIR, QUICK, SPHERE, hold, matched, opened, ready, solving, until
@@ -36,7 +36,7 @@ def state(match):
 
 @pytest.fixture
 def carried(jobs):
-    return Carried(jobs)
+    return AtShownTime(jobs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +45,10 @@ class Limited(FlowState):
 
     end: float = 1.0
 
-    def carry(self, function, times):
+    def advect(self, function, times):
         if times.max() > self.end:
             raise AdvectionError("the flow overflows")
-        return super().carry(function, times)
+        return super().advect(function, times)
 
 
 def distance(a, b):
@@ -84,7 +84,7 @@ def test_a_flow_that_is_too_fast_for_any_time_is_an_error_and_no_end(match, sour
 def test_time_0_needs_nothing_scrubbing_shows_blends_and_a_settled_time_is_exact(
     match, state, source, carried, jobs, held
 ):
-    _, may_end = held(FlowState, "carry")
+    _, may_end = held(FlowState, "advect")
     assert carried.at(state, source, 0.0, settled=True) is source
     assert not jobs.busy
     assert carried.at(state, source, 0.3, settled=False) is None
@@ -116,7 +116,7 @@ def test_a_field_is_computed_when_it_is_first_needed():
 
     flow = FlowState(SPHERE, velocity, QUICK)
     assert asked == []
-    np.testing.assert_allclose(flow.carry(x, np.array([1.0]))[0], x)
+    np.testing.assert_allclose(flow.advect(x, np.array([1.0]))[0], x)
     assert flow.velocity is flow.velocity
     assert asked == [1]
 
@@ -128,15 +128,15 @@ def settle(shown, of_flow=lambda flow: flow.advected()):
     return of_flow(flow)
 
 
-def carry(shown, time):
-    return shown.flow.state.carry(shown.session.values("source"), np.array([time]))[0]
+def advected(shown, time):
+    return shown.flow.state.advect(shown.session.values("source"), np.array([time]))[0]
 
 
 def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(session, shown):
     session.editor.set_spec("source", "coordinate:x")
     ready(session)
     sleep(0.2)
-    expected = carry(shown, session.parameters.tau)
+    expected = advected(shown, session.parameters.tau)
     np.testing.assert_allclose(settle(shown), expected, atol=1e-12)
 
 
@@ -162,7 +162,7 @@ def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(
     endless.set_time(0.5)
     until(lambda: (shown.flow.advected(), not shown.flow.busy)[1], endless)
     early = shown.flow.advected()
-    assert distance(early, carry(shown, 0.5)) < 5e-3
+    assert distance(early, advected(shown, 0.5)) < 5e-3
 
     endless.solver.resume()
     until(lambda: endless.matching.snapshot.iteration.iteration > iterate.iteration + 30, endless)
@@ -206,7 +206,7 @@ def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endles
 
 
 def test_a_surface_says_so_while_it_shows_another_time_than_the_others(session, shown, held):
-    _, may_end = held(FlowState, "carry")
+    _, may_end = held(FlowState, "advect")
     painter = Painter(shown)
     session.editor.set_view("see more", blend=True, error=True)
     session.set_time(0.5)
@@ -243,14 +243,14 @@ def test_a_field_of_a_finer_mesh_carries_there_and_is_shown_on_the_mesh(match, s
     state, flow = FlowState(SPHERE, fine, match.parameters), abfm.Flow(SPHERE, fine)
     assert state.velocity.shape == match.velocity.shape
     times = np.array([0.4, 1.0])
-    np.testing.assert_allclose(state.carry(source, times), flow.push(source, times))
+    np.testing.assert_allclose(state.advect(source, times), flow.push(source, times))
     on_mesh = abfm.Flow(SPHERE, state.velocity).push(source, times)
-    assert not np.allclose(on_mesh, state.carry(source, times), atol=1e-3)
+    assert not np.allclose(on_mesh, state.advect(source, times), atol=1e-3)
     named = match.problem.with_specs([PAIR.source], [PAIR.target])
     found = replace(match, problem=named, fine_velocity=fine)
     state = FlowState(SPHERE, fine, match.parameters, problem=named)
-    assert distance(state.carry(source, times)[1], found.advect(1.0)) < 1e-9
-    assert distance(state.carry(source, times)[1], found.push(source, 1.0)) > 1e-6
+    assert distance(state.advect(source, times)[1], found.advect(1.0)) < 1e-9
+    assert distance(state.advect(source, times)[1], found.push(source, 1.0)) > 1e-6
 
 
 def test_distortions_are_those_of_the_match_once_the_time_stands(session, shown, monkeypatch):
