@@ -27,7 +27,7 @@ ProcessCache = dict[int, Any]
 """Values that functions store in their process for later calls."""
 
 _ENDED_MESSAGE = (
-    "The computing process ended unexpectedly, possibly because memory ran out. Try again."
+    "the computing process ended unexpectedly, possibly because memory ran out; try again"
 )
 _IDLE_WORKERS_MAX = 2  # a session has one process for runs, and one for initial maps
 _RECENT_PARTIALS = 20  # partial results from which the time of the next ones is estimated

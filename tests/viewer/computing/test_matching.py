@@ -116,8 +116,8 @@ def test_it_finds_what_match_finds_also_on_another_mesh_prepared_or_not(matching
 
 def test_a_run_that_waits_for_coarser_meshes_tells_of_them(matching, functions):
     told = []
-    tell = matching.run._tell
-    matching.run._tell = lambda step: (told.append(step), tell(step))
+    tell = matching.run._set_step
+    matching.run._set_step = lambda step: (told.append(step), tell(step))
     sphere = abfm.TriangleMesh(1.1 * SPHERE.vertices, SPHERE.faces)  # of which none are made yet
     matching.prepare(sphere, QUICK.with_values(levels=2))
     matching.begin(replace(problem(QUICK.with_values(levels=2)), mesh=sphere), functions)

@@ -165,7 +165,7 @@ def test_arrows_are_whole_or_not_there_at_outlines(tilt):
     places, normals = drawn[is_there].reshape(-1, 3), arrows.normals[is_there].reshape(-1, 3)
     assert are_hidden(places, normals, eye.axes).mean() < 0.002
     # and what is left out would have been cut, or is near an outline
-    left_out = ~is_there & (arrows.turned(eye) > 0.35)
+    left_out = ~is_there & (arrows.facing(eye) > 0.35)
     places, normals = (x[left_out] for x in (arrows.vertices, arrows.normals))
     assert len(places) > 3
     covered = are_hidden(places.reshape(-1, 3), normals.reshape(-1, 3), eye.axes)
@@ -238,7 +238,7 @@ def test_places_in_plain_sight_stay_while_the_surface_turns():
     both = cdist(*seen).min(axis=1) == 0
     assert len(both) > 25
     assert both.mean() > 0.8
-    base = spread_points(BALL).apart(0.05).positions
+    base = spread_points(BALL).with_spacing(0.05).positions
     assert (cdist(seen[0], base).min(axis=1) == 0).all()
 
 

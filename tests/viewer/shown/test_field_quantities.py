@@ -272,9 +272,9 @@ def test_speeds_of_a_film_are_in_the_unit_of_its_mesh_as_far_as_cards_know_such_
     mesh, unit = icosphere(1), "the mesh's unit per second"
     velocity = np.ones((len(mesh.faces), 3))
     speed = np.linalg.norm(velocity, axis=1)
-    film = Field(mesh, velocity, speed, unit=unit, of=velocity)
+    film = Field(mesh, velocity, speed, unit=unit, interval_field=velocity)
     assert film.relative_speed()[1] == unit
     np.testing.assert_array_equal(film.relative_speed()[0], speed)
-    fast = Field(mesh, velocity, 1e31 * speed, unit=unit, of=velocity)
+    fast = Field(mesh, velocity, 1e31 * speed, unit=unit, interval_field=velocity)
     assert fast.relative_speed()[1] == "sqrt(area) per second"
     np.testing.assert_allclose(fast.relative_speed()[0], 1e31 * speed / mesh.length_scale)
