@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from abfm import AbfmError, Match, TriangleMesh, experiments, load_mesh
 from abfm.batch import Row
 from abfm.errors import printable
-from abfm.experiments import Findings, Measure, Script, Sought
+from abfm.experiments import Findings, Measure, RequestedMatch, Script
 from abfm.parameters import FIGURES, TITLES
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
@@ -138,8 +138,8 @@ class _Figure:
     def __init__(self, number: int, mesh: TriangleMesh | None, name: str) -> None:
         self.number = number
         self.tell: Callable[[str, float], None] = lambda text, share: None
-        self.stage = experiments.Stage(mesh, name, report=lambda *now: self.tell(*now))
-        self.matched: Callable[[Sequence[Sought]], Sequence[Match]] = self.stage.match
+        self.stage = experiments.FigureSetup(mesh, name, report=lambda *now: self.tell(*now))
+        self.matched: Callable[[Sequence[RequestedMatch]], Sequence[Match]] = self.stage.match
         self._error: AbfmError | None = None
 
     @cached_property
@@ -147,11 +147,11 @@ class _Figure:
         return experiments.script(self.number, self.stage)
 
     @cached_property
-    def sought(self) -> Sequence[Sought]:
+    def sought(self) -> Sequence[RequestedMatch]:
         """What it waits for."""
-        return experiments.sought_by(self.script)
+        return experiments.requested_matches(self.script)
 
-    def state(self) -> Sequence[Sought]:
+    def state(self) -> Sequence[RequestedMatch]:
         """Run it until it waits, and return for what; an error waits for `findings`."""
         try:
             return self.sought

@@ -61,7 +61,7 @@ def figure_document(figure: int, view: View) -> tuple[MatchDocument, dict[str, F
     """Return a figure of the paper, drawn in a view's theme and layout, and the values of functions
     that no text describes; set up in a process of its own, in seconds, or AbfmError says why not.
     """
-    example, given = experiments.stated_apart(figure)
+    example, given = experiments.example_in_subprocess(figure)
     parameters = example.problem.parameters
     document = MatchDocument(
         (Surface(example.problem.mesh, example.name),),

@@ -1,4 +1,4 @@
-"""The figures of the paper as scripts that run again, with numbers and a sheet to draw."""
+"""Scripts of the paper's figures, with measured numbers and a picture of each figure."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Given fields, smooth ones on any mesh: what their flows carry, where their flow lines lead."""
+"""Given fields that are smooth on any mesh: advection by them, and their flow lines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from abfm import Flow, MeshError, TriangleMesh, calculus
 from abfm.calculus import face_areas, l2_norm, to_frame
 from abfm.calculus.operators import rotation
-from abfm.experiments.vocabulary import Example, carried_example, gaussian, sized
+from abfm.experiments.scripts import Example, advection_example, gaussian, size_text
 from abfm.flow import flow_lines
 from abfm.io.sheets import Streaks
 from abfm.maps import project_onto_surface
@@ -18,121 +18,130 @@ from abfm.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A surface, one of several of the same name, with a field (F, 3)."""
+    """A surface with a field (F, 3); several cases may have the same name."""
 
     name: str
     mesh: TriangleMesh
     v: FloatArray
 
 
-def refined(levels: Sequence[Case]) -> str:
-    """Return a surface in words, coarse to fine."""
-    return sized(levels[-1].name, *(level.mesh for level in levels))
+def sizes_text(levels: Sequence[Case]) -> str:
+    """Return the name of a surface with its numbers of vertices, coarse to fine."""
+    return size_text(levels[-1].name, *(level.mesh for level in levels))
 
 
 def field_example(case: Case, name: str) -> Example:
-    """Return a Gaussian where a field is fastest, which it carries for a unit of time."""
+    """Return the example of a Gaussian at the maximum of a field's speed, advected for time 1."""
     fastest = int(np.argmax(speed(case.mesh, case.v)))
     source = gaussian(case.mesh, fastest, 0.1)
-    return carried_example(Flow(case.mesh, case.v), name, source, "file:carried.npy")
+    return advection_example(Flow(case.mesh, case.v), name, source, "file:advected.npy")
 
 
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
-    """Return a smooth field (F, 3) without divergence, tangent to a boundary, by its RMS speed."""
+    """Return a smooth divergence-free field (F, 3), tangent to the boundary, with an RMS speed."""
     basis = calculus.unit_eigenbasis(mesh, max(modes) + 1)[1]
-    field = slopes(mesh, basis[:, list(modes)] @ np.array(list(modes.values())), turned=True)
+    field = gradient_field(
+        mesh, basis[:, list(modes)] @ np.array(list(modes.values())), turned=True
+    )
     if not mesh.is_closed:
-        whole = np.linalg.norm(field)
+        original_norm = np.linalg.norm(field)
         field = calculus.helmholtz_hodge(mesh, field)[1]
-        if np.linalg.norm(field) <= 1e-9 * whole:
+        if np.linalg.norm(field) <= 1e-9 * original_norm:
             raise MeshError(
-                "no smooth field without divergence flows inside this mesh: refine it, above all "
-                "inside"
+                "this mesh has no smooth divergence-free field that is tangent to its boundary; "
+                "refine its interior"
             )
     return field * (speed * mesh.length_scale / root_mean_square(mesh, field))
 
 
-def stirring(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
-    """Return an eigenfunction's turned gradient (F, 3), `with_speed`, less what leaves the mesh."""
+def stirring_field(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
+    """Return the rotated gradient of an eigenfunction, (F, 3), tangent to the boundary.
+
+    The field is scaled by `with_speed`.
+    """
     if len(mesh.vertices) <= index:
         raise MeshError(
-            f"the mesh has {len(mesh.vertices)} vertices; expected more than {index}, for its own "
-            "fields"
+            f"the mesh has {len(mesh.vertices)} vertices; the field of this figure needs more than "
+            f"{index}"
         )
-    turned = slopes(mesh, calculus.eigenbasis(mesh, index + 1)[1][:, index], turned=True)
+    turned = gradient_field(mesh, calculus.eigenbasis(mesh, index + 1)[1][:, index], turned=True)
     across, along, harmonic = calculus.helmholtz_hodge(mesh, turned)
     if np.linalg.norm(along + harmonic) <= 1e-9 * np.linalg.norm(across):
         raise MeshError(
-            "no field flows inside this mesh, all of whose vertices lie on its boundary: refine it"
+            "this mesh has no field that is tangent to its boundary, because all of its vertices "
+            "are on the boundary; refine it"
         )
     return with_speed(mesh, along + harmonic, speed)
 
 
-def slopes(mesh: TriangleMesh, f: FloatArray, turned: bool = False) -> FloatArray:
-    """Return the gradient of a function (V,), (F, 3), turned by 90 degrees if wanted."""
+def gradient_field(mesh: TriangleMesh, f: FloatArray, turned: bool = False) -> FloatArray:
+    """Return the gradient of a function (V,), (F, 3), optionally rotated by 90 degrees."""
     operator = rotation(mesh) @ calculus.gradient(mesh) if turned else calculus.gradient(mesh)
     return calculus.to_ambient(mesh, (operator @ f).reshape(-1, 2))
 
 
 def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArray:
-    """Scale a field (F, 3) to a root mean square in sqrt(area) per unit of time."""
+    """Scale a field (F, 3) to an RMS speed, in sqrt(area) per unit of time."""
     areas = face_areas(mesh)
     return float(areas.sum() * speed / np.sqrt(areas @ (field**2).sum(axis=1))) * field
 
 
-def tangent(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
-    """Return vectors at the face centres (F, 3) without their normal part."""
+def tangential_part(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
+    """Return the tangential part of vectors at the face centers, (F, 3)."""
     return calculus.to_ambient(mesh, to_frame(mesh, vectors))
 
 
-def centres(mesh: TriangleMesh) -> FloatArray:
-    """Return the face centres, (F, 3)."""
+def face_centers(mesh: TriangleMesh) -> FloatArray:
+    """Return the face centers, (F, 3)."""
     return np.asarray(mesh.vertices[mesh.faces].mean(axis=1))
 
 
 def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
-    """Return a torus, distances from its axis and both angles' fields at the face centres."""
+    """Return a torus with the distances of its face centers from its axis, and the angular fields.
+
+    The fields rotate about the axis and around the tube, (F, 3).
+    """
     mesh = torus(n, n // 2)
-    x, y, z = centres(mesh).T
+    x, y, z = face_centers(mesh).T
     ring = np.hypot(x, z)
     by_about = np.stack([z, np.zeros_like(z), -x], axis=1)
     return mesh, ring, by_about, np.stack([-y * x / ring, ring - 1, -y * z / ring], axis=1)
 
 
 def speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Return the length of a field (F, 3) at the vertices, (V,)."""
+    """Return the magnitude of a field (F, 3) at the vertices, (V,)."""
     return np.asarray(calculus.averaging(mesh) @ np.linalg.norm(field, axis=1))
 
 
-def coloured(mesh: TriangleMesh, field: FloatArray) -> Streaks:
-    """Show a field with its speed."""
+def speed_streaks(mesh: TriangleMesh, field: FloatArray) -> Streaks:
+    """Return streaks of a field, colored by its speed."""
     return Streaks(field, speed(mesh, field), "speed")
 
 
 def root_mean_square(mesh: TriangleMesh, values: FloatArray) -> float:
-    """Average one or several values per face, (F,) or (F, n), over the surface."""
+    """Return the root mean square over the surface of values at faces, (F,) or (F, n)."""
     squares = (values.reshape(len(values), -1) ** 2).sum(axis=1)
     return float(np.sqrt(np.average(squares, weights=face_areas(mesh))))
 
 
 def relative_norm(mesh: TriangleMesh, field: FloatArray, other: FloatArray) -> float:
-    """Return the L2 norm of a field (F, 3) over that of another."""
+    """Return the L2 norm of a field (F, 3) relative to that of another field."""
     areas = face_areas(mesh)
     return float(np.sqrt(areas @ (field**2).sum(axis=1) / (areas @ (other**2).sum(axis=1))))
 
 
 def relative_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
-    """Return the L2 norm of ``f - g`` over that of ``g``, of functions (V,)."""
+    """Return the L2 norm of ``f - g`` relative to that of ``g``, for functions (V,)."""
     return l2_norm(mesh, f - g) / l2_norm(mesh, g)
 
 
-def feet(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatArray:
-    """Follow flow lines from the vertices back to times before, not negative (T,): (T, V, 3)."""
+def departure_points(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatArray:
+    """Follow flow lines from the vertices backwards to nonnegative times (T,): (T, V, 3)."""
     starts = project_onto_surface(mesh, mesh.vertices)
     lines = flow_lines(mesh, velocity, starts, -float(times.max()))
     return np.array([[line.at(-t) for line in lines] for t in times])
 
 
-def carried(mesh: TriangleMesh, places: FloatArray, f: FloatArray) -> FloatArray:
-    """Return the values (T, V) of ``f`` (V,) at places (T, V, 3), brought to the vertices."""
+def advected_values(mesh: TriangleMesh, places: FloatArray, f: FloatArray) -> FloatArray:
+    """Return the values (T, V) of ``f`` (V,) at points (T, V, 3), the advected function."""
     return np.array([project_onto_surface(mesh, points).pull_back(f) for points in places])

@@ -1,4 +1,4 @@
-"""Figure 5: the smoothest field that commutes with a given one."""
+"""Figure 5: the smoothest field that commutes with a given field."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,33 +9,33 @@ from scipy.linalg import eigh_tridiagonal
 from abfm import Flow, TriangleMesh
 from abfm.calculus import commuting_fields, face_areas, hodge_laplacian, relative_bracket, to_frame
 from abfm.experiments import fields
-from abfm.experiments.vocabulary import Findings, Measure, Script, Stage
+from abfm.experiments.scripts import FigureSetup, Findings, Measure, Script
 from abfm.io.sheets import Panel, Sheet, Streaks
 from abfm.mesh.shapes import gourd, gourd_radius
 from abfm.types import FloatArray
 
-_SPEED = 0.25  # of v, in sqrt(area) per unit of time
-_COMPARED_FIELDS = 8  # smooth fields to compare the bracket with
+_SPEED = 0.25  # RMS of v, in sqrt(area) per unit of time
+_COMPARED_FIELDS = 8  # smooth fields whose brackets are compared
 
 
 @dataclass(frozen=True, eq=False)
 class Case(fields.Case):
-    """Where it is known, with the ``u`` that commutes with the field, and the roughness of that."""
+    """A case whose commuting field ``u`` may be known, with the roughness of ``u``."""
 
     u: FloatArray | None = None
     roughness: float = np.nan
 
 
-def figure_5(stage: Stage) -> Script:
-    """Find the smoothest fields that commute with rotations, or with a field that stirs a mesh."""
-    if stage.mesh is None:
+def figure_5(setup: FigureSetup) -> Script:
+    """Find the smoothest fields that commute with rotations, or with a field of a given mesh."""
+    if setup.mesh is None:
         surfaces, kind = (
-            known_cases((1, 2) if stage.small else (1, 2, 4)),
+            known_cases((1, 2) if setup.small else (1, 2, 4)),
             "rotation about the axis",
         )
     else:
-        case = Case(stage.name, stage.mesh, fields.stirring(stage.mesh, 1, _SPEED))
-        surfaces, kind = [[case]], "turned gradient of eigenfunction 1"
+        case = Case(setup.name, setup.mesh, fields.stirring_field(setup.mesh, 1, _SPEED))
+        surfaces, kind = [[case]], "rotated gradient of eigenfunction 1"
     yield fields.field_example(surfaces[0][-1], surfaces[0][-1].name)
 
     measures: list[Measure] = []
@@ -43,28 +43,30 @@ def figure_5(stage: Stage) -> Script:
     for number, levels in enumerate(surfaces):
         case = levels[-1]
         name, mesh, v = case.name, case.mesh, case.v
-        stage.report(fields.refined(levels), number / len(surfaces))
+        setup.report(fields.sizes_text(levels), number / len(surfaces))
         found = [(level, commuting_fields(level.mesh, level.v)[0]) for level in levels]
         u = found[-1][1]
         brackets = [relative_bracket(level.mesh, level.v, w) for level, w in found]
         others = commuting_fields(mesh, v, min(_COMPARED_FIELDS, len(mesh.faces)), weight=0)
-        usual = float(np.median([relative_bracket(mesh, v, w) for w in others]))
-        # how far first v then u ends from first u then v
+        median_bracket = float(np.median([relative_bracket(mesh, v, w) for w in others]))
+        # distance of the points after v and u from those after u and v
         x, along_v, along_u = mesh.vertices, Flow(mesh, v), Flow(mesh, u)
-        one, other = along_u.push(along_v.push(x)), along_v.push(along_u.push(x))
-        exchanged = float(np.linalg.norm(one - other) / np.linalg.norm(one - x))
+        v_then_u, u_then_v = along_u.push(along_v.push(x)), along_v.push(along_u.push(x))
+        exchanged = float(np.linalg.norm(v_then_u - u_then_v) / np.linalg.norm(v_then_u - x))
         areas, coefficients = face_areas(mesh), to_frame(mesh, u).ravel()
         energy = float(coefficients @ (hodge_laplacian(mesh) @ coefficients))
-        rough = energy * float(areas.sum()) / float(areas @ (u**2).sum(axis=1))
+        roughness_of_u = energy * float(areas.sum()) / float(areas @ (u**2).sum(axis=1))
         of_bracket, commutes = "bracket norm relative to both fields", "u commutes with v"
         of_usual = f"the same, median of the {len(others)} smoothest fields orthogonal to v"
         exchange = "distance of the ends when the two flows are exchanged, over the way"
         roughness = "roughness of u, squared div and curl times area over squared norm"
         measures += [
-            Measure(f"{name}: {of_bracket}", brackets[-1], commutes, brackets[-1] < 0.1 * usual),
-            Measure(f"{name}: {of_usual}", usual),
+            Measure(
+                f"{name}: {of_bracket}", brackets[-1], commutes, brackets[-1] < 0.1 * median_bracket
+            ),
+            Measure(f"{name}: {of_usual}", median_bracket),
             Measure(f"{name}: {exchange}", exchanged),
-            Measure(f"{name}: {roughness}", rough),
+            Measure(f"{name}: {roughness}", roughness_of_u),
         ]
         if errors := [distance(c.mesh, w, c.u) for c, w in found if c.u is not None]:
             order, of_errors = (np.log2(x[-2] / x[-1]) for x in (brackets, errors))
@@ -76,13 +78,13 @@ def figure_5(stage: Stage) -> Script:
                 Measure(f"{name}: order of that error", of_errors),
                 Measure(f"{name}: roughness of the exact u", case.roughness),
             ]
-        # without colours where u may be a multiple of v from place to place, with its speed
-        paint = fields.coloured if case.u is None else lambda mesh, field: Streaks(field)
+        # no colors if u is known: the speed of u is only informative on a given mesh
+        paint = fields.speed_streaks if case.u is None else lambda mesh, field: Streaks(field)
         v_panel = Panel(mesh, paint(mesh, v), "v", "field")
         rows.append((v_panel, Panel(mesh, paint(mesh, u), "u", "result")))
     setting = (
-        f"{'; '.join(map(fields.refined, surfaces))}. v is the {kind}; u is "
-        "orthogonal to v in L2 and minimises its Hodge energy plus the squared bracket, weighted "
+        f"{'; '.join(map(fields.sizes_text, surfaces))}. v is the {kind}. u is "
+        "orthogonal to v in L2. It minimises its Hodge energy plus the squared bracket, weighted "
         "by sqrt(area) over the edge length. Bracket norms are sqrt(area) |[v, u]| / (|v| |u|), of "
         "root mean squares."
     )
@@ -90,34 +92,37 @@ def figure_5(stage: Stage) -> Script:
 
 
 def distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
-    """Return the relative L2 error of a field that is determined up to a factor."""
+    """Return the relative L2 error of a field, which is determined only up to a factor."""
     scaled, found = (fields.with_speed(mesh, field, _SPEED) for field in (exact, u))
     return min(fields.relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
 
 
 def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
-    """Return rotations of two surfaces of revolution, each from coarse to fine."""
+    """Return rotations of two surfaces of revolution, each on meshes from coarse to fine."""
     return [[on_gourd(6 * k) for k in sizes], [on_torus(24 * k) for k in sizes]]
 
 
 def rotation(mesh: TriangleMesh) -> FloatArray:
     """Return the rotation about the y axis, (F, 3)."""
-    around = np.cross([0.0, 1.0, 0.0], fields.centres(mesh))
-    return fields.with_speed(mesh, fields.tangent(mesh, around), _SPEED)
+    around = np.cross([0.0, 1.0, 0.0], fields.face_centers(mesh))
+    return fields.with_speed(mesh, fields.tangential_part(mesh, around), _SPEED)
 
 
 def on_torus(n: int) -> Case:
-    """Return a torus' rotation: it commutes with the harmonic field around the tube."""
+    """Return the rotation of a torus; it commutes with the harmonic field around the tube."""
     mesh, ring, _, around = fields.angular_torus(n)
     around /= np.linalg.norm(around, axis=1)[:, None] * ring[:, None]
-    return Case("torus", mesh, rotation(mesh), fields.tangent(mesh, around), 0.0)
+    return Case("torus", mesh, rotation(mesh), fields.tangential_part(mesh, around), 0.0)
 
 
 def on_gourd(frequency: int) -> Case:
-    """Return a gourd's: it commutes with the first eigenfunction's gradient along meridians."""
+    """Return the rotation of a gourd.
+
+    It commutes with the gradient of the first eigenfunction along meridians.
+    """
     mesh = gourd(frequency)
-    polar, slope, rough = first_on_meridian()
-    x, y, z = points = fields.centres(mesh).T
+    polar, slope, roughness_of_u = first_on_meridian()
+    x, y, z = points = fields.face_centers(mesh).T
     angle = np.arccos(y / np.linalg.norm(points.T, axis=1))
     # unit tangents of the meridians, away from the upper pole
     step, radius, ring = 1e-5, gourd_radius(angle), np.hypot(x, z)
@@ -127,22 +132,31 @@ def on_gourd(frequency: int) -> Case:
     along = np.stack([out * x / ring, up, out * z / ring], axis=1)
     along /= np.linalg.norm(along, axis=1)[:, None]
     u = along * np.interp(angle, polar, slope)[:, None]
-    return Case("surface of revolution", mesh, rotation(mesh), fields.tangent(mesh, u), rough)
+    return Case(
+        "surface of revolution",
+        mesh,
+        rotation(mesh),
+        fields.tangential_part(mesh, u),
+        roughness_of_u,
+    )
 
 
 def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]:
-    """Solve for that by finite volumes: angles (count + 1,), slopes, eigenvalue times area."""
+    """Solve for the first eigenfunction on the meridian by finite volumes.
+
+    Returns angles (count + 1,), slopes (count + 1,), and the eigenvalue times the area.
+    """
     polar = np.linspace(0, np.pi, 2 * count + 1)
     radius = gourd_radius(polar)
     ring, height = radius * np.sin(polar), radius * np.cos(polar)
     lengths = np.hypot(np.diff(ring), np.diff(height))
-    cells = ring[1::2] * (lengths[::2] + lengths[1::2])  # their areas over 2 pi
-    gaps = lengths[1:-1:2] + lengths[2::2]  # between the cells' middles
+    cells = ring[1::2] * (lengths[::2] + lengths[1::2])  # areas divided by 2 pi
+    gaps = lengths[1:-1:2] + lengths[2::2]  # distances between cell centers
     fluxes = ring[2:-1:2] / gaps
     diagonal = (np.append(fluxes, 0) + np.append(0, fluxes)) / cells
     values, vectors = eigh_tridiagonal(
         diagonal, -fluxes / np.sqrt(cells[1:] * cells[:-1]), select="i", select_range=(1, 1)
     )
-    slopes = np.diff(vectors[:, 0] / np.sqrt(cells)) / gaps
-    rough = float(values[0] * 2 * np.pi * cells.sum())
-    return polar[::2], np.concatenate([[0.0], slopes, [0.0]]), rough
+    gradient_field = np.diff(vectors[:, 0] / np.sqrt(cells)) / gaps
+    roughness_of_u = float(values[0] * 2 * np.pi * cells.sum())
+    return polar[::2], np.concatenate([[0.0], gradient_field, [0.0]]), roughness_of_u

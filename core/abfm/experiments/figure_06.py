@@ -1,4 +1,4 @@
-"""Figure 6: a field carried along the flow of another (the pushforward)."""
+"""Figure 6: a field transported along the flow of another field (pushforward)."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -11,15 +11,15 @@ from scipy.spatial.transform import Rotation
 from abfm import AdvectionError, Flow, MeshError, TriangleMesh
 from abfm.calculus import directional_derivative, l2_norm, pushforward, to_frame
 from abfm.experiments import fields
-from abfm.experiments.vocabulary import Findings, Measure, Script, Stage
+from abfm.experiments.scripts import FigureSetup, Findings, Measure, Script
 from abfm.io.sheets import Panel, Sheet, Streaks
 from abfm.mesh.shapes import geodesic_sphere
 from abfm.types import FloatArray
 
-_TURN = np.pi  # radians per unit of time
-# to try without a symmetry: sqrt(area) per unit of time
+_ANGULAR_SPEED = np.pi  # radians per unit of time
+# speeds to try on any mesh: sqrt(area) per unit of time
 _SPEEDS = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)
-_STRETCH_MAX = 2.0
+_STRETCH_MAX = 2.0  # of the norm of u by the flow
 _TIMES = (0.125, 0.25)  # the paper's times
 _MORE_TIMES = (0.5, 1.0)
 _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
@@ -27,12 +27,12 @@ _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 
 @dataclass(frozen=True, eq=False)
 class Case(fields.Case):
-    """With a field ``u``, and where it is known what the flow makes of that in a time."""
+    """A case with a field ``u`` and, if known, the exact pushforward of ``u`` by time."""
 
     u: FloatArray
     exact: Callable[[float], FloatArray] | None = None
 
-    def carried(self, t: float) -> FloatArray:
+    def pushed(self, t: float) -> FloatArray:
         return pushforward(self.mesh, self.v, self.u, t)
 
     def error(self, field: FloatArray, t: float) -> float:
@@ -41,14 +41,14 @@ class Case(fields.Case):
         return fields.relative_norm(self.mesh, field - expected, expected)
 
 
-def figure_6(stage: Stage) -> Script:
-    """Carry fields along rotations of a sphere and of a torus, or one that stirs a mesh."""
-    if stage.mesh is None:
-        surfaces, name = known_cases((1, 2) if stage.small else (1, 2, 4)), "sphere"
-        turns = "v turns by half a turn in t = 1"
+def figure_6(setup: FigureSetup) -> Script:
+    """Push fields forward along rotations of a sphere and a torus, or along a field of a mesh."""
+    if setup.mesh is None:
+        surfaces, name = known_cases((1, 2) if setup.small else (1, 2, 4)), "sphere"
+        motion = "v rotates by 180 degrees in t = 1"
     else:
-        surfaces, name = [[on_any(stage.mesh, stage.name)]], stage.name
-        turns = "v and u are the turned gradients of two successive eigenfunctions"
+        surfaces, name = [[on_any(setup.mesh, setup.name)]], setup.name
+        motion = "v and u are the rotated gradients of two consecutive eigenfunctions"
     first = surfaces[0][-1]
     yield fields.field_example(first, name)
 
@@ -56,26 +56,28 @@ def figure_6(stage: Stage) -> Script:
     rows = []
     for number, levels in enumerate(surfaces):
         case, mesh = levels[-1], levels[-1].mesh
-        stage.report(fields.refined(levels), number / len(surfaces))
-        carried = {t: case.carried(t) for t in _TIMES}
-        measures += against_exact(levels) if case.exact else against_functions(case, carried)
+        setup.report(fields.sizes_text(levels), number / len(surfaces))
+        pushed = {t: case.pushed(t) for t in _TIMES}
+        measures += against_exact(levels) if case.exact else against_functions(case, pushed)
         results = (
-            Panel(mesh, fields.coloured(mesh, w), f"u, carried to t = {t:g}", "result")
-            for t, w in carried.items()
+            Panel(mesh, fields.speed_streaks(mesh, w), f"u, pushed to t = {t:g}", "result")
+            for t, w in pushed.items()
         )
         v_panel = Panel(mesh, Streaks(case.v), "v", "field")
-        rows.append((v_panel, Panel(mesh, fields.coloured(mesh, case.u), "u", "source"), *results))
-    seen = tuple(fields.speed(first.mesh, w) for w in (first.u, first.carried(_TIMES[-1])))
-    sizes = "; ".join(map(fields.refined, surfaces))
-    setting = f"{sizes}. {turns}. The pushforward is exp(-t ad_v) u."
+        rows.append(
+            (v_panel, Panel(mesh, fields.speed_streaks(mesh, case.u), "u", "source"), *results)
+        )
+    seen = tuple(fields.speed(first.mesh, w) for w in (first.u, first.pushed(_TIMES[-1])))
+    sizes = "; ".join(map(fields.sizes_text, surfaces))
+    setting = f"{sizes}. {motion}. The pushforward is exp(-t ad_v) u."
     return Findings(measures, Sheet(tuple(rows), seen=seen), setting)
 
 
 def against_exact(levels: Sequence[Case]) -> list[Measure]:
-    """Compare with the exact answers on a surface, coarse to fine."""
+    """Compare with the exact pushforward on a surface, coarse to fine."""
     name, transports = levels[-1].name, "the pushforward transports u over the flow lines of v"
     coarse, fine = (
-        [case.error(case.carried(t), t) for t in (*_TIMES, *_MORE_TIMES)] for case in levels[-2:]
+        [case.error(case.pushed(t), t) for t in (*_TIMES, *_MORE_TIMES)] for case in levels[-2:]
     )
     of_error = f"{name}: relative L2 error at t ="
     measures = [
@@ -84,23 +86,23 @@ def against_exact(levels: Sequence[Case]) -> list[Measure]:
     for t, order in zip(_TIMES, np.log2(np.divide(coarse, fine)), strict=False):
         text = f"{name}: order in the edge length at t = {t:g}"
         measures.append(Measure(text, order, transports, order > 0.5))
-    for t, off in zip(_TIMES, fine, strict=False):
-        x = levels[-1].error(levels[-1].carried(-t), t)
+    for t, error in zip(_TIMES, fine, strict=False):
+        x = levels[-1].error(levels[-1].pushed(-t), t)
         text = f"{of_error} {t:g} with the printed sign"
-        measures.append(Measure(text, x, _PUSHFORWARD, x < 2 * off))
+        measures.append(Measure(text, x, _PUSHFORWARD, x < 2 * error))
     return measures
 
 
-def against_functions(case: Case, carried: dict[float, FloatArray]) -> list[Measure]:
-    """Measure whether carried fields derive carried functions as the fields the functions."""
+def against_functions(case: Case, pushed: dict[float, FloatArray]) -> list[Measure]:
+    """Compare derivatives of advected functions along pushed fields with advected derivatives."""
     mesh, places, flow = case.mesh, case.mesh.vertices, Flow(case.mesh, case.v)
     measures = []
-    for t, field in carried.items():
+    for t, field in pushed.items():
         expected = flow.push(directional_derivative(mesh, to_frame(mesh, case.u)) @ places, t)
         after = flow.push(places, t)
         derived = (
             directional_derivative(mesh, to_frame(mesh, w)) @ after
-            for w in (field, case.carried(-t))
+            for w in (field, case.pushed(-t))
         )
         ours, printed = (l2_norm(mesh, x - expected) / l2_norm(mesh, expected) for x in derived)
         text = (
@@ -118,7 +120,7 @@ def against_functions(case: Case, carried: dict[float, FloatArray]) -> list[Meas
 
 
 def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
-    """Return the rotations, each on a surface from coarse to fine."""
+    """Return the rotations, each on meshes from coarse to fine."""
     return [
         [on_sphere(6 * k) for k in sizes],
         [on_torus(24 * k, around_tube=False) for k in sizes],
@@ -127,51 +129,57 @@ def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
 
 
 def on_sphere(frequency: int) -> Case:
-    """Return the rotation about the y axis, which turns a field of two unlike vortices."""
+    """Return the rotation about the y axis and a field of two different vortices."""
     mesh = geodesic_sphere(frequency)
-    points = fields.centres(mesh)
+    points = fields.face_centers(mesh)
 
-    def turned(time: float) -> FloatArray:
-        turn = Rotation.from_rotvec([0.0, _TURN * time, 0.0])
+    def exact(time: float) -> FloatArray:
+        turn = Rotation.from_rotvec([0.0, _ANGULAR_SPEED * time, 0.0])
         back = turn.inv().apply(points)
         field = np.zeros_like(points)
         for centre, strength in (((0.5, 0.4, 0.77), 1.0), ((-0.2, -0.5, 0.84), -0.8)):
-            middle = np.array(centre) / np.linalg.norm(centre)
-            bell = strength * np.exp((back @ middle - 1) / 0.4**2)
-            field += np.cross(middle, back) * bell[:, None]
-        return fields.tangent(mesh, turn.apply(field))
+            center = np.array(centre) / np.linalg.norm(centre)
+            bell = strength * np.exp((back @ center - 1) / 0.4**2)
+            field += np.cross(center, back) * bell[:, None]
+        return fields.tangential_part(mesh, turn.apply(field))
 
-    v = fields.tangent(mesh, _TURN * np.cross([0.0, 1.0, 0.0], points))
-    return Case("sphere", mesh, v, turned(0.0), turned)
+    v = fields.tangential_part(mesh, _ANGULAR_SPEED * np.cross([0.0, 1.0, 0.0], points))
+    return Case("sphere", mesh, v, exact(0.0), exact)
 
 
 def on_torus(n: int, around_tube: bool) -> Case:
-    """Return turning about the axis, an isometry, or around the tube, none."""
+    """Return the rotation about the axis, an isometry, or around the tube, which is none."""
     mesh, ring, by_about, by_around = fields.angular_torus(n)
-    x, y, z = fields.centres(mesh).T
+    x, y, z = fields.face_centers(mesh).T
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
 
-    def moved(time: float) -> FloatArray:
-        p, q = (about, around - _TURN * time) if around_tube else (about - _TURN * time, around)
+    def exact(time: float) -> FloatArray:
+        p, q = (
+            (about, around - _ANGULAR_SPEED * time)
+            if around_tube
+            else (about - _ANGULAR_SPEED * time, around)
+        )
         bell = np.exp((np.cos(p) + np.cos(q - 0.9) - 2) / 0.6)
         a, b = -bell * np.sin(q - 0.9), bell * np.sin(p)
-        return fields.tangent(mesh, a[:, None] * by_about + b[:, None] * by_around)
+        return fields.tangential_part(mesh, a[:, None] * by_about + b[:, None] * by_around)
 
-    v = fields.tangent(mesh, _TURN * (by_around if around_tube else by_about))
+    v = fields.tangential_part(mesh, _ANGULAR_SPEED * (by_around if around_tube else by_about))
     name = f"torus, {'around the tube' if around_tube else 'about the axis'}"
-    return Case(name, mesh, v, moved(0.0), moved)
+    return Case(name, mesh, v, exact(0.0), exact)
 
 
 def on_any(mesh: TriangleMesh, name: str) -> Case:
-    """Return a stirring field, as fast as the pushforward, unstable on bad faces, stands."""
-    stirring = [fields.stirring(mesh, k, 1.0) for k in (1, 2, 3)]
-    for fast in _SPEEDS:
-        for v, u in pairwise(stirring):
+    """Return two rotated gradients at the highest speed for which the pushforward is stable.
+
+    The pushforward may be unstable on thin and folded faces.
+    """
+    stirring_field = [fields.stirring_field(mesh, k, 1.0) for k in (1, 2, 3)]
+    for speed in _SPEEDS:
+        for v, u in pairwise(stirring_field):
             with suppress(AdvectionError), np.errstate(over="ignore"):
-                carried = pushforward(mesh, fast * v, u, _TIMES[-1])
-                if fields.relative_norm(mesh, carried, u) < _STRETCH_MAX:
-                    return Case(f"{name}, |v| = {fast:g} sqrt(area)", mesh, fast * v, u)
+                pushed = pushforward(mesh, speed * v, u, _TIMES[-1])
+                if fields.relative_norm(mesh, pushed, u) < _STRETCH_MAX:
+                    return Case(f"{name}, |v| = {speed:g} sqrt(area)", mesh, speed * v, u)
     raise MeshError(
-        "the discrete pushforward grows without bounds on this mesh: remesh its thin and folded "
-        "faces"
+        "the discrete pushforward is unbounded on this mesh; remesh its thin and folded faces"
     )

@@ -1,45 +1,45 @@
-"""Figure 7: eigenfunction 7 of the Laplacian becomes eigenfunction 8, by linearised steps."""
+"""Figure 7: a match of Laplacian eigenfunctions 7 and 8 by linearised steps."""
 
 import numpy as np
 
 from abfm import Problem, TriangleMesh, function
 from abfm.calculus import cotangent_laplacian, l2_norm, vertex_areas
-from abfm.experiments.vocabulary import (
+from abfm.experiments.scripts import (
     Example,
+    FigureSetup,
     Findings,
     Measure,
+    RequestedMatch,
     Script,
-    Sought,
-    Stage,
-    sized,
-    witnessed,
+    size_text,
+    verification_measures,
 )
 from abfm.io.sheets import Panel, Sheet, Values
 from abfm.mesh.shapes import five_limbs
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
-_TIMES = (0.25, 0.5, 0.75)  # of tau
-_BOUND = 0.1
-_SMOOTH_TURN = 0.5
-_SMOOTH_ENERGY = 1.5
+_TIMES = (0.25, 0.5, 0.75)  # relative to tau
+_MISMATCH_MAX = 0.1
+_CHANGE_MAX = 0.5  # of a smooth path between steps, relative to the mean step
+_ENERGY_RATIO_MAX = 1.5  # Dirichlet energy on a smooth path over that of its ends
 
 
-def figure_7(stage: Stage) -> Script:
-    """Match eigenfunctions 7 and 8, the constant being number 0."""
-    mesh, name = stage.surface("five limbs", five_limbs, 800 if stage.small else 2500)
+def figure_7(setup: FigureSetup) -> Script:
+    """Match eigenfunctions 7 and 8; the constant has number 0."""
+    mesh, name = setup.surface("five limbs", five_limbs, 800 if setup.small else 2500)
     f, g = function(mesh, "eigenfunction:7"), function(mesh, "eigenfunction:8")
     sign, target = "", "eigenfunction:8"
-    # the sign is arbitrary, and no flow changes which values there are: the one that fits better
+    # The sign is arbitrary. A flow preserves the values of a function, so choose the closer sign.
     if spread_gap(mesh, f, -g) < 0.99 * spread_gap(mesh, f, g):
         sign, target, g = "−", "file:eigenfunction-8-negative.npy", -g
-    p = TABLE_1[7].parameters(iterations=60 if stage.small else 120)
+    p = TABLE_1[7].parameters(iterations=60 if setup.small else 120)
     problem = Problem(mesh, f, g, p)
     yield Example(problem, name, (("eigenfunction:7", target),))
 
-    [found] = yield [Sought(problem)]
-    stage.report("verifying", 0.95)
-    witnesses, label, note = witnessed(found)
+    [found] = yield [RequestedMatch(problem)]
+    setup.report("verifying", 0.95)
+    verification, label, note = verification_measures(found)
     path = found.advect(np.linspace(0, p.tau, p.solver.segments + 1))
     between = found.advect(np.array(_TIMES) * p.tau)
     panels = (
@@ -50,38 +50,40 @@ def figure_7(stage: Stage) -> Script:
     )
     error = found.mismatch
     measures = (
-        Measure("mismatch, relative L2", error, "highly matches", error <= _BOUND, _BOUND),
-        *witnesses,
+        Measure(
+            "mismatch, relative L2", error, "highly matches", error <= _MISMATCH_MAX, _MISMATCH_MAX
+        ),
+        *verification,
         *smoothness(mesh, path, g),
     )
     setting = (
-        f"{sized(name, mesh)}; eigenfunction 7 to {sign}eigenfunction 8, "
+        f"{size_text(name, mesh)}; eigenfunction 7 to {sign}eigenfunction 8, "
         f"{p.solver.segments} linearised steps, {p.solver.iterations} iterations.{note}"
     )
     return Findings(measures, Sheet((panels,)), setting)
 
 
 def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tuple[Measure, ...]:
-    """Measure how even, how straight and how free of oscillations a path (N + 1, V) is."""
+    """Measure the uniformity, straightness and Dirichlet energy of a path (N + 1, V)."""
     steps = np.diff(path, axis=0)
     lengths = np.array([l2_norm(mesh, step) for step in steps])
     turn = max(l2_norm(mesh, turn) for turn in np.diff(steps, axis=0)) / lengths.mean()
     stiffness = cotangent_laplacian(mesh)
     energy = np.array([f @ (stiffness @ f) for f in (*path, target)])
     rise = energy[:-1].max() / max(energy[0], energy[-1])
-    claim, whole = "smooth path", l2_norm(mesh, steps.sum(axis=0))
+    claim, end_distance = "smooth path", l2_norm(mesh, steps.sum(axis=0))
     of_turns = "largest change from one step to the next over mean step"
     of_energy = "largest Dirichlet energy on the way over that of source or target"
     return (
-        Measure("path length over distance of its ends, in L2", lengths.sum() / whole),
+        Measure("path length over distance of its ends, in L2", lengths.sum() / end_distance),
         Measure("largest step over mean step", lengths.max() / lengths.mean()),
-        Measure(of_turns, turn, claim, turn <= _SMOOTH_TURN),
-        Measure(of_energy, rise, claim, rise <= _SMOOTH_ENERGY),
+        Measure(of_turns, turn, claim, turn <= _CHANGE_MAX),
+        Measure(of_energy, rise, claim, rise <= _ENERGY_RATIO_MAX),
     )
 
 
 def spread_gap(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
-    """Return the L1 distance of two functions' distributions of values over the surface."""
+    """Return the L1 distance of the distributions of two functions' values over the surface."""
     areas = vertex_areas(mesh)
     shares = (np.arange(1000) + 0.5) / 1000
     quantiles = []

@@ -10,8 +10,8 @@ from abfm import Match, MeshError, Parameters, Problem, TriangleMesh, function, 
 from abfm.assets import asset_path
 from abfm.calculus import averaging, face_normals
 from abfm.calculus.geodesics import exact_distances
-from abfm.experiments import vocabulary as words
-from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Sought, Stage
+from abfm.experiments import scripts
+from abfm.experiments.scripts import Example, FigureSetup, Findings, Measure, RequestedMatch, Script
 from abfm.flow import flow_lines
 from abfm.functions import read_vertex_map
 from abfm.io.sheets import Coordinates, Panel, Sheet, Streaks, Values
@@ -20,46 +20,57 @@ from abfm.mesh.shapes import stepped_slab, two_armed
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray, IntArray
 
-_MEASURED_TIMES = (1.0, 2.0)  # times, of tau, of the map
-_SHOWN_TIMES = {0.0: "t = 0", 0.5: "t = 0.5 τ", 1.0: "t = τ", 2.0: "t = 2 τ"}  # by shares of tau
-_WIDTH = 0.2  # of the Gaussian
-_SAMPLE = 150
-# of sqrt(area), for what the paper says in words
+_MEASURED_TIMES = (1.0, 2.0)  # of the map, relative to tau
+_SHOWN_TIMES = {
+    0.0: "t = 0",
+    0.5: "t = 0.5 τ",
+    1.0: "t = τ",
+    2.0: "t = 2 τ",
+}  # labels by time relative to tau
+_GAUSSIAN_WIDTH = 0.2
+_SAMPLE_VERTICES = 150
+# in sqrt(area): criteria for the statements of the paper
 _ERROR_MAX = 0.02
 _DRIFT_MAX = 0.05
 
 
-def figure_9(stage: Stage) -> Script:
-    """Match all functions after a rotation, one alone, all without cooling; then a mirror."""
-    mesh, name = stage.surface("two arms", two_armed, 3 if stage.small else 4)
-    # cooled to the printed sigma: a turn to the left and one to the right fit equally well at
-    # first, and without cooling some parts of the shape turn one way and some the other, for good
-    iterations = 100 if stage.small else words.affordable_iterations(mesh, 250)
+def figure_9(setup: FigureSetup) -> Script:
+    """Match coordinates to their rotation, also by one function and without cooling.
+
+    On the default mesh, a mirror is matched as well.
+    """
+    mesh, name = setup.surface("two arms", two_armed, 3 if setup.small else 4)
+    # Rotations to the left and to the right fit equally well at first. Without cooling to the
+    # printed sigma, parts of the shape rotate in opposite directions and stay there.
+    iterations = 100 if setup.small else scripts.affordable_iterations(mesh, 250)
     p = TABLE_1[9].parameters(cooling_stages=3, iterations=iterations)
-    scene = Symmetric(mesh, name, detected(mesh))
+    scene = SymmetryScene(mesh, name, detect_rotation_or_mirror(mesh))
     example = scene.example(p)
     yield example
 
-    sought = [Sought(example.problem, share=0.3)]
-    if scene.rotates:
-        alone = scene.problem([scene.bump(scene.marks[0])], p)
+    requested = [RequestedMatch(example.problem, share=0.3)]
+    if scene.is_rotation:
+        alone = scene.problem([scene.bump(scene.marked_vertices[0])], p)
         uncooled = p.with_values(cooling_stages=1, iterations=min(p.solver.iterations, 150))
-        hotter = scene.problem(scene.places(), uncooled)
-        sought += [Sought(alone, "one function", 0.2), Sought(hotter, "without cooling", 0.25)]
-    if stage.mesh is None:
-        # a function and its mirror image, and the mirror as a map, which is out of reach
-        short = p.with_values(iterations=15) if stage.small else p
-        human = words.bundled("human_A.off")
-        mirror = Symmetric(human, "human_A.off", maps.detect_symmetry(human, "mirror"))
-        mirrored = mirror.problem(mirror.places(), short)
-        sought.append(Sought(mirror.example(short).problem, "mirror", 0.1))
-        sought.append(Sought(mirrored, "mirror, as a map", 0.1))
-    found, *others = yield sought
+        hotter = scene.problem(scene.coordinate_specs(), uncooled)
+        requested += [
+            RequestedMatch(alone, "one function", 0.2),
+            RequestedMatch(hotter, "without cooling", 0.25),
+        ]
+    if setup.mesh is None:
+        # a function and its mirror image, and the mirror map, which no flow reaches
+        short = p.with_values(iterations=15) if setup.small else p
+        human = scripts.bundled("human_A.off")
+        mirror = SymmetryScene(human, "human_A.off", maps.detect_symmetry(human, "mirror"))
+        mirrored = mirror.problem(mirror.coordinate_specs(), short)
+        requested.append(RequestedMatch(mirror.example(short).problem, "mirror", 0.1))
+        requested.append(RequestedMatch(mirrored, "mirror, as a map", 0.1))
+    found, *others = yield requested
 
-    stage.report("following the map", 0.95)
-    rows, measures = [function_row(found), scene.map_row(found)], scene.measured(found)
-    judged = words.maps_of_flow(found, "the map", _MEASURED_TIMES)
-    if scene.rotates:
+    setup.report("following the map", 0.95)
+    rows, measures = [function_row(found), scene.map_row(found)], scene.measures_of(found)
+    qualities = scripts.flow_map_measures(found, "the map", _MEASURED_TIMES)
+    if scene.is_rotation:
         one, hot = others[:2]
         of_one, of_hot = scene.mean_errors(one, hot)
         energies = [match.energy_history[-1, 0] for match in (hot, found)]
@@ -69,7 +80,7 @@ def figure_9(stage: Stage) -> Script:
             Measure("energy without cooling over the energy here", energies[0] / energies[1]),
             Measure("map error without cooling, mean", of_hot),
         ]
-    if stage.mesh is None:
+    if setup.mesh is None:
         bumps, as_map = others[-2:]
         image = mirror.symmetry.vertex_map
         of_bumps, of_map = mirror.mean_errors(bumps, as_map)
@@ -84,37 +95,43 @@ def figure_9(stage: Stage) -> Script:
             Measure("mirror: mismatch of the three coordinates", as_map.mismatch),
             Measure("mirror: map error with the three coordinates, mean", of_map),
         ]
-        judged |= words.maps_of_flow(as_map, "mirror, three coordinates, the map")
-    of_maps, notes = words.map_findings(judged)
+        qualities |= scripts.flow_map_measures(as_map, "mirror, three coordinates, the map")
+    of_maps, notes = scripts.quality_measures(qualities)
     setting = (
-        f"{scene.words()} Printed parameters, but sigma is cooled to {p.sigma:g} in three stages."
+        f"{scene.description()} Printed parameters, except that sigma is cooled to {p.sigma:g} in "
+        "three stages."
     )
     sheet = Sheet(tuple(rows), seen=scene.seen(), notes=notes)
     return Findings([*measures, *of_maps], sheet, setting)
 
 
-def figure_10(stage: Stage) -> Script:
-    """Match the places on a slab with a step and a rotation, or by the symmetry of a given mesh."""
-    mesh, name = stage.surface("stepped slab", stepped_slab, 2 if stage.small else 6)
-    iterations = 60 if stage.small else words.affordable_iterations(mesh, 300)
-    scene = Symmetric(mesh, name, detected(mesh))
+def figure_10(setup: FigureSetup) -> Script:
+    """Match the coordinates of a slab with a step to their rotation, or those of a given mesh."""
+    mesh, name = setup.surface("stepped slab", stepped_slab, 2 if setup.small else 6)
+    iterations = 60 if setup.small else scripts.affordable_iterations(mesh, 300)
+    scene = SymmetryScene(mesh, name, detect_rotation_or_mirror(mesh))
     example = scene.example(TABLE_1[10].parameters(iterations=iterations))
     yield example
 
-    [found] = yield [Sought(example.problem, share=0.9)]
-    stage.report("following the map", 0.9)
-    of_maps, notes = words.map_findings(words.maps_of_flow(found, "the map", _MEASURED_TIMES))
+    [found] = yield [RequestedMatch(example.problem, share=0.9)]
+    setup.report("following the map", 0.9)
+    of_maps, notes = scripts.quality_measures(
+        scripts.flow_map_measures(found, "the map", _MEASURED_TIMES)
+    )
     sides, normals = mesh.edge_faces[~mesh.is_boundary_edge], face_normals(mesh)
     steep = (normals[sides[:, 0]] * normals[sides[:, 1]]).sum(axis=1) < np.cos(np.pi / 4)
     creases = "edges with an angle of more than 45 degrees, share"
     share = float(steep.sum() / max(len(steep), 1))
-    measures = (*scene.measured(found), Measure(creases, share), *of_maps)
+    measures = (*scene.measures_of(found), Measure(creases, share), *of_maps)
     rows = (function_row(found), scene.map_row(found))
-    return Findings(measures, Sheet(rows, "z", scene.seen(), notes=notes), scene.words())
+    return Findings(measures, Sheet(rows, "z", scene.seen(), notes=notes), scene.description())
 
 
-def detected(mesh: TriangleMesh) -> Symmetry:
-    """Find the rotation by 180 degrees that a mesh has, or else its mirror plane, or MeshError."""
+def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
+    """Return the rotation by 180 degrees of a mesh, or else its mirror plane.
+
+    A mesh with neither raises MeshError.
+    """
     errors, found = {}, None
     for kind in reversed(maps.KINDS):
         try:
@@ -122,7 +139,7 @@ def detected(mesh: TriangleMesh) -> Symmetry:
         except maps.SymmetryError as error:
             errors[kind] = error.error
             continue
-        # one that turns the surface over acts on it as a mirror, which no flow reaches
+        # a rotation that reverses the orientation is a mirror map, which no flow reaches
         normals = averaging(mesh) @ face_normals(mesh)
         aligned = (normals @ found.linear.T * normals[found.vertex_map]).sum()
         if kind == "mirror" or float(aligned) >= 0:
@@ -130,60 +147,64 @@ def detected(mesh: TriangleMesh) -> Symmetry:
     if found is not None:
         return found
     raise MeshError(
-        "the mesh has no symmetry: the best rotation by 180 degrees and the best mirror plane "
-        f"carry a vertex {errors['rotation']:.3g} and {errors['mirror']:.3g} sqrt(area) away from "
-        "the surface, and 0.02 is allowed"
+        "the mesh has no symmetry. The best rotation by 180 degrees moves a vertex "
+        f"{errors['rotation']:.3g} sqrt(area) away from the surface, and the best mirror plane "
+        f"{errors['mirror']:.3g}; at most 0.02 is allowed"
     )
 
 
 @dataclass(frozen=True)
-class Symmetric:
-    """A mesh with a symmetry, by its name, and what is matched and measured there."""
+class SymmetryScene:
+    """A mesh with a symmetry, and the problems and measures of the figure."""
 
     mesh: TriangleMesh
     name: str
     symmetry: Symmetry
 
     @property
-    def rotates(self) -> bool:
-        """Whether a flow can reach it."""
+    def is_rotation(self) -> bool:
+        """Whether the symmetry is a rotation, which a flow can reach."""
         return self.symmetry.kind == "rotation"
 
     def example(self, p: Parameters) -> Example:
-        """Return the places and these after a rotation; for a mirror a Gaussian, moved far."""
-        sources = self.places() if self.rotates else (self.bump(int(self.moved.argmax())),)
+        """Return the match of coordinates or, for a mirror, of a Gaussian to their images."""
+        sources = (
+            self.coordinate_specs()
+            if self.is_rotation
+            else (self.bump(int(self.displacements.argmax())),)
+        )
         specs = tuple((spec, f"permuted:{self.symmetry.kind}({spec})") for spec in sources)
         return Example(self.problem(sources, p), self.name, specs)
 
     def problem(self, specs: Iterable[str], p: Parameters) -> Problem:
-        """Return functions and these after the symmetry."""
+        """Return the match of functions to their images under the symmetry."""
         source = np.stack([function(self.mesh, spec) for spec in specs], axis=1)
         return Problem(self.mesh, source, source[self.symmetry.vertex_map], p)
 
     @property
-    def moved(self) -> FloatArray:
-        """How far the symmetry moves each vertex, (V,)."""
+    def displacements(self) -> FloatArray:
+        """Displacement of each vertex by the symmetry, (V,)."""
         x = self.mesh.vertices
         return np.asarray(np.linalg.norm(x[self.symmetry.vertex_map] - x, axis=1))
 
     @cached_property
-    def marks(self) -> list[int]:
-        """Three vertices to show: moved farthest in front, where it goes, and far from both."""
+    def marked_vertices(self) -> list[int]:
+        """Three vertices to show: the one displaced most in front, its image, and a distant one."""
         mesh, x = self.mesh, self.mesh.vertices
         front = np.ones(len(x), dtype=bool)
-        if self.rotates:
+        if self.is_rotation:
             looks = averaging(mesh) @ (face_normals(mesh) @ self.symmetry.axis)
             front = looks > 0.9 * looks.max()
-        mark = int(np.where(front, self.moved, -1).argmax())
-        marks = [mark, int(self.symmetry.vertex_map[mark])]
-        apart = np.linalg.norm(x[:, None] - x[marks], axis=2).min(axis=1)
-        return [*marks, int(np.where(front, apart, -1).argmax())]
+        mark = int(np.where(front, self.displacements, -1).argmax())
+        marked_vertices = [mark, int(self.symmetry.vertex_map[mark])]
+        distances = np.linalg.norm(x[:, None] - x[marked_vertices], axis=2).min(axis=1)
+        return [*marked_vertices, int(np.where(front, distances, -1).argmax())]
 
     def bump(self, vertex: int) -> str:
-        return words.gaussian(self.mesh, vertex, _WIDTH)
+        return scripts.gaussian(self.mesh, vertex, _GAUSSIAN_WIDTH)
 
-    def places(self) -> tuple[str, ...]:
-        """Return the coordinates from the middle in sqrt(area), for sigma to weigh them alike."""
+    def coordinate_specs(self) -> tuple[str, ...]:
+        """Return specifications of centered coordinates in sqrt(area), all of similar size."""
         scale = self.mesh.length_scale
         middles = self.mesh.vertices.mean(axis=0) / scale
         return tuple(
@@ -192,24 +213,24 @@ class Symmetric:
         )
 
     def seen(self) -> tuple[FloatArray, ...]:
-        """Return functions that are large where the marks are, for the camera to show them."""
-        return tuple(function(self.mesh, self.bump(mark)) for mark in self.marks)
+        """Return functions that are large at the marked vertices, for the choice of the camera."""
+        return tuple(function(self.mesh, self.bump(mark)) for mark in self.marked_vertices)
 
     @property
     def sample(self) -> IntArray:
-        """Some vertices, evenly taken: exact geodesics cost much more than the map."""
+        """Uniformly selected vertices; exact geodesics for all vertices would be too slow."""
         count = len(self.mesh.vertices)
-        return np.linspace(0, count - 1, min(_SAMPLE, count)).astype(np.int64)
+        return np.linspace(0, count - 1, min(_SAMPLE_VERTICES, count)).astype(np.int64)
 
     def mean_errors(self, *matches: Match) -> list[float]:
-        """Return the mean distances of the maps at tau along the surface, in sqrt(area)."""
+        """Return the mean geodesic errors of the maps at tau, in sqrt(area)."""
         rows = self.sample
         ends = [match.flow.coordinate_map().points[rows] for match in matches]
         found = geodesics(self.mesh, self.symmetry.vertex_map[rows], *ends)
         return [float(distances.mean()) for distances in found]
 
-    def measured(self, match: Match) -> list[Measure]:
-        """Measure mismatch, map error and drift, with exact flow lines, walked back, as witness."""
+    def measures_of(self, match: Match) -> list[Measure]:
+        """Measure mismatch, map error and drift, and compare with exact flow lines."""
         mesh, tau, rows = self.mesh, match.parameters.tau, self.sample
         [drift] = geodesics(mesh, rows, match.flow.coordinate_map(2 * tau).points[rows])
         starts = maps.project_onto_surface(mesh, mesh.vertices[rows])
@@ -217,62 +238,73 @@ class Symmetric:
         ends = maps.project_onto_surface(mesh, np.array([line.positions[-1] for line in lines]))
         points = match.flow.coordinate_map().points[rows]
         error, by_lines = geodesics(mesh, self.symmetry.vertex_map[rows], points, ends)
-        apart = np.linalg.norm(ends.positions - points.positions, axis=1) / mesh.length_scale
-        reached, kept = error.mean(), drift.mean()
-        correct = (
+        distances = np.linalg.norm(ends.positions - points.positions, axis=1) / mesh.length_scale
+        error_mean, drift_mean = error.mean(), drift.mean()
+        correct_claim = (
             "the points and the coordinate functions are smoothly mapped to the correct values"
         )
-        small = "some drift is noticeable, yet it is relatively small"
+        drift_claim = "some drift is noticeable, yet it is relatively small"
         return [
             Measure("mismatch of the functions", match.mismatch),
             Measure(
-                "map error at τ, mean, geodesic / √area", reached, correct, reached < _ERROR_MAX
+                "map error at τ, mean, geodesic / √area",
+                error_mean,
+                correct_claim,
+                error_mean < _ERROR_MAX,
             ),
             Measure("map error at τ, 95th percentile", np.quantile(error, 0.95)),
-            Measure("drift at 2 τ, mean, geodesic / √area", kept, small, kept < _DRIFT_MAX),
+            Measure(
+                "drift at 2 τ, mean, geodesic / √area",
+                drift_mean,
+                drift_claim,
+                drift_mean < _DRIFT_MAX,
+            ),
             Measure("drift at 2 τ, 95th percentile", np.quantile(drift, 0.95)),
             Measure("map error at τ by exact flow lines, mean", by_lines.mean()),
-            Measure("advected points from the ends of exact flow lines, mean", apart.mean()),
+            Measure("advected points from the ends of exact flow lines, mean", distances.mean()),
         ]
 
     def map_row(self, match: Match) -> tuple[Panel, ...]:
-        """Show places as colours, carried by the flow, and marked points that move with it."""
+        """Show coordinates as colors advected by the flow, and marked points that move with it."""
         panels = []
         for share, label in _SHOWN_TIMES.items():
             time = share * match.parameters.tau
-            places = Coordinates(match.push(self.mesh.vertices, time))
-            points = match.flow.coordinate_map(-time).positions[self.marks]
-            panels.append(Panel(self.mesh, places, label, points=points))
+            coordinate_specs = Coordinates(match.push(self.mesh.vertices, time))
+            points = match.flow.coordinate_map(-time).positions[self.marked_vertices]
+            panels.append(Panel(self.mesh, coordinate_specs, label, points=points))
         return tuple(panels)
 
-    def words(self) -> str:
-        """Say what is matched, in a sentence."""
+    def description(self) -> str:
+        """Return a sentence that describes the match."""
         axis = ", ".join(f"{value:.2g}" for value in np.round(self.symmetry.axis, 3) + 0.0)
         matched = (
-            f"rotation by 180 degrees about ({axis}); the three coordinates are matched at once"
-            if self.rotates
-            else f"mirror plane with normal ({axis}), no map that a flow can reach; one Gaussian "
-            "is matched"
+            f"rotation by 180 degrees about ({axis}); the three coordinates are matched together"
+            if self.is_rotation
+            else f"mirror plane with normal ({axis}), which no flow can reach; one Gaussian is "
+            "matched"
         )
-        return f"{words.sized(self.name, self.mesh)}, {matched}."
+        return f"{scripts.size_text(self.name, self.mesh)}, {matched}."
 
 
 def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints) -> FloatArray:
-    """Measure how far in sqrt(area) along the surface P vertices are from K points each, (K, P)."""
+    """Return the geodesic distances in sqrt(area) of P vertices from K points each, (K, P)."""
     distances = np.array([points.distances_from(mesh.vertices[vertices]) for points in ends])
-    far = np.array([(mesh.faces[points.faces] != vertices[:, None]).all(axis=1) for points in ends])
-    # far ones linearly between the exact distances of a face's corners: never less than exact
-    for i in np.flatnonzero(far.any(axis=0)):
+    is_distant = np.array(
+        [(mesh.faces[points.faces] != vertices[:, None]).all(axis=1) for points in ends]
+    )
+    # For distant points, interpolate the exact distances of a face's corners linearly. The result
+    # is at least the exact distance.
+    for i in np.flatnonzero(is_distant.any(axis=0)):
         corners = np.concatenate([mesh.faces[points.faces[i]] for points in ends])
         exact = exact_distances(mesh, vertices[i], corners)
         weights = np.array([points.barycentric[i] for points in ends])
-        between = (exact.reshape(-1, 3) * weights).sum(axis=1)
-        distances[:, i] = np.where(far[:, i], between, distances[:, i])
+        interpolated = (exact.reshape(-1, 3) * weights).sum(axis=1)
+        distances[:, i] = np.where(is_distant[:, i], interpolated, distances[:, i])
     return np.asarray(distances / mesh.length_scale)
 
 
 def function_row(match: Match, bar: str = "function") -> tuple[Panel, ...]:
-    """Show source, target, result, field and its norm; of several functions the one most moved."""
+    """Show source, target, result, field and its norm, for the function that changes most."""
     mesh, velocity = match.mesh, match.velocity[0]
     channel = int(np.abs(match.target - match.source).max(axis=0).argmax())
     source, target, result = (f[:, channel] for f in (match.source, match.target, match.advected))

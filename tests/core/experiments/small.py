@@ -3,7 +3,7 @@
 import math
 from functools import cache
 
-from abfm.experiments import Stage, example_of, findings_of, script
+from abfm.experiments import FigureSetup, example_of, findings_of, script
 from abfm.maps.quality import DISTANCE_MAX, FOLDED_SHARE_MAX, RMS_DISTANCE_MAX
 
 
@@ -14,15 +14,15 @@ def quiet(text, share):
 
 
 def stated(figure, mesh=None):
-    return example_of(script(figure, Stage(mesh, small=True)))
+    return example_of(script(figure, FigureSetup(mesh, small=True)))
 
 
 def run(figure, mesh=None):
     """What a figure is about and what it finds, all of it finite."""
-    stage = Stage(mesh, small=True, report=quiet)
-    whole = script(figure, stage)
+    setup = FigureSetup(mesh, small=True, report=quiet)
+    whole = script(figure, setup)
     example = example_of(whole)
-    matches = stage.match(next(whole)) if example.flow is None else ()
+    matches = setup.match(next(whole)) if example.flow is None else ()
     findings = findings_of(whole, matches)
     assert all(math.isfinite(measure.to_dict()["value"]) for measure in findings.measures)
     return example, findings

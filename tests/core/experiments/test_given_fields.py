@@ -11,9 +11,14 @@ from abfm.calculus import vector_fields as vf
 from abfm.calculus.eigenbasis import eigenbasis
 from abfm.errors import MeshError
 from abfm.experiments import figure_05, figure_06
-from abfm.experiments.fields import carried, feet, root_mean_square, stream_field
+from abfm.experiments.fields import (
+    advected_values,
+    departure_points,
+    root_mean_square,
+    stream_field,
+)
 from abfm.experiments.figure_02 import FUNCTION, MAP, differences
-from abfm.experiments.vocabulary import smoothed
+from abfm.experiments.scripts import loop_subdivided
 from abfm.flow.flow import Flow, advect
 from abfm.functions import function
 from abfm.io.sheets import Streaks
@@ -44,13 +49,13 @@ def test_a_stream_field_has_the_speed_no_divergence_and_stays_within_the_boundar
 def test_flow_lines_are_the_level_lines_of_the_stream_function():
     mesh = ellipsoid(2, 1, 0.7, 0.5)
     stream = eigenbasis(mesh.normalized(), 4)[1][:, [2, 3]] @ [1.0, -0.5]
-    places = feet(mesh, stream_field(mesh, MODES, 0.3), np.array([0.3, 1.0]))
+    places = departure_points(mesh, stream_field(mesh, MODES, 0.3), np.array([0.3, 1.0]))
     assert np.linalg.norm(places[1] - mesh.vertices, axis=1).mean() > 0.1 * mesh.length_scale
-    assert_allclose(carried(mesh, places, stream), np.stack([stream, stream]), atol=1e-9)
+    assert_allclose(advected_values(mesh, places, stream), np.stack([stream, stream]), atol=1e-9)
 
 
 def test_meshes_are_closed_and_even_and_one_with_nothing_inside_its_boundary_has_no_flow():
-    body, eight = five_limbs(500), smoothed("eight.off", 1)
+    body, eight = five_limbs(500), loop_subdivided("eight.off", 1)
     assert (len(body.vertices), body.genus, body.is_closed) == (500, 0, True)
     assert (len(eight.faces), eight.genus, eight.is_closed) == (4 * 634, 2, True)
     lengths = np.linalg.norm(np.subtract(*body.vertices[body.edges.T]), axis=1)
@@ -108,7 +113,9 @@ class TestFigure4:
         panels = [panel for row in findings.sheet.rows for panel in row]
         [shown] = [panel.paint for panel in panels if panel.label == "linear, t = τ"]
         assert_allclose(shown.values, np.clip(last, f.min(), f.max()), atol=1e-9)
-        walked = carried(mesh, feet(mesh, flow.velocity[0], np.array([flow.tau])), f)[0]
+        walked = advected_values(
+            mesh, departure_points(mesh, flow.velocity[0], np.array([flow.tau])), f
+        )[0]
         difference, overshoot, excess = (
             x for name, x in values(findings).items() if name.startswith("linear, t = tau: ")
         )
@@ -140,7 +147,7 @@ class TestFigure4:
 
 
 def steps_taken(findings):
-    found = re.search(r"the linear way takes ([\d,]+) steps", findings.setting)
+    found = re.search(r"the linear method takes ([\d,]+) steps", findings.setting)
     return int(found[1].replace(",", ""))
 
 
@@ -149,9 +156,9 @@ def variation(mesh, f):
     corners, heights = mesh.vertices[mesh.faces], f[mesh.faces]
     edges, rises = corners[:, 1:] - corners[:, :1], heights[:, 1:] - heights[:, :1]
     pairs = zip(edges, rises, strict=True)
-    slopes = np.stack([np.linalg.pinv(edge) @ rise for edge, rise in pairs])
+    gradient_field = np.stack([np.linalg.pinv(edge) @ rise for edge, rise in pairs])
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
-    return float(areas @ np.linalg.norm(slopes, axis=1))
+    return float(areas @ np.linalg.norm(gradient_field, axis=1))
 
 
 class TestFigure5:
@@ -175,9 +182,9 @@ class TestFigure5:
             mesh = case.mesh
             eigenvalues, functions = eigenbasis(mesh, 16)
             errors = abs(eigenvalues * op.face_areas(mesh).sum() / case.roughness - 1)
-            slopes = op.gradient(mesh) @ functions[:, errors.argmin()]
+            gradient_field = op.gradient(mesh) @ functions[:, errors.argmin()]
             eigenvalue_errors.append(errors.min())
-            fields = [vf.to_ambient(mesh, slopes.reshape(-1, 2)), case.u]
+            fields = [vf.to_ambient(mesh, gradient_field.reshape(-1, 2)), case.u]
             u, exact = (field / norm(mesh, field) for field in fields)
             field_errors.append(min(norm(mesh, u - exact), norm(mesh, u + exact)))
         assert last_order(eigenvalue_errors) > 1.5

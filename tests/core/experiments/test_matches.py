@@ -13,8 +13,8 @@ from abfm.calculus.operators import gradient, vertex_areas
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import MeshError, ParameterError
 from abfm.experiments.figure_07 import smoothness, spread_gap
-from abfm.experiments.figure_08 import seen_rate
-from abfm.experiments.vocabulary import Measure, affordable_iterations, witnessed
+from abfm.experiments.figure_08 import derivative_rms
+from abfm.experiments.scripts import Measure, affordable_iterations, verification_measures
 from abfm.functions import function
 from abfm.io.sheets import Streaks
 from tests.core.experiments.small import ran, run, stated, values
@@ -140,8 +140,8 @@ class TestFigure8:
         f = mesh.vertices[:, 2]
         slope = to_ambient(mesh, (gradient(mesh) @ f).reshape(-1, 2))
         normals = np.cross(*np.moveaxis(np.diff(mesh.vertices[mesh.faces], axis=1), 1, 0))
-        assert seen_rate(mesh, np.cross(normals, slope), f[None]) < 1e-12
-        assert seen_rate(mesh, slope, f[None]) > 0.1
+        assert derivative_rms(mesh, np.cross(normals, slope), f[None]) < 1e-12
+        assert derivative_rms(mesh, slope, f[None]) > 0.1
 
 
 @pytest.mark.parametrize("figure", [4, 7, 8])
@@ -173,13 +173,13 @@ def found():
 
 def test_numbers_are_those_of_the_verification_and_what_overflows_is_told(found, monkeypatch):
     of = found.verify()
-    measures, label, note = witnessed(found)
+    measures, label, note = verification_measures(found)
     assert [measure.value for measure in measures] == [of.flow_lines, of.subdivided, of.folded]
     assert f"{of.flow_lines:.2g} by flow lines" in label
     assert note == ""
     of = replace(of, subdivided=np.inf)
     monkeypatch.setattr(Match, "verify", lambda self: of)
-    measures, _, note = witnessed(found)
+    measures, _, note = verification_measures(found)
     assert [measure.value for measure in measures] == [of.flow_lines, of.folded]
     assert "overflows" in note
 
@@ -189,7 +189,7 @@ def test_fields_that_cannot_be_followed_end_no_experiment(found, monkeypatch):
         raise ParameterError("too fast")
 
     monkeypatch.setattr(Match, "verify", refuse)
-    measures, _, note = witnessed(found)
+    measures, _, note = verification_measures(found)
     assert measures == []
     check_message(note, "too fast")
 
@@ -199,4 +199,4 @@ def test_a_field_that_does_nothing_leaves_what_there_was(found, share):
     target = found.source * (1 + share)
     problem = Problem(SPHERE, found.source, target, found.parameters)
     still = replace(found, problem=problem, fine_velocity=0 * found.velocity)
-    assert witnessed(still)[0][0].value == pytest.approx(share / (1 + share), abs=1e-9)
+    assert verification_measures(still)[0][0].value == pytest.approx(share / (1 + share), abs=1e-9)

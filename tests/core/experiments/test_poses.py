@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.calculus.operators import cotangent_laplacian, l2_norm
 from abfm.errors import MeshError
-from abfm.experiments import Stage, findings_of
+from abfm.experiments import FigureSetup, findings_of
 from abfm.experiments import figure_11 as maps
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
@@ -20,7 +20,7 @@ from tests.core.experiments.small import assert_maps_are_measured, ran, run, sta
 from tests.messages import raises
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus
 
-SMALL = Stage(small=True)
+SMALL = FigureSetup(small=True)
 
 
 def compared(poses, problem):
@@ -70,11 +70,11 @@ def test_targets_are_smoother_than_the_start():
 
 
 def test_coordinates_where_they_belong_are_the_identity_and_without_a_flow_maps_stay(poses):
-    still = maps.followed(poses.start, np.zeros((2, len(poses.b.faces), 3)), 1.0)
+    still = maps.with_flow_lines(poses.start, np.zeros((2, len(poses.b.faces), 3)), 1.0)
     assert_allclose(still.positions, poses.start.positions, atol=1e-9)
-    found = maps.closest(poses, maps.coordinates(poses.a))
+    found = maps.closest_points(poses, maps.coordinates(poses.a))
     assert_allclose(found.positions, poses.a.vertices, atol=1e-9)
-    found = maps.closest_cut_off(poses, maps.cut_off(poses.a, len(poses.wanted)))
+    found = maps.closest_truncated(poses, maps.truncated_coordinates(poses.a, len(poses.true_map)))
     assert_allclose(found.positions, poses.a.vertices, atol=1e-7)
     assert_allclose(found.distances, 0, atol=1e-9)
 
@@ -83,25 +83,25 @@ def test_coordinates_have_no_unit_and_cut_off_they_are_their_own_projection():
     mesh = ellipsoid(3, 1, 1.2, 2)
     moved = TriangleMesh(7 * mesh.vertices + [1, 2, 3], mesh.faces)
     assert_allclose(maps.coordinates(moved), maps.coordinates(mesh), atol=1e-12)
-    cut = maps.cut_off(mesh, 20)
+    cut = maps.truncated_coordinates(mesh, 20)
     whole = spectral_coefficients(mesh, maps.coordinates(mesh), 20)
     assert_allclose(spectral_coefficients(mesh, cut, 20), whole, atol=1e-9)
     assert_allclose(spectral_coefficients(mesh, cut, 30)[20:], 0, atol=1e-9)
 
 
 def test_with_both_cut_off_a_true_start_has_much_less_to_correct():
-    poses = maps.Poses.of(Stage())
+    poses = maps.Poses.of(FigureSetup())
     target = poses.example(TABLE_1[12], [0, 1, 2], False).problem.target
     truth = PointMap.of_vertices(poses.b, poses.a)
-    cut = truth.pull_back(maps.cut_off(poses.a, len(poses.wanted)))
+    cut = truth.pull_back(maps.truncated_coordinates(poses.a, len(poses.true_map)))
     left, whole = (l2_norm(poses.b, source - target) for source in (cut, maps.coordinates(poses.a)))
     assert left < 0.4 * whole
 
 
 def test_what_needs_no_flow_is_read_off_the_targets_and_the_start(poses):
     target = ran(13)[0].problem.target
-    read = maps.without_flow(poses, target)
-    assert_array_equal(read[maps.TARGETS].positions, maps.closest(poses, target).positions)
+    read = maps.maps_without_flow(poses, target)
+    assert_array_equal(read[maps.TARGETS].positions, maps.closest_points(poses, target).positions)
     assert read[maps.START] is poses.start
     errors = {name: map_accuracy(points, most=200).mean for name, points in read.items()}
     assert errors[maps.START] > 0.01  # wrong enough to correct
@@ -114,8 +114,8 @@ def test_a_flow_that_stands_still_reads_as_no_flow(poses):
     parameters = problem.parameters.with_values(iterations=0)
     still = np.zeros((parameters.solver.segments, len(poses.b.faces), 3))
     found = match(poses.b, problem.source, problem.target, parameters, start=still)
-    read = maps.by_flow(poses.start, len(poses.wanted), "still", found)
-    expected = maps.without_flow(poses, problem.target)[maps.NO_FLOW + maps.BY_NEIGHBOURS]
+    read = maps.by_flow(poses.start, len(poses.true_map), "still", found)
+    expected = maps.maps_without_flow(poses, problem.target)[maps.NO_FLOW + maps.BY_NEIGHBOURS]
     assert_array_equal(read["still" + maps.BY_NEIGHBOURS].positions, expected.positions)
     assert_allclose(read["still" + maps.BY_LINES].positions, poses.start.positions, atol=1e-9)
 
@@ -150,7 +150,7 @@ def test_other_meshes_are_bent(mesh):
 
 def test_bending_keeps_lengths_along_the_middle():
     tube = open_cylinder(16, 40, radius=0.05)
-    curved = maps.bent(tube)
+    curved = maps.bend_mesh(tube)
     i, j = tube.edges.T
     before, after = (np.linalg.norm(m.vertices[i] - m.vertices[j], axis=1) for m in (tube, curved))
     radius = 2 / (np.pi / 3)

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import MeshError
-from abfm.experiments.figure_09 import Symmetric, detected, geodesics
-from abfm.experiments.vocabulary import bundled
+from abfm.experiments.figure_09 import SymmetryScene, detect_rotation_or_mirror, geodesics
+from abfm.experiments.scripts import bundled
 from abfm.functions import function
 from abfm.maps import project_onto_surface
 from abfm.maps.symmetry import detect_symmetry
@@ -29,7 +29,7 @@ ERROR, CREASES = "map error at τ, mean, geodesic / √area", "angle of more tha
 
 def test_targets_are_the_sources_after_the_symmetry():
     turned, human = ran(9)[0], bundled("human_A.off")
-    mirrored = Symmetric(human, "", detected(human)).example(Parameters())
+    mirrored = SymmetryScene(human, "", detect_rotation_or_mirror(human)).example(Parameters())
     for example in (turned, mirrored):
         mesh = example.problem.mesh
         for channel, (_, target) in enumerate(example.specs):
@@ -93,7 +93,7 @@ def test_a_coarse_slab_is_turned_in_most_parts():
     example, findings = run(10, slab)
     problem, found = example.problem, values(findings)
     assert TABLE_1[10].matches(problem.parameters)
-    assert_array_equal(problem.target, problem.source[detected(slab).vertex_map])
+    assert_array_equal(problem.target, problem.source[detect_rotation_or_mirror(slab).vertex_map])
     assert found["mismatch of the functions"] < 0.25
     assert found[ERROR] < 0.1
     assert found[f"edges with an {CREASES}"] > 0
@@ -117,7 +117,7 @@ def test_a_rotation_that_turns_a_flat_surface_over_goes_after_its_mirror():
         [[0, 4, 1], [4, 2, 1], [0, 3, 4], [4, 3, 2]],
     )
     assert_allclose(np.abs(detect_symmetry(kite, "rotation").axis), [1, 0, 0], atol=1e-9)
-    found = detected(kite)
+    found = detect_rotation_or_mirror(kite)
     assert found.kind == "mirror"
     assert_allclose(np.abs(found.axis), [0, 1, 0], atol=1e-9)
 

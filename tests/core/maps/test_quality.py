@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.assets import asset_path
 from abfm.errors import AbfmError
-from abfm.experiments.fields import feet, stream_field
+from abfm.experiments.fields import departure_points, stream_field
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.maps import quality
@@ -167,7 +167,10 @@ def test_maps_without_faults_are_near_exact_flow_lines(name, modes, speed):
     mesh = SURFACES[name]
     field = stream_field(mesh, modes, speed)
     points = Flow(mesh, field).coordinate_map()
-    found, off = map_quality(points), points.positions - feet(mesh, field, np.ones(1))[0]
+    found, off = (
+        map_quality(points),
+        points.positions - departure_points(mesh, field, np.ones(1))[0],
+    )
     errors = np.linalg.norm(off, axis=1) / mesh.length_scale
     assert found.faults or errors.mean() < 0.025
     assert found.largest_distance <= LARGEST or errors.max() > 0.15

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.assets import asset_path
 from abfm.errors import ParameterError
-from abfm.experiments.vocabulary import bundled
+from abfm.experiments.scripts import bundled
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh, shapes
 from tests.messages import raises

@@ -61,7 +61,7 @@ def test_notes_are_in_all_outputs(small, tmp_path, abfm, monkeypatch):
     found = ran(7)[1]
     noted = replace(found, sheet=replace(found.sheet, notes=("no map",)))
     monkeypatch.setattr(pictures, "figure_picture", lambda *sheet: Image.new("RGB", (4, 3)))
-    monkeypatch.setattr(experiments, "sought_by", lambda script: ())
+    monkeypatch.setattr(experiments, "requested_matches", lambda script: ())
     monkeypatch.setattr(experiments, "findings_of", lambda script, matches: noted)
     said = abfm("figure all --out {t} --quiet --json")
     assert json.loads(said.out)["figures"] == [described(tmp_path)]

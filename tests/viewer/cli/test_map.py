@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from abfm import Parameters, Problem, TriangleMesh, function, load
-from abfm.experiments import Example, as_match
-from abfm.experiments.fields import tangent
+from abfm.experiments import Example, match_of_flow
+from abfm.experiments.fields import tangential_part
 from abfm.flow.flow import Flow
 from tests.messages import check_message, line_with
 from tests.shapes import ellipsoid, icosphere
@@ -17,7 +17,7 @@ def saved(path, mesh, velocity, target="coordinate:x", tau=1.0):
     """A result file of a flow that nobody searched."""
     f, g = function(mesh, "coordinate:x"), function(mesh, target)
     problem = Problem(mesh, f, g, Parameters(tau=tau, refine=0))
-    as_match(Example(problem, "", (), Flow(mesh, velocity, tau))).save(path)
+    match_of_flow(Example(problem, "", (), Flow(mesh, velocity, tau))).save(path)
     return path
 
 
@@ -57,7 +57,9 @@ def test_map_is_half_a_turn_and_has_errors(turned, tmp_path, abfm):
 def wild(tmp_path_factory):
     """The result of a field without any smoothness, whose flow gathers points."""
     mesh = icosphere(2)
-    velocity = 10 * tangent(mesh, np.random.default_rng(0).normal(size=(len(mesh.faces), 3)))
+    velocity = 10 * tangential_part(
+        mesh, np.random.default_rng(0).normal(size=(len(mesh.faces), 3))
+    )
     return saved(tmp_path_factory.mktemp("map") / "wild.npz", mesh, velocity, tau=0.5)
 
 

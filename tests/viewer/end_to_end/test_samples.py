@@ -9,7 +9,7 @@ from PIL import Image
 
 from abfm import Parameters, load_mesh
 from abfm.assets import asset_names, asset_path
-from abfm.experiments import Stage, as_match, example_of, script
+from abfm.experiments import FigureSetup, example_of, match_of_flow, script
 from abfm.parameters import FIGURES
 from abfm_viewer.appearance.samples import (
     CORTEX,
@@ -51,11 +51,11 @@ def wait(gui, condition, seconds=60):
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_figure_is_ready_to_match(samples, figure, monkeypatch):
-    example = example_of(script(figure, Stage()))
+    example = example_of(script(figure, FigureSetup()))
     problem, flow = example.problem, example.flow
     if figure not in APART:
-        received = pickle.loads(pickle.dumps((example, as_match(example))))
-        monkeypatch.setattr("abfm.experiments.stated_apart", lambda _: received)
+        received = pickle.loads(pickle.dumps((example, match_of_flow(example))))
+        monkeypatch.setattr("abfm.experiments.example_in_subprocess", lambda _: received)
     samples.menu("Samples", f"Figure {figure}")
     ready, shape = f"figure {figure} is ready", problem.mesh.vertices.shape
     # is gone after a while

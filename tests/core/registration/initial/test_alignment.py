@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from abfm.errors import ParameterError
-from abfm.experiments.vocabulary import bundled
+from abfm.experiments.scripts import bundled
 from abfm.maps.surface_points import SurfacePoints, points_by_area, project_onto_surface
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from abfm.errors import AbfmError
-from abfm.experiments.vocabulary import bundled
+from abfm.experiments.scripts import bundled
 from abfm.maps import map_accuracy, vertex_points
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from abfm.experiments.vocabulary import bundled
+from abfm.experiments.scripts import bundled
 from abfm.maps import PointMap, map_accuracy
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened

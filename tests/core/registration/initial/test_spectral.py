@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.calculus.eigenbasis import unit_eigenbasis
 from abfm.errors import AbfmError, FunctionError
-from abfm.experiments.vocabulary import bundled
+from abfm.experiments.scripts import bundled
 from abfm.maps import PointMap, functional_map, map_accuracy, vertex_points
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened

@@ -1,5 +1,6 @@
-"""The words of a figure's script: it yields its problem and what is to be matched, then computes,
-measures and draws.
+"""Building blocks of the scripts of figures.
+
+A script yields its problem and the matches that it requests. Then it computes, measures and draws.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ from abfm.workers.worker import Worker, no_state
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """The place of a figure: its own meshes, coarse ones for tests, or another one; `report` is
-    told what is being done, in a few words, and which share of the figure is behind it.
+class FigureSetup:
+    """Options of a figure: another mesh, small meshes for tests, and the report of progress.
+
+    ``report`` is called with a short text and the finished fraction of the figure.
     """
 
     mesh: TriangleMesh | None = None
@@ -45,25 +47,27 @@ class Stage:
     def surface(
         self, name: str, make: Callable[..., TriangleMesh], *arguments: Any
     ) -> tuple[TriangleMesh, str]:
-        """Return the mesh that is given and its name, or else the figure's own."""
+        """Return the mesh of the options and its name, or else the figure's own mesh."""
         return (make(*arguments), name) if self.mesh is None else (self.mesh, self.name)
 
-    def match(self, sought: Sequence[Sought]) -> list[Match]:
-        """Match one after the other, here and now, and report of it."""
-        found, begin = list[Match](), 0.0
-        for each in sought:
-            found.append(match(each.problem, on_iteration=self._heard(each, begin)))
-            begin += each.share
+    def match(self, requested: Sequence[RequestedMatch]) -> list[Match]:
+        """Solve the matches one after the other in this process, and report the progress."""
+        found, start = list[Match](), 0.0
+        for each in requested:
+            found.append(match(each.problem, on_iteration=self._reporter(each, start)))
+            start += each.share
         return found
 
-    def _heard(self, sought: Sought, begin: float) -> Callable[[Iteration], None]:
-        limit = max(sought.problem.parameters.solver.iterations, 1)
-        return lambda now: self.report(sought.text, begin + sought.share * now.iteration / limit)
+    def _reporter(self, requested: RequestedMatch, start: float) -> Callable[[Iteration], None]:
+        limit = max(requested.problem.parameters.solver.iterations, 1)
+        return lambda now: self.report(
+            requested.text, start + requested.share * now.iteration / limit
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class Sought:
-    """A match that a script waits for, in a few words, and its share in the figure's work."""
+class RequestedMatch:
+    """A match that a script requests, with a short text and its fraction of the figure's work."""
 
     problem: Problem
     text: str = "matching"
@@ -72,9 +76,10 @@ class Sought:
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """A problem that is ready to run, the name of its mesh, and the flow, if that is given and not
-    sought; source and target of each channel as text, ``file:name.npy``, which need not exist, for
-    a function that no text describes.
+    """A problem with the name of its mesh, and the flow if it is given instead of matched.
+
+    ``specs`` has the source and the target of each channel as texts. A function that no text
+    describes is ``file:name.npy``; this file need not exist.
     """
 
     problem: Problem
@@ -84,7 +89,7 @@ class Example:
 
     @property
     def values(self) -> dict[str, FloatArray]:
-        """Return the functions (V,) that no text describes, by their specs."""
+        """Functions (V,) that no text describes, by their specifications."""
         sources, targets = zip(*self.specs, strict=True)
         columns = [*self.problem.source.T, *self.problem.target.T]
         named = zip([*sources, *targets], columns, strict=True)
@@ -93,8 +98,10 @@ class Example:
 
 @dataclass(frozen=True)
 class Measure:
-    """A measured number, whose `name` says its unit; what the paper claims about it, whether it
-    bears that out, and the `bound` of it, if any. MeshError if it is not finite.
+    """A measured number with its unit in the name, and its comparison with the paper.
+
+    ``claim`` is the statement of the paper, and ``reproduces`` is whether the number supports it.
+    ``bound`` is an upper bound, if there is one. A number that is not finite raises MeshError.
     """
 
     name: str
@@ -106,17 +113,17 @@ class Measure:
     def __post_init__(self) -> None:
         if not math.isfinite(self.value):
             raise MeshError(
-                f"'{self.name}' came out as {self.value}: the mesh is too coarse or degenerate "
-                "for it"
+                f"'{self.name}' is {self.value}, because the mesh is too coarse or degenerate; use "
+                "another mesh"
             )
 
     @property
     def passes(self) -> bool | None:
-        """Tell whether the value keeps the bound; None without one."""
+        """Whether the value is within the bound; None without a bound."""
         return None if self.bound is None else bool(self.value <= self.bound)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as it stands in a figure's JSON."""
+        """Return the entries of the figure's JSON."""
         return {
             "name": self.name,
             "value": float(self.value),
@@ -129,16 +136,16 @@ class Measure:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """The findings of a script: measures, the figure to draw, and what was run, in a sentence."""
+    """Results of a script: measures, the figure to draw, and a description of the setting."""
 
     measures: Sequence[Measure]
     sheet: Sheet
     setting: str
 
 
-Script = Generator[Example | Sequence[Sought], Sequence[Match], Findings]
-"""It yields its `Example` and then, unless that has a flow, all matches that it waits for, which it
-is sent in their order: whoever runs it has them found, as one likes.
+Script = Generator[Example | Sequence[RequestedMatch], Sequence[Match], Findings]
+"""Generator of a figure. It yields its `Example` and then, unless the example has a flow, the list
+of all matches that it requests. The caller solves them and sends the results in the same order.
 """
 
 _MODULE_OF_FIGURE = {3: 1, 10: 9, 12: 11, 13: 11}  # figures in the module of another
@@ -167,64 +174,72 @@ _CLAIMS = {
 }
 
 
-def script(figure: int, stage: Stage) -> Script:
+def script(figure: int, setup: FigureSetup) -> Script:
     """Return the script of a figure of the paper."""
     module = import_module(f"abfm.experiments.figure_{_MODULE_OF_FIGURE.get(figure, figure):02}")
-    found: Script = getattr(module, f"figure_{figure}")(stage)
+    found: Script = getattr(module, f"figure_{figure}")(setup)
     return found
 
 
 def claim(figure: int) -> str:
-    """Return what the paper shows with a figure."""
+    """Return the statement of the paper about a figure."""
     return _CLAIMS[figure]
 
 
 def example_of(script: Script) -> Example:
-    """Begin a script: what it is about."""
+    """Start a script, and return its example."""
     example = next(script)
     assert isinstance(example, Example)
     return example
 
 
-def sought_by(script: Script) -> Sequence[Sought]:
-    """Run a script, from its beginning, until it waits for matches."""
+def requested_matches(script: Script) -> Sequence[RequestedMatch]:
+    """Run a script from its start until it requests matches, and return the requests."""
     if example_of(script).flow is not None:
         return ()
-    sought = next(script)
-    assert not isinstance(sought, Example)
-    return sought
+    requested = next(script)
+    assert not isinstance(requested, Example)
+    return requested
 
 
 def findings_of(script: Script, matches: Sequence[Match] | None = None) -> Findings:
-    """Run a script to its end: one that waits, with the matches that it waits for; without these
-    from its beginning, and they are found here and now.
+    """Run a script to its end, and return its findings.
+
+    Parameters
+    ----------
+    script : Script
+    matches : sequence of Match, optional
+        Matches that the script has requested. Without them, the script is run from its start and
+        the matches are solved in this process.
     """
     if matches is None:
-        matches = Stage().match(sought_by(script))
+        matches = FigureSetup().match(requested_matches(script))
     try:
         script.send(matches)
     except StopIteration as end:
         found: Findings = end.value
         return found
-    raise AssertionError("a script waits once")
+    raise AssertionError("a script requests matches only once")
 
 
-def stated_apart(figure: int) -> tuple[Example, Match | None]:
-    """State the problem of a figure on its own mesh, in a process of its own: eigenfunctions and
-    geodesics would stop a window. A given flow comes `as_match`; AbfmError if it cannot be stated.
+def example_in_subprocess(figure: int) -> tuple[Example, Match | None]:
+    """Create the example of a figure on its own mesh, in a subprocess.
+
+    Eigenfunctions and geodesics would block a window. The second value is the given flow, see
+    `as_match`. Raises AbfmError if the example cannot be created.
     """
-    ended = f"figure {figure} was not set up: its process has ended; try again"
+    ended = f"figure {figure} could not be set up because its process ended; try again"
     with closing(Worker(no_state, ended)) as worker:
-        return worker.call(_stated, figure).result()
+        return worker.call(_example_and_match, figure).result()
 
 
-def _stated(_: None, figure: int) -> tuple[Example, Match | None]:
-    example = example_of(script(figure, Stage()))
-    return example, as_match(example)
+def _example_and_match(_: None, figure: int) -> tuple[Example, Match | None]:
+    example = example_of(script(figure, FigureSetup()))
+    return example, match_of_flow(example)
 
 
-def as_match(example: Example) -> Match | None:
-    """Return the given flow as a match with its field, for a window to show; None without."""
+def match_of_flow(example: Example) -> Match | None:
+    """Return the given flow of an example as a match, for display; None without a flow."""
     if example.flow is None:
         return None
     problem, velocity = example.problem, example.flow.velocity
@@ -249,60 +264,65 @@ def as_match(example: Example) -> Match | None:
 
 @lru_cache
 def bundled(name: str) -> TriangleMesh:
-    """Read a mesh that comes with abfm, once: what was computed on it is kept."""
+    """Load a mesh that is installed with abfm; meshes and their operators are cached."""
     return load_mesh(asset_path(name))
 
 
-def smoothed(name: str, times: int) -> TriangleMesh:
-    """Subdivide a bundled mesh by Loop's scheme, each time into four times as many faces."""
+def loop_subdivided(name: str, times: int) -> TriangleMesh:
+    """Subdivide a bundled mesh by Loop's scheme; each step has four times as many faces."""
     mesh = bundled(name)
     shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).subdivide_loop(times)
     return TriangleMesh(shape.vertices, shape.faces)
 
 
-def sized(name: str, *meshes: TriangleMesh) -> str:
-    """Return a surface in words, coarse to fine."""
+def size_text(name: str, *meshes: TriangleMesh) -> str:
+    """Return the name of a surface with its numbers of vertices, coarse to fine."""
     return f"{name}, {', '.join(f'{len(mesh.vertices):,}' for mesh in meshes)} vertices"
 
 
 def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
-    """Return the spec of a Gaussian."""
+    """Return the specification of a Gaussian."""
     return f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:g}"
 
 
-def carried_example(flow: Flow, name: str, source: str, target: str) -> Example:
-    """Return a function and what a given flow makes of it until tau, by the name of a file."""
+def advection_example(flow: Flow, name: str, source: str, target: str) -> Example:
+    """Return the example of a function that a given flow advects until tau.
+
+    The target is the specification of a file, such as ``file:advected.npy``.
+    """
     f = function(flow.mesh, source)
     problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
     return Example(problem, name, ((source, target),), flow)
 
 
-def affordable_iterations(mesh: TriangleMesh, most: int) -> int:
-    """Return 60 to ``most``: about half a minute with three functions, for want of time."""
-    return min(max(1_230_000 // len(mesh.vertices), 60), most)
+def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
+    """Return a number of iterations from 60 to ``most``, about 30 seconds for three functions."""
+    return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 
 
-def witnessed(found: Match) -> tuple[list[Measure], str, str]:
-    """Verify a match: return measures, a label of the panel, and what is unknown, if anything."""
+def verification_measures(found: Match) -> tuple[list[Measure], str, str]:
+    """Verify a match; return measures, a label for its panel, and a note if a check is missing."""
     try:
-        said = found.verify()
+        verification = found.verify()
     except ParameterError as error:
         return [], "matched", f" Not verified: {error}."
     numbers = {
-        "residual by flow lines": said.flow_lines,
-        "residual on the subdivided mesh": said.subdivided,
-        "folded faces, as a share of all": said.folded,
+        "residual by flow lines": verification.flow_lines,
+        "residual on the subdivided mesh": verification.subdivided,
+        "folded faces, as a share of all": verification.folded,
     }
     measures = [Measure(name, x) for name, x in numbers.items() if math.isfinite(x)]
-    label = f"matched: {found.residual:.2g}, {said.flow_lines:.2g} by flow lines"
-    overflows = " On the subdivided mesh the flow overflows." if math.isinf(said.subdivided) else ""
+    label = f"matched: {found.residual:.2g}, {verification.flow_lines:.2g} by flow lines"
+    overflows = (
+        " The flow on the subdivided mesh overflows." if math.isinf(verification.subdivided) else ""
+    )
     return measures, label, overflows
 
 
-def maps_of_flow(
+def flow_map_measures(
     found: Match, name: str, shares: Sequence[float] = (1.0,)
 ) -> dict[str, MapQuality]:
-    """Judge the maps that a flow makes of its surface, at some shares of tau, by names to show."""
+    """Measure the maps of a flow at some fractions of tau, by names to show."""
     return {
         f"{name} at {'' if share == 1 else f'{share:g} '}τ": map_quality(
             found.flow.coordinate_map(share * found.parameters.tau)
@@ -311,8 +331,8 @@ def maps_of_flow(
     }
 
 
-def map_findings(qualities: Mapping[str, MapQuality]) -> tuple[list[Measure], tuple[str, ...]]:
-    """Return how far maps leave the surface and fold it, and which are not to be trusted."""
+def quality_measures(qualities: Mapping[str, MapQuality]) -> tuple[list[Measure], tuple[str, ...]]:
+    """Return measures of the maps' distances from the surface and folds, and a warning note."""
     measures, faults = [], []
     for name, quality in qualities.items():
         measures += [
@@ -322,4 +342,4 @@ def map_findings(qualities: Mapping[str, MapQuality]) -> tuple[list[Measure], tu
         ]
         if quality.faults:
             faults.append(f"{name} ({quality.faults})")
-    return measures, (f"Not to be trusted as maps: {'; '.join(faults)}.",) if faults else ()
+    return measures, (f"Unreliable as maps: {'; '.join(faults)}.",) if faults else ()

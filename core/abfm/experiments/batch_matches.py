@@ -1,0 +1,38 @@
+"""Matches of figures by a batch: the matches of all figures are solved at once and stored."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+
+from abfm import AbfmError, Match
+from abfm.batch import LedgerEntry, Row, problem_row
+from abfm.experiments.scripts import RequestedMatch
+
+
+def rows_of(
+    figure: int, requested: Sequence[RequestedMatch], folder: str | os.PathLike[str]
+) -> list[Row]:
+    """Write the matches that a figure's script requests to a folder; return a row for each."""
+    return [
+        problem_row(each.problem, folder, f"figure {figure}, {each.text}") for each in requested
+    ]
+
+
+def matches_of(requested: Sequence[RequestedMatch], entries: Sequence[LedgerEntry]) -> list[Match]:
+    """Load the matches of rows, in the order of the requested matches.
+
+    The numbers equal those of newly solved matches in every bit, except the fields of earlier steps
+    of the path.
+
+    Raises
+    ------
+    AbfmError
+        If there is no result; the message reports the cause.
+    """
+    found = []
+    for each, entry in zip(requested, entries, strict=True):
+        if entry.path is None:
+            raise AbfmError(entry.reason or "the row has not been solved")
+        # the mesh of the script has cached operators, the mesh of the file has none
+        found.append(replace(entry.load(), problem=each.problem))
+    return found
