@@ -19,7 +19,7 @@ from abfm.pages.film_motion import CRITICAL_COLORS, OPACITY_MIN, fast_in, ways_o
 from abfm.pages.front import best_front, changes_in_time
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 from abfm.pages.registered import MOST_CHANNELS
-from abfm.sequences.report import interval_headline, motion_between, uncertainty
+from abfm.sequences.report import interval_headline, motion_text, uncertainty_text
 from abfm.types import FloatArray
 from abfm.wording import share
 from abfm.workers.progress import stepped
@@ -86,8 +86,8 @@ def sequence_page(
     ]
     shown_facts = {
         "median speed": _speed(sequence, labels),
-        **({"uncertainty": uncertainty(sequence)} if sequence.solved.any() else {}),
-        "frames in between": motion_between(sequence),
+        **({"uncertainty": uncertainty_text(sequence)} if sequence.solved.any() else {}),
+        "frames in between": motion_text(sequence),
         "solved with": sequence.settings,
     }
     notes += [

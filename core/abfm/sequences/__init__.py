@@ -1,4 +1,4 @@
-"""Functions that change in time: the fields that carry each frame to the next."""
+"""Functions that change in time, and the fields whose flows map each frame to the next."""
 
 import lazy_loader
 

@@ -1,6 +1,4 @@
-"""What was found of a film that is not finished, in a file beside its result: whatever is killed
-goes on.
-"""
+"""Checkpoint files of sequences, from which an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -22,11 +20,11 @@ from abfm.io.results import Entry
 from abfm.sequences.solving.choosing import Norm
 from abfm.sequences.solving.solve import SequenceSolver
 
-_WRITE_SECONDS_MIN = 5.0  # seconds, at least, from one writing to the next
-_WRITE_TIME_RATIO = 20.0  # times as long as a writing takes, too, so that it costs 5% at most
+_WRITE_SECONDS_MIN = 5.0  # smallest time between two writes
+_WRITE_TIME_RATIO = 20.0  # smallest time between writes over that of a write: it costs at most 5%
 _SUFFIX = ".unfinished"
 _KIND = results.FileKind(
-    "file of a film that is not finished",
+    "checkpoint of a sequence",
     {
         "problem": Entry("text", ()),
         "order": Entry("integer", (), low=1),
@@ -44,21 +42,21 @@ _KIND = results.FileKind(
 
 
 class SequenceCheckpoint:
-    """A file for what was found of a film, while it is solved and until its result is safe.
+    """A file with the intermediate results of a sequence until its result is saved.
 
-    It is named by the result, by all that makes the problem and by the code that solves it, so that
-    only a run of the same goes on from it: that then finds the same, bit for bit, as one that was
-    never killed.
+    Its name contains the result and a digest of the problem and of the code. Only a run of the same
+    problem by the same code therefore resumes from it. The resumed run gives the same result, bit
+    for bit, as an uninterrupted one.
 
     Parameters
     ----------
     result : path, optional
-        Where the result will be; the file is ``RESULT-DIGEST.unfinished``. Without, there is none.
+        Path of the result; the checkpoint is ``RESULT-DIGEST.unfinished``. Without it, there is no
+        checkpoint.
     on_found : callable
-        Called with how many intervals an earlier run had found, if there are any.
-    goes_on : bool
-        Whether the film is solved to its end; else what there is is told as it is, like that of a
-        run that was cancelled.
+        Called with the number of intervals of an earlier run, if there are any.
+    solve_remaining : bool
+        Whether to solve the remaining intervals. If false, the result is that of a cancelled run.
     """
 
     def __init__(
@@ -68,11 +66,11 @@ class SequenceCheckpoint:
         solve_remaining: bool = True,
     ) -> None:
         self._result, self._on_found, self.solve_remaining = result, on_found, solve_remaining
-        self._problem, self._next = "", 0.0
-        self.path: Path | None = None  # known, once a film is solved
+        self._problem, self._next_write = "", 0.0
+        self.path: Path | None = None  # set by `restore`
 
     def restore(self, solver: SequenceSolver) -> None:
-        """Have a solver go on from what there is of its problem: nothing, where that is damaged."""
+        """Restore a solver from the checkpoint of its problem, unless the file is damaged."""
         if self._result is None:
             return
         self._problem = _digest(solver)
@@ -88,21 +86,22 @@ class SequenceCheckpoint:
                 solver.flow_line_checks[known] = found["witnessed"]
                 norm = Norm(int(found["order"]), float(found["alpha"]))
                 solver.choose(norm, float(found["sigma"]))
-                solver.before = float(found["before"])
+                solver.energy_before = float(found["before"])
                 solver.failed_searches, solver.swept_intervals = (
                     int(found["in_vain"]),
                     int(found["swept"]),
                 )
                 self._on_found(len(fields))
 
-    def keep(self, solver: SequenceSolver, at_once: bool = True) -> None:
-        """Write what a solver has found; now and then only, unless at once. Where it cannot be
-        written the film is solved all the same.
+    def save(self, solver: SequenceSolver, force: bool = True) -> None:
+        """Write the state of a solver; unless ``force``, not more often than every few seconds.
+
+        A failed write is ignored, as the sequence can be solved without a checkpoint.
         """
         began = time.monotonic()
-        if self.path is None or not solver.found[0] or (began < self._next and not at_once):
+        if self.path is None or not solver.found[0] or (began < self._next_write and not force):
             return
-        known = slice(int(np.count_nonzero(solver.found)))  # the first ones, one after the other
+        known = slice(int(np.count_nonzero(solver.found)))  # intervals are solved in order
         arrays = {
             "problem": self._problem,
             "order": solver.given.order,
@@ -113,57 +112,57 @@ class SequenceCheckpoint:
             "alone": solver.is_uncoupled[known],
             "in_vain": solver.failed_searches,
             "swept": solver.swept_intervals,
-            "before": solver.before,
+            "before": solver.energy_before,
             "witnessed": solver.flow_line_checks[known],
         }
         with suppress(ResultError):
             results.save_arrays(self.path, arrays, _KIND)
         now = time.monotonic()
-        self._next = now + max(_WRITE_SECONDS_MIN, _WRITE_TIME_RATIO * (now - began))
+        self._next_write = now + max(_WRITE_SECONDS_MIN, _WRITE_TIME_RATIO * (now - began))
 
     def remove(self) -> None:
-        """Remove the file, as the result is safe."""
+        """Remove the checkpoint after the result is saved."""
         if self.path is not None:
             with suppress(OSError):
                 self.path.unlink()
 
 
 def checkpoints_of(result: Path) -> list[Path]:
-    """Return the files of films that are not finished beside where their result will be."""
+    """Return the checkpoints next to the path of a result."""
     return sorted(result.parent.glob(f"{glob.escape(result.name)}-*{_SUFFIX}"))
 
 
 def remove_checkpoints(result: Path) -> None:
-    """Remove what is left beside a result that is there, by a run that was killed just then."""
+    """Remove the checkpoints of a saved result; a run that was killed then leaves one."""
     for path in checkpoints_of(result):
         with suppress(OSError):
             path.unlink()
 
 
 def move_checkpoints(result: Path, other: Path) -> None:
-    """Have what is beside one result beside another one, where the next run is to go on."""
+    """Move the checkpoints of one result next to another, where the next run finds them."""
     for path in checkpoints_of(result):
         with suppress(OSError):
             path.replace(other.with_name(other.name + path.name.removeprefix(result.name)))
 
 
 def _digest(solver: SequenceSolver) -> str:
-    """Name what a solver is to find, by its content, in hexadecimal digits."""
-    film = solver.frames
-    told = {
+    """Return a digest of the problem of a solver, in hexadecimal digits."""
+    frames = solver.frames
+    values = {
         "code": _code(),
         "parameters": solver.given.to_dict(),
         "gamma": solver.gamma,
-        "channels_given": film.channels_given,
+        "channels_given": frames.channels_given,
     }
-    arrays = results.mesh_arrays(film.mesh) | {
-        "frames": film.values,
-        "times": film.times,
-        "weights": film.weights,
+    arrays = results.mesh_arrays(frames.mesh) | {
+        "frames": frames.values,
+        "times": frames.times,
+        "weights": frames.weights,
     }
-    if film.mask is not None:
-        arrays["mask"] = film.mask
-    digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    if frames.mask is not None:
+        arrays["mask"] = frames.mask
+    digest = hashlib.sha256(json.dumps(values, sort_keys=True).encode())
     for piece in results.pieces({name: np.asarray(each) for name, each in arrays.items()}):
         digest.update(piece)
     return digest.hexdigest()
@@ -171,7 +170,7 @@ def _digest(solver: SequenceSolver) -> str:
 
 @cache
 def _code() -> str:
-    """Name the library's code by its content: a version has many in a developer's checkout."""
+    """Return a digest of the library's code, which changes within a version during development."""
     digest = hashlib.sha256()
     folder = Path(__file__).parents[1]
     for path in sorted(folder.rglob("*.py")):

@@ -1,4 +1,4 @@
-"""Sequences for other programs: ParaView, MNE, Connectome Workbench, and tables."""
+"""Export of sequences to ParaView, MNE, Connectome Workbench and tables."""
 
 from __future__ import annotations
 
@@ -46,21 +46,31 @@ _INTERVALS = [
 
 
 def vertex_speed(sequence: Sequence) -> FloatArray:
-    """Return the speed at vertices in each interval, (T - 1, V): the mean of the faces around."""
+    """Return the speed at vertices in each interval, (T - 1, V): the mean over adjacent faces."""
     mean = averaging(sequence.mesh)
     return np.stack([mean @ np.linalg.norm(field, axis=1) for field in sequence.velocity])
 
 
 def check_pvd(path: str | os.PathLike[str]) -> Path:
-    """Refuse, before there is anything to write, a path that `export_pvd` would refuse, by a
-    ResultError; else return the folder for its frames, where links lead.
+    """Check the path of `export_pvd` before the export; return the folder for its frames.
+
+    Links in the path are resolved.
+
+    Raises
+    ------
+    ResultError
+        If `export_pvd` could not write to the path.
     """
     path = Path(path)
     if path.suffix != ".pvd":
-        raise ResultError(f"cannot write {path}: the name of a list of VTK's must end in .pvd")
+        raise ResultError(
+            f"cannot write {path}: the name of a ParaView collection must end in .pvd"
+        )
     folder = Path(os.path.realpath(path.with_suffix("")))
     if folder.exists() and not folder.is_dir():
-        raise ResultError(f"cannot make the folder {folder}: there is a file; choose another name")
+        raise ResultError(
+            f"cannot make the folder {folder}: a file has this name; choose another name"
+        )
     check_writable(path)
     if folder.is_dir():
         check_writable(folder / f"{path.stem}_0000.vtu")
@@ -68,15 +78,25 @@ def check_pvd(path: str | os.PathLike[str]) -> Path:
 
 
 def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
-    """Write a film for ParaView: ``NAME.pvd``, and a ``NAME_0000.vtu`` a frame in a folder NAME.
+    """Write a sequence for ParaView: ``NAME.pvd``, and ``NAME_0000.vtu``, ... in a folder NAME.
 
-    Point data are the ``frame``, the frame before ``carried`` to it, ``divergence`` and ``curl``,
-    and where values are missing in some frame ``measured``, which is 0 where they are filled in;
-    cell data the ``velocity``, its ``uncertainty`` (infinite where frames determine no motion) and
-    how well it is ``determined``, from 0 to 1: fields of the interval that begins there, and at the
-    last frame of that which ends there. Files replace older ones only when all are written: if
-    that is cancelled or fails, the folder is as before. Frames
-    that an older and longer one of that name lists are removed at the end.
+    Each frame has these point data:
+
+    - ``frame``: the values of the frame
+    - ``carried``: the previous frame advected to the time of this frame
+    - ``divergence`` and ``curl`` of the field
+    - ``measured``, if values are missing in some frame: 0 where they are filled in, else 1
+
+    It has these cell data:
+
+    - ``velocity``
+    - ``uncertainty``: standard error of the velocity, infinite where frames determine no motion
+    - ``determined``: share of the velocity that the frames determine, from 0 to 1
+
+    Fields are those of the interval that begins at the frame, and for the last frame of the
+    interval that ends there. Files replace older ones only after all are written. If the export is
+    cancelled or fails, the folder is unchanged. Surplus frames of an older, longer sequence of the
+    same name are removed at the end.
 
     Raises
     ------
@@ -84,18 +104,18 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
         If the name does not end in ``.pvd``, or a file cannot be written.
     """
     path, folder = Path(path), check_pvd(path)
-    older = _own_frames(path)
+    old_frames = _listed_frames(path)
     try:
-        # where files can be moved from: a folder that is there may be on another disk
-        with temporary_folder(folder if folder.is_dir() else folder.parent) as made:
+        # on the same disk as the folder, so that files can be moved
+        with temporary_folder(folder if folder.is_dir() else folder.parent) as temporary:
             try:
-                rows = _write_frames(made, path.stem, sequence)
-            except ResultError as error:  # of the temporary folder, which the user never sees
-                raise ResultError(str(error).replace(str(made), str(folder))) from error
+                rows = _write_frames(temporary, path.stem, sequence)
+            except ResultError as error:  # names the temporary folder, which users never see
+                raise ResultError(str(error).replace(str(temporary), str(folder))) from error
             folder.mkdir(exist_ok=True)
-            written = [each.name for each in sorted(made.iterdir())]
+            written = [each.name for each in sorted(temporary.iterdir())]
             for name in written:
-                (made / name).replace(folder / name)
+                (temporary / name).replace(folder / name)
     except OSError as error:
         raise ResultError(f"cannot write in the folder {folder}: {one_line(error)}") from error
     lines = [
@@ -107,14 +127,15 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
         "</VTKFile>",
     ]
     write_whole(path, "".join(f"{line}\n" for line in lines))
-    for name in older.difference(written):
+    for name in old_frames.difference(written):
         with suppress(OSError):
             (folder / name).unlink()
 
 
-def _own_frames(path: Path) -> set[str]:
-    """Return the files in its folder that a .pvd lists as this writes them; none where it is not
-    there or cannot be read.
+def _listed_frames(path: Path) -> set[str]:
+    """Return the names of the frames in its folder that an earlier export lists in the .pvd.
+
+    The set is empty if the file is missing or cannot be read.
     """
     own = re.compile(f"{re.escape(path.stem)}/({re.escape(path.stem)}_[0-9]{{4,}}\\.vtu)")
     with suppress(OSError, ValueError):
@@ -123,9 +144,9 @@ def _own_frames(path: Path) -> set[str]:
 
 
 def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
-    """Write a .vtu a frame into a folder; return the lines that list them in one of that name."""
+    """Write a .vtu per frame into a folder; return the lines of the .pvd for a folder ``name``."""
     rows = []
-    carried, unknown = sequence.frames[0], sequence.unknown
+    advected, unknown = sequence.frames[0], sequence.unknown
     measured = {} if unknown is None else {"measured": (~unknown).astype(np.uint8)}
     with stepped("writing frames", sequence.times.tolist()) as counted_times:
         for k, time in enumerate(counted_times):
@@ -133,7 +154,7 @@ def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
             points = {
                 **measured,
                 "frame": _columns(sequence.frames[k]),
-                "carried": _columns(carried),
+                "carried": _columns(advected),
                 "divergence": sequence.divergence[i],
                 "curl": sequence.curl[i],
             }
@@ -146,7 +167,7 @@ def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
             rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{name}/{file}")}/>')
             if k < len(sequence):
                 duration = float(sequence.times[k + 1]) - time
-                carried = Flow(sequence.mesh, sequence.velocity[k], duration).push(
+                advected = Flow(sequence.mesh, sequence.velocity[k], duration).push(
                     sequence.frames[k]
                 )
     return rows
@@ -157,8 +178,9 @@ def _columns(frame: FloatArray) -> FloatArray:
 
 
 def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> str:
-    """Write the speed at all vertices for MNE, ``NAME-lh.stc`` or ``NAME-rh.stc``, a sample in the
-    middle of each interval; the other file, the returned note and errors as of
+    """Write the speed at all vertices for MNE, with a sample in the middle of each interval.
+
+    The files are ``NAME-lh.stc`` and ``NAME-rh.stc``. The returned note and errors are those of
     `abfm.io.write_stc`.
     """
     speed = vertex_speed(sequence)
@@ -167,8 +189,10 @@ def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> str:
 
 
 def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:
-    """Write the speed at the vertices of the mesh's file, a column for each interval, named by its
-    middle: GIFTI, .npy, .csv or .mgh, see `abfm.io.write_values`. It is NaN where no face is.
+    """Write the speed at the vertices of the mesh's file, with a column for each interval.
+
+    A column is named by the middle of its interval. The formats are GIFTI, .npy, .csv and .mgh, see
+    `abfm.io.write_values`. The speed is NaN at vertices without a face.
     """
     speed = sequence.mesh.on_file(vertex_speed(sequence).T)
     names = [f"{time:.9g}" for time in sequence.middles]
@@ -176,22 +200,33 @@ def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:
 
 
 def export_tracks(path: str | os.PathLike[str], sequence: Sequence, min_intervals: int = 3) -> str:
-    """Write a .csv of critical points, a line for each in each interval: its track, its kind, index
-    and place there, the number of its face, and divergence and curl per unit of time.
+    """Write a .csv of critical points, with a line for each point in each interval.
 
-    ``min_intervals`` is as in `Sequence.tracks`. Return a note with the number of shorter tracks.
-    A ResultError reports why it cannot be written.
+    Columns are the track, the kind, index and position of the point, the number of its face, and
+    divergence and curl per unit of time. ``min_intervals`` is as in `Sequence.tracks`.
+
+    Returns
+    -------
+    str
+        A note with the number of shorter tracks, which are omitted, or an empty text.
+
+    Raises
+    ------
+    ResultError
+        If the file cannot be written.
     """
-    rows, kept = [], sequence.tracks(min_intervals)
-    for number, track in enumerate(kept):
+    rows, shown = [], sequence.tracks(min_intervals)
+    for number, track in enumerate(shown):
         places, faces = track.points.positions.tolist(), track.points.faces.tolist()
         for k, time in enumerate(track.times.tolist()):
             found = sequence.critical_points(int(np.searchsorted(sequence.middles, time)))
             at = int(np.flatnonzero(found.points.faces == faces[k])[0])
-            turns = float(found.divergence[at]), float(found.curl[at])
-            rows.append([number, track.kinds[k], track.index, time, *places[k], faces[k], *turns])
+            derivatives = float(found.divergence[at]), float(found.curl[at])
+            rows.append(
+                [number, track.kinds[k], track.index, time, *places[k], faces[k], *derivatives]
+            )
     write_csv(path, [_TRACKS, *rows])
-    omitted = len(sequence.tracks(1)) - len(kept)
+    omitted = len(sequence.tracks(1)) - len(shown)
     if not omitted:
         return ""
     return (
@@ -201,10 +236,12 @@ def export_tracks(path: str | os.PathLike[str], sequence: Sequence, min_interval
 
 
 def export_intervals(path: str | os.PathLike[str], sequence: Sequence) -> None:
-    """Write a .csv with a line for each interval: its times, root mean squares of the speed and of
-    its uncertainty over the surface, how well the frames determine it, from 0 to 1, the energy,
-    mismatches by the discrete flow and by flow lines, the share of faces that these fold, and the
-    verdict; cells of what is unknown are empty, and an infinite uncertainty is ``inf``.
+    """Write a .csv with a line for each interval.
+
+    The columns are start, end, root mean squares of speed and uncertainty over the surface, and the
+    share that frames determine, from 0 to 1. The others are energy, residuals of the discrete flow
+    and of flow lines, share of faces that flow lines fold, and verdict. Unknown values are empty;
+    an infinite uncertainty is ``inf``.
     """
     starts, ends = sequence.times[:-1], sequence.times[1:]
     numbers = [

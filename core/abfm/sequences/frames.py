@@ -1,4 +1,4 @@
-"""Frames of a function that changes in time, checked: what a sequence is made of."""
+"""Checked frames of a function that changes in time, the input of a sequence."""
 
 from __future__ import annotations
 
@@ -29,8 +29,10 @@ from abfm.workers.progress import stepped
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Functions (T, V, C) at ascending times (T,), on a mesh, finite everywhere; a mask (V,) is 0
-    where they were not. Where it is 0, they are filled in from around.
+    """Functions (T, V, C) at ascending times (T,), on a mesh, finite everywhere.
+
+    The mask (V,) is 0 where values are missing in some frame; they are extended from their
+    neighbours.
     """
 
     mesh: TriangleMesh
@@ -38,19 +40,20 @@ class Frames:
     times: FloatArray = field(repr=False)
     mask: FloatArray | None = field(repr=False)
     weights: FloatArray  # (C,)
-    channels_given: bool  # they came as (T, V, C); else as (T, V)
-    notes: tuple[str, ...] = ()  # what a user should know of them
-    unit_of_time: str = ""  # "s" if times are known; empty if they are numbers of frames
+    channels_given: bool  # True if the input had the shape (T, V, C), False for (T, V)
+    notes: tuple[str, ...] = ()  # notes for the user about the frames
+    unit_of_time: str = ""  # "s" if times are known; empty if they are frame numbers
 
     @property
     def durations(self) -> FloatArray:
-        """How long each interval lasts, (T - 1,)."""
+        """Duration of each interval, (T - 1,)."""
         return np.diff(self.times)
 
     @cached_property
     def deviation(self) -> float:
-        """Root of the mean, over frames, of the square of the deviation from the frame's mean in
-        L2, on the mesh of unit area, over all channels; 1 where all are constants.
+        """Root mean square, over frames, of the L2 deviation from the frame's mean.
+
+        It is taken on the mesh of unit area, over all channels. It is 1 if all frames are constant.
         """
         term = FunctionTerm(
             self.mesh.normalized(), self.values[0], self.values[0], self.mask, self.weights
@@ -63,15 +66,15 @@ class Frames:
 
     @cached_property
     def unknown(self) -> BoolArray | None:
-        """Where values are filled in, (V,); None where nowhere."""
+        """Mask (V,) of the vertices with filled-in values; None if there are none."""
         return None if self.mask is None or self.mask.all() else np.asarray(self.mask == 0)
 
     def problem(self, interval: int, parameters: Parameters) -> Problem:
-        """Return the problem between a frame and the next."""
+        """Return the matching problem of an interval, from its first frame to the next."""
         return self.between(interval, interval + 1, parameters)
 
     def between(self, first: int, last: int, parameters: Parameters) -> Problem:
-        """Return the problem between any two frames."""
+        """Return the matching problem between any two frames."""
         f, g = (self.values[frame] for frame in (first, last))
         if not self.channels_given:
             f, g = f[:, 0], g[:, 0]
@@ -86,8 +89,9 @@ def check_frames(
     mask: ArrayLike | None,
     weights: ArrayLike | None,
 ) -> Frames:
-    """Check frames (T, V) or (T, V, C), of the mesh or of its file, and fill in what is unknown:
-    what is not finite in some frame, or where the mask is 0.
+    """Check frames (T, V) or (T, V, C), of the mesh or of its file, and fill in unknown values.
+
+    Values are unknown at vertices where some frame is not finite, or where the mask is 0.
     """
     given = real_numbers(values, "frames", FunctionError)
     if given.ndim not in (2, 3) or given.size == 0:
@@ -95,49 +99,50 @@ def check_frames(
             f"frames have shape {given.shape}; expected (T, V) or (T, V, C), a row for each frame"
         )
     if len(given) < 2:
-        raise FunctionError("there is one frame; expected at least two, to go from one to the next")
+        raise FunctionError("there is only one frame; expected at least two")
     restricted = np.moveaxis(mesh.restrict(np.moveaxis(given, 1, 0)), 0, 1)
     frames = restricted.reshape(*restricted.shape[:2], -1)
-    if np.may_share_memory(frames, given):  # which is filled in below
+    if np.may_share_memory(frames, given):  # frames are modified below
         frames = frames.copy()
-    of_channels = checked_weights(weights, frames.shape[2], "weights", "channel")
+    channel_weights = checked_weights(weights, frames.shape[2], "weights", "channel")
     warn_of_phases(mesh, frames[0].T)
-    counted = of_channels > 0
-    finite = np.isfinite(frames)[:, :, counted if counted.any() else slice(None)]
+    is_weighted = channel_weights > 0
+    finite = np.isfinite(frames)[:, :, is_weighted if is_weighted.any() else slice(None)]
     if not finite.any():
         raise FunctionError("no frame has a finite value; expected real numbers")
     if len(nowhere := np.flatnonzero(~finite.any(axis=(1, 2)))):
         named = ", ".join(map(str, nowhere[:5])) + ", ..." * (len(nowhere) > 5)
         raise FunctionError(
-            f"without a finite value, counted from 0: frame {named}; leave out such frames, and "
-            "give the times of the others"
+            f"no finite value in frame {named} (counted from 0). Remove such frames, and give "
+            "the times of the others."
         )
     known: BoolArray = np.asarray(finite.all(axis=(0, 2)))
     if not known.any():
-        raise FunctionError("no vertex has values that are finite in all frames")
-    of_vertices = mask_of_known(mask_from_input(mesh, mask), known)
-    seen = known if of_vertices is None else of_vertices > 0
-    if not seen.any():
+        raise FunctionError("no vertex has finite values in all frames")
+    vertex_mask = mask_of_known(mask_from_input(mesh, mask), known)
+    compared = known if vertex_mask is None else vertex_mask > 0
+    if not compared.any():
         raise FunctionError(
-            "no vertex that the mask counts has values that are finite in all frames; give weights "
-            "above 0 where there are values"
+            "no vertex with a mask above 0 has finite values in all frames. Give a mask above 0 "
+            "at vertices with values."
         )
-    _fill_in(mesh, frames, seen, counted)
+    _fill_in(mesh, frames, compared, is_weighted)
     frames.flags.writeable = False
     return Frames(
         mesh,
         frames,
         _times(times, len(frames)),
-        of_vertices,
-        of_channels,
+        vertex_mask,
+        channel_weights,
         given.ndim == 3,
         unit_of_time="" if times is None else "s",
     )
 
 
 def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:
-    """Return the absolute sigma of an interval of that duration, by which the balance of both terms
-    is the same for all durations.
+    """Return the absolute sigma of an interval of a duration.
+
+    It makes the balance of the two energy terms equal for all durations.
     """
     unit = frames.deviation if given.sigma_unit == "relative" else 1.0
     return float(sigma * unit * np.sqrt(duration))
@@ -146,26 +151,30 @@ def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: 
 def interval_parameters(
     frames: Frames, given: SequenceParameters, sigma: float, interval: int
 ) -> Parameters:
-    """Return the parameters of the problem of an interval: its duration as tau."""
+    """Return the parameters of the problem of an interval, with its duration as tau."""
     duration = float(frames.durations[interval])
     absolute = sigma_of(frames, given, sigma, duration)
     return given.for_interval(duration, absolute)
 
 
-def _fill_in(mesh: TriangleMesh, frames: FloatArray, seen: BoolArray, counted: BoolArray) -> None:
-    """Extend frames (T, V, C) to vertices that are not seen: what stands there would be carried to
-    those that are. A channel that does not count may lack more, or all.
+def _fill_in(
+    mesh: TriangleMesh, frames: FloatArray, compared: BoolArray, is_weighted: BoolArray
+) -> None:
+    """Extend frames (T, V, C) to vertices that are not compared.
+
+    Advection would otherwise spread their values to compared vertices. Channels of weight 0 may
+    have additional missing values.
     """
-    of_seen = extension(mesh, seen)
-    for channel, counts in enumerate(counted):
-        film = frames[:, :, channel]
-        known = seen if counts else seen & np.isfinite(film).all(axis=0)
+    extend_compared = extension(mesh, compared)
+    for channel, has_weight in enumerate(is_weighted):
+        channel_frames = frames[:, :, channel]
+        known = compared if has_weight else compared & np.isfinite(channel_frames).all(axis=0)
         if not known.any():
-            film[:] = 0.0
+            channel_frames[:] = 0.0
         elif not known.all():
-            fill = of_seen if counts else extension(mesh, known)
-            with stepped("filling in what is not compared", film) as counted_frames:
-                for frame in counted_frames:
+            fill = extend_compared if has_weight else extension(mesh, known)
+            with stepped("filling in missing values", channel_frames) as frames_in_step:
+                for frame in frames_in_step:
                     frame[:] = fill(frame)
 
 
@@ -183,7 +192,7 @@ def _times(given: ArrayLike | None, count: int) -> FloatArray:
     if len(wrong):
         one, other = times[wrong[0] : wrong[0] + 2]
         raise ParameterError(
-            f"times must be finite, and each later than the one before: of frame {wrong[0]} it is "
-            f"{one:g}, of the next {other:g}"
+            f"times must be finite and strictly increasing; frame {wrong[0]} has {one:g}, the next "
+            f"frame {other:g}"
         )
     return times.copy()

@@ -1,4 +1,4 @@
-"""Parameters of a sequence, and which of them it chooses."""
+"""Parameters of a sequence, and those that it chooses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from abfm.errors import ParameterError, brief
 from abfm.parameters import FIELDS, Parameters, Settings
 
 AUTOMATIC_NAMES = ("alpha", "order")
-"""Parameters of the norm of fields, which are chosen unless they are given; so is sigma."""
+"""Parameters of the norm of fields that are chosen unless they are given; so is sigma."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class SequenceParameters(Settings):
     Attributes
     ----------
     automatic : tuple of str
-        Which of ``alpha`` and ``order`` are chosen by held-out data. In a `Sequence` they have the
+        Those of ``alpha`` and ``order`` that held-out data choose. In a `Sequence` they have the
         chosen values.
     """
 
@@ -37,8 +37,7 @@ class SequenceParameters(Settings):
         unknown = [name for name in self.automatic if name not in AUTOMATIC_NAMES]
         if unknown:
             raise ParameterError(
-                f"{brief(unknown[0])} cannot be automatic; expected names among "
-                f"{', '.join(AUTOMATIC_NAMES)}"
+                f"{brief(unknown[0])} cannot be automatic; expected {' or '.join(AUTOMATIC_NAMES)}"
             )
         object.__setattr__(
             self, "automatic", tuple(n for n in AUTOMATIC_NAMES if n in self.automatic)
@@ -49,14 +48,14 @@ class SequenceParameters(Settings):
         return asdict(self)
 
     def for_interval(self, duration: float, sigma: float) -> Parameters:
-        """Return the parameters of a match from one frame to the next, with an absolute sigma."""
-        own = {name: getattr(self, name) for name in PARAMETER_NAMES}
-        own |= {"tau": duration, "sigma": sigma, "sigma_unit": "absolute"}
-        return Parameters.of(**own, reach=0.0, levels=1, refine=0, segments=1)
+        """Return the parameters of the match of one interval, with an absolute sigma."""
+        values = {name: getattr(self, name) for name in PARAMETER_NAMES}
+        values |= {"tau": duration, "sigma": sigma, "sigma_unit": "absolute"}
+        return Parameters.of(**values, reach=0.0, levels=1, refine=0, segments=1)
 
 
 PARAMETER_NAMES = tuple(each.name for each in fields(SequenceParameters) if each.name in FIELDS)
-"""Parameters that may be given."""
+"""Names of the parameters that users may give."""
 
 
 def defaults(
@@ -64,7 +63,7 @@ def defaults(
 ) -> SequenceParameters:
     """Return the parameters of a sequence, with changes.
 
-    ``alpha``, ``order`` and ``sigma`` are chosen by held-out data where they are None or not given.
+    ``alpha``, ``order`` and ``sigma`` are chosen by held-out data if they are None or not given.
 
     Raises
     ------
@@ -78,7 +77,7 @@ def defaults(
 
 
 def checked_parameters(parameters: SequenceParameters | None) -> SequenceParameters:
-    """Return the parameters of a sequence, the defaults for None."""
+    """Return the parameters of a sequence, or the defaults for None."""
     if not isinstance(parameters, SequenceParameters | None):
         raise ParameterError(
             f"parameters is {brief(parameters)}; expected abfm.sequences.defaults(...)"

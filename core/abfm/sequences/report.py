@@ -1,4 +1,4 @@
-"""The report of a sequence: numbers for programs, lines for people."""
+"""The report of a sequence: JSON values and lines of text."""
 
 from __future__ import annotations
 
@@ -23,9 +23,7 @@ EPISODES_SHOWN_MAX = 8
 
 
 def details(sequence: Sequence) -> dict[str, Any]:
-    """Return all that is reported of a sequence as plain numbers and texts, None for unknown
-    ones.
-    """
+    """Return the reported values of a sequence as numbers and texts; unknown values are None."""
     speed, steep = _speeds(sequence), _steep(sequence)
     return {
         "vertices": len(sequence.mesh.vertices),
@@ -63,10 +61,10 @@ def details(sequence: Sequence) -> dict[str, Any]:
 
 
 def lines(sequence: Sequence) -> list[str]:
-    """Return the report of a sequence for people."""
+    """Return the report of a sequence as lines of text."""
     unit = "second" if sequence.unit_of_time else "frame"
     times, speed, steep = sequence.times, _speeds(sequence), _steep(sequence)
-    seen = f"{np.median(speed[steep]):.3g} where frames are steep, " if steep.any() else ""
+    where_steep = f"{np.median(speed[steep]):.3g} where frames are steep, " if steep.any() else ""
     others = Counter(
         "not solved" if is_unsolved(verdict) else verdict.kind for verdict in sequence.verdicts
     )
@@ -74,19 +72,19 @@ def lines(sequence: Sequence) -> list[str]:
     tracks = [counted(count, kind) for kind, count in _tracks(sequence).items() if count]
     is_cancelled = not sequence.facts.is_complete
     found = [
-        *(["cancelled: intervals that were not solved have no motion"] if is_cancelled else []),
+        *(["cancelled: unsolved intervals have no motion"] if is_cancelled else []),
         f"{sequence.confirmed} of {counted(len(sequence), 'interval')} confirmed by flow lines: "
         f"{kinds}",
         f"{counted(len(times), 'frame')} from {times[0]:.6g} to {times[-1]:.6g}, on a mesh of "
-        f"{len(sequence.mesh.faces):,} faces; {sequence.settings}; noise leaves "
+        f"{len(sequence.mesh.faces):,} faces; {sequence.settings}; residual of noise "
         f"{sequence.noise:.2g}",
-        f"speed: median {seen}{np.median(speed):.3g} everywhere, at most {speed.max():.3g}, in the "
-        f"mesh's unit per {unit}"
+        f"speed: median {where_steep}{np.median(speed):.3g} everywhere, at most "
+        f"{speed.max():.3g}, in the mesh's unit per {unit}"
         if speed.size
-        else "speed: not known, as no interval was solved",
+        else "speed: unknown, as no interval was solved",
         f"tracks through {TRACK_INTERVALS_MIN} intervals or more: {', '.join(tracks) or 'none'}",
-        *([f"uncertainty: {uncertainty(sequence)}"] if speed.size else []),
-        f"frames in between: {motion_between(sequence)}",
+        *([f"uncertainty: {uncertainty_text(sequence)}"] if speed.size else []),
+        f"frames in between: {motion_text(sequence)}",
     ]
     if episodes := sequence.episodes():
         shown = episodes[:EPISODES_SHOWN_MAX]
@@ -97,13 +95,14 @@ def lines(sequence: Sequence) -> list[str]:
 
 
 def _speeds(sequence: Sequence) -> FloatArray:
-    """Return the speed on faces in the intervals that were solved, (S, F)."""
+    """Return the speed on faces in the solved intervals, (S, F)."""
     return np.asarray(np.linalg.norm(sequence.velocity[sequence.solved], axis=2))
 
 
 def _steep(sequence: Sequence) -> BoolArray:
-    """Return where the frame that an interval begins with is steeper than its root mean square, of
-    those that were solved, (S, F): elsewhere a field is what is smooth beside it.
+    """Return where the first frame of each solved interval is steeper than its root mean square.
+
+    The result is (S, F). On other faces, smoothness determines the field.
     """
     mesh = sequence.mesh
     areas, derive = face_areas(mesh), gradient(mesh)
@@ -127,24 +126,24 @@ def interval_headline(sequence: Sequence, interval: int) -> str:
     return headline_of(sequence.verdicts[interval].kind, residual, sequence.parameters.goal)
 
 
-def motion_between(sequence: Sequence) -> str:
-    """Return how much of the motion is in frames between two: ``97% of the motion``, and why."""
+def motion_text(sequence: Sequence) -> str:
+    """Return the share of motion in interpolated frames, or why it is unknown or 0."""
     found = sequence.motion_share
     if math.isnan(found):
         why = (
-            "two frames have none between them to leave out"
+            "there is no frame between two frames to hold out"
             if len(sequence) < 2
-            else "left-out frames do not show whether it is right"
+            else "held-out frames do not confirm or refute it"
         )
-        return f"the motion if it is confirmed, else the linear blend, as {why}"
+        return f"motion in confirmed intervals, else the linear blend, as {why}"
     if found == 0:
-        why = "noise hides the motion" if sequence.has_motion else "left-out frames show no motion"
+        why = "noise hides the motion" if sequence.has_motion else "held-out frames show no motion"
         return f"the linear blend, as {why}"
-    return f"{share(found)} of the motion, by left-out frames"
+    return f"{share(found)} of the motion, by held-out frames"
 
 
-def uncertainty(sequence: Sequence) -> str:
-    """Return the median standard error of the fields, and how much of them frames determine."""
+def uncertainty_text(sequence: Sequence) -> str:
+    """Return the median standard error of the fields, and the share that frames determine."""
     solved = sequence.solved
     error = float(np.median(sequence.speed_uncertainty[solved]))
     if not math.isfinite(error):

@@ -1,4 +1,4 @@
-"""A film of functions on a surface, and the fields that carry each frame to the next."""
+"""A sequence of functions on a surface, and the fields whose flows map each frame to the next."""
 
 from __future__ import annotations
 
@@ -57,31 +57,31 @@ from abfm.workers.control import CancelledError, Control, checkpoint, controlled
 from abfm.workers.progress import step, stepped
 
 GAMMA = 1.0
-"""How much neighbouring fields are held together unless that is given."""
+"""Default weight of the difference between neighbouring fields."""
 GAMMA_MAX = 1e6
-_THREADS = 2  # that walk along flow lines: the rest is one thread's work
+_THREADS = 2  # threads that trace flow lines; one thread does the other work
 
 
 class Sequence(Solution, Display):
     """Frames of a function, and the field of each interval between two of them; immutable.
 
-    Attributes are those of `Solution`.
+    The attributes are those of `Solution`.
     """
 
     @property
     def confirmed(self) -> int:
-        """How many intervals flow lines confirm: those with a good outcome."""
+        """Number of intervals with a good outcome, which flow lines confirm."""
         return sum(verdict.kind.is_good for verdict in self.verdicts)
 
     @cached_property
     def facts(self) -> Facts:
-        """What is reported of the sequence: good if at least half of its intervals are."""
+        """Reported facts of the sequence: good if at least half of its intervals are."""
         numbers = (np.asarray(getattr(self, name)) for name in NUMBERS)
         return facts_of_intervals(self.verdicts, *numbers)
 
     @property
     def settings(self) -> str:
-        """Norm, sigma and gamma in words, and which of them held-out data chose."""
+        """Text with norm, sigma and gamma, and those that held-out data chose."""
         given = self.parameters
         chosen = [*given.automatic, *(["sigma"] if given.sigma is None else [])]
         how = f" (chosen by held-out data: {', '.join(chosen)})" if chosen else ""
@@ -89,9 +89,9 @@ class Sequence(Solution, Display):
         return f"norm of order {given.order}, {numbers}{how}"
 
     def __getitem__(self, interval: int) -> Match:
-        """Return an interval as a match, from its frame to the next, with its field and verdict."""
+        """Return an interval as a match from its frame to the next, with its field and verdict."""
         i = range(len(self))[interval]
-        # one that was cancelled before there was a sigma has fields of 0
+        # a run that was cancelled before sigma was chosen has fields of 0
         sigma = self.sigma if np.isfinite(self.sigma) else SIGMA_MAX
         parameters = interval_parameters(self._frames, self.parameters, sigma, i)
         flow = Flow(self.mesh, self.velocity[i], parameters.tau)
@@ -112,7 +112,7 @@ class Sequence(Solution, Display):
         return map(self.__getitem__, range(len(self)))
 
     def interval(self, t: float) -> int:
-        """Return the number of the interval that a time lies in; at a frame, that after it."""
+        """Return the number of the interval at a time; at a frame, that of the next interval."""
         times = self.times
         if not (is_finite_number(t) and times[0] <= t <= times[-1]):
             raise ParameterError(
@@ -122,17 +122,18 @@ class Sequence(Solution, Display):
 
     @cached_property
     def motion_shares(self) -> FloatArray:
-        """The share of motion in the frames between two, (T - 1,), from 0, the linear blend, to 1.
+        """Share of motion in interpolated frames, (T - 1,), from 0, the linear blend, to 1.
 
-        It is `motion_share`; if that is unknown, as for two frames, of which none can be left out,
-        1 for intervals that are confirmed and 0 for others. It is 0 for intervals that are no
-        motion.
+        It is `motion_share` if that is known. Otherwise, for example for two frames, it is 1 for
+        confirmed intervals and 0 for others. It is 0 for intervals whose verdict excludes a motion.
         """
         return motion_shares(self.verdicts, self.motion_share)
 
     def at(self, t: float) -> FloatArray:
-        """Return the function at a time, (V,) or (V, C): the linear blend of the frames before and
-        after it, plus the interval's share (`motion_shares`) of what motion along the field adds.
+        """Return the function at a time, (V,) or (V, C).
+
+        It is the linear blend of the two nearest frames, plus the interval's share
+        (`motion_shares`) of what motion along the field adds.
         """
         i = self.interval(t)
         begin, end = map(float, self.times[i : i + 2])
@@ -155,32 +156,35 @@ class Sequence(Solution, Display):
 
     @property
     def covariances(self) -> FloatArray:
-        """Covariance of the velocity on each face, (T - 1, F, 2, 2), in the faces' frames
-        (`abfm.calculus.face_frames`), in the square of the velocity's unit.
+        """Covariance of the velocity on each face, (T - 1, F, 2, 2), in the square of its unit.
 
-        It is infinite for intervals that are no motion by their verdict, and for all unless the
-        sequence `has_motion`. See `abfm.sequences.uncertainty`.
+        It is in the face frames (`abfm.calculus.face_frames`). It is infinite for intervals whose
+        verdict excludes a motion, and for all intervals unless the sequence `has_motion`. See
+        `abfm.sequences.uncertainty`.
         """
         return self._posterior.covariances
 
     @cached_property
     def uncertainty(self) -> FloatArray:
-        """Standard error of the velocity on each face, (T - 1, F), in the velocity's unit: the root
-        of the trace of `covariances`.
+        """Standard error of the velocity on each face, (T - 1, F), in the velocity's unit.
+
+        It is the square root of the trace of `covariances`.
         """
         return np.asarray(np.sqrt(np.trace(self.covariances, axis1=2, axis2=3)))
 
     @property
     def determined(self) -> FloatArray:
-        """How much of the square of the velocity on each face the frames determine, (T - 1, F),
-        from 0 to 1; the remainder is what smoothness makes of the faces around. It is 0 where
-        functions are flat, and where `covariances` are infinite.
+        """Share of the squared velocity on each face that the frames determine, (T - 1, F), 0 to 1.
+
+        Smoothness determines the rest from the adjacent faces. The share is 0 where functions are
+        flat, and where `covariances` are infinite.
         """
         return self._posterior.determined
 
     def parts(self, interval: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Split the field of an interval into a gradient, a rotated gradient and a harmonic field,
-        (F, 3) each, see `abfm.calculus.helmholtz_hodge`.
+        """Split the field of an interval into a gradient, a rotated gradient and a harmonic field.
+
+        Each is (F, 3), see `abfm.calculus.helmholtz_hodge`.
         """
         return helmholtz_hodge(self.mesh, self.velocity[interval])
 
@@ -199,8 +203,10 @@ class Sequence(Solution, Display):
 
     @cached_property
     def speed(self) -> FloatArray:
-        """Root mean square of the speed over the surface, (T - 1,): the displacement energy is half
-        its square times the area [Lefèvre & Baillet, IEEE TPAMI 31 (2009)].
+        """Root mean square of the speed over the surface, (T - 1,).
+
+        The displacement energy is half its square times the area [Lefèvre & Baillet, IEEE TPAMI 31
+        (2009)].
         """
         areas = face_areas(self.mesh)
         squares = np.array([areas @ (v**2).sum(axis=1) for v in self.velocity])
@@ -214,8 +220,10 @@ class Sequence(Solution, Display):
 
     @cached_property
     def speed_determined(self) -> FloatArray:
-        """How much of the mean square of the speed over the surface the frames determine, (T - 1,),
-        see `determined`; of no motion the mean of that.
+        """Share of the mean squared speed over the surface that the frames determine, (T - 1,).
+
+        It is the mean of `determined`, weighted with the squared speed. Without motion it is the
+        mean over the area.
         """
         areas = face_areas(self.mesh)
         weights = areas * (self.velocity**2).sum(axis=2)
@@ -224,7 +232,7 @@ class Sequence(Solution, Display):
 
     @property
     def middles(self) -> FloatArray:
-        """The middle of each interval, (T - 1,): the time of its field."""
+        """Middle of each interval, (T - 1,), the time of its field."""
         return 0.5 * (self.times[1:] + self.times[:-1])
 
     @cached_property
@@ -233,18 +241,20 @@ class Sequence(Solution, Display):
             return [critical_points(self.mesh, field) for field in fields]
 
     def critical_points(self, interval: int) -> CriticalPoints:
-        """Return sources, sinks, spirals and saddles of an interval's field."""
+        """Return sources, sinks, spirals and saddles of the field of an interval."""
         return self._critical[interval]
 
     def tracks(self, min_intervals: int = 3) -> list[Track]:
-        """Follow critical points through time; those of at least so many intervals, the longest
-        ones first.
+        """Link critical points of consecutive intervals to tracks, the longest first.
+
+        It returns the tracks with at least ``min_intervals`` intervals.
         """
         return tracks(self.mesh, self._critical, self.middles, min_intervals)
 
     def episodes(self) -> list[Episode]:
-        """Return when the field is slow, stable, and when it is fast, transient, among intervals
-        that were solved.
+        """Return stable episodes, with a slow field, and transient ones, with a fast field.
+
+        Only solved intervals count.
         """
         solved, found = self.solved, list[Episode]()
         for run in np.split(np.arange(len(self)), np.flatnonzero(np.diff(solved)) + 1):
@@ -255,12 +265,14 @@ class Sequence(Solution, Display):
     def paths(
         self, points: SurfacePoints | ArrayLike, start: float | None = None
     ) -> list[SurfacePoints]:
-        """Carry points, or vertices (P,) by number, from a time, that of the first frame by
-        default, along all fields: where they are at that time, and at each later frame.
+        """Advect points along all fields; return their places at the start and at each later frame.
+
+        ``points`` are surface points or vertex indices (P,). The start is the time of the first
+        frame by default.
         """
         given = points if isinstance(points, SurfacePoints) else vertex_points(self.mesh, points)
         if len(given.mesh.faces) != len(self.mesh.faces):
-            raise ParameterError("the points are of another surface than the film")
+            raise ParameterError("the points are on another surface than the sequence")
         begin = float(self.times[0]) if start is None else float(start)
         found, first = [given], self.interval(begin)
         for i in range(first, len(self)):
@@ -273,16 +285,16 @@ class Sequence(Solution, Display):
 
     @property
     def unknown(self) -> BoolArray | None:
-        """Where values are missing in some frame, and filled in, (V,); None where nowhere."""
+        """Mask (V,) of vertices with filled-in values, which are missing in some frame; or None."""
         return self._frames.unknown
 
     def between(self, first: int, last: int, parameters: Parameters | None = None) -> Problem:
-        """Return the problem between any two frames, to be matched by itself."""
+        """Return the matching problem between any two frames."""
         return self._frames.between(first, last, parameters or Parameters())
 
 
 def load_sequence(path: File) -> Sequence:
-    """Read a file of `Sequence.save`; ResultError if it is missing, damaged, or none."""
+    """Read a file of `Sequence.save`; raise ResultError if it is missing or damaged."""
     return results.loaded(path, results.SEQUENCE, Sequence.of_arrays)
 
 
@@ -302,51 +314,54 @@ def sequence(
     on_field: Callable[[int, FloatArray], object] | None = None,
     control: Control | None = None,
 ) -> Sequence:
-    """Find the fields that carry each frame of a function to the next.
+    """Find the fields whose flows map each frame of a function to the next.
 
     It minimises, over the fields ``v_i`` of the intervals of length ``d_i``,
-    ``sum_i d_i/2 ||v_i||^2 + 1/(2 sigma^2 d_i) ||f_i o phi_i^-1 - f_(i+1)||^2
-    + gamma/2 sum_i min(d_i, d_(i+1)) ||v_i - v_(i+1)||^2``
-    with the norm of fields of the paper (Eq. 2), ``phi_i`` the flow of ``v_i`` over its interval,
-    and sigma in deviations of the frames: for small displacements this is optical flow on a surface
+
+        sum_i d_i/2 ||v_i||^2 + 1/(2 sigma^2 d_i) ||f_i o phi_i^-1 - f_(i+1)||^2
+        + gamma/2 sum_i min(d_i, d_(i+1)) ||v_i - v_(i+1)||^2
+
+    with the paper's norm of fields (Eq. 2) and the flow ``phi_i`` of ``v_i`` over its interval.
+    Sigma is in deviations of the frames. For small displacements this is optical flow on a surface
     [Lefèvre & Baillet, IEEE TPAMI 30 (2008)], here without its linearisation.
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh, or any input of `abfm.load_mesh`
     frames : (T, V) or (T, V, C) array, or object
-        Values that are not finite, in any frame, are not compared. The vertices may be another
-        axis, which their number shows; if frames are as many, ``notes`` reports that the second one
-        is. Images of nibabel and nilearn, pandas objects and MNE's source estimates, see
-        `abfm.functions.as_values`, have a column for each frame.
+        Vertices with a value that is not finite, in any frame, are not compared. Another axis may
+        be that of the vertices, by its length. If several axes fit, ``notes`` reports that the
+        second is used. Images of nibabel and nilearn, pandas objects and MNE's source estimates,
+        see `abfm.functions.as_values`, have a column for each frame.
     times : (T,) array, optional
-        In seconds, ascending; those of a source estimate or an image, or 0, 1, 2, ..., the numbers
-        of the frames, by default.
+        Ascending times in seconds. The default are those of a source estimate or an image, or else
+        the frame numbers 0, 1, 2, ...
     parameters : SequenceParameters, optional
-        Made by `abfm.sequences.defaults`. Where it does not give them, the ``alpha`` and ``order``
-        of the norm are those that predict held-out patches of a few intervals best, and sigma is
-        the largest one that does so nearly as well.
+        Made by `abfm.sequences.defaults`. If ``alpha`` and ``order`` of the norm are not given,
+        those that best predict held-out patches of a few intervals are chosen. If sigma is not
+        given, it is the largest that predicts them nearly as well.
     gamma : float
-        How much neighbouring fields are held together; 0 is frame by frame.
+        Weight of the difference between neighbouring fields; 0 solves each interval separately.
     dt : float, optional
-        Seconds from each frame to the next, in place of times.
+        Seconds between two frames, instead of times.
     mask : (V,) array, optional
-        Weight of the mismatch at each vertex, not negative; where it is 0, values are not known.
+        Weight of the mismatch at each vertex, not negative; where it is 0, values are unknown.
     weights : (C,) array, optional
         Weight of each channel.
     circular : bool or float
-        Whether frames are phases, which are compared by cosine and sine, or their period: two
-        channels for each of theirs, with its weight.
-    unfinished : Unfinished, optional
-        A file for what is found meanwhile, from which the next run of the same goes on where this
-        one was killed or cancelled. ``checkpoint.remove()`` is for when the result is safe.
+        Whether frames are phases, or their period. Phases are compared by cosine and sine, two
+        channels for each given channel, with its weight.
+    checkpoint : SequenceCheckpoint, optional
+        A file for intermediate results. If this run is killed or cancelled, the next run of the
+        same problem resumes from it. Call ``checkpoint.remove()`` after the result is saved.
     on_interval : callable, optional
-        Called with the number of each interval when it is first solved, in this thread.
+        Called in this thread with the number of each interval when it is first solved.
     on_field : callable, optional
-        Called then with the number and the field (F, 3), in the mesh's unit per unit of time; at
-        the beginning with those that an earlier run had found, too.
+        Called after that with the number and the field (F, 3), in the mesh's unit per unit of time.
+        At the beginning, it is also called with the fields of an earlier run.
     control : Control, optional
-        To pause or cancel from elsewhere: the fields that were found stay, the others are 0.
+        Pauses or cancels from another thread. After a cancellation, solved fields are returned and
+        the others are 0.
 
     Raises
     ------
@@ -369,41 +384,45 @@ def sequence(
     control = control or current_control() or Control()
     with controlled(control):
         try:
-            film = _film(mesh, frames, times, dt, mask, weights, circular)
-            _refuse_extremes(film, given)
-            solver = SequenceSolver(film, given, gamma, noise_levels(film))
-            keep = checkpoint or SequenceCheckpoint()
-            keep.restore(solver)
+            checked_frames = _checked_frames(mesh, frames, times, dt, mask, weights, circular)
+            _refuse_extremes(checked_frames, given)
+            solver = SequenceSolver(checked_frames, given, gamma, noise_levels(checked_frames))
+            file = checkpoint or SequenceCheckpoint()
+            file.restore(solver)
         except CancelledError:
             raise ParameterError("the sequence was cancelled before it began") from None
 
-        def tell_field(i: int) -> None:
+        def report_field(i: int) -> None:
             if on_field is not None:
-                on_field(i, to_ambient(film.mesh, solver.fields[i]) * film.mesh.length_scale)
+                on_field(
+                    i,
+                    to_ambient(checked_frames.mesh, solver.fields[i])
+                    * checked_frames.mesh.length_scale,
+                )
 
-        def tell(i: int) -> None:
+        def report(i: int) -> None:
             if on_interval is not None:
                 on_interval(i)
-            tell_field(i)
+            report_field(i)
 
         for i in np.flatnonzero(solver.found).tolist():
-            tell_field(i)
-        is_final, left = False, MotionEvidence()
+            report_field(i)
+        is_final, evidence = False, MotionEvidence()
         try:
-            if keep.solve_remaining:
-                solver.run(tell, lambda: keep.keep(solver, at_once=False))
+            if file.solve_remaining:
+                solver.run(report, lambda: file.save(solver, force=False))
                 is_final = True
-                left = motion_evidence(solver)
+                evidence = motion_evidence(solver)
         except CancelledError:
-            control = Control()  # what was found is told though it was cancelled
-        keep.keep(solver)
+            control = Control()  # the fields found so far are still checked
+        file.save(solver)
         if not is_final:
-            keep = SequenceCheckpoint()  # what is told of fields that are not final is not kept
+            file = SequenceCheckpoint()  # checks of preliminary fields are not stored
     with controlled(control):
-        return _told(solver, keep, left)
+        return _checked_sequence(solver, file, evidence)
 
 
-def _film(
+def _checked_frames(
     mesh: TriangleMesh,
     given: Any,
     times: ArrayLike | None,
@@ -412,82 +431,85 @@ def _film(
     weights: ArrayLike | None,
     circular: bool | float,
 ) -> Frames:
-    """Return checked frames; ``dt`` is the time from each frame to the next, in place of times."""
+    """Return checked frames; ``dt`` is the time between two frames, instead of times."""
     if dt is not None and times is not None:
-        raise ParameterError("times and dt are both given; give one of them")
+        raise ParameterError("times and dt are both given; give only one of them")
     if dt is not None and (not is_finite_number(dt) or dt <= 0):
         raise ParameterError(f"dt is {brief(dt)}; expected a time above 0")
     found = frames_of(given, mesh)
     values, weights = circular_frames(found.values, weights, circular)
     if dt is not None:
         times = float(dt) * np.arange(len(found.values), dtype=np.float64)
-    film = check_frames(mesh, values, found.times if times is None else times, mask, weights)
-    return replace(film, notes=found.notes)
+    checked_frames = check_frames(
+        mesh, values, found.times if times is None else times, mask, weights
+    )
+    return replace(checked_frames, notes=found.notes)
 
 
-def _told(solver: SequenceSolver, keep: SequenceCheckpoint, left: MotionEvidence) -> Sequence:
-    """Return the sequence with what its witnesses say."""
-    film, unit = solver.frames, solver.frames.mesh.length_scale
+def _checked_sequence(
+    solver: SequenceSolver, file: SequenceCheckpoint, evidence: MotionEvidence
+) -> Sequence:
+    """Return the sequence, with its fields checked by the discrete flow and by flow lines."""
+    checked_frames, unit = solver.frames, solver.frames.mesh.length_scale
     count = len(solver.fields)
-    said: list[IntervalMeasures] = []
-    with step("checking by flow lines") as tell, ThreadPoolExecutor(_THREADS) as threads:
+    measures: list[IntervalMeasures] = []
+    with step("checking by flow lines") as report, ThreadPoolExecutor(_THREADS) as threads:
         try:
-            said.append(
-                solver.measures(0)
-            )  # in this thread, which tells of kernels that are compiled
-            tell(1 / count)
+            # in this thread, to report the compilation of kernels
+            measures.append(solver.measures(0))
+            report(1 / count)
             for found in threads.map(solver.measures, range(1, count)):
-                said.append(found)
-                tell(len(said) / count)
-                keep.keep(solver, at_once=False)
+                measures.append(found)
+                report(len(measures) / count)
+                file.save(solver, force=False)
                 checkpoint()
         except CancelledError:
             threads.shutdown(cancel_futures=True)
-    said += [solver.measures(i, by_flow_lines=False) for i in range(len(said), count)]
+    measures += [solver.measures(i, by_flow_lines=False) for i in range(len(measures), count)]
     numbers = {
-        name: np.array([getattr(each, name) for each in said])
+        name: np.array([getattr(each, name) for each in measures])
         for name in ("residual", "verified_residual", "folded", "energies")
     }
-    velocity = to_ambient(film.mesh, solver.fields) * unit
+    velocity = to_ambient(checked_frames.mesh, solver.fields) * unit
     velocity.flags.writeable = False
     verdicts, floors = list[Verdict](), list[float]()
-    for i, each in enumerate(said):
-        problem = film.problem(i, solver.parameters(i))
+    for i, each in enumerate(measures):
+        problem = checked_frames.problem(i, solver.parameters(i))
         floors.append(noise_floor(problem.functions, solver.levels))
         verdict = verdict_of(problem, each, solver.levels, bool(solver.found[i]))
-        verdicts.append(verdict if left.is_motion else without_determined_motion(verdict))
+        verdicts.append(verdict if evidence.is_motion else without_determined_motion(verdict))
     return Sequence(
-        _frames=film,
+        _frames=checked_frames,
         velocity=velocity,
         parameters=solver.given,
         gamma=solver.gamma,
         sigma=float(solver.sigma),
         noise=float(np.median(floors)),
         verdicts=tuple(verdicts),
-        motion_share=left.share,
-        has_motion=left.is_motion,
+        motion_share=evidence.share,
+        has_motion=evidence.is_motion,
         **numbers,
     )
 
 
-def _refuse_extremes(film: Frames, given: SequenceParameters) -> None:
-    """Raise FunctionError where values, or times, are so large or small that squares overflow."""
-    largest = float(np.abs(film.values).max())
+def _refuse_extremes(frames: Frames, given: SequenceParameters) -> None:
+    """Raise FunctionError if values or times are so large or small that squares overflow."""
+    largest = float(np.abs(frames.values).max())
     with np.errstate(over="ignore"):
-        _ = film.deviation  # which refuses masks
+        _ = frames.deviation  # raises an error for extreme masks
     relative = replace(given, sigma_unit="relative")
     sigmas = {SIGMA_MIN, SIGMA_MAX, given.sigma if given == relative and given.sigma else SIGMA_MIN}
-    shortest, longest = int(film.durations.argmin()), int(film.durations.argmax())
+    shortest, longest = int(frames.durations.argmin()), int(frames.durations.argmax())
     try:
         if largest > VALUE_MAX:
             raise ParameterError
         for interval, sigma in product((shortest, longest), sorted(sigmas)):
-            interval_parameters(film, relative, sigma, interval)
+            interval_parameters(frames, relative, sigma, interval)
     except ParameterError:
         raise FunctionError(
-            f"frames have values of up to {largest:.3g}, at times {film.durations[shortest]:.3g} "
-            "apart: squares of such numbers over- or underflow; scale all values, or all times, by "
-            "one factor, which changes no flow"
+            f"frames have values of up to {largest:.3g} and intervals of "
+            f"{frames.durations[shortest]:.3g}; their squares over- or underflow. Scale all "
+            "values, or all times, by one factor; this does not change the flow."
         ) from None
 
 

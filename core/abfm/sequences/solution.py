@@ -1,4 +1,4 @@
-"""What was found of a sequence, and its files: one ``.npz`` of plain arrays, no pickles."""
+"""The data of a solved sequence and its file, one ``.npz`` of plain arrays without pickles."""
 
 from __future__ import annotations
 
@@ -41,34 +41,35 @@ class Solution:
 
     Attributes
     ----------
-    mesh : TriangleMesh, or whatever `abfm.load_mesh` takes
+    mesh : TriangleMesh
     frames : (T, V, C) array
-        As given, and filled in where a value is not finite in some frame, or the mask is 0.
+        The given frames. Values are filled in where some frame is not finite or the mask is 0.
     times : (T,) array
-        Ascending.
+        Ascending times.
     velocity : (T - 1, F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time.
     parameters : SequenceParameters
-        As given, with the ``alpha`` and ``order`` of the norm that the intervals have;
-        ``automatic`` lists those of the two that were chosen, and ``sigma`` is None if it was.
+        The given parameters, with the ``alpha`` and ``order`` of the norm. ``automatic`` lists
+        those that were chosen, and ``sigma`` is None if it was chosen.
     gamma : float
-        How much neighbouring fields were held together.
+        Weight of the difference between neighbouring fields.
     residual, verified_residual, folded : (T - 1,) array
-        Of each interval, as in `Match`: by the discrete flow, by flow lines, and the share of faces
-        that these fold; NaN where unknown.
+        As in `Match`, of each interval: residual of the discrete flow and of flow lines, and the
+        share of faces that flow lines fold. NaN if unknown.
     noise : float
-        What independent noise on vertices leaves of an interval, at most, as a residual: the median
-        over intervals, of which each is judged by its own.
+        Largest residual that independent noise at vertices causes. It is the median over intervals;
+        each interval is judged by its own value.
     verdicts : tuple of Verdict
-        What each interval came to.
+        The verdict of each interval.
     motion_share : float
-        How much of what motion along the fields adds to the linear blend of two frames explains
-        frames that were left out, from 0 to 1; NaN if it is unknown. See `motion_shares`.
+        Frames between two others are their linear blend plus this share of what motion along the
+        fields adds. It is the share that best explains held-out frames, from 0 to 1, or NaN if
+        unknown. See `motion_shares`.
     has_motion : bool
-        False if frames that were left out show that the fields are no motion, as of a standing
+        False if held-out frames show that the fields are not a motion, for example in a standing
         wave.
     sigma : float
-        That of all intervals, in the frames' deviation (or absolute, as the parameters say).
+        Sigma of all intervals, in deviations of the frames, or absolute as given by the parameters.
     """
 
     _frames: Frames = field(repr=False)
@@ -91,7 +92,7 @@ class Solution:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of the frames, a line each."""
+        """Notes for the user about the frames, one line each."""
         return self._frames.notes
 
     @property
@@ -104,51 +105,55 @@ class Solution:
 
     @property
     def unit_of_time(self) -> str:
-        """Unit of the times: ``s``, or empty if they are numbers of frames."""
+        """Unit of the times: ``s``, or empty if they are frame numbers."""
         return self._frames.unit_of_time
 
     def __len__(self) -> int:
-        """Return how many intervals there are."""
+        """Return the number of intervals."""
         return len(self.velocity)
 
     @property
     def solved(self) -> BoolArray:
-        """Which intervals were solved, (T - 1,): fields of the others are 0, as of a film that was
-        cancelled before them, and say nothing of speed.
+        """Mask (T - 1,) of the solved intervals.
+
+        Other intervals, for example after a cancelled run, have fields of 0, which are not a
+        measured speed.
         """
         return np.array([not is_unsolved(verdict) for verdict in self.verdicts])
 
     def arrays(self) -> dict[str, Any]:
-        """Return what files hold."""
+        """Return the arrays of the file."""
         return {name: np.asarray(array) for name, array in results.made(self._parts()).items()}
 
     def _parts(self) -> results.Parts:
-        film = self._frames
+        frames = self._frames
         parts: dict[str, Callable[[], Mapping[str, Any]]] = {
             "the mesh": lambda: results.mesh_arrays(self.mesh),
-            "frames": lambda: {"frames": film.values},
+            "frames": lambda: {"frames": frames.values},
             "parameters": lambda: {"parameters": json.dumps(self.parameters.to_dict())},
             "verdicts": lambda: {"verdicts": [verdict.texts for verdict in self.verdicts]},
-            "mask": lambda: {} if film.mask is None else {"mask": film.mask},
-            "notes": lambda: {"notes": np.array(film.notes)} if film.notes else {},
+            "mask": lambda: {} if frames.mask is None else {"mask": frames.mask},
+            "notes": lambda: {"notes": np.array(frames.notes)} if frames.notes else {},
         }
-        of_frames, own = (
+        frame_names, local_names = (
             ("times", "unit_of_time", "weights", "channels_given"),
             ("velocity", *_NUMBERS),
         )
-        for each, names in ((film, of_frames), (self, own)):
+        for each, names in ((frames, frame_names), (self, local_names)):
             parts |= {name: partial(_array, each, name) for name in names}
         return parts
 
     @classmethod
     def of_arrays(cls, arrays: results.Arrays) -> Self:
-        """Return what has these arrays; ValueError if they do not fit."""
+        """Return a solution from the arrays of a file; raise ValueError if they do not fit."""
         if not (np.diff(arrays["times"]) > 0).all():
-            raise ValueError("times do not ascend")
-        fields, frames = (len(arrays[name]) for name in ("velocity", "times"))
-        if fields != frames - 1:
-            raise ValueError(f"{fields} fields for {frames} frames; expected one less")
-        film = Frames(
+            raise ValueError("times are not increasing")
+        field_count, frame_count = (len(arrays[name]) for name in ("velocity", "times"))
+        if field_count != frame_count - 1:
+            raise ValueError(
+                f"{field_count} fields for {frame_count} frames; expected one field less"
+            )
+        frames = Frames(
             results.mesh_of(arrays),
             arrays["frames"],
             arrays["times"],
@@ -161,7 +166,7 @@ class Solution:
         verdicts = map(Verdict.of_texts, arrays["verdicts"].tolist())
         names = ("velocity", "energies", "residual", "verified_residual", "folded")
         return cls(
-            _frames=film,
+            _frames=frames,
             parameters=SequenceParameters(**from_json(str(arrays["parameters"]))),
             gamma=float(arrays["gamma"]),
             sigma=float(arrays["sigma"]),
@@ -173,12 +178,14 @@ class Solution:
         )
 
     def save(self, path: File) -> None:
-        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        """Write the ``.npz`` file atomically, without pickles; raise ResultError on failure."""
         results.save_arrays(path, self.arrays(), results.SEQUENCE)
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write what can be written of a sequence that `save` refuses, at least its frames and
-        fields; return what is missing and why, a line each, or raise ResultError.
+        """Write all parts that can be written, at least frames and fields, if `save` fails.
+
+        Returns a line for each missing part, with the reason; raises ResultError if not even frames
+        and fields can be written.
         """
         count = len(self.velocity)
         unknown = np.full(count, np.nan)

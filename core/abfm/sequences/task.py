@@ -89,7 +89,7 @@ def _channel_weights(channels: Iterable[tuple[int, float]], count: int) -> list[
 
 
 def _facts_of_file(path: Path) -> Facts:
-    """Return the facts that the file of a sequence holds, as `abfm.Sequence.facts`."""
+    """Return the facts in the file of a sequence, as `abfm.Sequence.facts`."""
     entries = {name: results.SEQUENCE.entries[name] for name in ("verdicts", *NUMBERS)}
     with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
         texts, *numbers = results.check_arrays(archive, entries).values()
@@ -129,7 +129,7 @@ keeps what is found until all is written: the same command goes on from it, what
 
 @dataclass(frozen=True)
 class SequenceTask(Task):
-    """Find the fields whose flows carry each frame of a sequence to the next.
+    """Find the fields whose flows map each frame of a sequence to the next.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class SequenceTask(Task):
     key : str
         Name of the result.
     dt : float, optional
-        Time between two frames, whatever the file says.
+        Time between two frames, instead of the times of the file.
     options : mapping of str
         Further arguments of `abfm.sequence`.
     """
@@ -272,7 +272,7 @@ class SequenceTask(Task):
     def notes(self) -> list[str]:
         notes = [*mesh_notes(self.mesh), *self.frames.notes]
         if self.times is None:
-            notes.append("the file has no times: frames count as 1 apart; --dt gives seconds")
+            notes.append("the file has no times; frames are 1 apart. Use --dt to give seconds.")
         return notes
 
     def check_export(self, path: Path) -> None:

@@ -1,24 +1,26 @@
-"""How well frames determine the fields of a sequence, face by face.
+"""Uncertainty of the fields of a sequence on each face, and the share that frames determine.
 
-Around its minimum the energy is that of a linear problem, whose Hessian is ``P + D``: the norm of
-fields, and the data. On a face, ``D`` is close to a constant 2 x 2 tensor, of the products of the
-frames' slopes, averaged over the length that the norm bridges. Its axes are across the contours of
-a function, where its eigenvalue ``d`` is large, and along them, where only contours nearby that run
-in another direction are data. With the stiffness ``q = <v, P v> / <v, v>`` of the field itself,
+Around its minimum the energy is that of a linear problem with the Hessian ``P + D``, the norm of
+fields plus the data. On a face, ``D`` is close to a constant 2 x 2 tensor. It is the product of the
+slopes of two consecutive frames, averaged over the length that the norm bridges. One axis of the
+tensor is across the contours of a function, where the eigenvalue ``d`` is large. Along contours,
+data come only from nearby contours in other directions. With the stiffness ``q = <v, P v> / <v,
+v>`` of the field itself,
 
     s = d / (q + d)
 
-is the share of the field along an axis that the frames determine; smoothness makes the rest. An
-estimate misses ``1 - s`` of what is there [the bias of ridge regression], and noise scatters it.
-Where ``V`` is the mean square of the velocity along an axis, weighted by ``s``, its variance is
+is the share of the field along an axis that the frames determine; smoothness determines the rest.
+An estimate misses ``1 - s`` of the true field [the bias of ridge regression], and noise scatters
+it. Let ``V`` be the mean square of the velocity along an axis, weighted by ``s``. Its variance is
 
     V (1 - s)^2  +  T * integral of  d / (p(k) + d)^2  k dk / (2 pi),   p(k) = (1 + alpha k^2)^order
 
-over the wave numbers ``k`` of the mesh, with the mean over modes in time, whose stiffness is
-``p (1 + gamma (2 - 2 cos))``. The variance ``T`` of the frames' noise is that of the evidence
-framework [MacKay, Neural Computation 4 (1992)]: ``2 mismatch / (n - m)`` of ``n`` values, of which
-the fit uses ``m = integral of d / (p + d)`` over all faces. No unit, scale or rotation of the
-surface, of times or of values changes the shares, or the variances relative to the field's square.
+over the wave numbers ``k`` of the mesh, averaged over modes in time, whose stiffness is ``p (1 +
+gamma (2 - 2 cos))``. The variance ``T`` of the frames' noise is that of the evidence framework
+[MacKay, Neural Computation 4 (1992)]: ``2 mismatch / (n - m)``. Here ``n`` is the number of values,
+of which the fit uses ``m = integral of d / (p + d)`` over all faces. Shares do not depend on units,
+scale or rotation of the surface, of times or of values, nor do variances relative to the squared
+field.
 """
 
 from __future__ import annotations
@@ -47,24 +49,24 @@ from abfm.workers.progress import stepped
 
 _WAVE_NUMBERS = 200
 _PRECISIONS = np.concatenate([[0.0], np.geomspace(1e-8, 1e14, 221)])
-"""Of the data, relative to the norm at k = 0, at which integrals are tabulated."""
+"""Precisions of the data, relative to the norm at k = 0, at which integrals are tabulated."""
 _LENGTH_MAX = 0.25
-"""Largest length over which slopes are averaged, of sqrt(area)."""
+"""Largest length over which slopes are averaged, in sqrt(area)."""
 _FREE_VALUES_MIN = 0.1
-"""Smallest share of all values that counts as not used up by the fit."""
+"""Smallest share of all values that counts as not used by the fit."""
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 class Posterior(NamedTuple):
-    """How well fields are known.
+    """Covariances of fields, and the shares that frames determine.
 
     Attributes
     ----------
     covariances : (T - 1, F, 2, 2) array
-        Of the velocity on each face, in the faces' frames (`abfm.calculus.face_frames`), in the
-        square of the velocity's unit; infinite if nothing determines it.
+        Covariance of the velocity on each face, in the face frames (`abfm.calculus.face_frames`)
+        and the square of the velocity's unit. Infinite if nothing determines the velocity.
     determined : (T - 1, F) array
-        The share of the square of the velocity that the frames determine.
+        Share of the squared velocity that the frames determine.
     """
 
     covariances: FloatArray
@@ -72,17 +74,17 @@ class Posterior(NamedTuple):
 
 
 def posterior(sequence: Solution) -> Posterior:
-    """Return how well the fields of a sequence are known.
+    """Return the covariances of the fields of a sequence, and the shares that frames determine.
 
-    Covariances are infinite if no interval determines any field: if all frames are constant, or
-    none of the intervals was solved.
+    Covariances are infinite if no interval determines a field: all frames are constant, or no
+    interval was solved.
     """
     shape = sequence.velocity.shape[:2]
     found = Posterior(np.full((*shape, 2, 2), np.inf), np.zeros(shape))
     solved = np.flatnonzero(sequence.solved)
     if not len(solved):
         return found
-    eigenvalues, axes = _of_data(sequence, solved)
+    eigenvalues, axes = _data_tensors(sequence, solved)
     if not eigenvalues.any():
         return found
     integrals = _Integrals.of(sequence)
@@ -110,15 +112,16 @@ def posterior(sequence: Solution) -> Posterior:
 
 
 def _values(sequence: Solution) -> int:
-    """Return how many values of a frame are compared."""
+    """Return the number of compared values of a frame."""
     mask = sequence._frames.mask
     vertices = len(sequence.mesh.vertices) if mask is None else int(np.count_nonzero(mask))
     return vertices * int(np.count_nonzero(sequence._frames.weights))
 
 
-def _of_data(sequence: Solution, solved: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return eigenvalues (I, F, 2) and axes (I, F, 2, 2), in columns, of the data's tensors, in the
-    unit of the norm at k = 0, averaged over the length that the norm bridges.
+def _data_tensors(sequence: Solution, solved: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return eigenvalues (I, F, 2) and axes (I, F, 2, 2), in columns, of the tensors of the data.
+
+    They are in the unit of the norm at k = 0, and averaged over the length that the norm bridges.
     """
     mesh = sequence.mesh.normalized()
     areas = vertex_areas(mesh)
@@ -137,17 +140,19 @@ def _of_data(sequence: Solution, solved: IntArray) -> tuple[FloatArray, FloatArr
     axes = np.empty((*eigenvalues.shape, 2))
     for row, smooth in enumerate(tensors):
         of_faces = smooth[mesh.faces].mean(axis=1)
-        whole = np.empty((len(mesh.faces), 3, 3))
+        spatial = np.empty((len(mesh.faces), 3, 3))
         for column, (x, y) in enumerate(_PAIRS):
-            whole[:, x, y] = whole[:, y, x] = of_faces[:, column]
-        planar = np.einsum("fax,fxy,fby->fab", frames, whole, frames)
+            spatial[:, x, y] = spatial[:, y, x] = of_faces[:, column]
+        planar = np.einsum("fax,fxy,fby->fab", frames, spatial, frames)
         eigenvalues[row], axes[row] = np.linalg.eigh(planar)
     return np.maximum(eigenvalues, 0.0), axes
 
 
 def _slopes(sequence: Solution, interval: int) -> FloatArray:
-    """Return products of the slopes of the frame before, pushed along, and of the frame after, at
-    vertices, (V, 6), on the mesh of unit area: as their noise is independent, it has the mean 0.
+    """Return products of the slopes of two consecutive frames at vertices, (V, 6).
+
+    The earlier frame is advected to the later one, and the mesh has unit area. As their noise is
+    independent, it does not bias the products.
     """
     mesh, frames = sequence.mesh.normalized(), sequence._frames
     mean, derive = averaging(mesh), gradient(mesh)
@@ -166,20 +171,21 @@ def _slopes(sequence: Solution, interval: int) -> FloatArray:
 
 
 def _length(sequence: Solution, precision: float) -> float:
-    """Return the length over which the norm joins data of a precision, in sqrt(area): that of the
-    mode which is as stiff; an edge at least.
+    """Return the length, in sqrt(area), over which the norm averages data of a precision.
+
+    It is the length of the mode of equal stiffness, and at least an edge.
     """
     mesh, parameters = sequence.mesh.normalized(), sequence.parameters
-    stiff = max(precision, 0.0) ** (1 / parameters.order) - 1
-    longest = _LENGTH_MAX
-    if stiff > 0:
-        longest = min(longest, float(np.sqrt(parameters.alpha / stiff)))
-    return max(longest, float(edge_lengths(mesh).mean()))
+    excess = max(precision, 0.0) ** (1 / parameters.order) - 1
+    length = _LENGTH_MAX
+    if excess > 0:
+        length = min(length, float(np.sqrt(parameters.alpha / excess)))
+    return max(length, float(edge_lengths(mesh).mean()))
 
 
 @dataclass(frozen=True, eq=False)
 class _Integrals:
-    """Integrals over wave numbers, and means over modes in time, by the data's precision."""
+    """Integrals over wave numbers and means over modes in time, by the data's precision."""
 
     weights: FloatArray  # (K,)
     stiffness: FloatArray  # (K, M)
@@ -189,23 +195,29 @@ class _Integrals:
         parameters, count = sequence.parameters, len(sequence)
         alpha = max(parameters.alpha, 1e-12)
         vertices = len(sequence.mesh.vertices)
-        # the disc of all modes has as many in it as there are vertices, on unit area
-        farthest = np.log1p(alpha * 4 * np.pi * vertices)
-        stiff = np.linspace(0.0, farthest, _WAVE_NUMBERS)
+        # on unit area, the disc of all modes contains as many modes as there are vertices
+        log_max = np.log1p(alpha * 4 * np.pi * vertices)
+        log_stiffness = np.linspace(0.0, log_max, _WAVE_NUMBERS)
         ends = np.ones(_WAVE_NUMBERS)
         ends[[0, -1]] = 0.5
         # k dk / (2 pi) is d(k^2) / (4 pi)
-        weights = ends * (stiff[1] - stiff[0]) * np.exp(stiff) / alpha / (4 * np.pi)
+        weights = (
+            ends
+            * (log_stiffness[1] - log_stiffness[0])
+            * np.exp(log_stiffness)
+            / alpha
+            / (4 * np.pi)
+        )
         in_time = 2 - 2 * np.cos(np.pi * np.arange(count) / count)
-        of_space = np.exp(parameters.order * stiff)
+        of_space = np.exp(parameters.order * log_stiffness)
         return _Integrals(weights, of_space[:, None] * (1 + sequence.gamma * in_time))
 
     def modes(self, precision: FloatArray) -> FloatArray:
-        """Return how many modes data determine, per unit area and axis."""
+        """Return the number of modes that data determine, per unit area and axis."""
         return self._integrated(lambda p, d: d / (p + d), precision)
 
     def scatter(self, precision: FloatArray) -> FloatArray:
-        """Return the variance by noise of variance 1."""
+        """Return the variance caused by noise of variance 1."""
         return self._integrated(lambda p, d: d / (p + d) ** 2, precision)
 
     def _integrated(
@@ -215,9 +227,9 @@ class _Integrals:
             [self.weights @ integrand(self.stiffness, d).mean(axis=1) for d in _PRECISIONS.tolist()]
         )
         first = _PRECISIONS[1]
-        places, at = np.log(_PRECISIONS[1:]), np.log(np.maximum(precision, first))
-        found = np.interp(at, places, table[1:])
-        # below the first one, where integrals are linear
+        nodes, at = np.log(_PRECISIONS[1:]), np.log(np.maximum(precision, first))
+        found = np.interp(at, nodes, table[1:])
+        # below the first precision, integrals are linear
         below = precision < first
         found[below] = table[0] + (table[1] - table[0]) * precision[below] / first
         return np.asarray(found)

@@ -1,4 +1,4 @@
-"""What an interval came to, held against what its noise alone would leave."""
+"""Verdicts of intervals, with the noise of the frames taken into account."""
 
 import math
 from collections import Counter
@@ -19,8 +19,10 @@ from abfm.sequences.solving.solve import IntervalMeasures
 from abfm.types import FloatArray
 from abfm.wording import counted
 
-_NOTHING_BUT_NOISE = 0.85  # of the deviation, which is three quarters of the variance
-_FEW_EDGES = 2.0  # what spans less is hardly carried, and looks like noise
+# a larger share of the deviation (three quarters of the variance) counts as pure noise
+_NOISE_SHARE_MAX = 0.85
+# structures across fewer edges are hardly advected, and look like noise
+_RESOLVED_EDGES_MIN = 2.0
 _UNSOLVED_VERDICT = Verdict(
     Outcome.NOT_REACHED,
     sentence_of(Cause.NOT_SOLVED),
@@ -30,13 +32,13 @@ _UNSOLVED_VERDICT = Verdict(
 
 
 NUMBERS = ("residual", "verified_residual", "folded", "motion_share")
-"""Measurements of each interval, (T - 1,), but for the last, which is one number of all."""
+"""Measurements of each interval, (T - 1,), except the last, which is one number for all."""
 
 
 def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
     """Return the outcome of a sequence: good if at least half of its intervals are good.
 
-    It is the most common outcome among its good, or among its other, intervals.
+    It is the most common outcome among its good intervals, or else among the other intervals.
     """
     is_good = 2 * sum(outcome.is_good for outcome in outcomes) >= len(outcomes)
     counts = Counter(outcome for outcome in outcomes if outcome.is_good == is_good)
@@ -44,7 +46,7 @@ def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Facts:
-    """Return the facts of a sequence by its intervals: verdicts, (T - 1,), and `NUMBERS`.
+    """Return the facts of a sequence from the verdicts (T - 1,) and `NUMBERS` of its intervals.
 
     The numbers are medians over the intervals in which they are known.
     """
@@ -72,35 +74,42 @@ def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Fac
 
 
 def verdict_of(
-    problem: Problem, said: IntervalMeasures, levels: FloatArray, found: bool
+    problem: Problem, measures: IntervalMeasures, levels: FloatArray, found: bool
 ) -> Verdict:
-    """Return what an interval came to: as of any match, but that nothing more is asked of it than
-    its noise, of levels (C, V), allows.
+    """Return the verdict of an interval.
+
+    It is that of any match, except that a residual within noise of levels (C, V) is accepted.
     """
     functions = problem.functions
     if not found:
         return _UNSOLVED_VERDICT
     evidence = Evidence(
-        said.advected, said.residual, StopReason.NO_PROGRESS, said.verified_residual, said.folded
+        measures.advected,
+        measures.residual,
+        StopReason.NO_PROGRESS,
+        measures.verified_residual,
+        measures.folded,
     )
-    told = judge(functions, evidence, problem.parameters)
-    left = worse_residual(said.residual, said.verified_residual)
-    if functions.norm(levels) > _NOTHING_BUT_NOISE * functions.function_size:
-        return told.with_cause(Outcome.NOT_REACHED, Cause.NOISE, noise=_noise(functions))
-    if told.cause is Cause.BOTH_CONSTANT:
-        return replace(told.with_cause(Outcome.NOT_REACHED, told.cause), advice="")
-    if told.cause is Cause.VALUES_DIFFER and _lacks_values(functions, levels):
-        return replace(told, advice="", remedies=())
-    if left <= NOISE_FACTOR * noise_floor(functions, levels) and not told.kind.is_good:
-        told = told.with_cause(Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=_noise(functions))
-    if told.kind.is_good and explains_too_little(functions, levels, left):
-        cause = _unexplained(functions, levels, said)
-        return told.with_cause(Outcome.NOT_REACHED, cause, edges=narrowest(functions))
-    return told if told.kind.is_good else replace(told, advice="", remedies=())
+    verdict = judge(functions, evidence, problem.parameters)
+    residual = worse_residual(measures.residual, measures.verified_residual)
+    if functions.norm(levels) > _NOISE_SHARE_MAX * functions.function_size:
+        return verdict.with_cause(Outcome.NOT_REACHED, Cause.NOISE, noise=_noise(functions))
+    if verdict.cause is Cause.BOTH_CONSTANT:
+        return replace(verdict.with_cause(Outcome.NOT_REACHED, verdict.cause), advice="")
+    if verdict.cause is Cause.VALUES_DIFFER and _lacks_values(functions, levels):
+        return replace(verdict, advice="", remedies=())
+    if residual <= NOISE_FACTOR * noise_floor(functions, levels) and not verdict.kind.is_good:
+        verdict = verdict.with_cause(
+            Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=_noise(functions)
+        )
+    if verdict.kind.is_good and explains_too_little(functions, levels, residual):
+        cause = _unexplained(functions, levels, measures)
+        return verdict.with_cause(Outcome.NOT_REACHED, cause, edges=narrowest(functions))
+    return verdict if verdict.kind.is_good else replace(verdict, advice="", remedies=())
 
 
 def without_determined_motion(verdict: Verdict) -> Verdict:
-    """Return the verdict of an interval of frames that determine no motion, by left-out frames."""
+    """Return the verdict of an interval if held-out frames show that no motion is determined."""
     if not verdict.kind.is_good:
         return verdict
     return replace(verdict.with_cause(Outcome.NOT_REACHED, Cause.UNDETERMINED), advice="")
@@ -117,47 +126,49 @@ _WITHOUT_MOTION = (
 
 
 def determines_motion(verdict: Verdict) -> bool:
-    """Return whether an interval may be a motion by its verdict, confirmed or not."""
+    """Return whether the verdict of an interval allows a motion, confirmed or not."""
     return verdict.cause not in _WITHOUT_MOTION
 
 
 def motion_shares(verdicts: Sequence[Verdict], share: float) -> FloatArray:
-    """Return the share of motion between frames of each interval, (T - 1,), see
-    `abfm.Sequence.motion_shares`.
+    """Return the share of motion between the frames of each interval, (T - 1,).
+
+    See `abfm.Sequence.motion_shares`.
     """
     known = [verdict.kind.is_good if math.isnan(share) else share for verdict in verdicts]
     return np.where([determines_motion(verdict) for verdict in verdicts], known, 0.0)
 
 
 def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:
-    """Return whether one of the frames has values that the other lacks, beyond noise of levels
-    (C, V).
-    """
+    """Return whether one frame has values that the other lacks, beyond noise of levels (C, V)."""
     sides = (functions, functions.reversed())
     return any(range_bound(side) > NOISE_FACTOR * noise_floor(side, levels) for side in sides)
 
 
 def _noise(functions: FunctionTerm) -> str:
-    """Say what no neighbour knows of a function: noise, but where edges are long, as those of
-    needles are, what is bent within one, too.
+    """Return a description of the differences between neighbours: noise, or also narrow details.
+
+    Where edges are long, as those of slivers, details within one edge look like noise.
     """
-    is_coarse = narrowest(functions) < _FEW_EDGES
-    return "noise, or what is narrower than edges," if is_coarse else "noise"
+    is_coarse = narrowest(functions) < _RESOLVED_EDGES_MIN
+    return "noise, or details narrower than edges," if is_coarse else "noise"
 
 
-def _unexplained(functions: FunctionTerm, levels: FloatArray, said: IntervalMeasures) -> Cause:
-    """Return why a field explains little by the worse witness: what changes is no motion only where
-    the other one has none either, and the mesh could carry it.
+def _unexplained(functions: FunctionTerm, levels: FloatArray, measures: IntervalMeasures) -> Cause:
+    """Return the reason why a field explains little, by the check with the larger residual.
+
+    The change is not a motion only if both checks explain little and the mesh resolves the
+    functions.
     """
-    if not explains_too_little(functions, levels, said.residual):
+    if not explains_too_little(functions, levels, measures.residual):
         return Cause.ONLY_DISCRETE_FLOW
-    by_lines = said.verified_residual
+    by_lines = measures.verified_residual
     if not (math.isnan(by_lines) or explains_too_little(functions, levels, by_lines)):
         return Cause.ONLY_FLOW_LINES
-    is_coarse = narrowest(functions) < _FEW_EDGES
+    is_coarse = narrowest(functions) < _RESOLVED_EDGES_MIN
     return Cause.NO_MOTION_ON_MESH if is_coarse else Cause.NO_MOTION
 
 
 def is_unsolved(verdict: Verdict) -> bool:
-    """Return whether a run was cancelled before an interval, whose field is 0 for that."""
+    """Return whether a run was cancelled before it solved an interval; its field is then 0."""
     return verdict.cause is Cause.NOT_SOLVED

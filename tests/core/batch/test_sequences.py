@@ -71,7 +71,7 @@ def test_one_that_is_cancelled_before_it_begins_has_not_failed(folder):
     row, control, ledger = film(folder), Control(), Ledger(folder / "out")
 
     def stop(now):
-        if now is not None and now.task == "filling in what is not compared":
+        if now is not None and now.task == "filling in missing values":
             control.cancel()
 
     with reporting_steps(stop), controlled(control), pytest.raises(CancelledError):

@@ -28,8 +28,8 @@ class Deadly(SequenceCheckpoint):
 
     been = 0
 
-    def keep(self, solver, at_once=True):
-        super().keep(solver)
+    def save(self, solver, force=True):
+        super().save(solver)
         checked = np.isfinite(solver.flow_line_checks).all(axis=1)
         come = np.count_nonzero(solver.found) + solver.swept_intervals + np.count_nonzero(checked)
         if come > Deadly.been:

@@ -39,54 +39,54 @@ def test_the_second_derivative_is_that_of_the_linear_problem(channels, duration)
     interval = Interval(MatchingEnergy(film.problem(0, parameters)), neighbours)
     sigma = parameters.last_sigma
     still = np.zeros((len(SPHERE.faces), 2))
-    at = interval.go_on(sigma, still, 0).at
-    bend = interval._bend(sigma, at)
+    at = interval.minimise(sigma, still, 0).at
+    hessian = interval._hessian(sigma, at)
     direction = random_field(1e-4)
     norm = interval.energy.regularizer()
 
     def slope(field):
-        point = interval.go_on(sigma, field, 0)
-        tied = duration * 0.7 * norm.apply(field - neighbours[0].field)
-        return point.at.gradient[0] + tied
+        point = interval.minimise(sigma, field, 0)
+        coupling = duration * 0.7 * norm.apply(field - neighbours[0].field)
+        return point.at.gradient[0] + coupling
 
     change = (slope(direction) - slope(-direction)) / 2
-    assert_allclose(bend(direction), change, atol=3e-3 * np.abs(change).max())
+    assert_allclose(hessian(direction), change, atol=3e-3 * np.abs(change).max())
 
 
 def test_it_is_symmetric_and_positive():
     interval, sigma = new_interval()
-    bend = interval._bend(sigma, interval.go_on(sigma, random_field(), 0).at)
+    hessian = interval._hessian(sigma, interval.minimise(sigma, random_field(), 0).at)
     a, b = random_field(), random_field()
-    assert (a * bend(b)).sum() == pytest.approx((b * bend(a)).sum(), rel=1e-9)
-    assert (a * bend(a)).sum() > 0
+    assert (a * hessian(b)).sum() == pytest.approx((b * hessian(a)).sum(), rel=1e-9)
+    assert (a * hessian(a)).sum() > 0
 
 
 def test_steps_never_raise_the_energy_and_end_where_the_slope_is_small():
     interval, sigma = new_interval(neighbours=[Neighbour(random_field(), 0.5)])
-    point = interval.go_on(sigma, np.zeros((len(SPHERE.faces), 2)), 0)
+    point = interval.minimise(sigma, np.zeros((len(SPHERE.faces), 2)), 0)
     first = np.linalg.norm(point.at.gradient)
     energies = [point.energy]
     for _ in range(8):
-        point = interval.go_on(sigma, point.field, 1)
+        point = interval.minimise(sigma, point.field, 1)
         energies.append(point.energy)
     assert (np.diff(energies) <= 0).all()
     norm = interval.energy.regularizer()
-    tied = 0.5 * norm.apply(point.field - interval._neighbours[0].field)
-    assert np.linalg.norm(point.at.gradient[0] + tied) < 0.02 * first
+    coupling = 0.5 * norm.apply(point.field - interval._neighbours[0].field)
+    assert np.linalg.norm(point.at.gradient[0] + coupling) < 0.02 * first
 
 
 def test_a_neighbour_of_great_weight_is_followed():
     wanted = np.zeros((len(SPHERE.faces), 2))
     wanted[:, 0] = 0.01
     interval, sigma = new_interval(neighbours=[Neighbour(wanted, 1e7)])
-    found = interval.find(sigma, 10 * sigma, None).field
+    found = interval.minimise_by_cooling(sigma, 10 * sigma, None).field
     assert_allclose(found, wanted, atol=1e-4)
 
 
 def test_a_bad_start_is_not_gone_on_from():
     interval, sigma = new_interval()
-    usual = interval.find(sigma, 9 * sigma, None)
-    found = interval.find(sigma, 9 * sigma, random_field(10.0))
+    usual = interval.minimise_by_cooling(sigma, 9 * sigma, None)
+    found = interval.minimise_by_cooling(sigma, 9 * sigma, random_field(10.0))
     assert found.energy == usual.energy
 
 

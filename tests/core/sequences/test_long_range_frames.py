@@ -38,7 +38,7 @@ class Turned:
         interval, mesh = self.solver._interval(1, [0]), self.solver.energy(1).mesh
         sigma = self.solver._sigmas(1)[0]
         fields = [turn(mesh, degrees) for degrees in (0, -20, 70)]
-        self.still, self.back, self.on = (interval.go_on(sigma, field, 0) for field in fields)
+        self.still, self.back, self.on = (interval.minimise(sigma, field, 0) for field in fields)
         self.solver.fields[0] = turn(mesh, 20)
 
     def found(self, monkeypatch, from_no_motion):
@@ -48,7 +48,7 @@ class Turned:
         patch(solve, "long_range_field", lambda energy: self.on.field)
         points = {id(self.on.field): self.on}
         patch(Interval, "go_on", lambda self_, sigma, x, *_: points.get(id(x), self.still))
-        return self.solver.first_found(1)
+        return self.solver.initial_point(1)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import abfm
 from abfm.calculus.operators import face_areas, face_frames, gradient
 from abfm.sequences import defaults
-from abfm.sequences.uncertainty import _Integrals, _of_data
+from abfm.sequences.uncertainty import _data_tensors, _Integrals
 from tests.core.sequences.films import SPHERE, coordinates, turning
 
 FAST = defaults(sigma=0.3, alpha=1.0, order=1)
@@ -133,7 +133,7 @@ def test_integrals_are_those_of_the_plane():
 def test_shares_are_those_of_the_linear_problem():
     """The trace of ``D`` over the surface is that of the data term's second derivative."""
     found = solved()[0]
-    eigenvalues, _ = _of_data(found, np.arange(len(found)))
+    eigenvalues, _ = _data_tensors(found, np.arange(len(found)))
     areas = face_areas(SPHERE.normalized())
     traces = np.einsum("f,ifk->i", areas, eigenvalues)
     mesh, sigma = SPHERE.normalized(), 0.3 * found._frames.deviation

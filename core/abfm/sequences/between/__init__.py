@@ -1,1 +1,1 @@
-"""Frames between given ones, and how much motion left-out frames confirm."""
+"""Interpolation between frames, and the share of motion that held-out frames confirm."""

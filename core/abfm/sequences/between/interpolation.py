@@ -1,4 +1,4 @@
-"""The function between two frames: their blend, and what the motion of the field adds to it."""
+"""Functions between two frames: the linear blend, and motion along the field."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ def interpolate(
 ) -> FloatArray:
     """Return the function at shares (T,) of an interval, (T, V) or (T, V, C).
 
-    Both frames, (V,) or (V, C), are pushed along the flow of the interval to each time, and blended
-    by how near they are. Of the difference from the blend of the frames where they are, a share
-    ``motion``, from 0 to 1, is added to that: 0 is the linear blend, 1 the motion along the field.
+    Both frames, (V,) or (V, C), are advected along the flow of the interval to each time. They are
+    then blended in proportion to their distance in time. A share ``motion`` of the difference to
+    the linear blend of the frames is added to that blend. 0 gives the linear blend, 1 the motion
+    along the field.
     """
     weights = shares.reshape(-1, *[1] * before.ndim)
     blend = (1 - weights) * before + weights * after

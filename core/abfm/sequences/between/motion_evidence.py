@@ -1,4 +1,4 @@
-"""Whether the motion between two frames explains a third one that was left out."""
+"""Evidence for a motion: whether the motion between two frames explains a held-out frame."""
 
 from __future__ import annotations
 
@@ -17,27 +17,29 @@ from abfm.sequences.solving.solve import SequenceSolver
 from abfm.types import FloatArray
 from abfm.workers.progress import stepped
 
-_LEFT_OUT_FRAMES_MAX = 3
-_SHARE_OF_A_MOTION = 0.5
-"""Smallest share of a motion; less, beyond the error of the estimate by noise, is none."""
+_HELD_OUT_FRAMES_MAX = 3
+_MOTION_SHARE_MIN = 0.5
+"""Smallest share of a motion, beyond the standard errors caused by noise."""
 _STANDARD_ERRORS = 2.0
 _COSINE_MIN = 0.5
-"""Of the angle between what two fields of the same motion change of a frame at once."""
+"""Smallest cosine between the rates of change of a frame by two fields of the same motion."""
 _CHANGE_MAX = 0.5
-"""Norm of the difference of what the fields of two intervals change of the frame between them, over
-that of their mean, up to which they are the same motion."""
+"""Largest relative difference between fields of two intervals of the same motion.
+
+It compares the rates of change of the frame between the intervals, relative to their mean.
+"""
 
 
 class MotionEvidence(NamedTuple):
-    """What frames that were left out say of the motion.
+    """The share of motion that held-out frames confirm.
 
     Attributes
     ----------
     share : float
-        How much of what the motion adds to the blend of two frames explains a frame between them,
-        from 0 to 1; NaN if unknown.
+        Share of what motion adds to the blend of two frames that best explains the frame between
+        them. From 0 to 1; NaN if unknown.
     is_motion : bool
-        False if the motion surely does not explain these frames.
+        False if motion certainly does not explain the held-out frames.
     """
 
     share: float = np.nan
@@ -45,21 +47,21 @@ class MotionEvidence(NamedTuple):
 
 
 def motion_evidence(solver: SequenceSolver) -> MotionEvidence:
-    """Leave out a frame of a few pairs of intervals, and find the motion between its neighbours.
+    """Hold out a frame of a few pairs of intervals, and find the motion between its neighbours.
 
-    With ``f`` the frame, ``b`` the blend of its neighbours at its time and ``a`` what the motion
-    between these gives there, the share is ``sum <f - b, a - b> / sum ||a - b||^2``: that of least
-    squares, by which ``b + share (a - b)`` is closest to ``f``. Noise alone makes it about 1/2, as
-    it is averaged over two places; of standing waves it is less.
+    Let ``f`` be the frame, ``b`` the blend of its neighbours at its time, and ``a`` the function
+    that the motion between them gives there. The share is ``sum <f - b, a - b> / sum ||a - b||^2``.
+    It is the least-squares solution: ``b + share (a - b)`` is closest to ``f``. Noise alone makes
+    it about 1/2, since motion averages it over two places. Standing waves have smaller shares.
 
-    A field between the neighbours that is not like those of the two intervals is no evidence: if
-    these are the same motion, the neighbours are too far apart to find it, and the share is
-    unknown. If not, no field is a motion for longer than one interval, and the share is 0.
+    The field between the neighbours may differ from those of the two intervals. If these are the
+    same motion, the neighbours are too far apart to find it, and the share is unknown. Otherwise no
+    field is a motion for longer than one interval, and the share is 0.
     """
     product = square = variance = 0.0
-    # products of what the field found, and those of the two intervals, change of the frame at once
+    # products of the rates of change of the frame by the found field and by those of both intervals
     fields = np.zeros((3, 3))
-    with stepped("leaving out frames", _middles(solver)) as middles:
+    with stepped("holding out frames", _middles(solver)) as middles:
         for middle in middles:
             try:
                 found = _evidence(solver, middle)
@@ -75,13 +77,13 @@ def motion_evidence(solver: SequenceSolver) -> MotionEvidence:
         change = fields[1, 1] + fields[2, 2] - 2 * fields[1, 2]
         is_same = bool(change <= _CHANGE_MAX**2 * of_mean)
         return MotionEvidence() if is_same else MotionEvidence(0.0, False)
-    if product + _STANDARD_ERRORS * np.sqrt(variance) < _SHARE_OF_A_MOTION * square:
+    if product + _STANDARD_ERRORS * np.sqrt(variance) < _MOTION_SHARE_MIN * square:
         return MotionEvidence(0.0, False)
     return MotionEvidence(float(np.clip(product / square, 0, 1)))
 
 
 class _Evidence(NamedTuple):
-    """Sums of a frame that was left out; ``variance`` is that of ``product`` by noise."""
+    """Sums over a held-out frame; ``variance`` is that of ``product``, caused by noise."""
 
     product: float
     square: float
@@ -90,9 +92,9 @@ class _Evidence(NamedTuple):
 
 
 def _middles(solver: SequenceSolver) -> list[int]:
-    """Return frames to leave out: those whose neighbours differ about as much as the median.
+    """Return the frames to hold out: those whose neighbours differ about as much as the median.
 
-    If most intervals are motions, only frames between two of these count.
+    If most intervals are motions, only frames between two of these are candidates.
     """
     is_uncoupled, frames = solver.is_uncoupled, solver.frames
     if 2 * np.count_nonzero(is_uncoupled) >= len(is_uncoupled):
@@ -105,11 +107,11 @@ def _middles(solver: SequenceSolver) -> list[int]:
     if not len(candidates):
         return []
     nearest = np.argsort(np.abs(changes - np.median(changes)), kind="stable")
-    return sorted(candidates[nearest[:_LEFT_OUT_FRAMES_MAX]].tolist())
+    return sorted(candidates[nearest[:_HELD_OUT_FRAMES_MAX]].tolist())
 
 
 def _counts(frames: Frames) -> FloatArray:
-    """Return the root of how much each value counts, (V, C)."""
+    """Return the square root of the weight of each value, (V, C)."""
     areas = vertex_areas(frames.mesh.normalized())
     if frames.mask is not None:
         areas = areas * frames.mask
@@ -124,28 +126,30 @@ def _evidence(solver: SequenceSolver, middle: int) -> _Evidence:
     if solver.given.sigma_unit == "relative":
         sigma *= frames.deviation / pair.deviation
     pair_solver = SequenceSolver(pair, replace(solver.given, sigma=sigma), 0.0, solver.levels)
-    field, mesh = pair_solver.first_found(0).field, frames.mesh
+    field, mesh = pair_solver.initial_point(0).field, frames.mesh
     duration = float(pair.durations[0])
     flow = Flow(mesh, to_ambient(mesh, field) * mesh.length_scale, duration)
     shares = np.array([float(frames.times[middle] - pair.times[0]) / duration])
     counts = _counts(frames)
     before, after = pair.values
     blend, moved = (counts * interpolate(flow, before, after, shares, x)[0] for x in (0.0, 1.0))
-    apart, missing = moved - blend, counts * frames.values[middle] - blend
-    # of the frame itself, and of the blend
+    difference, missing = moved - blend, counts * frames.values[middle] - blend
+    # variances of the frame itself and of the blend
     variances = (1 + shares**2 + (1 - shares) ** 2) * (counts * solver.levels.T) ** 2
     fields = np.stack([field, *solver.fields[middle - 1 : middle + 1]])
     return _Evidence(
-        float((missing * apart).sum()),
-        float((apart**2).sum()),
-        float((variances * apart**2).sum()),
+        float((missing * difference).sum()),
+        float((difference**2).sum()),
+        float((variances * difference**2).sum()),
         _products(frames, middle, fields),
     )
 
 
 def _products(frames: Frames, middle: int, fields: FloatArray) -> FloatArray:
-    """Return the products, over the surface, of what fields (N, F, 2) change of a frame at once,
-    (N, N): where it is flat, and along its contours, a field is what smoothness makes of it.
+    """Return the products (N, N), over the surface, of the rates of change of a frame by fields.
+
+    The fields are (N, F, 2). Where the frame is flat, and along its contours, fields do not change
+    it and only smoothness determines them.
     """
     mesh = frames.mesh.normalized()
     areas, derive = face_areas(mesh), gradient(mesh)

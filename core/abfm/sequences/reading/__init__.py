@@ -1,1 +1,1 @@
-"""Frames of films in files of several programs."""
+"""Readers of frames in files of several programs."""

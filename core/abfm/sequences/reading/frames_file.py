@@ -1,4 +1,4 @@
-"""Frames as files and objects have them, by frames and vertices."""
+"""Frames from files and objects, before they are checked."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from abfm.types import FloatArray
 
 
 class FramesFile(NamedTuple):
-    """Frames (T, V) or (T, V, C) as read from a file or an object.
+    """Frames (T, V) or (T, V, C) from a file or an object.
 
     Attributes
     ----------
     times : (T,) array or None
         In seconds; None if they are not given.
     notes : tuple of str
-        What a user should know of them, a line each.
+        Notes for the user, one line each.
     """
 
     values: FloatArray
@@ -31,16 +31,16 @@ class FramesFile(NamedTuple):
 
 
 def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> FramesFile:
-    """Return frames of columns, which are interpolated if they are those of sources.
+    """Return frames from columns; values at sources are interpolated.
 
     Raises
     ------
     ValueError
-        If they are labels or do not fit the mesh.
+        If the columns are labels or do not fit the mesh.
     """
     found = found.by_vertex()
     if any(found.keys):
-        raise ValueError("it holds labels, which are no values that move")
+        raise ValueError("it contains labels; expected real numbers")
     if are_sources:
         values, notes = between_sources(found, mesh)
         return by_frames(FramesFile(values, found.times, notes), mesh)
@@ -52,12 +52,12 @@ def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> 
 def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) -> FramesFile:
     """Return frames (T, V) or (T, V, C) as real numbers; any axis may be the vertices.
 
-    If several fit, the second one is, or the first one unless ``frames_first``.
+    If several axes fit, the second is used, or the first unless ``frames_first``.
     """
     given, times, notes = found.values, found.times, [*found.notes]
     if given.ndim not in (2, 3) or given.size == 0:
-        one = ", at most one frame" * (given.ndim == 1)
-        shape = f"it is an array of shape {given.shape}{one}"
+        single = ", at most one frame" * (given.ndim == 1)
+        shape = f"it is an array of shape {given.shape}{single}"
         raise ValueError(f"{shape}; expected (T, V) or (T, V, C)")
     counts = counts_of(mesh)
     axis = vertex_axis(given.shape, counts, 1 if frames_first else 0)
@@ -65,18 +65,18 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
         sizes = " or ".join(map(str, sorted({*counts})))
         hint = ""
         if len(mesh.faces) in given.shape:
-            hint = f", and {len(mesh.faces)} faces: give values at vertices, such as means of faces"
+            hint = f" and {len(mesh.faces)} faces. Give values at vertices, such as means of faces"
         raise ValueError(f"it has the shape {given.shape}; the mesh has {sizes} vertices{hint}")
     if given.ndim == 2 and axis == 0:
         _refuse_numbers_of_vertices(given)
     if frames_first and axis == 0:
-        channels = f", {given.shape[1]} of them, of {given.shape[-1]} channels"
+        channels = f" ({given.shape[1]} frames of {given.shape[-1]} channels)"
         notes.append(
             f"its {len(given):,} rows are the vertices, its columns the frames"
             + channels * (given.ndim == 3)
         )
     elif frames_first and given.shape[0] in counts:
-        notes.append("it has as many frames as vertices: its rows are taken as the frames")
+        notes.append("it has as many frames as vertices; its rows are read as the frames")
     values = np.ascontiguousarray(as_float64(np.moveaxis(given, axis, 1)))
     if times is not None and times.shape != (len(values),):
         raise ValueError(f"it has {times.size} times for {len(values)} frames")
@@ -84,11 +84,11 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
 
 
 def _refuse_numbers_of_vertices(given: NDArray[Any]) -> None:
-    """Refuse a first column of a table (V, T) that counts its rows."""
+    """Refuse a table (V, T) whose first column numbers its rows."""
     count = len(given)
     for begin in (0, 1):
         if given.shape[1] > 1 and np.array_equal(given[:, 0], np.arange(begin, begin + count)):
             raise ValueError(
-                f"its first column has the numbers from {begin} to {begin + count - 1} in order, "
-                "which are numbers of vertices, not a frame: remove it"
+                f"its first column has the numbers from {begin} to {begin + count - 1} in order. "
+                "These are vertex numbers, not a frame. Remove the column."
             )

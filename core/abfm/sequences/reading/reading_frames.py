@@ -1,6 +1,4 @@
-"""Frames from files and objects: arrays, tables, films of brain imaging and VTK, and what other
-libraries have.
-"""
+"""Frames from files and objects: arrays, tables, brain imaging, VTK, and other libraries."""
 
 from __future__ import annotations
 
@@ -35,56 +33,56 @@ def read_frames(
     array: str | None = None,
     hemisphere: str = "",
 ) -> FramesFile:
-    """Read the frames of a film on a mesh.
+    """Read the frames of a sequence on a mesh.
 
     Any file that `abfm.functions.read_values` reads has a column for each frame. Arrays of .npy,
-    .npz (one called ``frames``, and perhaps ``times``, as files of sequences have) and .mat are (T,
-    V) or (T, V, C), with the axes in any order. .stc is one hemisphere of MNE's source estimates:
-    between its sources, values are interpolated. .pvd and .series are ParaView's lists of .vtu or
-    .vtp files, and one such file with a number at the end of its name stands for all that differ by
-    the number.
+    .npz and .mat files are (T, V) or (T, V, C), with the axes in any order. A .npz may have
+    ``frames`` and ``times``, as files of sequences have. A .stc is one hemisphere of MNE's source
+    estimates; values are interpolated between its sources. A .pvd or .series is a ParaView list of
+    .vtu or .vtp files. One such file with a number at the end of its name stands for all files that
+    differ only in the number.
 
     Parameters
     ----------
     path : path
     mesh : TriangleMesh
-        What the frames are on; of files that hold meshes, too, only the values are taken.
+        The mesh of the frames. Files that also contain meshes are read for their values only.
     array : str, optional
-        The array of a .npz or .mat, or of VTK's point data; needed where there are several.
+        Name of the array in a .npz or .mat file, or in VTK point data; needed if there are several.
     hemisphere : str
-        "L" or "R", of files that hold both.
+        "L" or "R", for files with both hemispheres.
 
     Returns
     -------
     FramesFile
-        Values (T, V) or (T, V, C), as many as vertices of the mesh or of its file; times (T,) in
-        seconds, or None where the file does not say them; and notes, what a user should know.
+        Values (T, V) or (T, V, C) at the vertices of the mesh or of its file. Times (T,) are in
+        seconds, or None if the file has none. Notes are for the user.
 
     Raises
     ------
     FunctionError
-        If the file is missing or damaged, or holds no frames of that mesh; a `SeveralArraysError`
-        if it may hold them in several arrays, and none is chosen.
+        If the file is missing or damaged, or has no frames on this mesh. A `SeveralArraysError` is
+        raised if several arrays fit and none is chosen.
     """
     with reported(path, "frames"):
         opened = open_file(path)
         if opened.format in _OF_VTK:
             return _noted(by_frames(vtk_frames(opened, mesh, array), mesh))
         if array is not None and opened.format not in HAVE_NAMED_ARRAYS:
-            raise ValueError(f"it is {opened.format}, without arrays called {brief(array)}")
+            raise ValueError(f"it is {opened.format}, which has no array called {brief(array)}")
         found = columns_of(opened, request_for(mesh, array, hemisphere))
         return _noted(frames_of_columns(found, mesh, opened.format is Format.STC))
 
 
 def _noted(found: FramesFile) -> FramesFile:
-    """Return frames with a note of how many vertices are not compared."""
+    """Return frames with a note of the number of vertices that are not compared."""
     bad = ~np.isfinite(found.values)
     if not bad.any():
         return found
     count = np.count_nonzero(bad.any(axis=0 if bad.ndim == 2 else (0, 2)))
     note = (
-        f"{count:,} of {found.values.shape[1]:,} vertices have values that are not finite, and are "
-        "not compared"
+        f"{count:,} of {found.values.shape[1]:,} vertices have values that are not finite; they "
+        "are not compared"
     )
     return found._replace(notes=(*found.notes, note))
 
@@ -92,19 +90,19 @@ def _noted(found: FramesFile) -> FramesFile:
 def frames_of(given: Any, mesh: TriangleMesh) -> FramesFile:
     """Return frames (T, V) or (T, V, C), and their times if an object has them.
 
-    The axis of the vertices is the one that has as many entries as the mesh or its file has
-    vertices; if several have, it is the second one, with a note.
+    The axis of the vertices has as many entries as the mesh or its file has vertices. If several
+    axes do, the second is used, with a note.
 
     Parameters
     ----------
     given : array or object
-        What `abfm.functions.as_values` takes, with a column for each frame. Of pandas, either rows
-        or columns are vertices. Or a list of frames, or the name of a file.
+        An input of `abfm.functions.as_values` with a column for each frame; a list of frames; or
+        the name of a file. In pandas objects, either rows or columns are vertices.
 
     Raises
     ------
     FunctionError
-        If they are no real numbers, or do not fit the mesh.
+        If the values are not real numbers, or do not fit the mesh.
     """
     if isinstance(given, str | os.PathLike):
         return read_frames(given, mesh)
@@ -115,7 +113,7 @@ def frames_of(given: Any, mesh: TriangleMesh) -> FramesFile:
         return by_frames(FramesFile(_array(mesh, given)), mesh)
     except (CancelledError, MemoryError, AbfmError):
         raise
-    except Exception as problem:  # the objects are not ours, and may raise anything
+    except Exception as problem:  # objects of other libraries may raise anything
         raise FunctionError(f"frames: {one_line(problem, 400)}") from problem
 
 

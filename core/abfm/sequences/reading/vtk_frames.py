@@ -1,4 +1,4 @@
-"""Frames of VTK's files: lists of them, or files whose names are numbered."""
+"""Frames from VTK files: ParaView lists, or files with numbered names."""
 
 import math
 import os
@@ -32,16 +32,18 @@ from abfm.workers.progress import stepped
 
 _NUMBERED_NAME = re.compile(r"(.*?)([0-9]{1,18})(\.vt[kup])", re.IGNORECASE)
 _KEYS = ("name", "time")  # of a file in a .series
-_DISTANCE_MAX = 1e-3  # of the mesh's size: points farther from its vertices are reported
+# relative to the mesh's size; a larger distance of points from the vertices is reported
+_DISTANCE_MAX = 1e-3
 
-_FRAMES_OF_A_FILE_MAX = 100  # on average; a list from somebody else may name one file very often
+_FRAMES_PER_FILE_MAX = 100  # on average; a malicious list may name one file very often
 
 TimedFile = tuple[float, Path]
 
 
 class Grid(NamedTuple):
-    """Points (n, 3) of a file, one array of its point data (n, C), its name, and the file's time,
-    NaN if it has none.
+    """Points (n, 3) of a file, one array of its point data (n, C) with its name, and its time.
+
+    The time is NaN if the file has none.
     """
 
     points: FloatArray
@@ -51,9 +53,14 @@ class Grid(NamedTuple):
 
 
 def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesFile:
-    """Read point data of a film: a .pvd, a .series, or one of several numbered .vtu or .vtp.
+    """Read point data of frames: a .pvd, a .series, or one of several numbered .vtu or .vtp files.
 
-    An OSError reports that a file cannot be read, a ValueError what is wrong with one.
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    ValueError
+        If a file is not valid.
     """
     entries = _LISTS.get(opened.format, _numbered)(opened.path)
     if not entries:
@@ -82,7 +89,7 @@ def _series(file: Path) -> list[TimedFile]:
     for entry in files if isinstance(files, list) else []:
         name, time = (entry.get(key) if isinstance(entry, dict) else None for key in _KEYS)
         if not isinstance(name, str) or not isinstance(time, int | float):
-            raise ValueError(f"it lists {brief(entry)}; expected the name of a file, and a time")
+            raise ValueError(f"it lists {brief(entry)}; expected the name of a file and a time")
         try:
             entries.append((float(time), referenced_file(file, name)))
         except OverflowError:
@@ -91,14 +98,14 @@ def _series(file: Path) -> list[TimedFile]:
 
 
 def _numbered(file: Path) -> list[TimedFile]:
-    """Find all files whose names differ from that of one by the number at its end."""
+    """Find all files whose names differ only in the number at the end."""
     with_number = _NUMBERED_NAME.fullmatch(file.name)
     if with_number is None:
         raise ValueError(
-            "it is one frame, without a number at the end of its name, as wave_0001.vtu has; give "
-            "one of several, or a .pvd"
+            "it is a single frame without a number at the end of its name. Give one of several "
+            "numbered files, such as wave_0001.vtu, or a .pvd"
         )
-    read_bytes(file)  # whose error is that of its name
+    read_bytes(file)  # raises an error about the given name
     found: dict[int, Path] = {}
     for other in sorted(file.parent.iterdir()):
         parts = _NUMBERED_NAME.fullmatch(other.name)
@@ -114,15 +121,15 @@ _LISTS: dict[Format, Callable[[Path], list[TimedFile]]] = {
 
 
 def files_of_frames(path: str) -> list[str]:
-    """Return the files that a list or a numbered file of VTK stands for, by the ending of its name.
+    """Return the files of a VTK list, or of a numbered file, by the ending of its name.
 
-    Return none for other files, and for those that cannot be read.
+    The list is empty for other files, and for files that cannot be read.
     """
     file = Path(os.path.expanduser(path))
     form = ENDINGS.get(file.suffix.lower())
     if form not in (*_LISTS, Format.VTK_XML, Format.VTK_LEGACY):
         return []
-    with suppress(OSError, ValueError):  # which reading the frames reports
+    with suppress(OSError, ValueError):  # reading the frames reports the error
         return list(dict.fromkeys(os.fspath(each) for _, each in _LISTS.get(form, _numbered)(file)))
     return []
 
@@ -131,42 +138,45 @@ def _of_grids(entries: Sequence[TimedFile], mesh: TriangleMesh, array: str | Non
     times = np.array([time for time, _ in entries])
     known = times[np.isfinite(times)]
     if len(np.unique(known)) < len(known):
-        raise ValueError("two of its files are of one time; expected one file for each")
+        raise ValueError("two of its files have the same time; expected one file for each time")
     files = list(dict.fromkeys(file for _, file in entries))
-    if len(entries) > _FRAMES_OF_A_FILE_MAX * len(files):
+    if len(entries) > _FRAMES_PER_FILE_MAX * len(files):
         raise ValueError(
-            f"it lists {len(entries)} frames and only {len(files)} files; list each once"
+            f"it lists {len(entries)} frames but only {len(files)} files; list each file once"
         )
-    most = most_inflated(sum(_size(file) for file in files))
+    bytes_max = most_inflated(sum(_size(file) for file in files))
     found: dict[Path, Grid] = {}
-    away = 0.0
+    distance = 0.0
     with stepped("reading frames", files) as counted_files:
         for file in counted_files:
             found[file] = grid = _grid(file, mesh, array)
             shapes = [each.values.shape for each in (found[files[0]], grid)]
             if shapes[0] != shapes[1]:
                 raise ValueError(
-                    f"{brief(file.name)} has values of shape {shapes[1]}; the first one {shapes[0]}"
+                    f"{brief(file.name)} has values of shape {shapes[1]}; the first file has "
+                    f"{shapes[0]}"
                 )
-            if len(entries) * grid.values.nbytes > most:
+            if len(entries) * grid.values.nbytes > bytes_max:
                 raise ValueError(
-                    f"its {len(entries)} frames take more than {most} bytes, the limit for files "
-                    "of this size"
+                    f"its {len(entries)} frames take more than {bytes_max} bytes, the limit for "
+                    "files of this size"
                 )
-            is_whole = len(grid.points) == mesh.file_vertex_count
-            points = grid.points[mesh.vertex_ids] if is_whole else grid.points
-            away = max(away, float(np.abs(points - mesh.vertices).max()))
+            is_complete = len(grid.points) == mesh.file_vertex_count
+            points = grid.points[mesh.vertex_ids] if is_complete else grid.points
+            distance = max(distance, float(np.abs(points - mesh.vertices).max()))
             found[file] = grid._replace(points=grid.points[:0])
     grids = [found[file] for _, file in entries]
     values = [each.values if each.values.shape[1] > 1 else each.values[:, 0] for each in grids]
     times = np.where(np.isfinite(times), times, [each.time for each in grids])
     notes = [] if array else [f"its frames are the point data {grids[0].name!r}"]
-    if not away <= _DISTANCE_MAX * mesh.length_scale:
-        notes.append(f"points are up to {away:.3g} off the mesh, which stays as it is")
+    if not distance <= _DISTANCE_MAX * mesh.length_scale:
+        notes.append(
+            f"points are up to {distance:.3g} from the vertices of the mesh, which is not changed"
+        )
     if not np.isfinite(times).all():
         return FramesFile(np.stack(values), None, tuple(notes))
     order = np.argsort(times, kind="stable")
-    if (np.diff(times[order]) <= 0).any():  # as of files that all say 0
+    if (np.diff(times[order]) <= 0).any():  # for example if all files have the time 0
         return FramesFile(np.stack(values), None, tuple(notes))
     return FramesFile(np.stack([values[k] for k in order]), times[order], tuple(notes))
 
@@ -174,7 +184,7 @@ def _of_grids(entries: Sequence[TimedFile], mesh: TriangleMesh, array: str | Non
 def _size(file: Path) -> int:
     try:
         return file.stat().st_size
-    except (OSError, ValueError):  # reading it reports the reason
+    except (OSError, ValueError):  # reading the file reports the reason
         return 0
 
 

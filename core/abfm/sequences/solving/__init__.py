@@ -1,1 +1,1 @@
-"""The fields of all intervals: one interval, the norm and sigma, the sweeps through time."""
+"""Solution of a sequence: one interval, the choice of norm and sigma, and sweeps through time."""

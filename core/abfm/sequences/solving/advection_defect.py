@@ -1,5 +1,7 @@
-"""What the discrete flow carries less far than flow lines do, which a field that only it has seen
-makes up for: such a field is too fast, by some percent where a wave has sixteen edges.
+"""The difference between the discrete flow and flow lines.
+
+The discrete flow moves functions less far than flow lines do. A field fitted by the discrete flow
+alone is therefore too fast, by some percent for a wave of sixteen edges.
 """
 
 import numpy as np
@@ -13,33 +15,33 @@ from abfm.matching.objective.matching_energy import MatchingEnergy, advect_funct
 from abfm.sequences.noise import means_of_neighbours
 from abfm.types import FloatArray
 
-_SMOOTHING_STEPS = 4  # times, halfway to the mean of neighbours
+_SMOOTHING_STEPS = 4  # steps halfway to the mean of neighbours
 
 
 def advection_defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
-    """Return what the discrete flow of a field (F, 2) carries, less what its flow lines do, (C, V);
-    0 where they lead over too many faces.
+    """Return the source advected by the discrete flow minus that by flow lines, (C, V).
 
-    It is the smooth part of it: noise goes along flow lines, but hardly with the discrete flow, and
-    what differs between neighbours is where in its face a flow line ends.
+    The field is (F, 2). The result is smoothed. Noise moves along flow lines, but hardly with the
+    discrete flow, and differences between neighbours depend on where in its face a flow line ends.
+    The defect is 0 if flow lines cross too many faces.
     """
     mesh, x, source = energy.mesh, field[None], energy.functions.source
     try:
         flow = ContinuousFlow(mesh, to_ambient(mesh, x), energy.parameters.tau)
     except ParameterError:
         return np.zeros_like(source)
-    apart = advect_functions(energy.flow, x, source) - quadratic_values(flow.origins(), source)
+    difference = advect_functions(energy.flow, x, source) - quadratic_values(flow.origins(), source)
     for _ in range(_SMOOTHING_STEPS):
-        apart = 0.5 * (apart + means_of_neighbours(mesh, apart))
-    return apart
+        difference = 0.5 * (difference + means_of_neighbours(mesh, difference))
+    return difference
 
 
 def quadratic_values(points: SurfacePoints, functions: FloatArray) -> FloatArray:
-    """Evaluate functions (C, V) at points, (C, P), as their slopes at vertices say that they bend
-    along edges: linear ones inside faces would flatten a wave wherever a flow line ends in a face.
+    """Evaluate functions (C, V) at points, (C, P), with the curvature given by slopes at vertices.
 
-    With ``l`` the barycentric weights, ``sum_i l_i f_i - 1/2 sum_ij l_i l_j (df_j - df_i)(x_j -
-    x_i)`` over the edges, which is exact where ``f`` is quadratic and the slopes are its own.
+    With barycentric weights ``l`` it is ``sum_i l_i f_i - 1/2 sum_ij l_i l_j (df_j - df_i)(x_j -
+    x_i)`` over the edges. It is exact if ``f`` is quadratic and the slopes are exact. Linear
+    interpolation would flatten a wave wherever a flow line ends inside a face.
     """
     mesh, weights = points.mesh, points.barycentric
     corners = mesh.faces[points.faces]

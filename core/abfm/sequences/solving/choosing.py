@@ -1,9 +1,9 @@
-"""Which norm of fields and which sigma suit a sequence: those that predict held-out patches best.
+"""Choice of the norm of fields and of sigma that best predict held-out patches.
 
-The patches of `abfm.matching.solving.held_out` are dealt out to three intervals, spread over time;
-of fewer intervals each has several parts of them. The first norm is followed from the largest sigma
-down. The others begin at its fields, at the sigma that is about as smooth with them, and try
-smaller and larger ones only where that predicts nearly as well.
+The patches of `abfm.matching.solving.held_out` are distributed over three intervals, spread over
+time. With fewer intervals, each has several parts of the patches. The first norm is followed from
+the largest sigma down. The other norms start from its fields, at a sigma of about the same
+smoothness. They try smaller and larger sigmas only if they predict nearly as well.
 """
 
 from __future__ import annotations
@@ -28,39 +28,39 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
 SIGMA_MAX = 9.0
-"""Sigma with which a search without a start begins, in deviations of the frames."""
+"""First sigma of a search without a start, in deviations of the frames."""
 SIGMA_MIN = 0.1
-"""The smallest sigma that is tried where none is given."""
-_INTERVALS = 3  # intervals by which the choice is made
-_ITERATIONS = 3  # of Gauss-Newton with each sigma there
-_GAIN_SHARE_MIN = 0.001  # share of what any choice explains of the variance that was held out
-_RESIDUAL_LARGE = 0.6  # of what was held out: where any sigma leaves more, a match looks further
-_RESIDUAL_RATIO_MAX = (
-    1.05  # times the least residual, within which a norm is worth more than one sigma
-)
-_LONG_RANGE = Parameters.of(sigma=0.3, segments=1, refine=0)  # of a match that looks further
+"""Smallest sigma that is tried if none is given."""
+_INTERVALS = 3  # number of intervals with held-out patches
+_ITERATIONS = 3  # of Gauss-Newton for each sigma
+_GAIN_SHARE_MIN = 0.001  # smallest gain, as a share of the explained held-out variance
+# if all sigmas leave a larger share of the initial residual, a long-range match is tried
+_RESIDUAL_LARGE = 0.6
+# a norm is tried with several sigmas if its residual is within this ratio of the smallest
+_RESIDUAL_RATIO_MAX = 1.05
+_LONG_RANGE = Parameters.of(sigma=0.3, segments=1, refine=0)  # of a long-range match
 
 
 class Norm(NamedTuple):
-    """The norm of fields: its order, and the weight of its Hodge Laplacian."""
+    """The norm of fields: its order and the weight of its Hodge Laplacian."""
 
     order: int
     alpha: float
 
 
 class Choice(NamedTuple):
-    """What a sequence is solved with."""
+    """The norm and sigma of a sequence."""
 
     norm: Norm
     sigma: float
 
 
 NORMS = (Norm(2, 0.1), Norm(2, 0.3), Norm(2, 0.03), Norm(1, 1.0))
-"""Those that are compared; the first is followed through all sigmas."""
+"""The compared norms; the first is tried with all sigmas."""
 
 
 def norms(given: SequenceParameters) -> list[Norm]:
-    """Return the norms to choose from: those in `NORMS` with the values that are given."""
+    """Return the norms to choose from: those in `NORMS` with the given values."""
     is_free = {name: name in given.automatic for name in ("order", "alpha")}
     found = [
         Norm(norm.order, norm.alpha if is_free["alpha"] else given.alpha)
@@ -71,7 +71,7 @@ def norms(given: SequenceParameters) -> list[Norm]:
 
 
 class _ChoiceInput(NamedTuple):
-    """What norm and sigma are chosen for; levels are those of the noise at vertices."""
+    """The input of the choice; ``levels`` (C, V) are those of the noise at vertices."""
 
     frames: Frames
     parameters: SequenceParameters
@@ -86,40 +86,43 @@ class _ChoiceInput(NamedTuple):
 
 
 def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -> Choice:
-    """Return the norm with the smallest residual on held-out patches of a few intervals, and the
-    largest sigma that explains nearly as much with it as its best one.
+    """Return the norm with the smallest residual on held-out patches, and sigma.
+
+    The patches are in a few intervals. Sigma is the largest that explains nearly as much with this
+    norm as its best sigma.
 
     Raises
     ------
     ParameterError
-        If there are too few vertices to hold any out, and sigma is not given.
+        If sigma is not given, and there are too few vertices to hold any out.
     """
-    made_for, candidates = _ChoiceInput(frames, given, levels), norms(given)
+    choice_input, candidates = _ChoiceInput(frames, given, levels), norms(given)
     usual = Norm(given.order, given.alpha)
     if given.sigma is not None and len(candidates) == 1:
         return Choice(candidates[0], given.sigma)
     sigmas = cooling(given.sigma or SIGMA_MIN, SIGMA_MAX)
-    looked_at = _spread(change_rates(frames), _INTERVALS)
-    first = _HeldOut(made_for, looked_at, candidates[0], sigmas)
-    if not first.walks:
+    intervals = _spread(change_rates(frames), _INTERVALS)
+    first = _HeldOut(choice_input, intervals, candidates[0], sigmas)
+    if not first.searches:
         if given.sigma is not None:
             return Choice(usual, given.sigma)
-        raise ParameterError("too few vertices are compared to choose sigma by; give one")
+        raise ParameterError("too few vertices are compared to choose sigma; give a sigma")
     with step("choosing sigma") as report:
         count, found = len(candidates), [first]
-        first.follow_all(lambda share: report(share / count))
+        first.scan(lambda share: report(share / count))
         for number, norm in enumerate(candidates[1:]):
-            other = _HeldOut(made_for, looked_at, norm, sigmas)
-            other.look_near(first, min(each.least for each in found))
+            other = _HeldOut(choice_input, intervals, norm, sigmas)
+            other.start_near(first, min(each.best_residual for each in found))
             found.append(other)
             report((number + 2) / count)
-    best = min(found, key=lambda each: each.least)
+    best = min(found, key=lambda each: each.best_residual)
     return Choice(best.norm, given.sigma or best.largest_sigma())
 
 
 class _HeldOut:
-    """Residuals of held-out patches with a norm, by sigma, on a few intervals. If sigma is given,
-    only the residual with that one counts.
+    """Residuals of held-out patches with a norm, by sigma, on a few intervals.
+
+    If sigma is given, only the residual of that sigma counts.
     """
 
     def __init__(
@@ -128,92 +131,106 @@ class _HeldOut:
         self.norm, self._sigmas = norm, sigmas
         self._is_given = given.parameters.sigma is not None
         count = len(intervals)
-        walks = [_Walk(given, i, norm, start, count) for start, i in enumerate(intervals)]
-        self.walks = [walk for walk in walks if walk.folds]  # what could be compared without some
-        self._left: dict[float, float] = {}
+        searches = [
+            _IntervalSearch(given, i, norm, start, count) for start, i in enumerate(intervals)
+        ]
+        self.searches = [search for search in searches if search.folds]
+        self._residuals: dict[float, float] = {}
         self._fields: dict[float, list[list[FloatArray]]] = {}
-        if self.walks:
-            squares = np.mean([(walk.rest**2, walk.noise**2) for walk in self.walks], axis=0)
-            self.rest, self._noise = np.sqrt(squares)
+        if self.searches:
+            pairs = [(search.initial_residual, search.noise) for search in self.searches]
+            squares = np.mean([(initial**2, noise**2) for initial, noise in pairs], axis=0)
+            self.initial_residual, self._noise = np.sqrt(squares)
 
     @property
     def _best_sigma(self) -> float:
         if self._is_given:
             return self._sigmas[-1]
-        return min(self._left, key=lambda sigma: (self._left[sigma], -sigma))
+        return min(self._residuals, key=lambda sigma: (self._residuals[sigma], -sigma))
 
     @property
-    def least(self) -> float:
-        return self._left[self._best_sigma]
+    def best_residual(self) -> float:
+        return self._residuals[self._best_sigma]
 
     def largest_sigma(self) -> float:
-        """Return the largest sigma that leaves hardly more than the best one."""
-        enough = self.least**2 + _GAIN_SHARE_MIN * max(self.rest**2 - self.least**2, 0.0)
-        return max(sigma for sigma, left in self._left.items() if left**2 <= enough)
+        """Return the largest sigma whose residual is hardly larger than the best one."""
+        enough = self.best_residual**2 + _GAIN_SHARE_MIN * max(
+            self.initial_residual**2 - self.best_residual**2, 0.0
+        )
+        return max(sigma for sigma, residual in self._residuals.items() if residual**2 <= enough)
 
-    def follow_all(self, report: Callable[[float], None]) -> None:
-        """Decrease sigma until the residual grows; if it stays large, look further away."""
+    def scan(self, report: Callable[[float], None]) -> None:
+        """Decrease sigma until the residual grows; if it stays large, search at long range."""
         self._descend(report)
-        if self.least > max(_RESIDUAL_LARGE * self.rest, NOISE_FACTOR * self._noise):
-            least, found = self.least, (self._left, self._fields)
-            self._left, self._fields = {}, {}
-            with step("looking further"):
-                for walk in self.walks:
-                    walk.look_further()
+        if self.best_residual > max(
+            _RESIDUAL_LARGE * self.initial_residual, NOISE_FACTOR * self._noise
+        ):
+            best_residual, earlier = self.best_residual, (self._residuals, self._fields)
+            self._residuals, self._fields = {}, {}
+            with step("searching at long range"):
+                for search in self.searches:
+                    search.search_long_range()
             self._descend(report)
-            if least <= self.least:
-                self._left, self._fields = found
-                for walk in self.walks:
-                    walk.starts = []
+            if best_residual <= self.best_residual:
+                self._residuals, self._fields = earlier
+                for search in self.searches:
+                    search.starts = []
 
     def _descend(self, report: Callable[[float], None]) -> None:
-        fields = [walk.rest_fields for walk in self.walks]
+        fields = [search.zero_fields for search in self.searches]
         for number, sigma in enumerate(self._sigmas):
-            fields = self._follow(sigma, fields)
+            fields = self._minimise(sigma, fields)
             report((number + 1) / len(self._sigmas))
             is_worse = not self._is_given and self._best_sigma != sigma
-            if is_worse and not self.walks[0].starts:
+            if is_worse and not self.searches[0].starts:
                 break
 
-    def look_near(self, other: _HeldOut, best: float) -> None:
-        """Start from the fields of another norm, at the sigma that is about as smooth. If this is
-        within `_RESIDUAL_RATIO_MAX` of the best residual, try smaller and larger sigmas.
+    def start_near(self, other: _HeldOut, best: float) -> None:
+        """Start from the fields of another norm, at the sigma of about the same smoothness.
+
+        If the residual is within `_RESIDUAL_RATIO_MAX` of the best one, smaller and larger sigmas
+        are tried.
         """
-        for walk, of_other in zip(self.walks, other.walks, strict=True):
-            walk.starts = of_other.starts
+        for search, of_other in zip(self.searches, other.searches, strict=True):
+            search.starts = of_other.starts
         at = self._sigmas.index(other._best_sigma)
         if self.norm.order == other.norm.order and not self._is_given:
             at += round(float(np.log(self.norm.alpha / other.norm.alpha) / np.log(COOLING_FACTOR)))
         at = int(np.clip(at, 0, len(self._sigmas) - 1))
-        self._follow(self._sigmas[at], other._fields[other._best_sigma])
-        if self._is_given or self.least > _RESIDUAL_RATIO_MAX * best:
+        self._minimise(self._sigmas[at], other._fields[other._best_sigma])
+        if self._is_given or self.best_residual > _RESIDUAL_RATIO_MAX * best:
             return
-        if not self._improve(at, 1) and self.least <= best:
+        if not self._improve(at, 1) and self.best_residual <= best:
             self._improve(at, -1)
 
-    def _improve(self, at: int, turn: int) -> bool:
-        """Try smaller sigmas (1), or larger ones (-1), while the residual falls; return whether it
-        did.
+    def _improve(self, at: int, direction: int) -> bool:
+        """Try smaller sigmas (1) or larger ones (-1) while the residual falls.
+
+        Returns whether it fell.
         """
         fields, start = self._fields[self._sigmas[at]], at
-        while 0 <= at + turn < len(self._sigmas):
-            at += turn
-            fields = self._follow(self._sigmas[at], fields)
+        while 0 <= at + direction < len(self._sigmas):
+            at += direction
+            fields = self._minimise(self._sigmas[at], fields)
             if self._best_sigma != self._sigmas[at]:
                 break
         return self._best_sigma != self._sigmas[start]
 
-    def _follow(self, sigma: float, fields: list[list[FloatArray]]) -> list[list[FloatArray]]:
-        followed = [
-            walk.follow(sigma, starts) for walk, starts in zip(self.walks, fields, strict=True)
+    def _minimise(self, sigma: float, fields: list[list[FloatArray]]) -> list[list[FloatArray]]:
+        found = [
+            search.minimise(sigma, starts)
+            for search, starts in zip(self.searches, fields, strict=True)
         ]
-        self._left[sigma] = float(np.sqrt(np.mean([left for left, _ in followed])))
-        self._fields[sigma] = [found for _, found in followed]
+        self._residuals[sigma] = float(np.sqrt(np.mean([square for square, _ in found])))
+        self._fields[sigma] = [fields for _, fields in found]
         return self._fields[sigma]
 
 
-class _Walk:
-    """Fields of one interval, without the patches of every ``count``-th fold, from ``start`` on."""
+class _IntervalSearch:
+    """Fields of one interval, each without the patches of one fold.
+
+    The folds are every ``count``-th one, beginning with ``start``.
+    """
 
     def __init__(
         self, given: _ChoiceInput, interval: int, norm: Norm, start: int, count: int
@@ -221,37 +238,42 @@ class _Walk:
         energy = given.energy(interval, norm)
         self._functions, self._given = energy.functions, given
         self._duration = energy.parameters.tau
-        self.rest = energy.residual(energy.functions.source)
+        self.initial_residual = energy.residual(energy.functions.source)
         self.noise = noise_floor(energy.functions, given.levels)
         folds = fold_energies(energy)[start::count]
         self.folds = [(Interval(part), hidden) for part, hidden in folds]
-        self.rest_fields = [np.zeros(energy.shape[1:])] * len(self.folds)
+        self.zero_fields = [np.zeros(energy.shape[1:])] * len(self.folds)
         self.starts: list[FloatArray] = []
-        """Fields that were found further away, which each sigma begins at: warm ones lose them."""
+        """Long-range fields from which each sigma starts; large sigmas would lose them."""
 
-    def look_further(self) -> None:
-        """Begin with each sigma at what a match finds without the patches of each fold."""
+    def search_long_range(self) -> None:
+        """Start each sigma from a long-range match without the patches of each fold."""
         self.starts = [long_range_field(interval.energy) for interval, _ in self.folds]
 
-    def follow(self, sigma: float, fields: Sequence[FloatArray]) -> tuple[float, list[FloatArray]]:
-        """Go on from fields (F, 2) of each fold; return the mean square of what is left of what
-        each has not seen, and the fields.
+    def minimise(
+        self, sigma: float, fields: Sequence[FloatArray]
+    ) -> tuple[float, list[FloatArray]]:
+        """Minimise from fields (F, 2) of each fold.
+
+        Returns the mean squared residual on the held-out patches, and the fields.
         """
-        of, left, found = self._given, list[float](), list[FloatArray]()
-        sigma = sigma_of(of.frames, of.parameters, sigma, self._duration)
+        given, squares, found = self._given, list[float](), list[FloatArray]()
+        sigma = sigma_of(given.frames, given.parameters, sigma, self._duration)
         starts = self.starts or fields
         for (interval, hidden), start in zip(self.folds, starts, strict=True):
             checkpoint()
-            point = interval.go_on(sigma, start, _ITERATIONS)
+            point = interval.minimise(sigma, start, _ITERATIONS)
             found.append(point.field)
-            carried = point.at.advected[: len(self._functions.source)]
-            left.append(self._functions.with_mask(hidden).residual(carried) ** 2)
-        return float(np.mean(left)), found
+            advected = point.at.advected[: len(self._functions.source)]
+            squares.append(self._functions.with_mask(hidden).residual(advected) ** 2)
+        return float(np.mean(squares)), found
 
 
 def long_range_field(energy: MatchingEnergy) -> FloatArray:
-    """Return the field (F, 2) of an ordinary match, which looks further: one over a time of 1,
-    whatever the interval's, by which the balance of its terms would be another.
+    """Return the field (F, 2) of a long-range match.
+
+    The match has a time of 1, because the duration of the interval would change the balance of its
+    terms.
     """
     found = match(energy.problem.with_parameters(_LONG_RANGE))
     speed = found.parameters.tau / (energy.parameters.tau * energy.length_scale)
@@ -259,7 +281,7 @@ def long_range_field(energy: MatchingEnergy) -> FloatArray:
 
 
 def change_rates(frames: Frames) -> FloatArray:
-    """Return how much each interval changes of what is compared, (T - 1,)."""
+    """Return the weighted rate of change of the frames in each interval, (T - 1,)."""
     durations = frames.durations
     counts = np.sqrt(frames.weights) * np.ones((len(frames.mesh.vertices), 1))
     if frames.mask is not None:
@@ -269,9 +291,7 @@ def change_rates(frames: Frames) -> FloatArray:
 
 
 def _spread(changed: FloatArray, count: int) -> list[int]:
-    """Return, of each of so many parts of the time, the interval that changes as the upper quartile
-    of its part.
-    """
+    """Return the interval with the upper quartile of changes in each of ``count`` parts of time."""
     parts = np.array_split(np.arange(len(changed)), min(count, len(changed)))
     return [
         int(part[np.argsort(changed[part], kind="stable")[(3 * len(part)) // 4]]) for part in parts

@@ -1,6 +1,4 @@
-"""The fields of all intervals together: each near those beside it, in sweeps through time; and a
-search where frames are far apart.
-"""
+"""The fields of all intervals, coupled in time by sweeps, with long-range searches."""
 
 from __future__ import annotations
 
@@ -24,27 +22,29 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step, stepped
 
-_SHARE_MAX = 0.2  # of what differed at first: where more is left, it is looked for further away
-_ENERGY_SHARE_MAX = 0.5  # of the energy
-_VAIN_SEARCHES_MAX = 3  # searches, after which no more are made
-_SWEEPS = 4  # at most
+# a larger share of the initial residual starts a long-range search
+_RESIDUAL_SHARE_MAX = 0.2
+# a long-range field of measured functions must have less than this share of the energy
+_ENERGY_SHARE_MAX = 0.5
+_FAILED_SEARCHES_MAX = 3  # consecutive long-range searches without success
+_SWEEPS_MAX = 4
 _CHECK_NAMES = ("verified_residual", "folded")
-_GAIN_SHARE_MIN = 0.01  # share of its energy that a sweep gains, which is then the last
+_GAIN_SHARE_MIN = 0.01  # share of the energy; a sweep that gains less is the last one
 
 
 @dataclass(frozen=True, eq=False)
 class IntervalMeasures:
-    """What was found of an interval: as in `Match`."""
+    """Measurements of an interval, as in `Match`."""
 
     advected: FloatArray  # (C, V)
-    energies: FloatArray  # (2, 3), of no motion and of the field: total, regularity, mismatch
+    energies: FloatArray  # (2, 3): total, regularity, mismatch; of no motion and of the field
     residual: float
     verified_residual: float = np.nan
     folded: float = np.nan
 
 
 class SequenceSolver:
-    """Finds fields (T - 1, F, 2) of the mesh scaled to unit area, per unit of time."""
+    """Finds the fields (T - 1, F, 2) on the mesh scaled to unit area, per unit of time."""
 
     def __init__(
         self,
@@ -57,177 +57,197 @@ class SequenceSolver:
         self.given = parameters
         self.levels = noise_levels(frames) if levels is None else levels
         self.fields = np.zeros((len(frames.durations), len(frames.mesh.faces), 2))
-        self.energies = np.full(len(self.fields), np.nan)  # without what ties neighbours
+        self.energies = np.full(len(self.fields), np.nan)  # without the coupling in time
         self.found = np.zeros(len(self.fields), dtype=bool)
         self.sigma = parameters.sigma or np.nan
         self.is_chosen = bool(parameters.sigma) and not parameters.automatic
-        self.failed_searches = 0  # searches
-        self.is_uncoupled = np.zeros(len(self.fields), dtype=bool)  # no motion, which ties to none
-        self.swept_intervals = 0  # intervals, in all sweeps
-        self.before = np.nan  # energy of all, when the last sweep began
-        # what flow lines leave of each interval, and the share of faces that they fold
+        self.failed_searches = 0  # consecutive long-range searches
+        # intervals without motion, which are not coupled to their neighbours
+        self.is_uncoupled = np.zeros(len(self.fields), dtype=bool)
+        self.swept_intervals = 0  # in all sweeps
+        self.energy_before = np.nan  # total energy at the beginning of the latest sweep
+        # residual of flow lines in each interval, and the share of faces that they fold
         self.flow_line_checks = np.full((len(self.fields), 2), np.nan)
-        self._defects: dict[int, FloatArray] = {}  # of fields, where they were asked for
+        self._defects: dict[int, FloatArray] = {}  # advection defects of fields, by interval
 
     def run(
         self, on_interval: Callable[[int], object], on_step: Callable[[], object] = lambda: None
     ) -> None:
-        """Go through all intervals that are not found; what is there when it is cancelled stays.
-        All that it goes on from is in its public attributes, after each step.
+        """Solve all intervals that are not solved; results remain if the run is cancelled.
+
+        After each step, the public attributes hold the complete state for resuming.
         """
         if not self.is_chosen:
             self.choose(*choose_norm(self.frames, self.given, self.levels))
         count = len(self.fields)
-        with step("following the frames") as tell:
+        with step("following the frames") as report:
             for i in np.flatnonzero(~self.found).tolist():
                 checkpoint()
-                self._keep(i, found := self.first_found(i))
+                self._store(i, found := self.initial_point(i))
                 self.is_uncoupled[i] = self._is_no_motion(self.energy(i), found)
                 self.found[i] = True
-                tell((i + 1) / count)
+                report((i + 1) / count)
                 on_interval(i)
                 on_step()
         if self.gamma and count > 1:
-            self._settle(on_step)
+            self._smooth_in_time(on_step)
         else:
-            self._settle_each(on_step)
+            self._correct_each(on_step)
 
     def choose(self, norm: Norm, sigma: float) -> None:
-        """Solve with a norm of fields and a sigma from now on."""
+        """Set the norm of fields and sigma."""
         self.given = replace(self.given, order=norm.order, alpha=norm.alpha)
         self.sigma, self.is_chosen = sigma, True
 
     def _is_no_motion(self, energy: MatchingEnergy, found: FieldPoint) -> bool:
-        left = energy.residual(found.at.advected)
-        return explains_too_little(energy.functions, self.levels, left)
+        residual = energy.residual(found.at.advected)
+        return explains_too_little(energy.functions, self.levels, residual)
 
-    def first_found(self, i: int) -> FieldPoint:
-        """Return the field of an interval from that of the one before; where frames are far apart
-        by way of no warmer sigma, which draws back; else from a match that looks further.
+    def initial_point(self, i: int) -> FieldPoint:
+        """Return the field of an interval, starting from that of the previous interval.
+
+        If the residual stays large, the start is minimised without larger sigmas, which would
+        reduce the motion. If the residual is still large, a long-range match is the start.
         """
-        last, warmest = self._sigmas(i)
+        sigma, sigma_max = self._sigmas(i)
         start = self.fields[i - 1] if i else None
         interval = self._interval(i, [i - 1] if i else [])
         energy = interval.energy
-        found = interval.find(last, warmest, start)
-        if self.failed_searches >= _VAIN_SEARCHES_MAX or not self._is_far(energy, found):
+        found = interval.minimise_by_cooling(sigma, sigma_max, start)
+        if self.failed_searches >= _FAILED_SEARCHES_MAX or not self._has_large_residual(
+            energy, found
+        ):
             return found
         if start is not None:
-            found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
-        if self._is_far(energy, found):
-            further = interval.go_on(last, long_range_field(energy))
-            if not self._is_better(energy, further, found) or self._is_far(energy, further, True):
+            found = min(found, interval.minimise(sigma, start), key=lambda point: point.energy)
+        if self._has_large_residual(energy, found):
+            long_range = interval.minimise(sigma, long_range_field(energy))
+            if not self._is_better(energy, long_range, found) or self._has_large_residual(
+                energy, long_range, True
+            ):
                 self.failed_searches += 1
                 return found
             self.failed_searches = 0
-            # what is near may have been missed as the field before led astray
-            anew = found if start is None else interval.find(last, warmest, None)
-            found = further if self._is_better(energy, further, anew) else anew
+            # the field of the previous interval may have prevented a short-range solution
+            restarted = (
+                found if start is None else interval.minimise_by_cooling(sigma, sigma_max, None)
+            )
+            found = long_range if self._is_better(energy, long_range, restarted) else restarted
         return found
 
-    def _is_better(self, energy: MatchingEnergy, further: FieldPoint, found: FieldPoint) -> bool:
-        """Tell whether what is far has less energy than what is near: of measured functions, of
-        which all is not to be had, and of which the near explains some, less than half.
+    def _is_better(self, energy: MatchingEnergy, long_range: FieldPoint, found: FieldPoint) -> bool:
+        """Return whether a long-range field has less energy than the found field.
+
+        Measured functions cannot be matched completely. If the found field explains part of their
+        change, the long-range field must have less than half of its energy.
         """
         is_part = is_measured(energy.functions) and not self._is_no_motion(energy, found)
-        return further.energy < (_ENERGY_SHARE_MAX if is_part else 1.0) * found.energy
+        return long_range.energy < (_ENERGY_SHARE_MAX if is_part else 1.0) * found.energy
 
-    def _is_far(
+    def _has_large_residual(
         self, energy: MatchingEnergy, found: FieldPoint, by_flow_lines: bool = False
     ) -> bool:
-        """Tell whether much of an interval is left that is not noise, by the discrete flow, or also
-        by flow lines.
+        """Return whether the residual of an interval is large and exceeds noise.
+
+        The residual is that of the discrete flow, or with ``by_flow_lines`` the larger of both
+        checks.
         """
         first = energy.residual(energy.functions.source)
-        left = energy.residual(found.at.advected)
+        residual = energy.residual(found.at.advected)
         if by_flow_lines:
-            apart = advection_defect(energy, found.field)
-            left = max(left, energy.residual(found.at.advected - apart))
-        return left > max(
-            _SHARE_MAX * first, NOISE_FACTOR * noise_floor(energy.functions, self.levels)
+            difference = advection_defect(energy, found.field)
+            residual = max(residual, energy.residual(found.at.advected - difference))
+        return residual > max(
+            _RESIDUAL_SHARE_MAX * first, NOISE_FACTOR * noise_floor(energy.functions, self.levels)
         )
 
-    def _settle(self, on_step: Callable[[], object] = lambda: None) -> None:
-        """Sweep back and forth until the energy of all, by flow lines, hardly falls."""
+    def _smooth_in_time(self, on_step: Callable[[], object] = lambda: None) -> None:
+        """Sweep back and forth until the total energy, by flow lines, hardly falls."""
         count = len(self.fields)
         if not self.swept_intervals:
-            with stepped("asking flow lines", range(count)) as intervals:
+            with stepped("tracing flow lines", range(count)) as intervals:
                 for i in intervals:
-                    self._ask_flow_lines(i)
-            self.before = self.total()
-        with step("smoothing in time") as tell:
-            while self.swept_intervals < _SWEEPS * count:
+                    self._update_energy(i)
+            self.energy_before = self.total_energy()
+        with step("smoothing in time") as report:
+            while self.swept_intervals < _SWEEPS_MAX * count:
                 sweep, done = divmod(self.swept_intervals, count)
                 i = done if sweep % 2 else count - 1 - done
-                self._go_on(i, [j for j in (i - 1, i + 1) if 0 <= j < count])
+                self._correct(i, [j for j in (i - 1, i + 1) if 0 <= j < count])
                 self.swept_intervals += 1
                 if done == count - 1:
-                    before, self.before = self.before, self.total()
-                    if not before - self.before > _GAIN_SHARE_MIN * before:
-                        self.swept_intervals = _SWEEPS * count
-                tell(self.swept_intervals / (_SWEEPS * count))
+                    before, self.energy_before = self.energy_before, self.total_energy()
+                    if not before - self.energy_before > _GAIN_SHARE_MIN * before:
+                        self.swept_intervals = _SWEEPS_MAX * count
+                report(self.swept_intervals / (_SWEEPS_MAX * count))
                 on_step()
         self._defects.clear()
 
-    def _settle_each(self, on_step: Callable[[], object]) -> None:
-        """Go on with each interval by itself until its energy, by flow lines, hardly falls."""
+    def _correct_each(self, on_step: Callable[[], object]) -> None:
+        """Correct each interval separately until its energy, by flow lines, hardly falls."""
         count = len(self.fields)
-        with step("correcting by flow lines") as tell:
-            while self.swept_intervals < _SWEEPS * count:
-                i, times = divmod(self.swept_intervals, _SWEEPS)
+        with step("correcting by flow lines") as report:
+            while self.swept_intervals < _SWEEPS_MAX * count:
+                i, times = divmod(self.swept_intervals, _SWEEPS_MAX)
                 if not times:
-                    self._ask_flow_lines(i)
+                    self._update_energy(i)
                 before = self.energies[i]
-                self._go_on(i)
+                self._correct(i)
                 is_settled = not before - self.energies[i] > _GAIN_SHARE_MIN * before
-                self.swept_intervals += _SWEEPS - times if is_settled else 1
-                if self.swept_intervals % _SWEEPS == 0:
-                    del self._defects[i]  # which nobody asks for again
-                tell(self.swept_intervals / (_SWEEPS * count))
+                self.swept_intervals += _SWEEPS_MAX - times if is_settled else 1
+                if self.swept_intervals % _SWEEPS_MAX == 0:
+                    del self._defects[i]  # not needed again
+                report(self.swept_intervals / (_SWEEPS_MAX * count))
                 on_step()
 
-    def _ask_flow_lines(self, i: int) -> None:
-        """Take the energy of an interval's field for what flow lines say."""
+    def _update_energy(self, i: int) -> None:
+        """Set the energy of an interval's field to that by flow lines."""
         checkpoint()
         self._defects[i] = advection_defect(self.energy(i), self.fields[i])
         interval = self._interval(i, shift=self._defects[i])
-        self.energies[i] = interval.go_on(self._sigmas(i)[0], self.fields[i], 0).at.energy
+        self.energies[i] = interval.minimise(self._sigmas(i)[0], self.fields[i], 0).at.energy
 
-    def _go_on(self, i: int, beside: Sequence[int] = ()) -> None:
-        """Minimise an interval's energy with the defect of its field taken off: a defect correction
-        [Stetter 1978]. What comes of it is kept if it has less energy by flow lines.
+    def _correct(self, i: int, adjacent: Sequence[int] = ()) -> None:
+        """Minimise an interval's energy with the advection defect of its field subtracted.
+
+        This is a defect correction [Stetter 1978]. The new field is accepted if it has less energy
+        by flow lines.
         """
         checkpoint()
         field, sigma = self.fields[i], self._sigmas(i)[0]
-        if i not in self._defects:  # of an earlier run
+        if i not in self._defects:  # the field is from an earlier run
             self._defects[i] = advection_defect(self.energy(i), field)
-        interval = self._interval(i, beside, self._defects[i])
-        found = interval.go_on(sigma, field)
-        left = advection_defect(interval.energy, found.field)
-        there = self._interval(i, beside, left).go_on(sigma, found.field, 0)
-        if there.energy < self.energies[i] + interval.tied(field):
-            self._defects[i] = left
-            self._keep(i, there)
+        interval = self._interval(i, adjacent, self._defects[i])
+        found = interval.minimise(sigma, field)
+        new_defect = advection_defect(interval.energy, found.field)
+        there = self._interval(i, adjacent, new_defect).minimise(sigma, found.field, 0)
+        if there.energy < self.energies[i] + interval.coupling_energy(field):
+            self._defects[i] = new_defect
+            self._store(i, there)
 
-    def total(self) -> float:
-        """Energy of all intervals together, with what ties them."""
+    def total_energy(self) -> float:
+        """Return the energy of all intervals, including the coupling in time."""
         norm = MatchingEnergy(self.frames.problem(0, self.parameters(0))).regularizer()
-        tied = 0.0
+        coupling_energy = 0.0
         for i in range(len(self.fields) - 1):
-            apart = self.fields[i + 1] - self.fields[i]
-            tied += 0.5 * self._tie(i, i + 1) * float((apart * norm.apply(apart)).sum())
-        return float(self.energies.sum() + tied)
+            difference = self.fields[i + 1] - self.fields[i]
+            coupling_energy += (
+                0.5 * self._coupling(i, i + 1) * float((difference * norm.apply(difference)).sum())
+            )
+        return float(self.energies.sum() + coupling_energy)
 
-    def _tie(self, i: int, j: int) -> float:
-        """How much the fields of neighbouring intervals are held together: gamma times the shorter
-        one's duration, where both are motions; a gap is not to be as fast as what is beside it.
+    def _coupling(self, i: int, j: int) -> float:
+        """Return the weight of the difference between the fields of neighbouring intervals.
+
+        It is gamma times the shorter duration if both intervals are motions. A gap without motion
+        should not be as fast as its neighbours.
         """
         if self.is_uncoupled[i] or self.is_uncoupled[j]:
             return 0.0
         return self.gamma * float(min(self.frames.durations[i], self.frames.durations[j]))
 
     def parameters(self, interval: int) -> Parameters:
-        """Return those of the problem of an interval."""
+        """Return the parameters of the problem of an interval."""
         sigma = self.sigma if np.isfinite(self.sigma) else SIGMA_MAX
         return interval_parameters(self.frames, self.given, sigma, interval)
 
@@ -236,33 +256,33 @@ class SequenceSolver:
         return MatchingEnergy(self.frames.problem(interval, self.parameters(interval)))
 
     def _interval(
-        self, i: int, beside: Sequence[int] = (), shift: FloatArray | float = 0.0
+        self, i: int, adjacent: Sequence[int] = (), shift: FloatArray | float = 0.0
     ) -> Interval:
-        """Return the minimisation of an interval, near the fields of those beside it."""
+        """Return the minimisation of an interval, coupled to the fields of adjacent intervals."""
         duration = float(self.frames.durations[i])
-        neighbours = [Neighbour(self.fields[j], self._tie(i, j) / duration) for j in beside]
+        neighbours = [Neighbour(self.fields[j], self._coupling(i, j) / duration) for j in adjacent]
         return Interval(self.energy(i), neighbours, shift)
 
     def _sigmas(self, i: int) -> tuple[float, float]:
-        """Return the last and the warmest sigma of an interval."""
+        """Return the smallest and the largest sigma of an interval."""
         duration = float(self.frames.durations[i])
-        last, warmest = (
+        sigma_min, sigma_max = (
             sigma_of(self.frames, self.given, sigma, duration) for sigma in (self.sigma, SIGMA_MAX)
         )
-        return last, warmest
+        return sigma_min, sigma_max
 
-    def _keep(self, i: int, found: FieldPoint) -> None:
+    def _store(self, i: int, found: FieldPoint) -> None:
         self.fields[i], self.energies[i] = found.field, found.at.energy
 
     def measures(self, i: int, by_flow_lines: bool = True) -> IntervalMeasures:
-        """Return what the discrete flow and flow lines say of the field of an interval."""
+        """Return the measurements of an interval's field by the discrete flow and by flow lines."""
         energy, field = self.energy(i), self.fields[i]
         sigma = energy.parameters.last_sigma
         objective = energy.objective(sigma)
         rest, at = (objective.evaluate(x[None]) for x in (np.zeros_like(field), field))
         energies = np.array([(e.energy, e.regularity, e.mismatch) for e in (rest, at)])
         if by_flow_lines and self.found[i] and np.isnan(self.flow_line_checks[i]).any():
-            told = flow_line_measures(energy, to_ambient(energy.mesh, field)[None])
-            self.flow_line_checks[i] = [told.get(name, np.nan) for name in _CHECK_NAMES]
+            checks = flow_line_measures(energy, to_ambient(energy.mesh, field)[None])
+            self.flow_line_checks[i] = [checks.get(name, np.nan) for name in _CHECK_NAMES]
         known = zip(_CHECK_NAMES, self.flow_line_checks[i].tolist(), strict=True)
         return IntervalMeasures(at.advected, energies, energy.left(at), **dict(known))

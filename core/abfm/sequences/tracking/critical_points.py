@@ -1,9 +1,9 @@
-"""Where a field vanishes: sources, sinks, spirals and saddles, by its index.
+"""Critical points of a field: sources, sinks, spirals and saddles, by their index.
 
 The field is made continuous as for flow lines (`abfm.flow.continuous_flow`), with angles at a
-vertex scaled to a full turn. The index of a face is how often the field turns around it, with the
-holonomy of the face: on a closed surface the indices add up to its Euler characteristic
-[Poincaré-Hopf; Crane, Desbrun, Schröder, Trivial Connections, SGP 2010].
+vertex scaled to a full turn. The index of a face is the number of turns of the field around it,
+including the holonomy of the face. On a closed surface the indices add up to its Euler
+characteristic [Poincaré-Hopf; Crane, Desbrun, Schröder, Trivial Connections, SGP 2010].
 """
 
 from __future__ import annotations
@@ -22,23 +22,24 @@ from abfm.types import FloatArray, IndexArray, IntArray
 
 PointKind = Literal["source", "sink", "spiral", "saddle"]
 KINDS: tuple[PointKind, ...] = get_args(PointKind)
-_REFERENCE_DIRECTION = 0.36, 0.48, 0.8  # a direction in space that few surfaces lie across
-_SPEED_SHARE_MIN = 1e-9  # of the field's root mean square: slower corners have no direction
+_REFERENCE_DIRECTION = 0.36, 0.48, 0.8  # a direction in space, normal to few faces
+_SPEED_SHARE_MIN = 1e-9  # of the root mean square speed; slower corners have no direction
 
 
 @dataclass(frozen=True, eq=False)
 class CriticalPoints:
-    """K zeros of a field.
+    """The K zeros of a field.
 
     Attributes
     ----------
     points : SurfacePoints
     index : (K,) array of int
-        1 about sources, sinks and spirals, -1 about saddles; rarely more.
+        1 for sources, sinks and spirals, -1 for saddles; rarely more.
     kinds : tuple of str
-        "spiral" where it turns faster than it comes or goes, counted by the field's derivative.
+        "spiral" if the field rotates faster than it diverges, by its derivative.
     divergence, curl : (K,) array
-        Of the continuous field there, per unit of time; the sign of curl is how a spiral turns.
+        Of the continuous field at the points, per unit of time. The sign of the curl is the
+        direction of a spiral.
     """
 
     points: SurfacePoints
@@ -52,7 +53,7 @@ class CriticalPoints:
 
 
 def critical_points(mesh: TriangleMesh, field: FloatArray) -> CriticalPoints:
-    """Find where a tangent field (F, 3) vanishes."""
+    """Return the zeros of a tangent field (F, 3)."""
     vectors = corner_vectors(mesh, field)
     index = face_indices(mesh, field, vectors)
     faces = np.flatnonzero(index)
@@ -61,7 +62,8 @@ def critical_points(mesh: TriangleMesh, field: FloatArray) -> CriticalPoints:
     divergence = slopes[:, 0, 0] + slopes[:, 1, 1]
     curl = slopes[:, 1, 0] - slopes[:, 0, 1]
     points = SurfacePoints(mesh, faces, _zeros(pairs))
-    turning = np.linalg.det(slopes) - divergence**2 / 4  # square of the eigenvalues' imaginary part
+    # square of the eigenvalues' imaginary part
+    turning = np.linalg.det(slopes) - divergence**2 / 4
     kinds = tuple(map(_kind, index[faces], divergence, turning))
     return CriticalPoints(points, index[faces], kinds, divergence, curl)
 
@@ -75,7 +77,7 @@ def _kind(index: int, divergence: float, turning: float) -> PointKind:
 
 
 def _zeros(vectors: FloatArray) -> FloatArray:
-    """Return the weights (K, 3) at which vectors at corners (K, 3, 2) cancel, inside the face."""
+    """Return barycentric weights (K, 3) at which vectors at corners (K, 3, 2) cancel."""
     system = np.ones((len(vectors), 3, 3))
     system[:, :2] = vectors.transpose(0, 2, 1)
     scale = np.abs(system[:, :2]).max(axis=(1, 2), initial=0.0, keepdims=True)
@@ -89,18 +91,19 @@ def _zeros(vectors: FloatArray) -> FloatArray:
 def face_indices(
     mesh: TriangleMesh, field: FloatArray, vectors: IndexArray | None = None
 ) -> IntArray:
-    """Return the index of the continuous field in each face, (F,); 0 where it has no direction."""
+    """Return the index of the continuous field in each face, (F,); 0 if it has no direction."""
     if vectors is None:
         vectors = corner_vectors(mesh, field)
     around = corners(mesh)
     half, holonomy = around.scaled / 2, around.scaled.sum(axis=1) - np.pi
     areas = face_areas(mesh)
     squares = (to_frame(mesh, field) ** 2).sum(axis=1)
-    usual = float(np.sqrt(areas @ squares / areas.sum()))
-    still = np.abs(vectors) <= _SPEED_SHARE_MIN * usual
-    # a vertex has one vector for all its faces: any direction gives a zero there to one of them
-    aside = corner_vectors(mesh, np.tile(_REFERENCE_DIRECTION, (len(mesh.faces), 1)))
-    turned = np.angle(np.where(still, aside, vectors) / around.middles)
+    mean_speed = float(np.sqrt(areas @ squares / areas.sum()))
+    still = np.abs(vectors) <= _SPEED_SHARE_MIN * mean_speed
+    # A vertex has one vector for all its faces. Any direction for a zero vector assigns its zero to
+    # one of these faces.
+    reference = corner_vectors(mesh, np.tile(_REFERENCE_DIRECTION, (len(mesh.faces), 1)))
+    turned = np.angle(np.where(still, reference, vectors) / around.middles)
     from_first, from_last = turned + half, turned - half
     changes = np.roll(from_last, -1, axis=1) - np.pi - from_first
     changes = np.pi - (np.pi - changes) % (2 * np.pi)  # within (-pi, pi]

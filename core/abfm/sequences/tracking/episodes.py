@@ -1,5 +1,6 @@
-"""When a film is stable and when it changes fast: minima and maxima of the displacement energy
-[Lefèvre & Baillet, Optical flow approaches to the identification of brain dynamics, HBM 30 (2009)].
+"""Stable and transient episodes: minima and maxima of the displacement energy.
+
+Lefèvre & Baillet, Optical flow approaches to the identification of brain dynamics, HBM 30 (2009).
 """
 
 from __future__ import annotations
@@ -11,35 +12,39 @@ import numpy as np
 
 from abfm.types import FloatArray, IntArray
 
-# what an extremum stands out by: of the range of the energy, and of its mean
-_OF_RANGE_MIN = 0.1
-_OF_MEAN_MIN = 0.1
+# smallest prominence of an extremum, as a share of the range of the energy and of its mean
+_RANGE_SHARE_MIN = 0.1
+_MEAN_SHARE_MIN = 0.1
 
 
 @dataclass(frozen=True)
 class Episode:
-    """A time about an extremum of the energy, between the frames where it passes halfway to the
-    next ones of the other kind.
+    """The time around an extremum of the energy.
+
+    It extends to the frames where the energy passes halfway to the adjacent extrema.
     """
 
     kind: Literal["stable", "transient"]
     start: float
     end: float
     extremum: float
-    """When the energy is least, or largest: the middle of its interval."""
+    """Time of the extremum, the middle of its interval."""
     speed: float
-    """Root mean square of the speed over the surface then."""
+    """Root mean square of the speed over the surface at that time."""
 
 
 def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
-    """Return the stable and the transient episodes between frames at times (T,), by the speed of
-    each interval (T - 1,), in the order of time; none where the energy hardly changes.
+    """Return the episodes between frames at times (T,), by the speed of each interval (T - 1,).
+
+    Episodes are in the order of time. There are none if the energy hardly changes.
     """
     energy = speed**2
-    least = max(_OF_RANGE_MIN * float(np.ptp(energy)), _OF_MEAN_MIN * float(energy.mean()))
-    if not float(np.ptp(energy)) > least:
+    prominence = max(
+        _RANGE_SHARE_MIN * float(np.ptp(energy)), _MEAN_SHARE_MIN * float(energy.mean())
+    )
+    if not float(np.ptp(energy)) > prominence:
         return []
-    highs, lows = (_peaks(sign * energy, least) for sign in (1, -1))
+    highs, lows = (_peaks(sign * energy, prominence) for sign in (1, -1))
     extrema = sorted([(int(i), "transient") for i in highs] + [(int(i), "stable") for i in lows])
     found = []
     for number, (i, kind) in enumerate(extrema):
@@ -56,18 +61,18 @@ def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
     return found
 
 
-def _peaks(values: FloatArray, least: float) -> IntArray:
-    """Return maxima that stand out by so much, ends of the time among them."""
-    # takes as long to load as all else that a row of a batch needs, and most look for no episodes
+def _peaks(values: FloatArray, prominence: float) -> IntArray:
+    """Return maxima of a prominence, including ends of the time."""
+    # SciPy takes as long to load as all other imports of a batch row; most rows need no episodes
     from scipy.signal import find_peaks
 
-    low = values.min() - 2 * least
+    low = values.min() - 2 * prominence
     padded = np.concatenate([[low], values, [low]])
-    return np.asarray(find_peaks(padded, prominence=least)[0] - 1)
+    return np.asarray(find_peaks(padded, prominence=prominence)[0] - 1)
 
 
 def _reach(energy: FloatArray, i: int, other: int | None, turn: int) -> int:
-    """Return the last interval from an extremum on, before the energy passes halfway."""
+    """Return the last interval from an extremum before the energy passes halfway."""
     stop = (len(energy) - 1 if turn > 0 else 0) if other is None else other
     half = energy[i] + (energy[stop] - energy[i]) / 2 if other is not None else np.inf
     j = i

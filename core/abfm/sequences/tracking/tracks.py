@@ -1,4 +1,4 @@
-"""Critical points followed through time."""
+"""Tracks of critical points through time."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from abfm.numerics.real_numbers import is_integer
 from abfm.sequences.tracking.critical_points import CriticalPoints, PointKind
 from abfm.types import FloatArray, IntArray
 
-_DISTANCE_MAX = 6.0  # edges, along edges, that a point may go from one field to the next
-_POINTS_AT_ONCE = 64  # points whose distances to all vertices are kept
-_MISSED_FIELDS_MAX = 1  # fields in a row in which it may be missing
+_DISTANCE_MAX = 6.0  # largest distance between consecutive fields, in mean edges along edges
+_POINTS_AT_ONCE = 64  # points whose distances to all vertices are in memory
+_MISSED_FIELDS_MAX = 1  # consecutive fields in which a point may be missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +29,13 @@ class Track:
     Attributes
     ----------
     times : (N,) array
-        The middles of the intervals in which it was seen.
+        Middles of the intervals in which the point was found.
     points : SurfacePoints
-        Where it was then, (N,).
+        Its places at these times, (N,).
     kinds : tuple of str
-        What it was then: a source may become a spiral.
+        Its kinds at these times; a source may become a spiral.
     index : int
-        1 or -1, which stays.
+        1 or -1, which is constant.
     """
 
     times: FloatArray
@@ -48,7 +48,7 @@ class Track:
 
     @property
     def kind(self) -> PointKind:
-        """What it was for most of its time."""
+        """The most frequent kind."""
         return Counter(self.kinds).most_common(1)[0][0]
 
 
@@ -58,30 +58,31 @@ def tracks(
     times: FloatArray,
     min_intervals: int = 3,
 ) -> list[Track]:
-    """Link the critical points of fields at times (T,): those of one index that are closest to each
-    other together, none farther than six edges; one field may miss a point.
+    """Link the critical points of fields at times (T,).
 
-    Returns those that were seen in so many fields at ``min_intervals``, the longest ones first.
+    Points of the same index are assigned so that the sum of distances is smallest. No distance
+    exceeds six edges, and a point may be missing in one field. Returns the tracks through at least
+    ``min_intervals`` fields, the longest first.
     """
     if not is_integer(min_intervals, 1, 1_000_000_000):
         raise ParameterError(
             f"min_intervals is {brief(min_intervals)}; expected an integer of at least 1"
         )
-    going: list[list[tuple[int, int]]] = []  # of (field, point), those that may go on
+    active: list[list[tuple[int, int]]] = []  # of (field, point), tracks that may continue
     ended: list[list[tuple[int, int]]] = []
     for step, points in enumerate(found):
         taken = set[int]()
         for index in (1, -1):
-            old = [t for t in going if np.sign(found[t[-1][0]].index[t[-1][1]]) == index]
+            old = [t for t in active if np.sign(found[t[-1][0]].index[t[-1][1]]) == index]
             new = np.flatnonzero(np.sign(points.index) == index)
             last = [(found[t[-1][0]], t[-1][1]) for t in old]
             for row, column in _linked(mesh, last, points, new):
                 old[row].append((step, column))
                 taken.add(column)
-        ended += [t for t in going if step - t[-1][0] > _MISSED_FIELDS_MAX]
-        going = [t for t in going if step - t[-1][0] <= _MISSED_FIELDS_MAX]
-        going += [[(step, i)] for i in range(len(points)) if i not in taken]
-    chosen = [t for t in ended + going if len(t) >= min_intervals]
+        ended += [t for t in active if step - t[-1][0] > _MISSED_FIELDS_MAX]
+        active = [t for t in active if step - t[-1][0] <= _MISSED_FIELDS_MAX]
+        active += [[(step, i)] for i in range(len(points)) if i not in taken]
+    chosen = [t for t in ended + active if len(t) >= min_intervals]
     chosen.sort(key=lambda t: (-len(t), t[0]))
     return [_track(mesh, found, times, t) for t in chosen]
 
@@ -107,10 +108,10 @@ def _linked(
     points: CriticalPoints,
     new: IntArray,
 ) -> list[tuple[int, int]]:
-    """Return which old point goes on as which new one."""
+    """Return pairs of an old point and the new point that continues it."""
     if not old or not len(new):
         return []
-    # late, as all that films are is loaded with this file
+    # imported late, since this module is loaded with all modules of sequences
     from scipy.optimize import linear_sum_assignment
 
     graph = edge_graph(mesh)
@@ -118,13 +119,13 @@ def _linked(
     ends = points.points.nearest_vertices()[new]
     limit = _DISTANCE_MAX * float(edge_lengths(mesh).mean())
     parts = np.array_split(begins, -(-len(begins) // _POINTS_AT_ONCE))
-    apart = np.concatenate(
+    distances = np.concatenate(
         [dijkstra(graph, directed=False, indices=p, limit=limit)[:, ends] for p in parts]
     )
     places = np.array([each.points.positions[i] for each, i in old])
     straight = np.linalg.norm(places[:, None] - points.points.positions[new][None], axis=2)
-    near = np.isfinite(apart)
-    # those too far apart cost more than leaving all others alone
+    near = np.isfinite(distances)
+    # a pair beyond the limit costs more than all allowed pairs together
     cost = np.where(near, straight, limit * (len(old) + len(new)))
     rows, columns = linear_sum_assignment(cost)
     return [(int(r), int(new[c])) for r, c in zip(rows, columns, strict=True) if near[r, c]]
