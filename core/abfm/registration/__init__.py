@@ -1,4 +1,4 @@
-"""Two surfaces: where points of one lie on the other, and how that is found."""
+"""Registration of two surfaces: point correspondences and the search for them."""
 
 import lazy_loader
 

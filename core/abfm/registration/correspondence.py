@@ -1,4 +1,4 @@
-"""Where two surfaces correspond, and what goes from one to the other by it."""
+"""Correspondences between two surfaces, and the transfer of functions, labels and points."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ from abfm.mesh import TriangleMesh
 from abfm.types import File, FloatArray, IntArray
 
 TransferMethod: TypeAlias = Literal["point", "area"]
-_COVERAGE_FACES_MAX = 20_000  # faces that are asked for the coverage
-_WEIGHT_MIN = 1e-12  # of a weight that carries
-_CANDIDATES = "candidates", "candidate_costs"  # in files
-_ROUNDING = 1e-9  # sqrt(area) between places that are one
+_COVERAGE_FACES_MAX = 20_000  # faces sampled for the coverage
+_WEIGHT_MIN = 1e-12  # smaller interpolation weights count as 0
+_CANDIDATES = "candidates", "candidate_costs"  # names of the arrays in files
+_ROUNDING = 1e-9  # distance in sqrt(area) below which positions are equal
 
 
 class Candidate(NamedTuple):
-    """An initial map that was tried: its word, see `abfm.register`, and its cost, NaN if it was
-    compared with no other one.
-    """
+    """A candidate for the initial map."""
 
-    name: str
-    cost: float
+    name: str  # of the method, see `abfm.registration.initial.methods`
+    cost: float  # NaN if there was no other candidate to compare with
 
 
 class Correspondence(Display):
-    """Where on surface A each vertex of surface B lies, and back.
+    """A map from surface B to surface A and a map in the opposite direction.
 
     Parameters
     ----------
     points : PointMap
-        From B to A.
+        Map from B to A: the point of A for each vertex of B.
     back : PointMap, optional
-        From A to B; else found by the points of B whose images are closest (`PointMap.inverse`).
+        Map from A to B. By default it takes each vertex of A to the point of B whose image is
+        closest (`PointMap.inverse`).
 
     Attributes
     ----------
     candidates : tuple of Candidate
-        If the map was searched: what was tried, the chosen one first, then by cost.
+        Candidates of an initial map that was searched: the chosen one first, then the others in
+        the order of their costs.
 
     Examples
     --------
@@ -70,54 +70,63 @@ class Correspondence(Display):
         if back is not None:
             pairs = (back.domain, points.codomain), (back.codomain, points.domain)
             if any(len(one.faces) != len(other.faces) for one, other in pairs):
-                raise AbfmError("the way back is between other surfaces than the way there")
-        self._there, self._back = points, back
+                raise AbfmError(
+                    "back is a map between other surfaces than points; expected a map from the "
+                    "codomain of points to its domain"
+                )
+        self._points, self._back = points, back
 
     @classmethod
     def through_sphere(
         cls, a: TriangleMesh, b: TriangleMesh, sphere_a: ArrayLike, sphere_b: ArrayLike
     ) -> Correspondence:
-        """Return the correspondence of points in the same direction on a sphere on which both
-        surfaces are laid out, by unit vectors (V_A, 3) and (V_B, 3): exact inside faces, and back.
+        """Return the correspondence of points in the same direction on a common sphere.
+
+        The unit vectors ``sphere_a`` (V_A, 3) and ``sphere_b`` (V_B, 3) lay both surfaces out on
+        the sphere. The maps are exact inside faces, in both directions.
         """
         return _ThroughSphere(SphereLayout(a, sphere_a), SphereLayout(b, sphere_b))
 
     @classmethod
     def of_same_faces(cls, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
-        """Return that of two meshes with the same faces: each point to the one of the same face
-        and weights.
+        """Return the correspondence of two meshes with the same faces.
+
+        Corresponding points have the same face and barycentric weights.
         """
         if not np.array_equal(a.faces, b.faces):
             raise AbfmError(
-                f"the surfaces have {len(a.faces)} and {len(b.faces)} faces, not the same ones; "
-                "equal connectivity is needed for a map by vertex numbers"
+                f"the surfaces have {len(a.faces)} and {len(b.faces)} faces, which differ; "
+                "a map by vertex numbers needs meshes with the same faces"
             )
         return cls(_by_number(b, a), _by_number(a, b))
 
     @property
     def points(self) -> PointMap:
-        """Where on A each vertex of B lies."""
-        return self._there
+        """Map from B to A: the point of A for each vertex of B."""
+        return self._points
 
     @property
     def a(self) -> TriangleMesh:
+        """Surface A."""
         return self.points.codomain
 
     @property
     def b(self) -> TriangleMesh:
+        """Surface B."""
         return self.points.domain
 
     @cached_property
     def back(self) -> PointMap:
-        """Where on B each vertex of A lies."""
+        """Map from A to B: the point of B for each vertex of A."""
         return self.points.inverse() if self._back is None else self._back
 
     def transfer(self, h: ArrayLike, by: TransferMethod = "point") -> FloatArray:
-        """Carry a function of A, (V_A,) or (V_A, C), to B, (V_B,) or (V_B, C).
+        """Transfer a function of A, (V_A,) or (V_A, C), to B, (V_B,) or (V_B, C).
 
-        ``by="point"`` takes at each vertex of B the value where it lies on A, linear inside faces;
-        ``by="area"`` means over all vertices of A around it, see `to_matrix`. What is not finite
-        makes what is transferred of it so.
+        With ``by="point"`` the value at a vertex of B is that of the corresponding point of A,
+        interpolated linearly inside faces. With ``by="area"`` it is a weighted mean over the
+        vertices of A around that point, see `to_matrix`. Values that are not finite give values
+        that are not finite.
         """
         given = as_values(self.a, h, "h")
         if given.ndim not in (1, 2):
@@ -126,24 +135,29 @@ class Correspondence(Display):
         return transferred
 
     def transfer_labels(self, labels: ArrayLike, by: TransferMethod = "point") -> IntArray:
-        """Carry labels of A, whole numbers (V_A,), to B, (V_B,): at each vertex the label that has
-        most weight there, the smallest of several; never a mixture.
+        """Transfer integer labels of A, (V_A,), to B, (V_B,).
+
+        Each vertex of B gets the label with the largest weight there, and the smallest label of
+        several with the same weight. Labels are never averaged.
         """
-        given = self.a.restrict(_whole(self.a, labels))
-        known, numbers = np.unique(given, return_inverse=True)
+        given = self.a.restrict(_integers(self.a, labels))
+        values, numbers = np.unique(given, return_inverse=True)
         weights = self.to_matrix(by)
         rows = np.arange(len(numbers))
         one_each = sparse.csr_array(
-            (np.ones(len(rows)), (rows, numbers)), shape=(len(rows), len(known))
+            (np.ones(len(rows)), (rows, numbers)), shape=(len(rows), len(values))
         )
         shares = sparse.csr_array(weights @ one_each)
-        return np.asarray(known[np.asarray(shares.argmax(axis=1)).ravel()])
+        return np.asarray(values[np.asarray(shares.argmax(axis=1)).ravel()])
 
     def transfer_points(self, points: SurfacePoints | ArrayLike) -> SurfacePoints:
-        """Return where points of A, or vertices (P,) by number, lie on B."""
+        """Transfer points of A, or vertices (P,) given by their numbers, to B."""
         given = points if isinstance(points, SurfacePoints) else vertex_points(self.a, points)
         if len(given.mesh.faces) != len(self.a.faces):
-            raise AbfmError("the points are of another surface than A")
+            raise AbfmError(
+                f"the points are on a surface with {len(given.mesh.faces)} faces; expected points "
+                f"on surface A, which has {len(self.a.faces)} faces"
+            )
         return self.back.at(given)
 
     def inverse(self) -> Correspondence:
@@ -151,39 +165,48 @@ class Correspondence(Display):
         return Correspondence(self.back, self.points)
 
     def on_surfaces(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
-        """Return the same one between surfaces of the same faces that are elsewhere in space, such
-        as cortices of which it took the spheres: by the same faces and weights.
+        """Return the same correspondence between other surfaces with the same faces.
+
+        The points keep their faces and barycentric weights. An example is a map between the
+        spheres of two cortices, which then applies to the cortices themselves.
         """
-        for name, mesh, own in (("A", a, self.a), ("B", b, self.b)):
-            if not np.array_equal(mesh.faces, own.faces):
-                raise ParameterError(f"the map is of another surface {name} than the one given")
-        if _same_places(a, self.a) and _same_places(b, self.b):
+        for name, mesh, expected in (("A", a, self.a), ("B", b, self.b)):
+            if not np.array_equal(mesh.faces, expected.faces):
+                raise ParameterError(
+                    f"surface {name} of the map has {len(expected.faces)} faces, which differ from "
+                    f"the {len(mesh.faces)} faces of the given surface. Use a map between the "
+                    "given surfaces."
+                )
+        if _same_positions(a, self.a) and _same_positions(b, self.b):
             return self
         return self._on_surfaces(a, b).with_candidates(self.candidates)
 
     def with_candidates(self, candidates: tuple[Candidate, ...]) -> Correspondence:
-        """Return this map as the one that was chosen of several."""
-        found = object.__new__(type(self))  # copies otherwise go through files' arrays
+        """Return a copy with a list of candidates, of which this map is the first."""
+        found = object.__new__(type(self))  # copy.copy would go through the arrays of files
         found.__dict__.update(self.__dict__)
         found.candidates = candidates
         return found
 
     def _on_surfaces(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
-        return Correspondence(_placed(self.points, b, a), _placed(self.back, a, b))
+        return Correspondence(
+            _between_surfaces(self.points, b, a), _between_surfaces(self.back, a, b)
+        )
 
     def compose(self, other: Correspondence) -> Correspondence:
-        """Return the correspondence from A to C, with another one from B to C."""
+        """Return the correspondence from A to C, given another one from B to C."""
         return Correspondence(
             other.points.followed_by(self.points), self.back.followed_by(other.back)
         )
 
     def to_matrix(self, by: TransferMethod = "point") -> sparse.csr_array:
-        """Return the matrix (V_B, V_A) of `carry`; rows sum to 1.
+        """Return the matrix (V_B, V_A) of `transfer`; each row sums to 1.
 
-        By points, rows have at most three entries. By area, each vertex of A gives its area to the
-        vertices of B around it, so that the mean over A is kept, by the areas that the rows were
-        given; where B is finer than A it is the interpolation by points, weighed alike (adaptive
-        barycentric area resampling, as in Connectome Workbench).
+        With ``by="point"`` a row has at most three entries. With ``by="area"`` each vertex of A
+        distributes its area over the vertices of B around it. This preserves the mean over A if
+        the rows are weighted by the areas that they received. Where B is finer than A, the
+        distribution is the interpolation at points, weighted in the same way. This is the adaptive
+        barycentric area resampling of Connectome Workbench.
         """
         if by == "point":
             return self.points.to_matrix()
@@ -193,17 +216,20 @@ class Correspondence(Display):
         return sparse.csr_array(sparse.diags_array(1 / shares.sum(axis=1)) @ shares)
 
     def area_shares(self) -> sparse.csr_array:
-        """Return what of the area of each vertex of A goes to each of B, (V_B, V_A): columns sum to
-        the areas of A, except for vertices that nothing of B is near to.
+        """Return the area that each vertex of A gives to each vertex of B, (V_B, V_A).
+
+        Columns sum to the areas of A's vertices, except for vertices without any vertex of B
+        nearby.
         """
         forward = _without_zeros(self.points.to_matrix())
         reverse = _without_zeros(sparse.csr_array(self.back.to_matrix().T))
-        # B's vertices that get from A all that they would be interpolated from
+        # vertices of B to which the reverse map assigns every vertex of the interpolation
         common = forward.astype(bool).multiply(reverse.astype(bool))
-        whole = np.asarray(common.sum(axis=1)).ravel() == np.diff(forward.indptr)
-        keep, drop = sparse.diags_array(whole.astype(float)), sparse.diags_array(1.0 - whole)
+        is_reverse = np.asarray(common.sum(axis=1)).ravel() == np.diff(forward.indptr)
+        use_reverse = sparse.diags_array(is_reverse.astype(float))
+        use_forward = sparse.diags_array(1.0 - is_reverse)
         areas_b = sparse.diags_array(vertex_areas(self.b))
-        chosen = sparse.csr_array(areas_b @ (keep @ reverse + drop @ forward))
+        chosen = sparse.csr_array(areas_b @ (use_reverse @ reverse + use_forward @ forward))
         given = np.asarray(chosen.sum(axis=0)).ravel()
         factors = np.divide(vertex_areas(self.a), given, out=np.zeros_like(given), where=given > 0)
         return sparse.csr_array(chosen @ sparse.diags_array(factors))
@@ -213,9 +239,10 @@ class Correspondence(Display):
         return self.points.nearest_vertices()
 
     def distortion(self) -> Distortion:
-        """Measure what the map from B to A does to each face of B, with both surfaces scaled to
-        unit area: see `PointMap.distortion`. Of a map that turns the surface over as a whole, such
-        as between left and right, faces that do not are flipped.
+        """Measure the distortion of each face of B by the map to A, see `PointMap.distortion`.
+
+        Both surfaces are scaled to unit area. A map can turn the complete surface over, such as
+        one between left and right. Then the faces that it does not turn over count as flipped.
         """
         return self._distortion
 
@@ -226,49 +253,54 @@ class Correspondence(Display):
 
     @cached_property
     def is_mirrored(self) -> bool:
-        """Whether most of B, by area, lies on A with its other side up."""
+        """Whether the map to A turns over more than half of the area of B."""
         found = PointMap(self.b, self.a, self.points.faces, self.points.barycentric).distortion()
         return bool(found.weights[found.flipped].sum() > found.weights.sum() / 2)
 
     def flipped_by_vertices(self) -> int:
-        """Return how many faces of A are flipped where its vertices alone are moved to B, as files
-        of surfaces hold a map, such as a sphere.reg: their faces stay straight between vertices.
+        """Return the number of faces of A that are flipped if only its vertices are moved to B.
+
+        Surface files such as a sphere.reg store a map in this way: faces stay flat between the
+        moved vertices.
         """
         flipped = int(flipped_triangles(self.b, self.back.positions[self.a.faces]).sum())
         return len(self.a.faces) - flipped if self.is_mirrored else flipped
 
     def coverage(self) -> float:
-        """Return the share of A's area, 0 to 1, that B is mapped onto: of the faces whose middle,
-        taken to B and back to A, comes back no farther than the face is long. On large meshes
-        20,000 faces, evenly chosen, stand for all.
+        """Return the share of A's area, 0 to 1, that the map from B covers.
+
+        A face is covered if its centroid, mapped to B and back to A, returns within the length of
+        the face's longest edge. On larger meshes 20,000 evenly chosen faces are measured.
         """
         count = len(self.a.faces)
-        asked = np.linspace(0, count - 1, min(count, _COVERAGE_FACES_MAX)).astype(np.int64)
-        lengths = edge_lengths(self.a)[self.a.face_edges[asked]].max(axis=1)
-        middles = SurfacePoints(self.a, asked, np.full((len(asked), 3), 1 / 3))
-        returned = self.points.at(self.back.at(middles))
-        reached = returned.distances_from(middles.positions) <= lengths
-        areas = face_areas(self.a)[asked]
-        return float(areas[reached].sum() / areas.sum())
+        sample = np.linspace(0, count - 1, min(count, _COVERAGE_FACES_MAX)).astype(np.int64)
+        lengths = edge_lengths(self.a)[self.a.face_edges[sample]].max(axis=1)
+        centroids = SurfacePoints(self.a, sample, np.full((len(sample), 3), 1 / 3))
+        returned = self.points.at(self.back.at(centroids))
+        is_covered = returned.distances_from(centroids.positions) <= lengths
+        areas = face_areas(self.a)[sample]
+        return float(areas[is_covered].sum() / areas.sum())
 
     def round_trip(self) -> RoundTrip:
-        """Measure how far vertices of B come back from where they were, in edges."""
+        """Measure how far vertices of B are displaced by the map to A and back, in edges."""
         return round_trip(self.points, self.back.at)
 
     def accuracy(self, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
-        """Measure geodesic errors against the true vertex of A for each of B, (V_B,), by default
-        the one with its number, see `abfm.maps.map_accuracy`.
+        """Measure geodesic errors of the map from B to A, see `abfm.maps.map_accuracy`.
+
+        ``truth`` (V_B,) holds the true vertex of A for each vertex of B, by default the vertex
+        with the same number. At most ``most`` vertices are measured.
         """
         return map_accuracy(self.points, truth, most)
 
     def arrays(self) -> dict[str, Any]:
-        """Return what files hold: B's mesh, A's under ``a_``, and the points both ways."""
+        """Return the arrays of a file: B's mesh, A's mesh with the prefix ``a_``, and both maps."""
         meshes = results.mesh_arrays(self.b) | {
             f"a_{name}": array for name, array in results.mesh_arrays(self.a).items()
         }
-        return meshes | self._points()
+        return meshes | self._point_arrays()
 
-    def _points(self) -> dict[str, Any]:
+    def _point_arrays(self) -> dict[str, Any]:
         named = {
             "candidates": np.array([each.name for each in self.candidates]),
             "candidate_costs": np.array([each.cost for each in self.candidates]),
@@ -282,43 +314,53 @@ class Correspondence(Display):
         }
 
     def save(self, path: File) -> None:
-        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        """Write a file (``.npz``, no pickles).
+
+        An interrupted call leaves no partial file. Raises ResultError if the file cannot be
+        written.
+        """
         results.save_arrays(path, self.arrays(), results.CORRESPONDENCE)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Let other processes have it by its points, as files do."""
-        return _between, (self.a, self.b, self._points())
+        """Pickle the points, as files store them."""
+        return _between, (self.a, self.b, self._point_arrays())
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(a={self.a!r}, b={self.b!r})"
 
 
 class _ThroughSphere(Correspondence):
-    """A correspondence by layouts of both surfaces on one sphere, which files keep."""
+    """A correspondence by layouts of both surfaces on one sphere, which files store."""
 
     def __init__(self, a: SphereLayout, b: SphereLayout) -> None:
         super().__init__(through_sphere(b, a), through_sphere(a, b))
         self._layouts = a, b
 
-    def _points(self) -> dict[str, Any]:
+    def _point_arrays(self) -> dict[str, Any]:
         a, b = self._layouts
-        return super()._points() | {"a_sphere": a.directions, "sphere": b.directions}
+        return super()._point_arrays() | {"a_sphere": a.directions, "sphere": b.directions}
 
     def inverse(self) -> Correspondence:
         return _ThroughSphere(*self._layouts[::-1])
 
     def _on_surfaces(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
         pairs = zip((a, b), self._layouts, strict=True)
-        return _ThroughSphere(*(SphereLayout(mesh, own.directions) for mesh, own in pairs))
+        return _ThroughSphere(*(SphereLayout(mesh, layout.directions) for mesh, layout in pairs))
 
 
 def correspondence_of(arrays: results.Arrays) -> Correspondence:
-    """Return that of `Correspondence.arrays`; an AbfmError or a ValueError if they do not fit."""
+    """Return the correspondence stored in arrays, see `Correspondence.arrays`.
+
+    Raises an AbfmError or a ValueError if the arrays do not fit together.
+    """
     return _between(results.mesh_of(arrays, "a_"), results.mesh_of(arrays), arrays)
 
 
 def load_correspondence(path: File) -> Correspondence:
-    """Read a file of `Correspondence.save`; ResultError if it is missing, damaged, or none."""
+    """Read a file written by `Correspondence.save`.
+
+    Raises ResultError if the file is missing, damaged, or holds no correspondence.
+    """
     return results.loaded(path, results.CORRESPONDENCE, correspondence_of)
 
 
@@ -329,16 +371,16 @@ def _between(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Corres
 
 
 def _of_points(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Correspondence:
-    there = PointMap(b, a, arrays["image_faces"], arrays["image_barycentric"])
+    points = PointMap(b, a, arrays["image_faces"], arrays["image_barycentric"])
     back = PointMap(a, b, arrays["back_faces"], arrays["back_barycentric"])
     if "sphere" in arrays and "a_sphere" in arrays:
         return Correspondence.through_sphere(a, b, arrays["a_sphere"], arrays["sphere"])
-    if np.array_equal(a.faces, b.faces) and _is_by_number(there) and _is_by_number(back):
+    if np.array_equal(a.faces, b.faces) and _is_by_number(points) and _is_by_number(back):
         return Correspondence.of_same_faces(a, b)
-    nearest = there.inverse()
+    nearest = points.inverse()
     if np.allclose(nearest.positions, back.positions, rtol=0, atol=_ROUNDING * b.length_scale):
         back = PointMap(a, b, back.faces, back.barycentric, interior_map=nearest.interior_map)
-    return Correspondence(there, back)
+    return Correspondence(points, back)
 
 
 def _by_number(domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
@@ -354,39 +396,39 @@ def _is_by_number(points: PointMap) -> bool:
     return same and np.array_equal(points.barycentric, expected.barycentric)
 
 
-def _same_places(one: TriangleMesh, other: TriangleMesh) -> bool:
+def _same_positions(one: TriangleMesh, other: TriangleMesh) -> bool:
     return one is other or np.array_equal(one.vertices, other.vertices)
 
 
-def _placed(points: PointMap, domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
-    """Return the same map between surfaces of the same faces."""
-    own = points.interior_map
+def _between_surfaces(points: PointMap, domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
+    """Return the same map between other surfaces with the same faces."""
+    original = points.interior_map
 
     def interior_map(given: SurfacePoints) -> SurfacePoints:
-        assert own is not None
-        found = own(SurfacePoints(points.domain, given.faces, given.barycentric))
+        assert original is not None
+        found = original(SurfacePoints(points.domain, given.faces, given.barycentric))
         return SurfacePoints(codomain, found.faces, found.barycentric)
 
-    placed = SurfacePoints(codomain, points.faces, points.barycentric)
-    return PointMap.of_points(domain, placed, None if own is None else interior_map)
+    images = SurfacePoints(codomain, points.faces, points.barycentric)
+    return PointMap.of_points(domain, images, None if original is None else interior_map)
 
 
 def _without_zeros(matrix: sparse.csr_array) -> sparse.csr_array:
-    found = matrix.copy()  # its entries may be those of a map
+    found = matrix.copy()  # the matrix may share its entries with a map
     found.data[np.abs(found.data) < _WEIGHT_MIN] = 0
     found.eliminate_zeros()
     found.sum_duplicates()
     return found
 
 
-def _whole(mesh: TriangleMesh, labels: ArrayLike) -> NDArray[Any]:
+def _integers(mesh: TriangleMesh, labels: ArrayLike) -> NDArray[Any]:
     given = np.asarray(labels)
     if isinstance(labels, np.ma.MaskedArray) or not isinstance(labels, np.ndarray | list | tuple):
-        placed = at_vertices(mesh, labels, "labels")
-        given = placed.astype(np.int64) if np.array_equal(placed, np.rint(placed)) else placed
+        values = at_vertices(mesh, labels, "labels")
+        given = values.astype(np.int64) if np.array_equal(values, np.rint(values)) else values
     if given.ndim != 1 or given.dtype.kind not in "iu":
         raise FunctionError(
-            f"labels have shape {given.shape} of {given.dtype}; expected whole numbers, one per "
+            f"labels have shape {given.shape} of {given.dtype}; expected (V_A,) integers, one per "
             "vertex"
         )
     return given

@@ -1,4 +1,4 @@
-"""Register one surface to another, by functions on both."""
+"""Registration of one surface to another by functions and landmarks."""
 
 from __future__ import annotations
 
@@ -48,29 +48,28 @@ from abfm.workers.control import Control
 Functions: TypeAlias = ArrayLike | str | Sequence[str]
 Pairs: TypeAlias = ArrayLike | tuple[SurfacePoints, SurfacePoints] | Landmarks
 MEASURED_PARAMETERS = Parameters.of(order=1, alpha=0.03, divergence=1.5)
-"""Parameters for measured functions of two surfaces, which are only as alike as two people are.
+"""Parameters for measured functions of two surfaces, which differ as two subjects differ.
 
-On a human's cortex and fsaverage5, compared with the norm of second order at about the same change
-of shapes (mean log2 R 0.39 and 0.38): held-out curvature 0.614 and 0.571, Dice of labels 0.905 and
-0.892.
+They were compared with the norm of second order on a human cortex and fsaverage5, at about the same
+change of shapes (mean log2 R 0.39 and 0.38). The correlation of held-out curvature is 0.614 instead
+of 0.571, and the Dice coefficient of labels is 0.905 instead of 0.892.
 """
-_OPPOSITE_CORRELATION = -0.3  # a correlation below it tells of another sign
-_CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
-# of the range: least and largest values of functions in one unit differ by less
-_RANGE_SHARE_MAX = 0.25
+_OPPOSITE_CORRELATION = -0.3  # below it two functions have opposite signs
+_CONSTANT = 1e-9  # of the largest value: smaller deviations from the mean are rounding errors
+_RANGE_SHARE_MAX = 0.25  # of the range: larger differences of extrema mean different units
 
 
 class PreparedRegistration(NamedTuple):
-    """What `register` matches: a problem on B, whose source came by the initial map."""
+    """The problem on B that `register` solves; the initial map transferred its source from A."""
 
     initial: Correspondence
     problem: Problem
     notes: tuple[str, ...]
-    functions: FloatArray | None = None  # A's, (V_A, C), as they are compared
-    warnings: tuple[str, ...] = ()  # of the initial map
+    functions: FloatArray | None = None  # (V_A, C), functions of A in the units of the comparison
+    warnings: tuple[str, ...] = ()  # about the initial map
 
     def with_match(self, match: Match) -> Registration:
-        """Return the registration that a match of the problem makes."""
+        """Return the registration by a match of the problem."""
         return Registration(self.initial, match, self.notes, self.functions, self.warnings)
 
     def solve(
@@ -79,7 +78,7 @@ class PreparedRegistration(NamedTuple):
         on_iteration: Callable[[Iteration], object] | None = None,
         control: Control | None = None,
     ) -> Registration:
-        """Return the registration that solving the problem makes, see `register`."""
+        """Solve the problem and return the registration, see `register`."""
         found = self.with_match(match(self.problem, on_iteration=on_iteration, control=control))
         return found if max_distortion is None else limit_distortion(found, max_distortion, control)
 
@@ -101,47 +100,54 @@ def register(
     on_iteration: Callable[[Iteration], object] | None = None,
     control: Control | None = None,
 ) -> Registration:
-    """Find where on surface A each point of surface B lies, so that functions f of A, carried to B,
-    are as near to functions g of B as they can be.
+    """Register surface A to surface B by functions on both surfaces, landmarks, or both.
 
-    A's functions come to B by an initial map, and then along the flow of a field on B (`match`).
+    The result maps each point of B to a point of A. The functions f of A, transferred to B by this
+    map, are as close as possible to the functions g of B. An initial map transfers f to B. Then the
+    flow of a vector field on B moves the transferred functions toward g (`abfm.match`).
 
     Parameters
     ----------
-    a, b : TriangleMesh, or whatever `abfm.load_mesh` takes
+    a, b : TriangleMesh, or any other argument of `abfm.load_mesh`
+        Surfaces A and B.
     f, g : (V_A,) or (V_A, C), and (V_B,) or (V_B, C) arrays, or str, or sequences of str
-        One or several channels; texts are functions, see `abfm.function`, each on its own surface.
-        Where a value is not finite, such as behind a medial wall, nothing is compared, which is
-        told; of texts that are NaN in a file.
-        Functions that were measured, or are not in one unit, are compared by their deviations from
-        their means in standard deviations, both where the masks are above 0; where they correlate
-        by less than -0.3 by the initial map, the sign of A's is turned, and that is told.
+        Functions of A and of B, with one or several channels. A string is the text form of a
+        function, see `abfm.function`. Values that are not finite, such as NaN behind a medial
+        wall, are not compared, and a note reports their number.
+
+        Measured functions, and functions in different units, are standardized where both masks
+        are positive: means are subtracted and standard deviations are divided by. If two measured
+        functions correlate by less than -0.3 under the initial map, the sign of A's function is
+        changed, and a note reports this.
     initial : Correspondence, PointMap or str, optional
-        See `abfm.registration.initial.methods`; by default chosen by what is given.
+        Initial map or the name of a method, see `abfm.registration.initial.methods`. By default
+        the other arguments decide which methods are tried.
     landmarks : (L, 2) array of int, pair of SurfacePoints, or Landmarks, optional
-        Vertices, or points, of A and of B that belong together: the flow takes where the initial
-        map has A's to B's. Without f and g they are all that is matched. Vertices of a
-        `TriangleMesh` are its rows; any other file or object counts its own vertices.
+        Corresponding vertices, or points, of A and B. The initial map transfers the landmarks of A
+        to B, and the flow moves them to the landmarks of B. Without f and g only landmarks are
+        matched. Vertices of a `TriangleMesh` are counted by its rows; those of any other file or
+        object are counted as it counts them.
     parameters : Parameters, optional
-        By default `MEASURED_PARAMETERS` if the functions are measured, or the initial map was
-        searched between two shapes, whose functions are only alike; else ``Parameters()``.
+        By default `MEASURED_PARAMETERS` if the functions are measured, or if the initial map was
+        searched between two shapes, whose functions are only similar. Otherwise ``Parameters()``.
     mask_a, mask_b : (V_A,) and (V_B,) arrays, optional
-        Weight of the mismatch at each vertex, not negative. Where it is 0, functions are filled in
-        from around, like values that are not finite.
+        Weight of the mismatch at each vertex, not negative. Where it is 0, or where a value is not
+        finite, the functions are interpolated from their surroundings.
     weights : (C,) array, optional
-        Weight of each channel's mismatch, all 0 where landmarks alone are to be matched. Masks and
-        weights need functions.
+        Weight of the mismatch of each channel. All of them are 0 if only landmarks are to be
+        matched. Masks and weights need functions.
     max_distortion : float, optional
-        The most ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, none of which may be folded, see
+        Largest ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, of which none may be folded, see
         `limit_distortion`.
     circular : bool or float
-        Whether f and g are phases, which are compared by cosine and sine, or their period: two
-        channels for each of theirs, with its weight. Texts may be ``circular:...`` by themselves.
+        True if f and g are phases, or the period of their values. A phase is compared by its
+        cosine and sine, which makes two channels with its weight. A text may also be
+        ``circular:...`` itself.
 
     Raises
     ------
     AbfmError
-        If what is given does not fit the surfaces or each other.
+        If an argument does not fit the surfaces or the other arguments.
     """
     if max_distortion is not None:
         check_bound(max_distortion)
@@ -164,12 +170,14 @@ def register(
 def limit_distortion(
     found: Registration, max_distortion: float, control: Control | None = None
 ) -> Registration:
-    """Return the closest registration on the way of one that keeps a bound: for 99% of the faces
-    neither ``|log2 J|`` nor ``|log2 R|`` is more, initial map and flow together, and no face is
-    folded, see `abfm.matching.limit_distortion`.
+    """Return the closest registration of a continuation that satisfies a bound on its distortion.
 
-    Where the initial map alone is beyond it, and so is every step of the path, no flow can be
-    expected to bring it back: the registration comes back as it is, and a note says so.
+    The bound applies to the initial map and the flow together. For 99% of the faces neither
+    ``|log2 J|`` nor ``|log2 R|`` is larger than ``max_distortion``, and no face is folded, see
+    `abfm.matching.limit_distortion`.
+
+    If the initial map alone violates the bound, and so does every step of the continuation, no flow
+    is expected to satisfy it. Then the result is the registration itself with an additional note.
     """
 
     def measure(match: Match) -> Distortion:
@@ -180,13 +188,13 @@ def limit_distortion(
     if bound is None or bound.is_kept:
         return chosen
     first = found.initial.distortion()
-    told = f"the initial map alone keeps {max_distortion:g} on only"
     share = f"{100 * first.share_within(max_distortion):.1f}% of the faces"
-    could = f"{BOUNDED_SHARE:.0%} of them keep {first.bound_of(BOUNDED_SHARE):.3g}"
-    ends = "no flow was looked for that keeps less"
-    return chosen.with_match(
-        chosen.match, (f"{told} {share}, {first.folded} folded, {could}: {ends}",)
+    limit = f"{BOUNDED_SHARE:.0%} of the faces have at most {first.bound_of(BOUNDED_SHARE):.3g}"
+    note = (
+        f"the initial map alone satisfies the bound {max_distortion:g} for only {share}; {limit}, "
+        f"and {first.folded} are folded. No flow with a smaller distortion was searched."
     )
+    return chosen.with_match(chosen.match, (note,))
 
 
 def prepare(
@@ -204,23 +212,26 @@ def prepare(
     circular: bool | float = False,
 ) -> PreparedRegistration:
     """Return the initial map and the problem on B that `register` solves."""
-    are_made = tuple(not isinstance(given, TriangleMesh) for given in (a, b))
+    are_loaded = tuple(not isinstance(given, TriangleMesh) for given in (a, b))
     a, b = as_meshes(a, b)
     if (f is None) != (g is None):
-        raise FunctionError("give both f and g: functions of A and of B to register by")
-    marks = None if landmarks is None else _landmarks(a, b, landmarks, are_made)
+        raise FunctionError(
+            "only one of f and g is given; expected both, functions of A and of B to register by"
+        )
+    pairs = None if landmarks is None else _as_landmarks(a, b, landmarks, are_loaded)
     if f is None or g is None:
-        if marks is None:
+        if pairs is None:
             raise FunctionError(
-                "give f and g, functions of A and of B to register by, or landmarks"
+                "there is nothing to register by; expected f and g, functions of A and of B, or "
+                "landmarks"
             )
         if not (mask_a is None and mask_b is None and weights is None):
             raise ParameterError(
-                "masks and weights say how much functions count, and there are none: give f and g, "
-                "or no masks and weights"
+                "masks and weights apply to functions, and there are none: give f and g, or no "
+                "masks and weights"
             )
-        first = initial_map(initial, MapInput(a, b, landmarks=marks))
-        problem = Problem(b, None, None, parameters, **_on_b(first.correspondence, marks))
+        first = initial_map(initial, MapInput(a, b, landmarks=pairs))
+        problem = Problem(b, None, None, parameters, **_landmarks_on_b(first.correspondence, pairs))
         return PreparedRegistration(
             first.correspondence, problem, first.notes, None, first.warnings
         )
@@ -233,48 +244,52 @@ def prepare(
     phases = phase_warning(a, np.where(known_a, source, np.nan))
     mask_a, mask_b = mask_from_input(a, mask_a, "mask_a"), mask_from_input(b, mask_b, "mask_b")
     on_a, on_b = mask_of_known(mask_a, known_a), mask_of_known(mask_b, known_b)
-    # hidden values must neither move along the flow nor count as detail
+    # values hidden by a mask must neither move along the flow nor count as detail
     source = filled(a, source, known_a if on_a is None else on_a > 0)
     target = filled(b, target, known_b if on_b is None else on_b > 0)
     if len(source) != len(target):
         raise FunctionError(
-            f"f has {len(source)} and g {len(target)} channels; give as many of each"
+            f"f has {len(source)} and g has {len(target)} channels; expected equal numbers"
         )
-    counts = checked_weights(weights, len(source), "weights", "channel", True)
-    if counts.any():
-        given = MapInput(a, b, source, target, on_a, on_b, counts, marks)
+    channel_weights = checked_weights(weights, len(source), "weights", "channel", True)
+    if channel_weights.any():
+        given = MapInput(a, b, source, target, on_a, on_b, channel_weights, pairs)
     else:
-        given = MapInput(a, b, mask_a=on_a, mask_b=on_b, landmarks=marks)
+        given = MapInput(a, b, mask_a=on_a, mask_b=on_b, landmarks=pairs)
     first = initial_map(initial, given)
     found = first.correspondence
-    carried = found.transfer(source.T, by="area").T
+    transferred = found.transfer(source.T, by="area").T
     masks = [] if on_b is None else [on_b]
     if on_a is not None:
         masks.append(np.clip(found.transfer(on_a), 0, None))
     mask = np.prod(masks, axis=0) if masks else None
-    carried, target, source, measured, notes = _comparable(b, carried, target, source, mask, counts)
-    if phases and not phase_warning(b, np.concatenate([carried, target])):  # which `Problem` gives
+    transferred, target, source, measured, notes = _standardized(
+        b, transferred, target, source, mask, channel_weights
+    )
+    # `Problem` itself warns of phases in its functions
+    if phases and not phase_warning(b, np.concatenate([transferred, target])):
         warnings.warn(phases, AbfmWarning, stacklevel=2)
-    # of two shapes that are not one and the same functions are only alike
-    approximate = is_searched(found.candidates) and bool(counts.any())
-    usual = MEASURED_PARAMETERS if measured or approximate else Parameters()
+    # functions of two different shapes are only similar
+    approximate = is_searched(found.candidates) and bool(channel_weights.any())
+    default = MEASURED_PARAMETERS if measured or approximate else Parameters()
     problem = Problem(
         b,
-        carried.T,
+        transferred.T,
         target.T,
-        parameters or usual,
-        weights=counts,
+        parameters or default,
+        weights=channel_weights,
         approximate=approximate,
-        **({} if marks is None else _on_b(found, marks)),
+        **({} if pairs is None else _landmarks_on_b(found, pairs)),
     ).with_known_values(mask)
-    told = (*_unknown("A", known_a, mask_a), *_unknown("B", known_b, mask_b))
-    notes = [*first.notes, *told, *notes]
+    missing = (*_missing_values("A", known_a, mask_a), *_missing_values("B", known_b, mask_b))
+    notes = [*first.notes, *missing, *notes]
     return PreparedRegistration(found, problem, tuple(notes), source.T.copy(), first.warnings)
 
 
-def _landmarks(
-    a: TriangleMesh, b: TriangleMesh, given: Pairs, are_made: tuple[bool, ...]
+def _as_landmarks(
+    a: TriangleMesh, b: TriangleMesh, given: Pairs, are_loaded: tuple[bool, ...]
 ) -> Landmarks:
+    """Check landmarks given in any form and return them as points of both surfaces."""
     if isinstance(given, tuple) and all(isinstance(points, SurfacePoints) for points in given):
         on_a, on_b = given
         count = len(on_a.faces)
@@ -283,7 +298,9 @@ def _landmarks(
         for name, mesh, points in (("A", a, given.a), ("B", b, given.b)):
             if not np.array_equal(mesh.faces, points.mesh.faces):
                 raise ParameterError(
-                    f"landmarks are points of another surface {name} than the one given"
+                    f"the landmarks of {name} are on a surface with {len(points.mesh.faces)} "
+                    f"faces, which differ from the {len(mesh.faces)} faces of the given surface. "
+                    "Use landmarks on the given surfaces."
                 )
         return given
     pairs = np.asarray(given)
@@ -295,72 +312,87 @@ def _landmarks(
     if len(names := [str(name) for name in getattr(given, "columns", ())]) == 2:
         pairs = pairs[:, by_surface(names, [0, 1])]
     rows = [
-        np.array([mesh.local_vertex(k) for k in numbers], dtype=np.int64) if is_made else numbers
-        for mesh, numbers, is_made in zip((a, b), pairs.T, are_made, strict=True)
+        np.array([mesh.local_vertex(k) for k in numbers], dtype=np.int64) if is_loaded else numbers
+        for mesh, numbers, is_loaded in zip((a, b), pairs.T, are_loaded, strict=True)
     ]
     found = Landmarks.of_vertices(a, b, *rows)
     warn_of_numbering(a, b, a.vertex_ids[rows[0]], b.vertex_ids[rows[1]], first=0)
     return found
 
 
-def _on_b(initial: Correspondence, marks: Landmarks) -> dict[str, Any]:
-    """Return the landmarks of a problem on B: from where the initial map has A's."""
-    pair = initial.transfer_points(marks.a), marks.b
-    return {"landmarks": pair, "landmark_weights": marks.weights}
+def _landmarks_on_b(initial: Correspondence, pairs: Landmarks) -> dict[str, Any]:
+    """Return the landmarks of a problem on B; the initial map transfers their starts from A."""
+    starts_and_ends = initial.transfer_points(pairs.a), pairs.b
+    return {"landmarks": starts_and_ends, "landmark_weights": pairs.weights}
 
 
-def _unknown(side: str, known: BoolArray, mask: FloatArray | None) -> list[str]:
-    """Return a note of how many values that a mask (V,) does not hide are not finite, if any."""
+def _missing_values(side: str, known: BoolArray, mask: FloatArray | None) -> list[str]:
+    """Return a note if values outside the hidden part of a mask (V,) are not finite."""
     if mask is not None:
         known = known | (mask == 0)
     count = int(np.count_nonzero(~known))
-    what = f"functions of {side} are not finite at {count} of {len(known)} vertices"
-    return [f"{what}, where nothing is compared"] if count else []
+    text = (
+        f"functions of {side} are not finite at {count} of {len(known)} vertices, which are "
+        "excluded from the comparison"
+    )
+    return [text] if count else []
 
 
-def _comparable(
+def _standardized(
     mesh: TriangleMesh,
     source: FloatArray,
     target: FloatArray,
-    own: FloatArray,
+    source_on_a: FloatArray,
     mask: FloatArray | None,
     weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool, list[str]]:
-    """Return both functions (C, V), those that were measured, or have other units, less their means
-    over their deviations; A's own (C, V_A), which the source was made of, in the same units;
-    whether any was measured that counts; and what is strange.
+    """Standardize functions on B (C, V) that are measured or in different units.
+
+    Returns
+    -------
+    source, target : (C, V) arrays
+    source_on_a : (C, V_A) array
+        The functions of A in the units of the source.
+    measured : bool
+        Whether a channel of positive weight is measured.
+    notes : list of str
     """
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     if not areas.any():
-        raise ParameterError("the masks of A and B have nothing in common: check the initial map")
+        raise ParameterError(
+            "the masks of A and B do not overlap under the initial map: check the masks and the "
+            "initial map"
+        )
     unit, notes, measured = mesh.normalized(), [], False
-    found, own = (source.copy(), target.copy()), own.copy()
+    found, source_on_a = (source.copy(), target.copy()), source_on_a.copy()
     for c, pair in enumerate(zip(source, target, strict=True)):
-        apart = [values - np.average(values, weights=areas) for values in pair]
-        sizes = [float(np.sqrt(np.average(each**2, weights=areas))) for each in apart]
+        deviations = [values - np.average(values, weights=areas) for values in pair]
+        sizes = [float(np.sqrt(np.average(each**2, weights=areas))) for each in deviations]
         largest = [float(np.abs(values).max()) for values in pair]
         if any(size <= _CONSTANT * most for size, most in zip(sizes, largest, strict=True)):
             continue
         is_rough = is_measured(FunctionTerm(unit, *pair, mask))
         measured |= is_rough and weights[c] > 0
-        alike = float(np.average(apart[0] * apart[1], weights=areas)) / (sizes[0] * sizes[1])
-        is_turned = is_rough and alike < _OPPOSITE_CORRELATION
-        if is_turned:
+        covariance = float(np.average(deviations[0] * deviations[1], weights=areas))
+        correlation = covariance / (sizes[0] * sizes[1])
+        is_negated = is_rough and correlation < _OPPOSITE_CORRELATION
+        if is_negated:
             notes.append(
-                f"channel {c + 1} of A was taken with the other sign, as packages differ in it: by "
-                f"the initial map it correlates with B's by {alike:.2f}"
+                f"the sign of channel {c + 1} of A was changed, as its correlation with B's "
+                f"channel was {correlation:.2f} under the initial map. Packages differ in the sign."
             )
-            apart[0] = -apart[0]
+            deviations[0] = -deviations[0]
         if is_rough or not _have_one_unit(*(values[areas > 0] for values in pair)):
-            for values, each, size in zip(found, apart, sizes, strict=True):
+            for values, each, size in zip(found, deviations, sizes, strict=True):
                 values[c] = each / size
-            turned = -1 if is_turned else 1
-            own[c] = turned * (own[c] - np.average(source[c], weights=areas)) / sizes[0]
-    return *found, own, measured, notes
+            sign = -1 if is_negated else 1
+            mean = np.average(source[c], weights=areas)
+            source_on_a[c] = sign * (source_on_a[c] - mean) / sizes[0]
+    return *found, source_on_a, measured, notes
 
 
 def _have_one_unit(f: FloatArray, g: FloatArray) -> bool:
-    """Tell whether two functions, (n,) each, have about the same least and largest values."""
+    """Return whether two functions, (n,) each, have similar minima and maxima."""
     span = max(np.ptp(f), np.ptp(g))
     ends = abs(f.min() - g.min()), abs(f.max() - g.max())
     return bool(max(ends) <= _RANGE_SHARE_MAX * span)

@@ -1,4 +1,4 @@
-"""A correspondence that was found by a flow: an initial map, and a match on surface B."""
+"""Registrations: correspondences by an initial map and the flow of a match on surface B."""
 
 from __future__ import annotations
 
@@ -26,22 +26,23 @@ from abfm.wording import share
 
 
 class Registration(Correspondence):
-    """A surface A registered to a surface B: where on A each vertex of B lies.
+    """A registration of surface A to surface B.
 
-    Functions of A go to B by the initial map, and there along the flow of a match.
+    The initial map transfers functions of A to B, and the flow of a match advects them on B.
 
     Parameters
     ----------
     initial : Correspondence
-        From A to B.
+        Initial map between A and B.
     match : Match
-        On B, of A's functions, carried by the initial map, and B's.
+        Match on B of A's functions, transferred by the initial map, to B's functions.
     notes : tuple of str
-        What is worth knowing of how they came about, a line each.
+        Notes on the computation of both, a line each.
     functions : (V_A, C) array, optional
-        A's, as they are compared; None where they are known on B alone.
+        Functions of A in the units of the comparison; None if they are known on B only.
     warnings : tuple of str
-        Why the initial map may lead elsewhere, a line each: nothing is registered by such a map.
+        Reasons why the initial map may be wrong, a line each. With such a warning the verdict is
+        that the goal was not reached.
     """
 
     def __init__(
@@ -53,23 +54,26 @@ class Registration(Correspondence):
         warnings: tuple[str, ...] = (),
     ) -> None:
         if len(match.mesh.faces) != len(initial.b.faces):
-            raise ResultError("the match is on another surface than the initial map leads to")
+            raise ResultError(
+                f"the match is on a surface with {len(match.mesh.faces)} faces; expected surface B "
+                f"of the initial map, which has {len(initial.b.faces)} faces"
+            )
         self.initial, self.match, self.notes = initial, match, notes
         self.functions, self.warnings = functions, warnings
 
     def with_match(self, match: Match, notes: tuple[str, ...] = ()) -> Registration:
-        """Return the registration with another match, and notes added."""
+        """Return the registration with another match and additional notes."""
         notes = (*self.notes, *notes)
         return Registration(self.initial, match, notes, self.functions, self.warnings)
 
     @cached_property
     def points(self) -> PointMap:
-        """Where on A each vertex of B lies: back along the flow, then by the initial map."""
+        """Map from B to A: backward along the flow, then by the initial map."""
         return self.flow.point_map().followed_by(self.initial.points)
 
     @cached_property
     def back(self) -> PointMap:
-        """Where on B each vertex of A lies: by the initial map, then along the flow."""
+        """Map from A to B: by the initial map, then along the flow."""
         return self.initial.back.followed_by(self.flow.point_map(inverse=True))
 
     @property
@@ -79,8 +83,10 @@ class Registration(Correspondence):
 
     @cached_property
     def residual(self) -> float:
-        """The residual of the complete map: of A's functions, each taken where a vertex of B lies
-        on A, against B's, as `Match.residual` measures it; NaN if A's functions are not known.
+        """The residual of the complete map, measured as `Match.residual`.
+
+        It compares A's functions at the points of A that correspond to vertices of B with B's
+        functions. NaN if A's functions are not known.
         """
         return self._residual_by(self)
 
@@ -94,15 +100,17 @@ class Registration(Correspondence):
         if self.functions is None or problem.is_of_landmarks:
             return math.nan
         try:
-            carried = found.transfer(self.functions)
-        except AbfmError:  # by a field that leads over too many faces
+            transferred = found.transfer(self.functions)
+        except AbfmError:  # flow lines of the field cross too many faces
             return math.nan
-        return problem.functions.residual(np.ascontiguousarray(carried.T))
+        return problem.functions.residual(np.ascontiguousarray(transferred.T))
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The verdict of the match, unless there is a warning of the initial map, or the complete
-        map has a larger residual than the verdict allows.
+        """The verdict of the registration.
+
+        It is the verdict of the match, with two exceptions. A warning about the initial map makes
+        it "not reached". A large residual of the complete map makes it worse.
         """
         verdict, match = self.match.verdict, self.match
         if not verdict.kind.is_good:
@@ -121,13 +129,15 @@ class Registration(Correspondence):
 
     @cached_property
     def facts(self) -> Facts:
-        """What is reported of the registration: that of its match, with residual, distortion and
-        folds of the complete map from A to B.
+        """Facts of the registration for reports.
+
+        They are those of its match, with the residual, distortion and folded faces of the complete
+        map from A to B.
         """
         match = self.match
         try:
             distortion = self.distortion()
-        except AbfmError as error:  # of a field that leads over too many faces
+        except AbfmError as error:  # flow lines of the field cross too many faces
             warnings = (*match.facts.warnings, *self.warnings, str(error))
             return replace(match.facts, warnings=warnings)
         report, faces = match.report, len(distortion.flipped)
@@ -158,27 +168,27 @@ class Registration(Correspondence):
             warnings += (f"{folded:,} of {faces:,} faces of B are folded by the map to A",)
         if flipped and is_sphere(self.b):
             count = f"{flipped:,} of {len(self.a.faces):,} faces of A"
-            reason = "are flipped if its vertices alone are moved, as in a sphere.reg"
+            reason = "are flipped if only its vertices are moved to B, as in a sphere.reg file"
             warnings += (f"{count} {reason}",)
         numbers = {**facts.numbers, **known_numbers(of_map)}
         return replace(facts, numbers=numbers, warnings=warnings)
 
     @property
     def landmark_errors(self) -> FloatArray | None:
-        """How far landmarks are left from their places on B, (L,), in sqrt(area), or None."""
+        """Errors of the landmarks on B, (L,), in sqrt(area); None without landmarks."""
         return self.match.landmark_errors
 
     @property
     def energy_history(self) -> FloatArray:
-        """As of a `Match`."""
+        """Energies of the match, see `Match.energy_history`."""
         return self.match.energy_history
 
     def at_step(self, step: int) -> Registration:
-        """Return the registration at another step of the path of its match."""
+        """Return the registration by another step of the continuation of its match."""
         return self.with_match(self.match.at_step(step))
 
     def arrays(self) -> dict[str, Any]:
-        """Return what files hold: the initial map, the notes, A's functions, and the match."""
+        """Return the arrays of a file: initial map, notes, A's functions, and the match."""
         return results.made(self._parts())
 
     def _parts(self) -> results.Parts:
@@ -202,21 +212,24 @@ class Registration(Correspondence):
         )
 
     def save(self, path: File) -> None:
-        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError; as a
-        result file it holds the match on B.
+        """Write a file (``.npz``, no pickles), which also is a result file of the match on B.
+
+        An interrupted call leaves no partial file. Raises ResultError if the file cannot be
+        written.
         """
         results.save_arrays(path, self.arrays(), results.REGISTRATION)
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write what can be written of it, as of a match."""
+        """Write all parts that can be written, see `Match.save_parts`."""
         return results.save_parts(
             path, self._parts(), substitutes(self.match), results.REGISTRATION
         )
 
 
 def load_registration(path: File) -> Registration:
-    """Read a file of `Registration.save`; ResultError if it is missing, damaged, or none.
+    """Read a file written by `Registration.save`.
 
+    Raises ResultError if the file is missing, damaged, or holds no registration.
     Values that disagree with the field are recomputed, with a warning in ``match.load_warning``.
     """
 

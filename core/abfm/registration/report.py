@@ -1,4 +1,4 @@
-"""The report of a registration: numbers for programs, lines for people."""
+"""Reports of registrations, as numbers for programs and as lines of text."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from abfm.registration.registration import Registration
 
 
 def details(found: Registration) -> dict[str, Any]:
-    """Return all that is reported of a registration as plain numbers and texts, None for unknown
-    ones.
-    """
+    """Return the report of a registration as plain numbers and texts; None for unknown values."""
     return {
         **report.details(found.match, found.facts, found.verdict),
         "map": map_details(found),
@@ -24,12 +22,12 @@ def details(found: Registration) -> dict[str, Any]:
 
 
 def lines(found: Registration) -> list[str]:
-    """Return the report of a registration for people."""
+    """Return the report of a registration as lines of text."""
     return [*report.lines(found.match, found.facts), *map_lines(found), *landmark_lines(found)]
 
 
 def map_details(found: Correspondence, distortion: Distortion | None = None) -> dict[str, Any]:
-    """Return what is reported of a map from B to A; its distortion may be known already."""
+    """Return the numbers of a map from B to A; a known distortion is not computed again."""
     distortion, back = distortion or found.distortion(), found.round_trip()
     return {
         **distortion_details(distortion),
@@ -40,7 +38,7 @@ def map_details(found: Correspondence, distortion: Distortion | None = None) -> 
 
 
 def distortion_details(distortion: Distortion) -> dict[str, Any]:
-    """Return what is reported of a distortion."""
+    """Return the numbers of a distortion."""
     return {
         "log2_area": distortion.log2_area._asdict(),
         "log2_shape": distortion.log2_shape._asdict(),
@@ -50,7 +48,7 @@ def distortion_details(distortion: Distortion) -> dict[str, Any]:
 
 
 def initial_details(initial: Correspondence) -> dict[str, Any]:
-    """Return which initial map was chosen, and the cost of each one that was tried."""
+    """Return the name of the initial map and the cost of each candidate."""
     tried = initial.candidates
     return {
         "initial": tried[0].name if tried else "given",
@@ -59,7 +57,7 @@ def initial_details(initial: Correspondence) -> dict[str, Any]:
 
 
 def map_lines(found: Correspondence) -> list[str]:
-    """Return the report of a map from B to A for people."""
+    """Return the report of a map from B to A as lines of text."""
     return [
         found.distortion().report(),
         f"{found.round_trip().report()}; {100 * found.coverage():.1f}% of A is covered",
@@ -67,7 +65,7 @@ def map_lines(found: Correspondence) -> list[str]:
 
 
 def landmark_lines(found: Registration) -> list[str]:
-    """Return the errors of landmarks in a line, if there are any."""
+    """Return a line with the errors of the landmarks; no line without landmarks."""
     errors = found.landmark_errors
     if errors is None:
         return []

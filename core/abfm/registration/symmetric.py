@@ -1,4 +1,4 @@
-"""Symmetric registration: two surfaces are registered both ways, and the maps are averaged."""
+"""Symmetric registration: the mean of registrations in both directions."""
 
 from __future__ import annotations
 
@@ -34,34 +34,35 @@ SYMMETRIC_KIND = FileKind(
         "facts": Entry("text", ()),
     },
 )
-_WORDS = "expected a word without files, such as auto or closest"
+_EXPECTED_INITIAL = "expected a method without files, such as auto or closest"
 _DESCRIPTION = """\
-Register surface A to surface B and B to A, and average both maps: where on A each vertex of B lies,
-and back. The result does not depend on which surface comes first.
+Register surface A to surface B and B to A, and average both maps. The result does not depend on
+which surface comes first.
 
 Example:
   abfm symmetric lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.gii \\
       --out mean.npz
 
-Options and exit status are those of `abfm register`; the worse direction decides. The asymmetry,
-how far apart both maps take a vertex, shows where they can be trusted.
+Options and exit status are those of `abfm register`; the worse direction decides the exit status.
+The asymmetry is the distance between the images of a vertex by both maps. The maps are reliable
+where it is small.
 """
 
 
 class SymmetricRegistration(Correspondence):
     """The mean of a registration of A to B and one of B to A.
 
-    Where two maps take a vertex to different points, the mean is the point of the surface closest
-    to their midpoint in space.
+    If both maps take a vertex to different points, the mean is the point of the surface closest to
+    their midpoint in space.
 
     Parameters
     ----------
     points, back : PointMap
-        From B to A, and from A to B.
+        Maps from B to A, and from A to B.
     asymmetry : (V_B,) array
         Distance in space between the images of each vertex of B by both maps, in sqrt(area) of A.
     facts : Facts
-        Of the direction with the worse outcome.
+        Facts of the direction with the worse outcome.
     """
 
     def __init__(
@@ -73,12 +74,12 @@ class SymmetricRegistration(Correspondence):
     @classmethod
     def average(cls, forward: Registration, backward: Registration) -> SymmetricRegistration:
         """Return the mean of a registration of A to B and one of B to A."""
-        apart = forward.points.positions - backward.back.positions
-        asymmetry = np.linalg.norm(apart, axis=1) / forward.a.length_scale
+        offsets = forward.points.positions - backward.back.positions
+        asymmetry = np.linalg.norm(offsets, axis=1) / forward.a.length_scale
         facts = max((forward.facts, backward.facts), key=lambda each: each.outcome.rank)
         median, p95 = np.percentile(asymmetry, (50, 95)).tolist()
         numbers = {**facts.numbers, "asymmetry_median": median, "asymmetry_95": p95}
-        headline = f"{facts.headline}, both ways within {share(p95)} of sqrt(area)"
+        headline = f"{facts.headline}, both directions agree within {share(p95)} of sqrt(area)"
         return cls(
             _mean(forward.points, backward.back),
             _mean(forward.back, backward.points),
@@ -87,16 +88,20 @@ class SymmetricRegistration(Correspondence):
         )
 
     def arrays(self) -> dict[str, Any]:
-        """Return what files hold: the map, its asymmetry, and the facts."""
+        """Return the arrays of a file: both maps, the asymmetry, and the facts."""
         facts = json.dumps(asdict(self.facts))
         return super().arrays() | {"asymmetry": self.asymmetry, "facts": np.array(facts)}
 
     def save(self, path: File) -> None:
-        """Write a file (``.npz``, no pickles), completely or not at all, or raise ResultError."""
+        """Write a file (``.npz``, no pickles).
+
+        An interrupted call leaves no partial file. Raises ResultError if the file cannot be
+        written.
+        """
         results.save_arrays(path, self.arrays(), SYMMETRIC_KIND)
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write what `save` writes; nothing can be left out."""
+        """Write the same file as `save`; a symmetric registration has no optional parts."""
         self.save(path)
         return ()
 
@@ -110,7 +115,10 @@ def _mean(first: PointMap, second: PointMap) -> PointMap:
 
 
 def load_symmetric(path: File) -> SymmetricRegistration:
-    """Read a file of `SymmetricRegistration.save`; ResultError if it is missing or damaged."""
+    """Read a file written by `SymmetricRegistration.save`.
+
+    Raises ResultError if the file is missing or damaged.
+    """
 
     def made(arrays: dict[str, Any]) -> SymmetricRegistration:
         found = correspondence_of(arrays)
@@ -133,7 +141,7 @@ def _facts_of_file(path: Path) -> Facts:
 
 
 def _preview(path: Path) -> Preview:
-    """Return the asymmetry, on B."""
+    """Return a preview of the asymmetry on B."""
     found = load_symmetric(path)
     return Preview(found.b, [found.asymmetry])
 
@@ -157,7 +165,7 @@ class SymmetricTask(Task):
     Attributes
     ----------
     forward, backward : RegistrationTask
-        Of A to B, and of B to A.
+        Registrations of A to B, and of B to A.
     key : str
         Name of the result.
     """
@@ -167,11 +175,11 @@ class SymmetricTask(Task):
     key: str
 
     kind: ClassVar = "symmetric"
-    summary: ClassVar = "register two surfaces both ways, and average the maps"
+    summary: ClassVar = "register two surfaces in both directions and average the maps"
     description: ClassVar = _DESCRIPTION
     output_help: ClassVar = (
-        "symmetric registration .npz; .gii or .ply with A's faces where they lie on B; .txt, .csv "
-        "or .npy with A's vertex for each of B; .html for a browser"
+        "symmetric registration (.npz), A's faces moved to B (.gii, .ply), A's vertex numbers for "
+        "B (.txt, .csv, .npy), or a page (.html)"
     )
     needs: ClassVar = RegistrationTask.needs
     inputs: ClassVar = RegistrationTask.inputs
@@ -185,11 +193,14 @@ class SymmetricTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Refuse what `RegistrationTask` refuses, and initial maps of one direction."""
+        """Check the values as `RegistrationTask` does, and refuse initial maps from files."""
         RegistrationTask.check(values)
         initial = values.get("initial", "")
         if initial.startswith("file:") or initial.count(","):
-            raise ParameterError(f"column initial: {brief(initial)} is of one direction; {_WORDS}")
+            raise ParameterError(
+                f"column initial: {brief(initial)} gives a map in one direction only; "
+                f"{_EXPECTED_INITIAL}"
+            )
 
     @classmethod
     def read(cls, given: TaskInputs) -> SymmetricTask:
@@ -197,8 +208,8 @@ class SymmetricTask(Task):
         options = dict(forward.options)
         options["f"], options["g"] = options["g"], options["f"]
         options["mask_a"], options["mask_b"] = options["mask_b"], options["mask_a"]
-        if (marks := options["landmarks"]) is not None:
-            options["landmarks"] = replace(marks, a=marks.b, b=marks.a)
+        if (pairs := options["landmarks"]) is not None:
+            options["landmarks"] = replace(pairs, a=pairs.b, b=pairs.a)
         backward = replace(forward, a=forward.b, b=forward.a, options=options)
         return cls(forward, backward, forward.key)
 

@@ -46,80 +46,84 @@ def _initial(text: str) -> str:
 
 
 def _renamed_initial(text: str, rename: Rename) -> str:
-    """Rename in ``file:MAP`` and ``sphere:mirror,A,B``."""
+    """Rename the files in ``file:MAP`` and ``sphere:mirror,A,B``."""
     name, _, rest = text.partition(":")
     if name not in ("file", "sphere") or not rest:
         return text
     if name == "file":
         return f"file:{rename(rest)}"
-    words = [word.strip() for word in rest.split(",")]
-    return f"sphere:{','.join(word if word == 'mirror' else rename(word) for word in words)}"
+    parts = [part.strip() for part in rest.split(",")]
+    return f"sphere:{','.join(part if part == 'mirror' else rename(part) for part in parts)}"
 
 
 INITIAL_INPUT = Input(
     name="initial",
-    help="the initial map, see above",
+    help="method of the initial map, see above",
     read=_initial,
-    metavar="WORD[:...]",
+    metavar="METHOD[:...]",
     group=_START,
     renamed=_renamed_initial,
 )
 LANDMARKS = file_input(
     "landmarks",
-    "pairs of vertices of A and of B, counted from 0, or of x, y, z on both, a pair a line; alone "
-    "or with functions",
+    "corresponding points of A and B, one pair per line: two vertex numbers counted from 0, or "
+    "x, y, z on A and on B. Functions are optional then.",
     "FILE.csv",
     group=_START,
 )
 ONE_BASED_INPUT = Input(
     name="one-based",
-    help="vertex numbers of the landmarks count from 1, not from 0",
+    help="the landmark file counts vertices from 1, not from 0",
     read=read_flag,
     group=_START,
 )
 
 
 def _export_numbers(path: Path, found: Registration) -> None:
-    """Write A's vertex for each vertex of B."""
+    """Write the vertex of A for each vertex of B."""
     write_values(path, vertex_numbers(found.points))
 
 
 def _export_surface(path: Path, found: Registration) -> None:
-    """Write A's faces where they lie on B."""
-    left_out = found.a.file_vertex_count - len(found.a.vertices)
-    if left_out:
+    """Write A's faces with their vertices moved to B."""
+    missing = found.a.file_vertex_count - len(found.a.vertices)
+    if missing:
         raise ResultError(
-            f"cannot write {path}: {left_out} vertices of A's file were left out or merged, so "
-            "that rows would not be those of the file; write a .npz, or give A without them"
+            f"cannot write {path}: {missing} vertices of A's file were removed or merged, so its "
+            "rows would differ from those of A's file. Write a .npz file, or use a mesh file for A "
+            "that needs no repair."
         )
     try:
         positions, structure = found.back.positions, found.a.structure
-        placed = TriangleMesh(positions, found.a.faces, structure=structure)
+        moved = TriangleMesh(positions, found.a.faces, structure=structure)
     except AbfmError as error:
-        raise ResultError(f"cannot write {path}: where A lies on B {one_line(error)}") from None
-    write_surface(path, placed)
+        raise ResultError(
+            f"cannot write {path}: surface A moved to B is not a valid mesh: {one_line(error)}"
+        ) from None
+    write_surface(path, moved)
 
 
 def vertex_numbers(points: PointMap) -> IntArray:
-    """Return the nearest vertex for each vertex of the domain, both counted as the mesh files do;
-    -1 for vertices that no face uses.
+    """Return the nearest vertex of the codomain for each vertex of the domain.
+
+    Both are numbered as in their mesh files. Vertices without a face have the value -1.
     """
     return points.domain.on_file(points.codomain.vertex_ids[points.nearest_vertices()], -1)
 
 
 def _advice(found: Registration, result: str) -> str:
-    # no registration starts from an earlier one
+    # a registration cannot resume an earlier one
     return match_report.advice_in_options(found.verdict, found.facts)
 
 
-_WORDS = "\n".join(f"  {word.form}\n      {word.about}" for word in METHODS)
+_METHODS = "\n".join(f"  {method.form}\n      {method.about}" for method in METHODS)
 _MEASURED_OPTIONS = ", ".join(
     as_option(name, value) for name, value in MEASURED_PARAMETERS.changed().items()
 )
 _DESCRIPTION = f"""\
-Find where on surface A each point of surface B lies, so that the functions of A (--source), carried
-to B, are as near to those of B (--target) as they can be: by an initial map, and then by the flow
-of a vector field on B.
+Register surface A to surface B: map each point of B to a point of A. The functions of A (--source),
+transferred to B, become as close as possible to the functions of B (--target). An initial map
+transfers them, and the flow of a vector field on B improves the result.
 
 Examples:
   abfm register lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.gii \\
@@ -128,36 +132,35 @@ Examples:
   abfm register cat.off lion.off --landmarks pairs.csv --out reg.npz
   abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
 
-The initial map (--initial) is by default the best of the candidates that apply, which are compared
-by how much they stretch the surfaces, by the descriptors and functions that they keep, and by
-landmarks; a note reports the chosen one and the next one. Or it is one of
-{_WORDS}
-Functions that were measured, or have other units, are compared in standard deviations from their
-means; one with the other sign is turned, with a note. These, and functions of two shapes whose map
-was searched, are matched as far as left-out patches gain, with the parameters
-{_MEASURED_OPTIONS} unless given; others with those of `abfm match`.
+By default the initial map (--initial) is the best of all candidates that apply. They are compared
+by stretch, by differences of descriptors and functions, and by landmarks. A note reports the chosen
+candidate and the second best. The methods are
+{_METHODS}
+Measured functions, and functions in different units, are standardized. The sign of a function is
+changed if it is opposite to the other one, with a note. Measured functions, and functions of two
+shapes whose initial map was searched, are matched only as closely as held-out patches support. They
+use the parameters {_MEASURED_OPTIONS} unless given; other functions use those of `abfm match`.
 
-The exit status is as of `abfm match`. It is 3 also if the initial map may lead elsewhere (a warning
-reports why) or if the complete map from A to B has a larger residual than the flow on B. Measured
-functions are registered if the residual is below {SHARE_REGISTERED:g} of that of the initial map
-alone, and below {RESIDUAL_REGISTERED:g}.
+The exit status is that of `abfm match`, with two additions. It is 3 if the initial map may be
+wrong; a warning reports the reason. It is also 3 if the residual of the complete map from A to B
+exceeds that of the flow on B. Measured functions are registered if the residual is below {SHARE_REGISTERED:g} times that of the
+initial map alone, and below {RESIDUAL_REGISTERED:g}.
 """
 
 
 @dataclass(frozen=True)
 class RegistrationTask(Task):
-    """Find where on surface A each point of surface B lies.
+    """Register surface A to surface B.
 
     Attributes
     ----------
     a, b : TriangleMesh
     key : str
-        Name of the result: the problem that is matched on B is known only once there is an initial
-        map.
+        Name of the result, as the problem on B is known only after the initial map.
     options : mapping of str
-        Further inputs of `abfm.registration.prepare`.
+        Other arguments of `abfm.registration.prepare`.
     parameters : mapping of str
-        Those that are given; the others depend on the functions.
+        Parameters that are given; the defaults of the others depend on the functions.
     max_distortion : float, optional
         See `abfm.registration.limit_distortion`.
     """
@@ -170,18 +173,17 @@ class RegistrationTask(Task):
     max_distortion: float | None = None
 
     kind: ClassVar = "registration"
-    summary: ClassVar = "register one surface to another by functions on both"
+    summary: ClassVar = "register one surface to another by functions or landmarks on both"
     description: ClassVar = _DESCRIPTION
     output_help: ClassVar = (
-        "registration .npz; .gii or .ply with A's faces where they lie on B, such as a sphere.reg; "
-        ".txt, .csv or .npy with A's vertex for each of B; .html for a browser: both surfaces, "
-        "turning, with a time bar"
+        "registration (.npz), A's faces moved to B (.gii, .ply, .reg), A's vertex numbers for B "
+        "(.txt, .csv, .npy), or a page with a time bar (.html)"
     )
     needs: ClassVar = ("a", "b")
     inputs: ClassVar = (
         file_input("a", f"surface A, a {MESH_FORMATS}", "A", is_argument=True),
-        file_input("b", "surface B, on which the flow is", "B", is_argument=True),
-        *channel_inputs("function on A to bring to B", "function on B that it should become"),
+        file_input("b", "surface B, on which the flow is computed", "B", is_argument=True),
+        *channel_inputs("function on A to register", "function on B to match it to"),
         mask_input("mask-a", "weight of each vertex of A"),
         mask_input("mask-b", "weight of each vertex of B"),
         LANDMARKS,
@@ -203,10 +205,12 @@ class RegistrationTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Refuse one without functions and landmarks, and parameters that do not fit each other."""
+        """Check the parameters, and refuse a registration without functions and landmarks."""
         Parameters.of(**parameters_in(values))
         if not channels(values)[0] and "landmarks" not in values:
-            raise ParameterError("a registration needs source and target, or landmarks")
+            raise ParameterError(
+                "there is nothing to register by; expected source and target, or landmarks"
+            )
 
     @classmethod
     def read(cls, given: TaskInputs) -> RegistrationTask:

@@ -1,4 +1,4 @@
-"""Textures of surfaces, carried along correspondences: images that lie on faces."""
+"""Textures of surfaces and their transfer to corresponding surfaces."""
 
 from __future__ import annotations
 
@@ -20,37 +20,38 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
 Image = NDArray[np.uint8]
-# which have 100 texels each
-_USUAL_SIZE = 2048
-_MANY_FACES = 40_000
+_SIZE_DEFAULT = 2048  # texels along a side; about 100 texels for each of 40,000 faces
+_DEFAULT_SIZE_FACES_MAX = 40_000  # larger meshes get a texture of twice this size
 _CHUNK = 1 << 17  # texels between checkpoints
-_COORDINATE_MAX = 1e6  # of coordinates: beyond, doubles do not tell pixels
+_COORDINATE_MAX = 1e6  # beyond it double precision does not distinguish pixels
 _REPEAT: tuple[Wrap, Wrap] = ("repeat", "repeat")
 
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """Images on a surface, linear between the centres of their pixels.
+    """Images on a surface, interpolated linearly between the centres of their pixels.
 
     Attributes
     ----------
     mesh : TriangleMesh
     coordinates : (F, 3, 2) array
-        Where the corners of each face lie in its image: to the right and up from the lower left
-        corner, which is (0, 0), to the upper right one, which is (1, 1).
+        Positions of the corners of each face in its image, to the right and up. The lower left
+        corner of an image is (0, 0), its upper right corner (1, 1).
     images : sequence of (H, W, C) arrays of uint8
-        From the top row down, such as three or four channels; all with as many.
+        Pixels from the top row down. All images have the same number C of channels, such as three
+        or four.
     owners : (F,) array of int
-        The image of each face; by default the first one.
+        Number of the image of each face; by default 0 for all.
     wraps : sequence of pairs of "repeat", "clamp", "mirror"
-        What is beyond each image, to the sides and above and below; by default it repeats.
+        Continuation of each image beyond its edges, horizontally and vertically; by default
+        "repeat".
     tints : (F, 3, C) array, optional
-        Of corners of faces, from 0 to 1, which colours of images are multiplied by.
+        Factors from 0 to 1 at the corners of faces, which multiply the colours of the images.
 
     Raises
     ------
     ParameterError
-        If shapes, types or numbers do not fit.
+        If an array has a wrong shape, type or range.
     """
 
     mesh: TriangleMesh
@@ -66,28 +67,30 @@ class Texture:
         if [kind[:2] for kind in kinds] != [("uint8", 3)] or not all(x.size for x in images):
             given = ", ".join(f"{image.shape} of {image.dtype}" for image in images[:3])
             raise ParameterError(
-                f"images are {given or 'none'}; expected (H, W, C) of uint8, all with as many "
-                "channels"
+                f"images are {given or 'none'}; expected (H, W, C) arrays of uint8, all with the "
+                "same number of channels"
             )
         owners = np.asarray(self.owners)
         are_numbers = owners.dtype.kind in "iu" and owners.shape in ((1,), (count,))
         if not are_numbers or not 0 <= owners.min() <= owners.max() < len(images):
             raise ParameterError(
-                f"owners have shape {owners.shape} of {owners.dtype}; expected ({count},) numbers "
-                f"of images, 0 to {len(images) - 1}"
+                f"owners have shape {owners.shape} of {owners.dtype}; expected ({count},) image "
+                f"numbers from 0 to {len(images) - 1}"
             )
         wraps = tuple(self.wraps) * (len(images) if len(self.wraps) == 1 else 1)
-        if len(wraps) != len(images) or not {way for pair in wraps for way in pair} <= _WAYS.keys():
+        modes = {mode for pair in wraps for mode in pair}
+        if len(wraps) != len(images) or not modes <= _WRAPPED.keys():
             raise ParameterError(
-                f"wraps are {brief(wraps)}; expected a pair of {', '.join(_WAYS)} for each image"
+                f"wraps are {brief(wraps)}; expected a pair of {', '.join(_WRAPPED)} for each image"
             )
         shape = count, 3, 2
-        places = _numbers(self.coordinates, "coordinates", shape, -_COORDINATE_MAX, _COORDINATE_MAX)
+        limit = _COORDINATE_MAX
+        coordinates = _numbers(self.coordinates, "coordinates", shape, -limit, limit)
         tints = self.tints
         if tints is not None:
             tints = _numbers(tints, "tints", (count, 3, images[0].shape[2]), 0, 1)
         owners = np.broadcast_to(owners, count)
-        checked = {"coordinates": places, "images": images, "owners": owners, "wraps": wraps}
+        checked = {"coordinates": coordinates, "images": images, "owners": owners, "wraps": wraps}
         for name, value in (checked | {"tints": tints}).items():
             object.__setattr__(self, name, value)
 
@@ -108,57 +111,59 @@ class Texture:
 def transfer_texture(
     correspondence: Correspondence, texture: Texture, size: int | None = None
 ) -> Texture:
-    """Carry a texture of surface A to surface B, as one image that is laid out anew.
+    """Transfer a texture of surface A to surface B, as one image with a new layout.
 
-    The centre of each texel is a point of B; it gets the colour of A where that point lies on A,
-    exactly as far as the correspondence knows points inside faces. Seams of A's texture are where
-    they are on A. Texels beyond the edge of a face show its edge, so that linear filtering sees
-    nothing of other faces: use the image without mipmaps, which do.
+    The centre of each texel is a point of B and gets the colour of the corresponding point of A.
+    This is exact if the correspondence maps points inside faces exactly. Seams of A's texture leave
+    no trace. Texels beyond the edge of a face repeat its edge, so linear filtering mixes no colours
+    of other faces. Use the image without mipmaps, which would mix them.
 
     Parameters
     ----------
+    correspondence : Correspondence
+        Correspondence of A and B.
     texture : Texture
-        Of A: a mesh with its faces.
+        Texture of A; its mesh has the faces of A.
     size : int, optional
         Texels along a side of B's image; by default 2048, and 4096 for more than 40,000 faces.
     """
     if not np.array_equal(texture.mesh.faces, correspondence.a.faces):
         raise AbfmError(
-            f"the texture is of a surface with {len(texture.mesh.faces)} faces, not of surface A, "
-            f"with {len(correspondence.a.faces)}"
+            f"the texture belongs to a surface with {len(texture.mesh.faces)} faces; expected the "
+            f"{len(correspondence.a.faces)} faces of surface A"
         )
     points = correspondence.points
     if size is None:
-        size = _USUAL_SIZE * (2 if len(points.domain.faces) > _MANY_FACES else 1)
+        size = _SIZE_DEFAULT * (2 if len(points.domain.faces) > _DEFAULT_SIZE_FACES_MAX else 1)
     atlas = texture_atlas(points.domain, size)
     image = np.zeros((atlas.size, atlas.size, texture.images[0].shape[2]), dtype=np.uint8)
-    with step("carrying the texture", atlas.size**2) as done:
-        for rows, columns in _shown(atlas):
+    with step("transferring the texture", atlas.size**2) as done:
+        for rows, columns in _texels(atlas):
             checkpoint()
             found = texture.at(points.at(atlas.points(rows, columns)))
             image[atlas.size - 1 - rows, columns] = np.round(found)
             done(float(rows[-1] + 1) / atlas.size)
-    is_shown = atlas.texel_faces[::-1] >= 0
-    image[~is_shown] = np.round(image[is_shown].mean(axis=0))
+    is_used = atlas.texel_faces[::-1] >= 0
+    image[~is_used] = np.round(image[is_used].mean(axis=0))
     return Texture(correspondence.b, atlas.corners / atlas.size, [image], wraps=[("clamp",) * 2])
 
 
-def _shown(atlas: TextureAtlas) -> Iterator[tuple[IntArray, IntArray]]:
-    """Return rows and columns of the texels of faces, some at a time, from the bottom up."""
-    some = max(_CHUNK // atlas.size, 1)
-    for start in range(0, atlas.size, some):
-        rows, columns = np.nonzero(atlas.texel_faces[start : start + some] >= 0)
+def _texels(atlas: TextureAtlas) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield the rows and columns of texels that show faces, in chunks from the bottom up."""
+    chunk_rows = max(_CHUNK // atlas.size, 1)
+    for start in range(0, atlas.size, chunk_rows):
+        rows, columns = np.nonzero(atlas.texel_faces[start : start + chunk_rows] >= 0)
         if len(rows):
             yield rows + start, columns
 
 
 def _sampled(image: Image, wraps: tuple[Wrap, Wrap], places: FloatArray) -> FloatArray:
-    """Return colours at places (P, 2) of an image, (P, C), linear between centres of pixels."""
+    """Return the colours (P, C) at positions (P, 2) of an image by bilinear interpolation."""
     height, width = image.shape[:2]
     x, y = places[:, 0] * width - 0.5, (1 - places[:, 1]) * height - 0.5
     left, top = np.floor(x), np.floor(y)
     right_share, lower_share = (x - left)[:, None], (y - top)[:, None]
-    across, down = _WAYS[wraps[0]], _WAYS[wraps[1]]
+    across, down = _WRAPPED[wraps[0]], _WRAPPED[wraps[1]]
     columns = across(left, width), across(left + 1, width)
     rows = down(top, height), down(top + 1, height)
     upper, lower = (
@@ -182,7 +187,7 @@ def _mirrored(pixels: FloatArray, count: int) -> IntArray:
     return np.minimum(there, 2 * count - 1 - there)
 
 
-_WAYS: dict[Wrap, Callable[[FloatArray, int], IntArray]] = {
+_WRAPPED: dict[Wrap, Callable[[FloatArray, int], IntArray]] = {
     "repeat": _repeated,
     "clamp": _clamped,
     "mirror": _mirrored,
