@@ -143,8 +143,8 @@ use the parameters {_MEASURED_OPTIONS} unless given; other functions use those o
 
 The exit status is that of `abfm match`, with two additions. It is 3 if the initial map may be
 wrong; a warning reports the reason. It is also 3 if the residual of the complete map from A to B
-exceeds that of the flow on B. Measured functions are registered if the residual is below {SHARE_REGISTERED:g} times that of the
-initial map alone, and below {RESIDUAL_REGISTERED:g}.
+exceeds that of the flow on B. Measured functions are registered if the residual is below
+{SHARE_REGISTERED:g} times that of the initial map alone, and below {RESIDUAL_REGISTERED:g}.
 """
 
 
@@ -177,7 +177,7 @@ class RegistrationTask(Task):
     description: ClassVar = _DESCRIPTION
     output_help: ClassVar = (
         "registration (.npz), A's faces moved to B (.gii, .ply, .reg), A's vertex numbers for B "
-        "(.txt, .csv, .npy), or a page with a time bar (.html)"
+        "(.txt, .csv, .npy), or a page (.html)"
     )
     needs: ClassVar = ("a", "b")
     inputs: ClassVar = (

@@ -1,4 +1,4 @@
-"""Initial maps between two surfaces: each way returns where on A every vertex of B lies."""
+"""Initial maps between two surfaces: each method maps the vertices of B to points of A."""
 
 import lazy_loader
 

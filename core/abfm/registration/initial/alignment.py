@@ -1,5 +1,4 @@
-"""Two surfaces laid on each other by a rotation or reflection, a scale and a shift, and the initial
-map that takes each point of B to the closest one of A then.
+"""Alignment of two surfaces in space, and the initial map to the closest points afterwards.
 
 References
 ----------
@@ -34,39 +33,37 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
 MotionKind = Literal["similarity", "rigid", "mirror"]
-Motion: TypeAlias = tuple[FloatArray, float, FloatArray]  # rotation, scale, shift
+Motion: TypeAlias = tuple[FloatArray, float, FloatArray]  # rotation, scale, translation
 KINDS: tuple[MotionKind, ...] = get_args(MotionKind)
 
-# points of each surface that starts are compared by, and refined by
-_COMPARING_POINTS = 150
-_REFINING_POINTS = 2100
-_TURNS_MAX = 60  # of closest points and best motions
-_SCREENING_ROUNDS = (0, 16), (8, 3)  # turns for each start, and how many of the best go on
-_FITTED_SHARE = 0.8  # share of the pairs, those closest to each other, that a motion is fitted to
-_GAIN_SHARE_MIN = 1e-5  # of the RMS distance: turns that gain less end
-_DISTANCE_RATIO_MAX = 1.1  # times the least RMS distance
-_DISTANCE_MIN = 1e-9  # RMS distance, in sqrt(area), below which nothing better is looked for
-_ON_A_LINE = 1e-6  # width of landmarks, in sqrt(area), that leaves a rotation open
+_SCREENING_POINTS = 150  # points of each surface for the comparison of starts
+_REFINING_POINTS = 2100  # points of each surface for the refinement
+_ITERATIONS_MAX = 60  # of closest points and best motions
+_SCREENING_ROUNDS = (0, 16), (8, 3)  # iterations for each start, and number of starts that remain
+_FITTED_SHARE = 0.8  # share of the pairs, the closest ones, that a motion is fitted to
+_GAIN_SHARE_MIN = 1e-5  # of the RMS distance: iterations stop at smaller gains
+_DISTANCE_RATIO_MAX = 1.1  # up to it times the least RMS distance, the first start is preferred
+_DISTANCE_MIN = 1e-9  # RMS distance in sqrt(area) at which the search stops
+_LANDMARK_WIDTH_MIN = 1e-6  # in sqrt(area): narrower landmarks lie on a line
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """What lays B on A: ``x -> scale * rotation x + shift``."""
+    """The motion ``x -> scale * rotation x + shift`` that aligns B with A."""
 
     rotation: FloatArray  # (3, 3), orthogonal, with determinant -1 for a mirror image
     scale: float
     shift: FloatArray  # (3,), in A's units
-    # of the distances of either surface from the other one afterwards, in sqrt(area) of A
-    rms: float
+    rms: float  # of the distances between the aligned surfaces, in sqrt(area) of A
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Move points (P, 3) in B's units to where they lie beside A, in A's."""
+        """Move points (P, 3) from B's position and units to A's."""
         return np.asarray(self.scale * points @ self.rotation.T + self.shift)
 
 
 @dataclass(frozen=True, eq=False)
 class _Closest:
-    """Takes points of B to the closest ones of A, once they are aligned."""
+    """The map from points of B to the closest points of A after alignment."""
 
     a: TriangleMesh
     alignment: Alignment
@@ -81,16 +78,16 @@ def closest_after_alignment(
     kind: MotionKind = "similarity",
     landmarks: Landmarks | None = None,
 ) -> tuple[PointMap, Alignment]:
-    """Align B with A (see `align`); return the map to the closest points then, and the alignment.
+    """Align B with A (see `align`) and return the map to the closest points, and the alignment.
 
     The distances of the map are those between the aligned surfaces, in A's units.
     """
     found = align(a, b, kind, landmarks)
-    places = found(b.vertices)
-    points = project_onto_surface(a, places)
-    distances = points.distances_from(places)
-    carried = _Closest(a, found)
-    return PointMap(b, a, points.faces, points.barycentric, distances, carried), found
+    positions = found(b.vertices)
+    points = project_onto_surface(a, positions)
+    distances = points.distances_from(positions)
+    interior_map = _Closest(a, found)
+    return PointMap(b, a, points.faces, points.barycentric, distances, interior_map), found
 
 
 def align(
@@ -99,42 +96,47 @@ def align(
     kind: MotionKind = "similarity",
     landmarks: Landmarks | None = None,
 ) -> Alignment:
-    """Find the motion that lays B nearest to A: ``rigid``, a ``similarity``, which may scale, or a
-    ``mirror``, a similarity that turns B inside out.
+    """Find the motion that brings B closest to A.
 
-    Three landmarks and more that lie on no line give the start. Else it is searched: both
-    surfaces stand as they are, or their principal axes are laid on each other, and turned by the
-    rotations of a cube and of an icosahedron. From every start turns of closest points, of either
-    surface on the other one, and of the best motion for the nearest 80% of these pairs follow; the
-    result is the one with the smallest RMS distance, or the one from where the surfaces stand if
-    that comes within a tenth of it. Points are spread by area, so that triangles do not count.
-    Landmarks weigh as much as all pairs together.
+    The kind is ``rigid``, ``similarity`` (with a scale), or ``mirror`` (a similarity with a
+    reflection).
+
+    Three or more landmarks that do not lie on a line determine the start. Otherwise several starts
+    are tried. The first one has the surfaces in their given positions. The others align their
+    principal axes, and rotate by the symmetry groups of a tetrahedron, a cube and an icosahedron.
+    Each start is refined iteratively. An iteration finds the closest points of each surface on the other one, and
+    then the best motion for the closest 80% of these pairs. Landmarks weigh as much as all pairs
+    together. Points are spread by area, so the triangulation has no influence.
+
+    The result has the smallest RMS distance. The one from the given positions is preferred if its
+    RMS distance is at most 10% larger.
 
     Raises
     ------
     ParameterError
-        If there is no such kind.
+        If the kind is unknown.
     """
     if kind not in KINDS:
         raise ParameterError(
             f"kind of alignment is {brief(kind)}; expected {', '.join(map(repr, KINDS))}"
         )
     with step("aligning the surfaces"):
-        # A has unit area, and B, too, where it may be scaled
+        # A is scaled to unit area, and B also if the motion has a scale
         sizes = a.length_scale, a.length_scale if kind == "rigid" else b.length_scale
         many = _Surfaces.of(a, b, kind, sizes, landmarks)
         if landmarks is not None and _fix_a_motion(landmarks):
-            starts = [best_motion(*many.marks, kind)]
+            starts = [best_motion(*many.landmarks, kind)]
         else:
             starts = _starts(a, b, kind, sizes)
-        motions, few = starts, many.thinned(_REFINING_POINTS // _COMPARING_POINTS)
-        for turns, kept in _SCREENING_ROUNDS:
-            motions = _best(few, motions, turns, kept)
+        motions, few = starts, many.thinned(_REFINING_POINTS // _SCREENING_POINTS)
+        for iterations, count in _SCREENING_ROUNDS:
+            motions = _best(few, motions, iterations, count)
         motion, least = min(
-            (_refined(many, start, _TURNS_MAX) for start in motions), key=lambda found: found[1]
+            (_refined(many, start, _ITERATIONS_MAX) for start in motions),
+            key=lambda found: found[1],
         )
-        # as the surfaces stand, or landmarks lay them, if nothing is clearly better
-        first, score = _refined(many, starts[0], _TURNS_MAX)
+        # the given positions, or those by landmarks, are preferred unless another is clearly better
+        first, score = _refined(many, starts[0], _ITERATIONS_MAX)
         if kind != "mirror" and score <= _DISTANCE_RATIO_MAX * least:
             motion = first
         rotation, scale, shift = motion
@@ -146,14 +148,14 @@ Pairs: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 class _Surfaces(NamedTuple):
-    """Points of both, spread by area, in units in which they are about as large."""
+    """Points of both surfaces, spread by area, in units that give both a similar size."""
 
     kind: MotionKind
     on_a: ClosestPoints
     on_b: ClosestPoints
     a: FloatArray  # (P, 3)
     b: FloatArray  # (P, 3)
-    marks: tuple[FloatArray, FloatArray, FloatArray]  # landmarks of B, of A, and their weights
+    landmarks: tuple[FloatArray, FloatArray, FloatArray]  # points of B, of A, and their weights
 
     @classmethod
     def of(
@@ -164,10 +166,10 @@ class _Surfaces(NamedTuple):
         sizes: tuple[float, float],
         landmarks: Landmarks | None,
     ) -> _Surfaces:
-        marks = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+        pairs = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
         if landmarks is not None:
-            places = landmarks.b.positions / sizes[1], landmarks.a.positions / sizes[0]
-            marks = *places, landmarks.weights / landmarks.weights.sum()
+            positions = landmarks.b.positions / sizes[1], landmarks.a.positions / sizes[0]
+            pairs = *positions, landmarks.weights / landmarks.weights.sum()
         unit_a, unit_b = (
             TriangleMesh(mesh.vertices / size, mesh.faces)
             for mesh, size in zip((a, b), sizes, strict=True)
@@ -178,15 +180,19 @@ class _Surfaces(NamedTuple):
             ClosestPoints(unit_b),
             points_by_area(unit_a, _REFINING_POINTS).positions,
             points_by_area(unit_b, _REFINING_POINTS).positions,
-            marks,
+            pairs,
         )
 
     def thinned(self, by: int) -> _Surfaces:
+        """Return every ``by``-th point only."""
         return self._replace(a=self.a[::by], b=self.b[::by])
 
     def distances(self, motion: Motion) -> Pairs:
-        """Return pairs of a point of B (2P, 3) and of A (2P, 3), closest to each other after the
-        motion: those closest to the points of B, then those of A; and the distances of both.
+        """Return pairs of closest points after a motion of B, and their distances.
+
+        The pairs are points of B (2P, 3) and of A (2P, 3). In the first half the points of A are
+        closest to those of B. In the second half the points of B are closest to those of A. The
+        distances are (P,) for each half.
         """
         rotation, scale, shift = motion
         moved = scale * self.b @ rotation.T + shift
@@ -198,22 +204,22 @@ class _Surfaces(NamedTuple):
         return b, a, on_a.distances_from(moved), scale * on_b.distances_from(back)
 
     def rms(self, pairs: Pairs) -> float:
-        """Return the root mean square of the distances of either surface from the other one."""
+        """Return the root mean square of the distances between the surfaces, in both directions."""
         return float(np.sqrt(np.mean(np.concatenate(pairs[2:]) ** 2)))
 
     def score(self, motion: Motion, pairs: Pairs) -> float:
-        """Return the RMS distance of the surfaces and, weighing as much, of the landmarks."""
+        """Return the RMS distance of surfaces and landmarks, with equal weights for both."""
         rotation, scale, shift = motion
-        of_b, of_a, weights = self.marks
+        of_b, of_a, weights = self.landmarks
         off = scale * of_b @ rotation.T + shift - of_a
         return float(np.sqrt(self.rms(pairs) ** 2 + weights @ (off**2).sum(axis=1)))
 
     def next_motion(self, pairs: Pairs) -> Motion:
-        """Return the motion that brings the nearest pairs, and the landmarks, together."""
+        """Return the best motion for the closest pairs and the landmarks."""
         b, a, *distances = pairs
-        near = [gaps <= np.quantile(gaps, _FITTED_SHARE) for gaps in distances]
-        chosen = np.concatenate(near)
-        of_b, of_a, weights = self.marks
+        are_close = [gaps <= np.quantile(gaps, _FITTED_SHARE) for gaps in distances]
+        chosen = np.concatenate(are_close)
+        of_b, of_a, weights = self.landmarks
         return best_motion(
             np.concatenate([b[chosen], of_b]),
             np.concatenate([a[chosen], of_a]),
@@ -222,22 +228,22 @@ class _Surfaces(NamedTuple):
         )
 
 
-def _best(surfaces: _Surfaces, motions: list[Motion], turns: int, kept: int) -> list[Motion]:
-    """Refine motions by so many turns and return the best ones, or one alone that fits exactly."""
+def _best(surfaces: _Surfaces, motions: list[Motion], iterations: int, count: int) -> list[Motion]:
+    """Refine motions and return the ``count`` best ones, or a single one that is exact."""
     found: list[tuple[Motion, float]] = []
     for motion in motions:
         checkpoint()
-        found.append(_refined(surfaces, motion, turns))
+        found.append(_refined(surfaces, motion, iterations))
         if found[-1][1] < _DISTANCE_MIN:
             return [found[-1][0]]
-    return [motion for motion, _ in sorted(found, key=lambda each: each[1])[:kept]]
+    return [motion for motion, _ in sorted(found, key=lambda each: each[1])[:count]]
 
 
-def _refined(surfaces: _Surfaces, motion: Motion, turns: int) -> tuple[Motion, float]:
-    """Return the best motion of so many turns of closest points and best motions; its score."""
+def _refined(surfaces: _Surfaces, motion: Motion, iterations: int) -> tuple[Motion, float]:
+    """Iterate closest points and best motions; return the best motion and its score."""
     pairs = surfaces.distances(motion)
     found, least = motion, surfaces.score(motion, pairs)
-    for _ in range(turns):
+    for _ in range(iterations):
         checkpoint()
         motion = surfaces.next_motion(pairs)
         pairs = surfaces.distances(motion)
@@ -251,8 +257,9 @@ def _refined(surfaces: _Surfaces, motion: Motion, turns: int) -> tuple[Motion, f
 
 
 def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionKind) -> Motion:
-    """Return the motion of a kind that takes points b (P, 3) nearest to a (P, 3), in weighted least
-    squares [Umeyama 1991].
+    """Return the motion of points b (P, 3) closest to a (P, 3), in weighted least squares.
+
+    The source is [Umeyama 1991].
     """
     shares = (weights / weights.sum())[:, None]
     middle_b, middle_a = (shares * b).sum(axis=0), (shares * a).sum(axis=0)
@@ -263,7 +270,7 @@ def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionK
     rotation = (left * signs) @ right
     spread = float((shares * x**2).sum())
     scale = float(values @ signs) / spread if kind != "rigid" and spread > 0 else 1.0
-    # nothing is to vanish, whatever the pairs of a bad start are
+    # pairs of a bad start must not shrink the surface to a point
     scale = max(scale, 0.1) if kind != "rigid" else 1.0
     return rotation, scale, middle_a - scale * rotation @ middle_b
 
@@ -271,17 +278,19 @@ def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionK
 def _starts(
     a: TriangleMesh, b: TriangleMesh, kind: MotionKind, sizes: tuple[float, float]
 ) -> list[Motion]:
-    """Return motions that lay the centroids on each other: as the surfaces stand, which is first
-    where several fit as well, and the principal axes, turned.
+    """Return motions that align the centroids, as starts of the search.
+
+    The first one has no rotation, unless a reflection is needed. The others align the principal
+    axes and rotate them.
     """
     (middle_a, axes_a), (middle_b, axes_b) = principal_axes(a), principal_axes(b)
-    wanted = -1 if kind == "mirror" else 1
-    side = wanted * np.linalg.det(axes_a) * np.linalg.det(axes_b)
+    expected_side = -1 if kind == "mirror" else 1
+    side = expected_side * np.linalg.det(axes_a) * np.linalg.det(axes_b)
     axes_b = axes_b * [[np.sign(side)], [1], [1]]
     groups = Rotation.create_group("T"), Rotation.create_group("O"), Rotation.create_group("I")
-    turns = np.concatenate([group.as_matrix() for group in groups])
-    first = np.sort(np.unique(np.round(turns, 6), axis=0, return_index=True)[1])
-    rotations = [axes_a.T @ turn @ axes_b for turn in turns[first]]
+    elements = np.concatenate([group.as_matrix() for group in groups])
+    first = np.sort(np.unique(np.round(elements, 6), axis=0, return_index=True)[1])
+    rotations = [axes_a.T @ element @ axes_b for element in elements[first]]
     if kind != "mirror":
         rotations.insert(0, np.eye(3))
     middle_a, middle_b = middle_a / sizes[0], middle_b / sizes[1]
@@ -289,10 +298,10 @@ def _starts(
 
 
 def _fix_a_motion(landmarks: Landmarks) -> bool:
-    """Whether the landmarks lie on no line, on either surface."""
+    """Return whether the landmarks determine a motion: three or more, not on a line."""
     for points in (landmarks.a, landmarks.b):
-        places = points.positions - points.positions.mean(axis=0)
-        widths = np.linalg.svd(places, compute_uv=False)
-        if len(places) < 3 or widths[1] <= _ON_A_LINE * points.mesh.length_scale:
+        offsets = points.positions - points.positions.mean(axis=0)
+        widths = np.linalg.svd(offsets, compute_uv=False)
+        if len(offsets) < 3 or widths[1] <= _LANDMARK_WIDTH_MIN * points.mesh.length_scale:
             return False
     return True

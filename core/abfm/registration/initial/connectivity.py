@@ -1,4 +1,4 @@
-"""The initial map of two surfaces with the same faces: vertex i to vertex i."""
+"""Initial map between meshes with the same connectivity: vertex i to vertex i."""
 
 import numpy as np
 
@@ -8,37 +8,37 @@ from abfm.mesh import TriangleMesh
 
 
 def same_connectivity(a: TriangleMesh, b: TriangleMesh) -> PointMap:
-    """Return the map that takes each vertex of B to the one of A with its number.
+    """Return the map that takes each vertex of B to the vertex of A with the same number.
 
-    Faces may stand in another order, start at another corner, or look to the other side.
+    The order, the first corner and the orientation of faces may differ.
 
     Raises
     ------
     AbfmError
-        If the two have different numbers of vertices, or faces between other vertices.
+        If the meshes have different numbers of vertices, or faces between other vertices.
     """
-    why = _difference(a, b)
-    if why:
+    difference = _difference(a, b)
+    if difference:
         raise AbfmError(
-            f"A and B do not have the same connectivity: {why}; expected the same faces between "
-            "the same vertices: choose another initial map"
+            f"A and B do not have the same connectivity: {difference}; expected the same faces "
+            "between the same vertices. Choose another initial map."
         )
     return PointMap.of_vertices(b, a)
 
 
 def _difference(a: TriangleMesh, b: TriangleMesh) -> str:
-    """Say how the connectivity differs; nothing where it does not."""
-    for what in ("vertices", "faces"):
-        counts = len(getattr(a, what)), len(getattr(b, what))
+    """Return a description of the difference in connectivity, empty if there is none."""
+    for name in ("vertices", "faces"):
+        counts = len(getattr(a, name)), len(getattr(b, name))
         if counts[0] != counts[1]:
-            return f"A has {counts[0]} {what}, and B has {counts[1]}"
+            return f"A has {counts[0]} {name}, and B has {counts[1]}"
     of_a, of_b = np.sort(a.faces, axis=1), np.sort(b.faces, axis=1)
-    known = set(map(tuple, of_a.tolist()))
-    other = [face for face in map(tuple, of_b.tolist()) if face not in known]
+    faces_of_a = set(map(tuple, of_a.tolist()))
+    other = [face for face in map(tuple, of_b.tolist()) if face not in faces_of_a]
     if not other:
         return ""
     example = ", ".join(map(str, b.vertex_ids[list(other[0])].tolist()))
     return (
-        f"{len(other)} of {len(of_b)} faces of B are none of A's (for example the one between "
+        f"{len(other)} of {len(of_b)} faces of B are not faces of A (for example the face with "
         f"vertices {example})"
     )

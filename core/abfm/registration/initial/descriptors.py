@@ -1,7 +1,10 @@
-"""The functional map that carries descriptors of A to those of B, in least squares.
+"""Functional maps by descriptors, in least squares.
 
-Descriptors are functions that mean the same on both surfaces: wave kernel signatures; what is known
-at landmarks, spread by bands of eigenvalues; and functions that are given.
+Descriptors are functions with the same meaning on both surfaces:
+
+- wave kernel signatures,
+- delta functions at landmarks, in bands of eigenvalues,
+- given functions.
 
 References
 ----------
@@ -22,42 +25,44 @@ from abfm.maps.functional_maps import spectral_coefficients
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
-_ENERGIES = 20  # logarithms of eigenvalues, evenly spaced, that a descriptor is made for
-_CURVATURE_MAX = 30.0  # mean curvature, over sqrt(area): more is a crease or noise
-_COMMUTATOR_WEIGHT = 0.1  # weight of the commutator with the Laplacian beside all descriptors
+_ENERGIES = 20  # evenly spaced logarithms of eigenvalues, with one descriptor each
+_CURVATURE_MAX = 30.0  # mean curvature, over sqrt(area): larger values are creases or noise
+_COMMUTATOR_WEIGHT = 0.1  # of the commutator with the Laplacian, relative to all descriptors
 
 
 class Hints(NamedTuple):
-    """What is known of a map beside the surfaces: L pairs of points, C pairs of functions."""
+    """Landmarks and functions on both surfaces, in eigenfunctions: L pairs and C pairs of them."""
 
     places: FloatArray  # (L, 3), landmarks on A, in sqrt(area)
     at_landmarks: tuple[FloatArray, FloatArray]  # (L, K), eigenfunctions there, on A and on B
-    weights: FloatArray  # (L,), of mean 1
-    functions: tuple[FloatArray, FloatArray]  # (K, C), coefficients, of norm 1 on either
+    weights: FloatArray  # (L,), of the landmarks, with mean 1
+    functions: tuple[FloatArray, FloatArray]  # (K, C), coefficients with norm 1, on A and on B
 
 
 def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -> FloatArray:
-    """Return the functional map (k, k) that carries descriptors and nearly commutes with the
-    Laplacian: each row by itself is a least-squares problem [OBC*12, 5.2].
+    """Return the functional map (k, k) that transfers descriptors from A to B.
+
+    It nearly commutes with the Laplacian. Each of its rows solves a separate least-squares problem
+    [OBC*12, 5.2].
     """
     values = [unit_eigenbasis(mesh, k)[0] for mesh in (a, b)]
     kinds = [
         [_signatures(mesh, k) for mesh in (a, b)],
-        [_bands(own, rows[:, :k]) for own, rows in zip(values, hints.at_landmarks, strict=True)],
-        [of_one[:k] for of_one in hints.functions],
+        [_bands(each, rows[:, :k]) for each, rows in zip(values, hints.at_landmarks, strict=True)],
+        [coefficients[:k] for coefficients in hints.functions],
     ]
     of_a, of_b = (np.hstack([kind[side] for kind in kinds]) for side in (0, 1))
-    marks = np.repeat(hints.weights, _ENERGIES)
-    counts = np.concatenate([np.ones(_ENERGIES), marks, np.ones(kinds[2][0].shape[1])])
-    # each counts as much, whatever its unit, but for landmarks
+    landmark_weights = np.repeat(hints.weights, _ENERGIES)
+    weights = np.concatenate([np.ones(_ENERGIES), landmark_weights, np.ones(kinds[2][0].shape[1])])
+    # descriptors are scaled to equal norms, so that only landmarks have different weights
     size = np.sqrt((np.linalg.norm(of_a, axis=0) ** 2 + np.linalg.norm(of_b, axis=0) ** 2) / 2)
     used = size > 0
-    scale = np.sqrt(counts[used]) / size[used]
+    scale = np.sqrt(weights[used]) / size[used]
     of_a, of_b = of_a[:, used] * scale, of_b[:, used] * scale
     gaps = (values[0] - values[1][:, None]) ** 2 / values[0].max() ** 2
-    weight = _COMMUTATOR_WEIGHT * counts[used].sum()
+    weight = _COMMUTATOR_WEIGHT * weights[used].sum()
     gram = of_a @ of_a.T
-    # constants go to constants
+    # the first row and column map constants to constants
     rows = [
         np.linalg.solve(gram + weight * np.diag(gaps[i] + 1e-9), of_a @ of_b[i]) for i in range(k)
     ]
@@ -68,8 +73,9 @@ def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -
 
 
 def bending(mesh: TriangleMesh, k: int) -> FloatArray:
-    """Return coefficients (k,) of the mean curvature of the surface of unit area, cut at creases; 0
-    where every vertex is on the boundary.
+    """Return coefficients (k,) of the mean curvature of the surface scaled to unit area.
+
+    The curvature is clipped at creases. It is 0 if every vertex is on the boundary.
     """
     if mesh.is_boundary_vertex.all():
         return np.zeros(k)
@@ -78,7 +84,7 @@ def bending(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def _signatures(mesh: TriangleMesh, k: int) -> FloatArray:
-    """Return coefficients (k, E) of wave kernel signatures, without their means."""
+    """Return coefficients (k, E) of wave kernel signatures, with their means subtracted."""
     pairs = min(128, len(mesh.vertices))
     energies = _energies(unit_eigenbasis(mesh, pairs)[0])
     found = [
@@ -90,8 +96,9 @@ def _signatures(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def _bands(values: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return coefficients (k, L E) of delta functions at points, which have rows (L, k) of
-    eigenfunctions, in bands of eigenvalues.
+    """Return coefficients (k, L E) of delta functions at points, in bands of eigenvalues.
+
+    ``rows`` (L, k) are the values of the eigenfunctions at the points.
     """
     energies = _energies(values)
     width = 1.5 * (energies[1] - energies[0])
@@ -105,7 +112,7 @@ def _energies(values: FloatArray) -> FloatArray:
 
 
 def dissimilarity(one: FloatArray, other: FloatArray, areas: FloatArray) -> FloatArray:
-    """Return 1 - r of functions (V, C), r their correlations weighted by areas, (C,)."""
+    """Return 1 - r (C,) of functions (V, C), with their correlations r weighted by ``areas``."""
     one, other = one - areas @ one, other - areas @ other
     sizes = (areas @ one**2) * (areas @ other**2)
     products = areas @ (one * other)

@@ -1,4 +1,4 @@
-"""Torn maps made continuous."""
+"""Repair of discontinuous initial maps."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from abfm.maps.point_maps import PointMap
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.map_input import Initial, MapInput
 
-_SIDE_MIN = 0.5  # share of the area on one side, less that on the other one
+_SIDE_MIN = 0.5  # area with preserved minus area with reversed orientation, as a share
 
 
 def make_continuous(
     given: MapInput, points: PointMap, notes: tuple[str, ...] = (), warnings: tuple[str, ...] = ()
 ) -> Initial:
-    """Return a map that may be torn, made continuous if neither surface has handles."""
-    # between vertices as files keep it
+    """Make a map continuous if it flips or collapses faces and neither surface has handles."""
+    # files store no map inside faces
     points = replace(points, interior_map=None)
-    torn = Correspondence(points)
-    distortion, faces = torn.distortion(), len(given.b.faces)
+    original = Correspondence(points)
+    distortion, faces = original.distortion(), len(given.b.faces)
     share = (distortion.flipped | (distortion.area <= 0)).sum() / faces
     if share == 0:
-        return Initial(torn, notes, warnings)
-    torn_words = f"it turns over or collapses {100 * share:.2g}% of the faces"
+        return Initial(original, notes, warnings)
+    fault = f"it flips or collapses {100 * share:.2g}% of the faces"
     if given.a.genus or given.b.genus:
-        return Initial(torn, (*notes, f"the initial map is torn: {torn_words}"), warnings)
-    if torn.is_mirrored:
+        return Initial(original, (*notes, f"the initial map is discontinuous: {fault}"), warnings)
+    if original.is_mirrored:
         points = points.onto_mirror()
     found = Correspondence.through_sphere(given.a, given.b, *continuous_map(points))
-    notes = (*notes, f"the initial map was made continuous, as {torn_words}")
-    kept = 1 - 2 * distortion.weights[distortion.flipped].sum() / distortion.weights.sum()
-    if kept < _SIDE_MIN:
-        notes = (*notes, f"it turns over {50 * (1 - kept):.2g}% of the area before that")
+    notes = (*notes, f"the initial map was made continuous, as {fault}")
+    side = 1 - 2 * distortion.weights[distortion.flipped].sum() / distortion.weights.sum()
+    if side < _SIDE_MIN:
+        notes = (*notes, f"before that, it flips {50 * (1 - side):.2g}% of the area")
     return Initial(found, notes, warnings)

@@ -1,4 +1,4 @@
-"""Initial maps from files: a vertex, or a point of a face, of A for each vertex of B; or pairs."""
+"""Initial maps from files of vertices, of points in faces, or of vertex pairs."""
 
 import numpy as np
 
@@ -11,27 +11,28 @@ from abfm.reading import Format, open_file
 from abfm.registration.initial.landmark_pairs import Landmarks, read_landmarks
 from abfm.types import FloatArray, IntArray
 
-_WEIGHT_ROUNDING = 1e-3  # what weights of a file may miss 1 by, or be below 0
+_WEIGHT_ROUNDING = 1e-3  # tolerance for weights in files: their sums, and negative values
 
 
 def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Landmarks:
-    """Read a map from B to A from a .npy, .csv, .txt, .vts, .map or .gii file, which counts
-    vertices and faces as the files of the meshes do.
+    """Read a map from B to A from a .npy, .csv, .txt, .vts, .map or .gii file.
+
+    Vertices and faces are numbered as in the mesh files. The number of columns decides:
 
     One column
-        The vertex of A for each vertex of B, counted from 0 or from 1 as
-        `abfm.functions.read_vertex_map` tells.
+        The vertex of A for each vertex of B. `abfm.functions.read_vertex_map` documents whether
+        the file counts from 0 or from 1.
     Four columns
-        For each vertex of B a face of A, counted in the same way, and the weights of its three
-        corners, which may be rounded.
+        A face of A, counted in the same way, and the weights of its three corners, for each vertex
+        of B. The weights may be rounded.
     Two columns
-        Pairs of a vertex of A and one of B, counted from 0 (in .vts files from 1): these are
-        landmarks, unless every vertex of B is in one pair.
+        Pairs of a vertex of A and a vertex of B, counted from 0 (in .vts files from 1). They are
+        landmarks, unless every vertex of B is in exactly one pair.
 
     Raises
     ------
     AbfmError
-        If the file cannot be read or holds none of these; the first line that is wrong, and why.
+        If the file cannot be read or has another content. The message names the first wrong line.
     """
     table = read_map_table(path, b)
     columns = table.shape[1]
@@ -47,8 +48,8 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
         except AbfmError as error:
             raise AbfmError(f"map {brief(path)}: {error}") from None
     raise AbfmError(
-        f"map {brief(path)} has {columns} columns; expected 1 (a vertex of A for each of B), 2 "
-        "(pairs of a vertex of A and one of B) or 4 (a face of A and three weights)"
+        f"map {brief(path)} has {columns} columns; expected 1 (vertices of A), 2 (pairs of "
+        "vertices of A and B), or 4 (faces of A and three weights)"
     )
 
 
@@ -56,16 +57,14 @@ def _of_pairs(
     a: TriangleMesh, b: TriangleMesh, path: str, table: FloatArray
 ) -> PointMap | Landmarks:
     numbers = table - 1 if path.lower().endswith(".vts") else table
-    # of a map, unlike landmarks, several may have one image
+    # vertices of a map, unlike landmarks, may share an image
     is_map = np.array_equal(np.sort(numbers[:, 1]), b.numbered[0])
-    if not is_map and open_file(path).format is Format.TABLE:  # which may have words, too
+    if not is_map and open_file(path).format is Format.TABLE:  # such a table may contain names
         return read_landmarks(a, b, path)
     wrong = np.flatnonzero(~(np.isfinite(table) & (table == np.rint(table))).all(axis=1))
     try:
         if len(wrong):
-            raise ParameterError(
-                f"row {wrong[0] + 1} holds {table[wrong[0]]}; expected whole numbers"
-            )
+            raise ParameterError(f"row {wrong[0] + 1} holds {table[wrong[0]]}; expected integers")
         pairs = zip((a, b), numbers.T.tolist(), strict=True)
         of_a, of_b = ([mesh.local_vertex(int(x)) for x in side] for mesh, side in pairs)
     except AbfmError as error:
@@ -76,11 +75,12 @@ def _of_pairs(
 
 
 def _faces(a: TriangleMesh, b: TriangleMesh, path: str, numbers: FloatArray) -> IntArray:
-    """Return the rows in A of faces (V,) as its file counts them."""
-    if any("turned over" in message for message in a.messages):
+    """Return the row in A of each face (V,), given as its file counts them."""
+    if any(word in message for message in a.messages for word in ("turned over", "flipped")):
         raise AbfmError(
-            "faces of A were turned over when it was read, so that their corners are no longer in "
-            "the file's order: save A anew and give weights for that, or a vertex for each of B's"
+            "faces of A were flipped on reading, so their corners are no longer in the order of "
+            "the file. Save A again and give weights for the new file, or use a file with a vertex "
+            "of A for each vertex of B."
         )
     fitting = []
     for first in (1, 0) if path.lower().endswith(".vts") else (0, 1):
@@ -91,8 +91,9 @@ def _faces(a: TriangleMesh, b: TriangleMesh, path: str, numbers: FloatArray) -> 
         fitting.append((int(missing.sum()), first, int(np.argmax(missing))))
     count, first, worst = min(fitting)
     raise AbfmError(
-        f"{count} of {len(numbers)} entries are no numbers of faces of A, which count {first} to "
-        f"{a.face_ids[-1] + first} (vertex {b.vertex_ids[worst]} has {numbers[worst]:g})"
+        f"{count} of {len(numbers)} entries are not face numbers of A (vertex "
+        f"{b.vertex_ids[worst]} has {numbers[worst]:g}); expected {first} to "
+        f"{a.face_ids[-1] + first}"
     )
 
 
@@ -102,7 +103,8 @@ def _weights(a: TriangleMesh, b: TriangleMesh, given: FloatArray) -> FloatArray:
     if len(wrong):
         raise AbfmError(
             f"{len(wrong)} of {len(given)} rows of weights are negative or do not sum to 1 (vertex "
-            f"{b.vertex_ids[wrong[0]]} has {', '.join(f'{w:g}' for w in given[wrong[0]])})"
+            f"{b.vertex_ids[wrong[0]]} has {', '.join(f'{w:g}' for w in given[wrong[0]])}); "
+            "expected barycentric weights"
         )
     positive = np.maximum(given, 0)
     return np.asarray(positive / positive.sum(axis=1, keepdims=True))

@@ -1,4 +1,4 @@
-"""What an initial map may be found by."""
+"""Input and result of the methods for initial maps."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from abfm.types import FloatArray
 
 
 class MapInput(NamedTuple):
-    """Two surfaces, functions on both, (C, V_A) and (C, V_B), and how much what of them counts."""
+    """Two surfaces with functions, masks, weights and landmarks."""
 
     a: TriangleMesh
     b: TriangleMesh
-    f: FloatArray | None = None
-    g: FloatArray | None = None
+    f: FloatArray | None = None  # (C, V_A), functions of A
+    g: FloatArray | None = None  # (C, V_B), functions of B
     mask_a: FloatArray | None = None  # (V_A,)
     mask_b: FloatArray | None = None  # (V_B,)
-    weights: FloatArray | None = None  # (C,)
+    weights: FloatArray | None = None  # (C,), of the channels
     landmarks: Landmarks | None = None
 
 
 class Initial(NamedTuple):
-    """An initial map; notes and warnings are a line each.
+    """An initial map with notes and warnings, which are a line each.
 
-    Notes report how it was found. Warnings report why it may lead elsewhere: what begins with such
-    a map is not registered, see `Registration.verdict`.
+    Notes report how the map was found. Warnings report why it may be wrong. A registration with
+    such a warning has not reached its goal, see `Registration.verdict`.
     """
 
     correspondence: Correspondence

@@ -1,4 +1,4 @@
-"""Initial maps by a word, as the command line and the window name them."""
+"""Methods for initial maps, by the names that Python, the command line and the window use."""
 
 from __future__ import annotations
 
@@ -26,36 +26,39 @@ from abfm.registration.initial.searching.search import search_initial_map
 from abfm.registration.initial.sphere_maps import (
     LANDMARKS_MIN,
     best_of_spheres,
+    map_through_spheres,
     sphere_of,
-    turned,
 )
 from abfm.types import FloatArray
 from abfm.wording import factor
 
-_LOG2_SHAPE_MAX = 1.2  # mean |log2 R| of a map that was searched: see `_checked`
+_LOG2_SHAPE_MAX = 1.2  # mean |log2 R| of a plausible map, see `_checked`
 
 
 class InitialMapMethod(NamedTuple):
-    """A way to find an initial map: how it is written, in a few words what it is, and itself."""
+    """A method that finds an initial map."""
 
-    form: str
-    about: str
-    find: Callable[[MapInput, list[str]], Initial]
+    form: str  # how it is written
+    about: str  # a short description
+    find: Callable[[MapInput, list[str]], Initial]  # takes the arguments after the colon
 
     @property
     def name(self) -> str:
+        """Name of the method, without its arguments."""
         return self.form.replace("[", ":").partition(":")[0]
 
 
 def initial_map(initial: object, given: MapInput) -> Initial:
-    """Return the initial map of a word, see `METHODS`, or the given one; None is "auto",
-    the best of all candidates that apply. Torn maps are made continuous if neither surface has
-    handles (`abfm.maps.continuous_map`); a given map stays as it is.
+    """Return the initial map by a method, see `METHODS`, or a given map.
+
+    None means ``"auto"``, the best of all candidates that apply. Discontinuous maps are made
+    continuous if neither surface has handles (`abfm.maps.continuous_map`). A given map is not
+    changed.
 
     Raises
     ------
     AbfmError
-        If there is no such word, or the surfaces have no such map.
+        If the method is unknown or does not apply to the surfaces.
     """
     if isinstance(initial, PointMap):
         initial = Correspondence(initial)
@@ -66,7 +69,7 @@ def initial_map(initial: object, given: MapInput) -> Initial:
     if not isinstance(initial, str):
         raise ParameterError(
             f"initial is {brief(initial)}; expected a Correspondence, a PointMap, or one of "
-            f"{', '.join(word.form for word in METHODS)}"
+            f"{', '.join(method.form for method in METHODS)}"
         )
     rest = initial.partition(":")[2]
     found = method_of(initial).find(given, [p for part in rest.split(",") if (p := part.strip())])
@@ -76,28 +79,29 @@ def initial_map(initial: object, given: MapInput) -> Initial:
         return found._replace(correspondence=named)
     if len(first) == 1:
         return found
-    chosen, then = first[:2]
+    chosen, second = first[:2]
     ranking = (
-        f"initial map: {chosen.name}, cost {chosen.cost:.2f} (next: {then.name}, {then.cost:.2f})"
+        f"initial map: {chosen.name}, cost {chosen.cost:.2f} (second best: {second.name}, cost "
+        f"{second.cost:.2f})"
     )
     return found._replace(notes=(ranking, *found.notes))
 
 
 def method_of(initial: str) -> InitialMapMethod:
-    """Return the way that a text names, or raise a ParameterError, before there are surfaces."""
+    """Return the method that a text names, or raise a ParameterError."""
     name = initial.partition(":")[0]
-    for word in METHODS:
-        if word.name == name:
-            return word
-    hint = did_you_mean(name, [word.name for word in METHODS])
+    for method in METHODS:
+        if method.name == name:
+            return method
+    hint = did_you_mean(name, [method.name for method in METHODS])
     raise ParameterError(
         f"unknown initial map {brief(name)}{hint}; expected one of "
-        f"{', '.join(word.form for word in METHODS)}"
+        f"{', '.join(method.form for method in METHODS)}"
     )
 
 
-def _best(given: MapInput, words: list[str]) -> Initial:
-    mirrored = _is_mirrored("auto", words)
+def _best(given: MapInput, options: list[str]) -> Initial:
+    mirrored = _is_mirrored("auto", options)
     if is_sphere(given.a) and is_sphere(given.b):
         return best_of_spheres(given, (-1,) if mirrored else (1, -1))
     if not mirrored and np.array_equal(given.a.faces, given.b.faces):
@@ -108,108 +112,114 @@ def _best(given: MapInput, words: list[str]) -> Initial:
     return search_initial_map(given, sides=(-1,) if mirrored else (1, -1))
 
 
-def _by_numbers(given: MapInput, words: list[str]) -> Initial:
-    if words:
-        raise AbfmError(f"connectivity:{','.join(words)}: nothing can follow connectivity")
+def _by_numbers(given: MapInput, options: list[str]) -> Initial:
+    if options:
+        raise AbfmError(
+            f"unknown option in connectivity:{','.join(options)}; expected connectivity alone"
+        )
     if np.array_equal(given.a.faces, given.b.faces):
         return Initial(Correspondence.of_same_faces(given.a, given.b))
     return Initial(Correspondence(same_connectivity(given.a, given.b)))
 
 
 def _checked(initial: Initial) -> Initial:
-    """Return a map that was searched, with a warning if it distorts shapes too much to be right.
+    """Return a map, with a warning if it distorts shapes too much to be plausible.
 
-    Over 16 pairs of SHREC'19's people maps with errors below 0.05 of sqrt(area) have a mean
-    ``|log2 R|`` of 0.35 to 0.69, those of a cat on a lion of 0.8 to 0.9, and maps by functions
-    through spheres, with errors of 0.09 to 0.63, of 1.5 to 3.3.
+    The bound is based on the mean ``|log2 R|`` of these maps:
+
+    - 0.35 to 0.69 on 16 pairs of people of SHREC'19, with errors below 0.05 sqrt(area),
+    - 0.8 to 0.9 from a cat to a lion,
+    - 1.5 to 3.3 through spheres by functions, with errors of 0.09 to 0.63 sqrt(area).
     """
     shape = initial.correspondence.distortion().log2_shape.mean
     if shape <= _LOG2_SHAPE_MAX:
         return initial
     warning = (
-        f"the initial map stretches the surface {factor(shape)} times as much in one direction as "
-        "in the other, on average, and may lead elsewhere"
+        f"the initial map may be wrong: on average it stretches the surface {factor(shape)} times "
+        "as much in one direction as in the other"
     )
     return initial._replace(warnings=(*initial.warnings, warning))
 
 
-def _by_landmarks(given: MapInput, words: list[str]) -> Initial:
-    mirrored = _is_mirrored("landmarks", words)
+def _by_landmarks(given: MapInput, options: list[str]) -> Initial:
+    mirrored = _is_mirrored("landmarks", options)
     if given.landmarks is None or len(given.landmarks) < LANDMARKS_MIN:
         count = 0 if given.landmarks is None else len(given.landmarks)
         raise ParameterError(
-            f"{count} landmarks were given; expected {LANDMARKS_MIN} or more: add some, or "
-            "choose another initial map, which fewer landmarks help, too"
+            f"the initial map 'landmarks' needs at least {LANDMARKS_MIN} landmarks; {count} are "
+            "given. Add landmarks, or choose another initial map, which also uses given landmarks."
         )
     return search_initial_map(given, ("landmarks", "spectral", "closest"), (-1 if mirrored else 1,))
 
 
-def _closest(given: MapInput, words: list[str]) -> Initial:
-    kind = next((kind for kind in KINDS if words in ([], [kind])), None)
+def _closest(given: MapInput, options: list[str]) -> Initial:
+    kind = next((kind for kind in KINDS if options in ([], [kind])), None)
     if kind is None:
         raise ParameterError(
-            f"closest:{','.join(words)}: expected one of {', '.join(KINDS)}, or nothing"
+            f"unknown option in closest:{','.join(options)}; expected closest alone or with one "
+            f"of {', '.join(KINDS)}"
         )
     points, motion = closest_after_alignment(given.a, given.b, kind, given.landmarks)
     note = (
-        f"B was laid on A, {motion.rms:.3f} sqrt(area) from it (RMS): each of its points starts at "
-        "the closest one"
+        f"B was aligned with A (RMS distance {motion.rms:.3f} sqrt(area)), and each point of B was "
+        "mapped to the closest point of A"
     )
     return _checked(make_continuous(given, points, (note,)))
 
 
 def _searched_by(name: str) -> Callable[[MapInput, list[str]], Initial]:
-    return lambda given, words: search_initial_map(
-        given, (name,), (-1 if _is_mirrored(name, words) else 1,)
+    return lambda given, options: search_initial_map(
+        given, (name,), (-1 if _is_mirrored(name, options) else 1,)
     )
 
 
-def _of_file(given: MapInput, words: list[str]) -> Initial:
-    if not words:
-        raise ParameterError("file: needs a name, as in file:map.vts")
-    path = ",".join(words)
+def _from_file(given: MapInput, options: list[str]) -> Initial:
+    if not options:
+        raise ParameterError("file: has no file name; expected one, as in file:map.vts")
+    path = ",".join(options)
     found = map_from_file(given.a, given.b, path)
     if isinstance(found, Landmarks):
         raise ParameterError(
-            f"{path} holds pairs of points, not a point for every vertex of B: give them as "
-            "landmarks"
+            f"{path} holds pairs of points; expected a point of A for every vertex of B. Use the "
+            "pairs as landmarks."
         )
     return make_continuous(given, found)
 
 
-def _embedded(given: MapInput, words: list[str]) -> Initial:
-    mirrored = _is_mirrored("embedding", words)
-    return _checked(turned(given, sphere_of(given.a), sphere_of(given.b), mirrored))
+def _by_embedding(given: MapInput, options: list[str]) -> Initial:
+    mirrored = _is_mirrored("embedding", options)
+    return _checked(map_through_spheres(given, sphere_of(given.a), sphere_of(given.b), mirrored))
 
 
-def _spheres(given: MapInput, words: list[str]) -> Initial:
-    mirror = bool(words) and words[0] == "mirror"
-    files = _two_files(words[mirror:])
+def _by_spheres(given: MapInput, options: list[str]) -> Initial:
+    mirror = bool(options) and options[0] == "mirror"
+    files = _two_files(options[mirror:])
     if len(files) not in (0, 2):
         raise ParameterError(
-            f"sphere:{','.join(words)} names {len(files)} files; expected the spheres of A and of "
-            "B, or none where the surfaces are spheres themselves"
+            f"sphere:{','.join(options)} names {len(files)} files; expected 2 (the spheres of A "
+            "and B), or none if the surfaces are spheres themselves"
         )
     if files:
         sphere_a, sphere_b = _sphere_file(given.a, files[0]), _sphere_file(given.b, files[1])
     else:
         sphere_a, sphere_b = sphere_directions(given.a), sphere_directions(given.b)
-    return turned(given, sphere_a, sphere_b, mirror)
+    return map_through_spheres(given, sphere_a, sphere_b, mirror)
 
 
-def _two_files(words: list[str]) -> list[str]:
-    """Return two names of files, which may have commas: where they can be parted so that both are
-    there.
+def _two_files(options: list[str]) -> list[str]:
+    """Return two file names from parts between commas.
+
+    File names may contain commas. The first division for which both files exist is used.
     """
-    for count in range(1, len(words)):
-        pair = [",".join(words[:count]), ",".join(words[count:])]
+    for count in range(1, len(options)):
+        pair = [",".join(options[:count]), ",".join(options[count:])]
         if all(os.path.isfile(os.path.expanduser(name)) for name in pair):
             return pair
-    return words
+    return options
 
 
 def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
-    """Return the directions (V, 3) of a mesh's vertices on the sphere that a file holds."""
+    """Return the directions (V, 3) of a mesh's vertices on the sphere in a file."""
     try:
         vertices, faces, _, side = read_contents(path, READERS, "mesh")
     except MeshError as error:
@@ -217,47 +227,51 @@ def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
     warn_of_sides(mesh, path, side)
     if len(vertices) != mesh.file_vertex_count:
         raise ParameterError(
-            f"{path} has {len(vertices)} vertices, and the surface {mesh.file_vertex_count}; give "
-            "a sphere with the same vertices"
+            f"{path} has {len(vertices)} vertices, but the surface has {mesh.file_vertex_count}. "
+            "Use the sphere that belongs to this surface."
         )
-    with suppress(MeshError):  # a mesh that is merged or cut, as the surface is
+    with suppress(MeshError):  # the sphere is repaired in the same way as the surface
         sphere = TriangleMesh(vertices, faces)
         if np.array_equal(sphere.vertex_ids, mesh.vertex_ids):
             return sphere_directions(sphere)
     return sphere_directions(TriangleMesh(vertices[mesh.vertex_ids], mesh.faces))
 
 
-def _is_mirrored(name: str, words: list[str]) -> bool:
-    if words not in ([], ["mirror"]):
-        raise ParameterError(f"{name}:{','.join(words)}: expected mirror, or nothing")
-    return bool(words)
+def _is_mirrored(name: str, options: list[str]) -> bool:
+    if options not in ([], ["mirror"]):
+        raise ParameterError(
+            f"unknown option in {name}:{','.join(options)}; expected {name} or {name}:mirror"
+        )
+    return bool(options)
 
 
 METHODS = (
     InitialMapMethod(
         "auto[:mirror]",
-        "the best of the following that apply; mirrored ones only if they are clearly better",
+        "the best of the following that apply; a mirrored one only if it is clearly better",
         _best,
     ),
-    InitialMapMethod("connectivity", "vertex i to vertex i, of the same faces", _by_numbers),
+    InitialMapMethod(
+        "connectivity", "vertex i to vertex i, for meshes with the same faces", _by_numbers
+    ),
     InitialMapMethod(
         "sphere[:[mirror,][A,B]]",
-        "through spheres, the surfaces or files A and B; A's turned as the functions ask",
-        _spheres,
+        "through spheres (the surfaces, or files A and B), after rotating A's by the functions",
+        _by_spheres,
     ),
     InitialMapMethod(
         "embedding[:mirror]",
-        "through spheres that are made of both surfaces, which have no handles",
-        _embedded,
+        "through sphere embeddings of both surfaces, which must have no handles",
+        _by_embedding,
     ),
     InitialMapMethod(
         "closest[:similarity|rigid|mirror]",
-        "to the closest point, after B was laid on A",
+        "to the closest point, after alignment of B with A",
         _closest,
     ),
     InitialMapMethod(
         "spectral[:mirror]",
-        "by eigenfunctions and functions, of surfaces that are nearly isometric",
+        "by eigenfunctions and given functions, for nearly isometric surfaces",
         _searched_by("spectral"),
     ),
     InitialMapMethod(
@@ -267,13 +281,13 @@ METHODS = (
     ),
     InitialMapMethod(
         "landmarks[:mirror]",
-        "from three and more landmarks: by distances to them, by eigenfunctions, or closest",
+        "by three or more landmarks: distances to them, eigenfunctions, or closest points",
         _by_landmarks,
     ),
     InitialMapMethod(
         "file:MAP",
-        "from a file: for each vertex of B its vertex of A, or face and weights",
-        _of_file,
+        "from a file: the vertex of A for each vertex of B, or a face and weights",
+        _from_file,
     ),
 )
-"""All ways, by name; ``mirror`` sees A in a mirror first, as from left to right."""
+"""All methods. With ``mirror`` A is reflected first, for example from left to right."""

@@ -1,6 +1,4 @@
-"""The first eigenfunctions of two surfaces at some points of both, in which functional maps between
-them are looked for, and how near such a map comes to an isometry.
-"""
+"""Spectra of two surfaces, and measures of how isometric a functional map is."""
 
 from __future__ import annotations
 
@@ -16,23 +14,23 @@ from abfm.maps.surface_points import points_by_area
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray
 
-BRACKETS = 10  # eigenfunctions whose brackets tell the side
-_MEASURED_EIGENFUNCTIONS = 40  # eigenfunctions that these are measured by
+BRACKETS = 10  # eigenfunctions whose brackets decide between a map and a mirrored one
+_BRACKET_COEFFICIENTS = 40  # eigenfunctions in which brackets are expanded
 
 
 class Spectra(NamedTuple):
-    """Eigenvalues (K,), eigenfunctions (P, K) at P points, and brackets, of two surfaces A and B of
-    unit area.
-    """
+    """Spectra of surfaces A and B, both scaled to unit area; each pair is that of A and of B."""
 
-    values: tuple[FloatArray, FloatArray]
-    functions: tuple[FloatArray, FloatArray]
-    brackets: tuple[FloatArray, FloatArray]
+    values: tuple[FloatArray, FloatArray]  # (K,), eigenvalues
+    functions: tuple[FloatArray, FloatArray]  # (P, K), eigenfunctions at P points
+    brackets: tuple[FloatArray, FloatArray]  # (n, n, m), see `side`
 
     @classmethod
     def of(cls, a: TriangleMesh, b: TriangleMesh, k: int, count: int) -> Spectra:
-        """Take k eigenfunctions at so many points of A, evenly spread, and at some more of B: the
-        same points of the same surface would make its map to itself better than it is.
+        """Evaluate k eigenfunctions at ``count`` evenly spread points of A and 10% more of B.
+
+        Different points are needed: with the same points on the same surface, its map to itself
+        would seem more accurate than it is.
         """
         (values_a, of_a), (values_b, of_b) = unit_eigenbasis(a, k), unit_eigenbasis(b, k)
         at_a = points_by_area(a, count).pull_back(of_a)
@@ -40,17 +38,19 @@ class Spectra(NamedTuple):
         return cls((values_a, values_b), (at_a, at_b), (_brackets(a, k), _brackets(b, k)))
 
     def thinned(self, by: int) -> Spectra:
+        """Return the spectra at every ``by``-th point only."""
         return self._replace(functions=(self.functions[0][::by], self.functions[1][::by]))
 
     def refined(self, C: FloatArray, sizes: Iterable[int]) -> FloatArray:
-        """Refine a functional map through sizes; see `abfm.maps.functional_maps.refined`."""
+        """Refine a functional map through ``sizes``, see `abfm.maps.functional_maps.refined`."""
         weights = np.full(len(self.functions[1]), 1 / len(self.functions[1]))
         return refined(*self.functions, weights, C, sizes)
 
     def defect(self, C: FloatArray) -> float:
-        """Return how far a functional map (k, k) is from that of an isometry, which is orthogonal
-        and commutes with the Laplacian: the sum of what is missing to either, relatively; 0 to
-        about 2.
+        """Return the defect of a functional map (k, k) as an isometry, 0 to about 2.
+
+        The map of an isometry is orthogonal and commutes with the Laplacian. The defect is the sum
+        of the relative deviations from both properties.
         """
         k = len(C)
         on_a, on_b = self.values[0][:k], self.values[1][:k]
@@ -59,27 +59,27 @@ class Spectra(NamedTuple):
         return float(orthogonal + commuting)
 
     def side(self, C: FloatArray) -> float:
-        """Return 1 for an isometry that keeps the side, -1 for one that turns the surface over, and
-        what is between for other maps.
+        """Return 1 for an isometry that preserves the orientation, and -1 for one that reverses it.
 
-        Carrying the bracket ``<n, grad f x grad g>`` of two functions of A gives the bracket of the
-        carried functions, or its opposite: this is the correlation of both.
+        Other maps have values between. An isometry transfers the bracket ``<n, grad f x grad g>``
+        of two functions of A to the bracket of the transferred functions, or to its opposite. The
+        result is the correlation of both.
         """
         count = self.brackets[0].shape[0]
         few, more = min(count, len(C)), min(self.brackets[0].shape[2], len(C))
         pairs = C[:few, :few]
         on_b = self.brackets[1][:few, :few, :more]
-        of_carried = np.einsum("ki,lj,klq->ijq", pairs, pairs, on_b, optimize=True)
-        carried = self.brackets[0][:few, :few, :more] @ C[:more, :more].T
-        sizes = np.linalg.norm(of_carried) * np.linalg.norm(carried)
-        return float((of_carried * carried).sum() / sizes) if sizes > 0 else 0.0
+        of_transferred = np.einsum("ki,lj,klq->ijq", pairs, pairs, on_b, optimize=True)
+        transferred = self.brackets[0][:few, :few, :more] @ C[:more, :more].T
+        sizes = np.linalg.norm(of_transferred) * np.linalg.norm(transferred)
+        return float((of_transferred * transferred).sum() / sizes) if sizes > 0 else 0.0
 
 
 @per_mesh
 def _brackets(mesh: TriangleMesh, k: int) -> FloatArray:
     """Return the coefficients (n, n, m) of the brackets of the first n of k eigenfunctions."""
     unit = mesh.normalized()
-    functions = unit_eigenbasis(mesh, k)[1][:, :_MEASURED_EIGENFUNCTIONS]
+    functions = unit_eigenbasis(mesh, k)[1][:, :_BRACKET_COEFFICIENTS]
     count = min(BRACKETS, k)
     slopes = (gradient(unit) @ functions[:, :count]).reshape(-1, 2, count)
     products = np.einsum("fi,fj->fij", slopes[:, 0], slopes[:, 1])

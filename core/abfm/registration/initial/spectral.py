@@ -1,4 +1,4 @@
-"""The initial map of two surfaces that are nearly isometric, by their eigenfunctions.
+"""Initial maps between nearly isometric surfaces, by their eigenfunctions.
 
 References
 ----------
@@ -33,49 +33,46 @@ from abfm.registration.initial.spectra import Spectra
 from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import step
 
-# vertices of the meshes that a map is looked for on: coarser ones of larger meshes
-VERTICES_MAX = 5000
-VERTICES_MIN = 60  # vertices without which there are too few eigenfunctions
-# eigenfunctions: in the end, to choose by, at first
-_K = 120
-_K_COMPARED = 40
-_K_DESCRIBED = 20
-# points of each surface to refine by, and to search by
-_SAMPLES = 1200
-_FEW_SAMPLES = 300
+VERTICES_MAX = 5000  # for the search; larger meshes are coarsened
+VERTICES_MIN = 60  # smaller meshes have too few eigenfunctions
+_K_FINAL = 120  # eigenfunctions of the final map
+_K_COMPARED = 40  # eigenfunctions for the comparison of candidates
+_K_DESCRIBED = 20  # eigenfunctions of the map by descriptors
+_REFINING_SAMPLES = 1200  # points of each surface for the refinement
+_SEARCH_SAMPLES = 300  # points of each surface for the search
 _REFINED_CANDIDATES = 24  # candidates that are refined and compared
-_TURNS = 2  # of all vertices in the end
-# Weights beside the defect of a map as an isometry: with these all of 22 pairs of bodies in
-# different poses, 21 of different people, are mapped to the right one of nearly symmetric maps
-_PER_SIDE = 0.2
-_PER_BENDING = 0.5
-_PER_LANDMARK = 5.0  # of the defect, for a distance of sqrt(area) between landmarks
+_FINAL_ITERATIONS = 2  # with all vertices
+# Weights relative to the defect of a map as an isometry. With them the correct one of nearly
+# symmetric maps was chosen for all of 22 pairs of bodies in different poses, 21 of different people
+_SIDE_WEIGHT = 0.2
+_BENDING_WEIGHT = 0.5
+_LANDMARK_WEIGHT = 5.0  # for a distance of sqrt(area) between landmarks
 
 
 class SpectralSearch:
-    """Functional maps from A to B that are nearly isometries and agree with what is known.
+    """Functional maps from A to B that are nearly isometries and agree with given data.
 
-    Distances along the surfaces count, not how they are bent. If a surface is nearly symmetric,
-    several maps are nearly isometries: those that keep the side rank before others, which
-    distinguishes left from right, and smaller differences of mean curvature before larger ones,
+    The search compares distances along the surfaces, not their bending. If a surface is nearly
+    symmetric, several maps are nearly isometries. Maps that preserve the orientation rank first,
+    which distinguishes left from right. Maps with smaller differences of mean curvature rank first,
     which distinguishes front from back.
 
     Parameters
     ----------
     landmarks : Landmarks, optional
-        One or two choose between maps, three or more give a start.
+        One or two landmarks help to choose between maps. Three or more also give a start.
     functions : pair of (V_A,) or (V_A, C) and (V_B,) or (V_B, C) arrays, optional
-        That have the same values at corresponding points.
+        Functions with equal values at corresponding points.
 
     Attributes
     ----------
     maps : list of (k, k) arrays
-        In the first eigenfunctions of the meshes, or of coarser ones.
+        Functional maps in the first eigenfunctions of the meshes, or of coarser meshes.
 
     Raises
     ------
     AbfmError
-        If a mesh has too few vertices, or functions do not fit.
+        If a mesh has too few vertices, or a function does not fit its mesh.
     """
 
     maps: list[FloatArray]
@@ -88,41 +85,44 @@ class SpectralSearch:
         functions: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> None:
         self._meshes = a, b
-        with step("searching a map by eigenfunctions") as done:
+        with step("searching for a map by eigenfunctions") as done:
             coarse_a, coarse_b = self._coarse = _coarser(a, "A"), _coarser(b, "B")
-            k = self._size = min(_K, len(coarse_a.vertices) // 3, len(coarse_b.vertices) // 3)
-            spectra = self._spectra = Spectra.of(coarse_a, coarse_b, k, _SAMPLES)
+            k = self._size = min(_K_FINAL, len(coarse_a.vertices) // 3, len(coarse_b.vertices) // 3)
+            spectra = self._spectra = Spectra.of(coarse_a, coarse_b, k, _REFINING_SAMPLES)
             done(0.3)
             hints = _hints((a, b), (coarse_a, coarse_b), k, landmarks, functions)
             size = min(_K_COMPARED, k)
-            places = points_by_area(coarse_a, _SAMPLES).positions[::2] / a.length_scale
-            few = spectra.thinned(_SAMPLES // _FEW_SAMPLES)
+            places = points_by_area(coarse_a, _REFINING_SAMPLES).positions[::2] / a.length_scale
+            few = spectra.thinned(_REFINING_SAMPLES // _SEARCH_SAMPLES)
             starts = [map_of_descriptors(coarse_a, coarse_b, hints, min(_K_DESCRIBED, k))]
             found = candidates(few, starts, _REFINED_CANDIDATES)
             done(0.7)
-            bent = bending(coarse_a, size), bending(coarse_b, size)
-            compared = self._compared = _Compared(spectra.thinned(2), hints, places, bent)
+            curvatures = bending(coarse_a, size), bending(coarse_b, size)
+            criteria = self._criteria = _Criteria(spectra.thinned(2), hints, places, curvatures)
             self.maps = [
-                compared.spectra.refined(C, [*range(len(C) + 2, size, 2), size]) for C in found
+                criteria.spectra.refined(C, [*range(len(C) + 2, size, 2), size]) for C in found
             ]
 
     def ranked(self, side: int) -> list[FloatArray]:
-        """Return all maps (k, k), the one of least defect first; side is 1 or, for maps onto the
-        mirror image, -1.
+        """Return all maps (k, k), sorted by their defects.
+
+        ``side`` is 1, or -1 for maps onto the mirror image.
         """
         return sorted(self.maps, key=lambda C: self.defect(C, side))
 
     def defect(self, C: FloatArray, side: int) -> float:
-        """Return how far a map is from an isometry, and from landmarks and functions."""
-        return self._compared.defect(C, side)
+        """Return the deviation of a map from an isometry and from landmarks and functions."""
+        return self._criteria.defect(C, side)
 
     def side(self, C: FloatArray) -> float:
-        """Return 1 for an isometry, -1 for one onto the mirror image, see `Spectra.side`."""
+        """Return 1 for an isometry and -1 for one onto the mirror image, see `Spectra.side`."""
         return self._spectra.side(C)
 
     def nearest(self, C: FloatArray, on_a: FloatArray, on_b: FloatArray) -> IntArray:
-        """Return the number of one of P places on A for each of Q on B, in space at unit area:
-        where a map takes it.
+        """Return the images (Q,) of Q points of B among P points of A.
+
+        ``on_a`` (P, 3) and ``on_b`` (Q, 3) are positions on the surfaces scaled to unit area. The
+        result holds the number of a point of A for each point of B.
         """
         rows = [
             project_onto_surface(mesh, places * fine.length_scale).pull_back(
@@ -133,52 +133,54 @@ class SpectralSearch:
         return nearest_rows(C, *rows)
 
     def finished(self, C: FloatArray) -> tuple[PointMap, FloatArray]:
-        """Refine a map by more eigenfunctions; return the points of it, and itself."""
+        """Refine a map with all eigenfunctions; return the point map and the functional map."""
         k, (coarse_a, coarse_b) = self._size, self._coarse
         C = self._spectra.refined(C, [*range(len(C) + 4, k, 4), k])
         bases = [unit_eigenbasis(mesh, k)[1] for mesh in (coarse_a, coarse_b)]
-        C = refined(bases[0], bases[1], vertex_areas(coarse_b.normalized()), C, [k] * _TURNS)
+        C = refined(
+            bases[0], bases[1], vertex_areas(coarse_b.normalized()), C, [k] * _FINAL_ITERATIONS
+        )
         return _point_map(*self._meshes, coarse_a, coarse_b, C), C
 
 
-class _Compared(NamedTuple):
-    """What candidates are compared by."""
+class _Criteria(NamedTuple):
+    """The data for the comparison of candidates."""
 
     spectra: Spectra
     hints: Hints
     places: FloatArray  # (P, 3), the points of the spectra on A, in sqrt(area)
-    bent: tuple[FloatArray, FloatArray]  # coefficients (k,) of the mean curvature
+    curvatures: tuple[FloatArray, FloatArray]  # coefficients (k,) of the mean curvature
 
     def defect(self, C: FloatArray, side: int) -> float:
-        """Return how far a map is from what is wanted."""
+        """Return the defect of a map, see `SpectralSearch.defect`."""
         found = self.spectra.defect(C)
-        found += _PER_SIDE * (1 - side * self.spectra.side(C))
-        found += _PER_BENDING * _missed(C, *self.bent)
+        found += _SIDE_WEIGHT * (1 - side * self.spectra.side(C))
+        found += _BENDING_WEIGHT * _relative_error(C, *self.curvatures)
         if len(self.hints.places):
             rows = self.hints.at_landmarks[1][:, : len(C)]
             gaps = np.linalg.norm(self._images(C, rows) - self.hints.places, axis=1)
-            found += _PER_LANDMARK * float(np.average(gaps, weights=self.hints.weights))
-        return found + _missed(C, *self.hints.functions)
+            found += _LANDMARK_WEIGHT * float(np.average(gaps, weights=self.hints.weights))
+        return found + _relative_error(C, *self.hints.functions)
 
     def _images(self, C: FloatArray, rows: FloatArray) -> FloatArray:
         return self.places[nearest_rows(C, self.spectra.functions[0][:, : len(C)], rows)]
 
 
-def _missed(C: FloatArray, of_a: FloatArray, of_b: FloatArray) -> float:
-    """Return the norm of what functions of B differ by from the carried ones of A, over their own;
-    0 where there are none.
+def _relative_error(C: FloatArray, of_a: FloatArray, of_b: FloatArray) -> float:
+    """Return the relative difference of functions of B and the transferred functions of A.
+
+    The functions are given by their coefficients. Without functions the result is 0.
     """
     off, size = C @ of_a[: len(C)] - of_b[: len(C)], np.linalg.norm(of_b[: len(C)])
     return float(np.linalg.norm(off) / size) if size > 0 else 0.0
 
 
 def _coarser(mesh: TriangleMesh, which: str) -> TriangleMesh:
-    """Return a mesh of the surface that is not too fine, or refuse one that is too coarse."""
+    """Coarsen a mesh that is too fine for the search, and refuse one that is too coarse."""
     if len(mesh.vertices) < VERTICES_MIN:
         raise AbfmError(
-            f"{which} has {len(mesh.vertices)} vertices; expected at least {VERTICES_MIN} for a "
-            "map by "
-            "eigenfunctions: give a finer mesh, or landmarks"
+            f"{which} has {len(mesh.vertices)} vertices; a map by eigenfunctions needs at least "
+            f"{VERTICES_MIN}. Use a finer mesh, or landmarks."
         )
     if len(mesh.vertices) <= 1.5 * VERTICES_MAX:
         return mesh
@@ -192,7 +194,7 @@ def _hints(
     landmarks: Landmarks | None,
     functions: tuple[ArrayLike, ArrayLike] | None,
 ) -> Hints:
-    """Say in eigenfunctions of the coarse meshes what is known."""
+    """Return landmarks and functions in eigenfunctions of the coarse meshes."""
     bases = [unit_eigenbasis(mesh, k)[1] for mesh in coarse]
     places, weights = np.zeros((0, 3)), np.zeros(0)
     at = [np.zeros((0, k))] * 2
@@ -210,13 +212,14 @@ def _hints(
         ]
         if rows[0].shape[1] != rows[1].shape[1]:
             raise FunctionError(
-                f"A has {rows[0].shape[1]} functions, B has {rows[1].shape[1]}; expected as many"
+                f"A has {rows[0].shape[1]} functions and B has {rows[1].shape[1]}; expected equal "
+                "numbers"
             )
-        carried = [
+        on_coarse = [
             f if fine is mesh else project_onto_surface(fine, mesh.vertices).pull_back(f)
             for fine, mesh, f in zip(meshes, coarse, rows, strict=True)
         ]
-        of = [spectral_coefficients(mesh, f, k) for mesh, f in zip(coarse, carried, strict=True)]
+        of = [spectral_coefficients(mesh, f, k) for mesh, f in zip(coarse, on_coarse, strict=True)]
         size = np.sqrt(sum((f**2).sum(axis=0) for f in of) / 2)
         of = [f / np.where(size > 0, size, 1) for f in of]
     return Hints(places, (at[0], at[1]), weights, (of[0], of[1]))
@@ -225,7 +228,7 @@ def _hints(
 def _point_map(
     a: TriangleMesh, b: TriangleMesh, coarse_a: TriangleMesh, coarse_b: TriangleMesh, C: FloatArray
 ) -> PointMap:
-    """Return where the vertices of B go: those of a coarser mesh, then what is between."""
+    """Return the point map of the vertices of B, interpolated from those of a coarser mesh."""
     found = point_map(coarse_a, coarse_b, C)
     if a is coarse_a and b is coarse_b:
         return found

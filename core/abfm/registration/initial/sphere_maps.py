@@ -1,4 +1,4 @@
-"""The map through spheres, A's turned so that functions or landmarks agree."""
+"""Initial maps through spheres, after rotating A's sphere by functions or landmarks."""
 
 from __future__ import annotations
 
@@ -22,43 +22,46 @@ from abfm.registration.initial.sphere_rotations import (
 from abfm.types import FloatArray
 
 LANDMARKS_MIN = 3
-"""Number of landmarks without which they are no start."""
+"""Smallest number of landmarks that determine an initial map."""
 LANDMARK_WEIGHT = 5.0  # of a distance of sqrt(area) in the cost of a map
-# correlations by which maps must be better than vertex numbers, and mirrored ones than others:
-# subjects on one mesh are mostly aligned already
-_TURN_COST = 0.4
+# Costs in units of correlation. Subjects on the same mesh are mostly aligned already, so another
+# map must be clearly better than vertex numbers
+_ROTATION_COST = 0.4
 _MIRROR_COST = 0.1
-_RIVAL_RATIO = 0.9  # of a correlation, from which on another rotation is as good
-_CORRELATION_MIN = 0.3  # of functions on spheres that correspond
+_RIVAL_RATIO = 0.9  # of the correlation, above which another rotation is as good
+_CORRELATION_MIN = 0.3  # of functions on corresponding spheres
 
-sphere_of = per_mesh(sphere_embedding)  # kept, as functions may change
+sphere_of = per_mesh(sphere_embedding)  # cached with the mesh, for calls with other functions
 
 
 def best_of_spheres(given: MapInput, sides: Sequence[int]) -> Initial:
-    """Return the best map of two spheres: by vertex numbers if they have the same faces, or by a
-    rotation, of either side (1, or -1 for the mirror image). Rotations are not searched if none
-    could be better than vertex numbers.
+    """Return the best initial map between two spheres.
+
+    One candidate is the map by vertex numbers, if both spheres have the same faces. The others are
+    rotations for each of the sides, 1 or -1 for the mirror image. Rotations are not searched if
+    none could be better than vertex numbers.
     """
     found: list[tuple[str, Initial]] = []
     if 1 in sides and np.array_equal(given.a.faces, given.b.faces):
         same = Correspondence.of_same_faces(given.a, given.b)
         cost = _cost(given, same)
-        if cost <= _TURN_COST:
+        if cost <= _ROTATION_COST:
             return Initial(same.with_candidates((Candidate("connectivity", cost),)))
         found.append(("connectivity", Initial(same)))
     directions = sphere_directions(given.a), sphere_directions(given.b)
-    marks = given.landmarks
-    if given.f is not None and marks is not None and len(marks) >= LANDMARKS_MIN:
+    pairs = given.landmarks
+    if given.f is not None and pairs is not None and len(pairs) >= LANDMARKS_MIN:
+        without_functions = given._replace(f=None, g=None)
         for side in sides:
             name = "landmarks" if side > 0 else "landmarks:mirror"
-            found.append((name, turned(given._replace(f=None, g=None), *directions, side < 0)))
+            found.append((name, map_through_spheres(without_functions, *directions, side < 0)))
     for side in sides:
         name = "sphere" if side > 0 else "sphere:mirror"
-        found.append((name, turned(given, *directions, side < 0)))
+        found.append((name, map_through_spheres(given, *directions, side < 0)))
     costs = [_cost(given, initial.correspondence) for _, initial in found]
     has_same_faces = found[0][0] == "connectivity"
     for number, (name, _) in enumerate(found):
-        costs[number] += (has_same_faces and number > 0) * _TURN_COST
+        costs[number] += (has_same_faces and number > 0) * _ROTATION_COST
         costs[number] += name.endswith(":mirror") * _MIRROR_COST
     order = np.argsort(costs, kind="stable")
     candidates = tuple(Candidate(found[number][0], costs[number]) for number in order)
@@ -67,13 +70,15 @@ def best_of_spheres(given: MapInput, sides: Sequence[int]) -> Initial:
 
 
 def _cost(given: MapInput, found: Correspondence) -> float:
-    """Return 1 less the mean correlation of the functions, of any sign, and the mean distance of
-    landmarks from their places, in sqrt(area), times a weight.
+    """Return the cost of a map by functions and landmarks.
+
+    It is 1 minus the mean absolute correlation of the functions, plus `LANDMARK_WEIGHT` times the
+    mean error of the landmarks in sqrt(area).
     """
-    cost, marks = 0.0, given.landmarks
-    if marks is not None:
-        gaps = found.points.at(marks.b).distances_from(marks.a.positions)
-        mean = float(np.average(gaps, weights=marks.weights))
+    cost, pairs = 0.0, given.landmarks
+    if pairs is not None:
+        gaps = found.points.at(pairs.b).distances_from(pairs.a.positions)
+        mean = float(np.average(gaps, weights=pairs.weights))
         cost += LANDMARK_WEIGHT * mean / given.a.length_scale
     if given.f is None or given.g is None:
         return cost
@@ -84,28 +89,33 @@ def _cost(given: MapInput, found: Correspondence) -> float:
         areas = areas * np.clip(found.transfer(given.mask_a), 0, None)
     if not areas.any():
         return cost + 1
-    alike = 1 - dissimilarity(found.transfer(given.f.T), given.g.T, areas / areas.sum())
-    return cost + 1 - float(np.average(np.abs(alike), weights=given.weights))
+    correlations = 1 - dissimilarity(found.transfer(given.f.T), given.g.T, areas / areas.sum())
+    return cost + 1 - float(np.average(np.abs(correlations), weights=given.weights))
 
 
-def turned(given: MapInput, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bool) -> Initial:
-    """Return the map through spheres, A's (V_A, 3), maybe seen in a mirror, turned as it fits."""
+def map_through_spheres(
+    given: MapInput, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bool
+) -> Initial:
+    """Return the map through spheres (V_A, 3) and (V_B, 3), with the best rotation of A's sphere.
+
+    With ``mirror`` A's sphere is reflected first.
+    """
     sphere_a = sphere_a * [-1, 1, 1] if mirror else sphere_a
     layouts = SphereLayout(given.a, sphere_a), SphereLayout(given.b, sphere_b)
     notes = [
-        f"{len(layout.folded)} faces of sphere {name} lie the wrong way round"
+        f"{len(layout.folded)} faces of sphere {name} are flipped"
         for name, layout in zip("AB", layouts, strict=True)
         if len(layout.folded)
     ]
-    turned, warnings = _rotation(given, *layouts), list[str]()
-    if turned is not None:
-        sphere_a = sphere_a @ turned.rotation.as_matrix().T
-        notes.append(_turned_words(turned))
-        warnings += _ambiguities(turned)
+    best, warnings = _rotation(given, *layouts), list[str]()
+    if best is not None:
+        sphere_a = sphere_a @ best.rotation.as_matrix().T
+        notes.append(_rotation_note(best))
+        warnings += _ambiguities(best)
     elif given.landmarks is not None and len(given.landmarks) >= LANDMARKS_MIN:
         notes.append(
-            "sphere A was not turned: the landmarks are in one place, or in opposite ones; give "
-            "three that are apart"
+            "sphere A was not rotated, as all landmarks are near one point or near two opposite "
+            "points; use three landmarks in different directions"
         )
     found = Correspondence.through_sphere(given.a, given.b, sphere_a, sphere_b)
     return Initial(found, tuple(notes), tuple(warnings))
@@ -119,29 +129,30 @@ def _rotation(given: MapInput, a: SphereLayout, b: SphereLayout) -> SphereRotati
             SphereFunctions(b, given.g, given.mask_b),
         )
         return rotation_by_functions(on_a, on_b, weights)
-    marks = given.landmarks
+    pairs = given.landmarks
     return (
-        None if marks is None or len(marks) < LANDMARKS_MIN else rotation_by_landmarks(a, b, marks)
+        None if pairs is None or len(pairs) < LANDMARKS_MIN else rotation_by_landmarks(a, b, pairs)
     )
 
 
-def _turned_words(turned: SphereRotation) -> str:
-    note = f"sphere A was turned by {turned.degrees:.1f} degrees"
-    if np.isnan(turned.correlation):
-        return f"{note}, to the landmarks"
-    return f"{note}: the functions correlate by {turned.correlation:.2f}"
+def _rotation_note(found: SphereRotation) -> str:
+    note = f"sphere A was rotated by {found.degrees:.1f} degrees"
+    if np.isnan(found.correlation):
+        return f"{note} to fit the landmarks"
+    return f"{note}; the correlation of the functions is {found.correlation:.2f}"
 
 
-def _ambiguities(turned: SphereRotation) -> list[str]:
-    """Return why a rotation may be a wrong one."""
+def _ambiguities(found: SphereRotation) -> list[str]:
+    """Return reasons why a rotation may be wrong."""
     warnings = []
-    if turned.correlation < _CORRELATION_MIN:
+    if found.correlation < _CORRELATION_MIN:
         warnings.append(
-            f"by the best rotation of the spheres the functions correlate by "
-            f"{turned.correlation:.2f} only: the surfaces may not correspond"
+            f"the surfaces may not correspond: with the best rotation of the spheres the "
+            f"correlation of the functions is only {found.correlation:.2f}"
         )
-    if turned.runner_up > _RIVAL_RATIO:
+    if found.runner_up > _RIVAL_RATIO:
         warnings.append(
-            "another rotation is nearly as good: give more functions, or a map, to distinguish them"
+            "another rotation of the sphere is nearly as good; use more functions, or another "
+            "initial map, to distinguish the two"
         )
     return warnings

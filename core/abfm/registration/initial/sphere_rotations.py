@@ -1,8 +1,8 @@
-"""The map through spheres that are given with both surfaces, turned as functions or landmarks ask.
+"""Rotations between two spheres, by functions or landmarks on both.
 
-Spheres of one atlas and another, or of a subject as it was inflated, differ by a rotation, of some
-tens of degrees between atlases. It is searched for over all rotations, on averages over cells of
-the sphere that get smaller, by the correlation of the functions.
+Spheres of different atlases, or of inflated subjects, differ by a rotation of some tens of degrees.
+The search covers all rotations and maximizes the correlation of the functions. It uses means over
+cells of the sphere, from coarse to fine.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_ROTATIONS = 20_000  # about 9 degrees apart
-_CELLS = (400, 1600, 6400)  # of the sphere, 10, 5 and 2.5 degrees wide, or as many as vertices
+_ROTATIONS = 20_000  # with a spacing of about 9 degrees
+_CELLS = (400, 1600, 6400)  # 10, 5 and 2.5 degrees wide; at most the number of vertices
 _REFINED_ROTATIONS = 12  # rotations that are refined
 _ROTATIONS_AT_ONCE = 500  # rotations in memory
-_ROTATION_ANGLE_MIN = np.radians(12)  # rotations closer than this lead to one
-_START = np.radians((6, 3, 1.5))  # of the simplex, by cells
-_LINES = 180  # of latitude in tables
-_SIGN_WEIGHT = 0.9  # what a correlation counts whose sign is the other one
-_EQUAL_CORRELATION_SHARE = 0.99  # of the best, from which on a sphere stays as it stands
-_CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
-_SPREAD_MIN = 1e-6  # of landmarks' directions: less leaves a rotation open
+_ROTATION_ANGLE_MIN = np.radians(12)  # closer rotations count as one
+_SIMPLEX_SIZES = np.radians((6, 3, 1.5))  # radians, at the start, for each number of cells
+_LATITUDES = 180  # of the tables
+_SIGN_WEIGHT = 0.9  # factor of negative correlations
+_EQUAL_CORRELATION_SHARE = 0.99  # of the best, for which the spheres are not rotated
+_CONSTANT = 1e-9  # of the largest value: smaller deviations from the mean are rounding errors
+_SPREAD_MIN = 1e-6  # of the landmarks' directions: less does not determine a rotation
 
 
 class SphereRotation(NamedTuple):
-    """A rotation of sphere A, and what it comes to."""
+    """A rotation of sphere A, and the correlation of the functions after it."""
 
     rotation: Rotation
-    correlation: float  # of A's functions, carried, with B's, of any sign; NaN for landmarks alone
-    # the largest one of rotations that are another one, over `correlation`
-    runner_up: float
+    correlation: float  # absolute, of A's rotated functions with B's; NaN for landmarks only
+    runner_up: float  # largest correlation of a different rotation, divided by `correlation`
 
     @property
     def degrees(self) -> float:
+        """Angle of the rotation in degrees."""
         return float(np.degrees(self.rotation.magnitude()))
 
 
@@ -52,7 +52,7 @@ class SphereRotation(NamedTuple):
 class SphereFunctions:
     """Functions on a surface that is laid out on the unit sphere.
 
-    ``functions`` is (C, V); ``weights`` (V,), not negative, say how much vertices count.
+    ``functions`` is (C, V). ``weights`` (V,) are weights of the vertices, not negative.
     """
 
     layout: SphereLayout
@@ -60,8 +60,10 @@ class SphereFunctions:
     weights: FloatArray | None = field(default=None)
 
     def averaged(self, cells: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return means over cells of the sphere, (C, n), by their middles (n, 3), and how much each
-        counts, (n,): cells that no vertex is in take what is where their middles are.
+        """Return means over cells of the sphere, (C, n), and weights of the cells, (n,).
+
+        ``cells`` (n, 3) are the centres of the cells. A cell without a vertex has the values at its
+        centre.
         """
         mesh = self.layout.mesh
         corners = self.layout.directions[mesh.faces]
@@ -71,24 +73,27 @@ class SphereFunctions:
         )
         weights = np.ones(len(areas)) if self.weights is None else self.weights
         cell, count = KDTree(cells).query(self.layout.directions)[1], len(cells)
-        whole, counted = (np.bincount(cell, x, count) for x in (areas, areas * weights))
+        total, weighted = (np.bincount(cell, x, count) for x in (areas, areas * weights))
         sums = np.stack([np.bincount(cell, areas * weights * f, count) for f in self.functions])
-        empty = whole == 0
-        at_middles = self.layout.locate(cells[empty])
-        whole[empty], counted[empty] = 1.0, at_middles.pull_back(weights)
-        sums[:, empty] = at_middles.pull_back((weights * self.functions).T).T
-        means = np.divide(sums, counted, out=np.zeros_like(sums), where=counted > 0)
-        return means, counted / whole
+        empty = total == 0
+        at_centres = self.layout.locate(cells[empty])
+        total[empty], weighted[empty] = 1.0, at_centres.pull_back(weights)
+        sums[:, empty] = at_centres.pull_back((weights * self.functions).T).T
+        means = np.divide(sums, weighted, out=np.zeros_like(sums), where=weighted > 0)
+        return means, weighted / total
 
 
 def rotation_by_functions(
     a: SphereFunctions, b: SphereFunctions, weights: FloatArray, is_rough: bool = False
 ) -> SphereRotation:
-    """Search all rotations of sphere A for the one whose functions correlate best with B's, in the
-    mean over channels by weights (C,). The other sign, as packages differ in it, is taken where it
-    is clearly better, and another rotation than none where that leaves less alike, by 1%.
+    """Search all rotations of sphere A for the best correlation of its functions with B's.
 
-    The rotation takes directions on A to directions on B. A rough one is within 9 degrees.
+    The correlation is the mean over channels with ``weights`` (C,). Negative correlations also
+    count, with a factor of 0.9, because packages differ in the sign of a function. The identity is
+    preferred unless its correlation is more than 1% lower.
+
+    The rotation takes directions on A to directions on B. With ``is_rough`` it is accurate to about
+    9 degrees.
     """
     a, b = _scaled(a), _scaled(b)
     with step("searching for the rotation of the sphere") as report:
@@ -104,12 +109,12 @@ def rotation_by_functions(
         level = start
         for number, count in enumerate(() if is_rough else _CELLS):
             level = start if number == 0 else _Level(a, b, weights, min(count, vertices))
-            best = [level.refined(each, _START[number]) for each in best]
+            best = [level.refined(each, _SIMPLEX_SIZES[number]) for each in best]
             found = np.array([level.correlations(each)[0] for each in best])
-            kept = _distinct(Rotation.concatenate(best), found)
-            best = kept[: max(2, _REFINED_ROTATIONS // 4 ** (number + 1))]
+            distinct = _distinct(Rotation.concatenate(best), found)
+            best = distinct[: max(2, _REFINED_ROTATIONS // 4 ** (number + 1))]
             report((number + 2) / (len(_CELLS) + 1))
-        best = _standing_first(level, best)
+        best = _identity_preferred(level, best)
     last = [float(level.correlations(each)[0]) for each in best]
     reached = float(level.correlations(best[0], opposite=1.0)[0])
     return SphereRotation(
@@ -117,8 +122,8 @@ def rotation_by_functions(
     )
 
 
-def _standing_first(level: _Level, best: list[Rotation]) -> list[Rotation]:
-    """Return rotations, the best one first, with none before them if it is another and as good."""
+def _identity_preferred(level: _Level, best: list[Rotation]) -> list[Rotation]:
+    """Insert the identity before the best rotations if it is about as good and not among them."""
     here = Rotation.identity()
     if best[0].magnitude() < _ROTATION_ANGLE_MIN:
         return best
@@ -128,24 +133,27 @@ def _standing_first(level: _Level, best: list[Rotation]) -> list[Rotation]:
 
 
 def _scaled(given: SphereFunctions) -> SphereFunctions:
-    """Return functions less their means, of size 1, so that no square of theirs overflows; and
-    constants as 0, which correlate with nothing.
+    """Subtract means and scale the largest absolute value to 1, so that squares do not overflow.
+
+    Constant functions become 0, which has no correlation with other functions.
     """
     scaled = []
     for values in given.functions:
         size = np.abs(values).max()
         unit = values / size if size > 0 else values
-        apart = unit - unit.mean()
-        largest = np.abs(apart).max()
-        scaled.append(apart / largest if largest > _CONSTANT else np.zeros_like(apart))
+        deviations = unit - unit.mean()
+        largest = np.abs(deviations).max()
+        scaled.append(deviations / largest if largest > _CONSTANT else np.zeros_like(deviations))
     return SphereFunctions(given.layout, np.array(scaled), given.weights)
 
 
 def rotation_by_landmarks(
     a: SphereLayout, b: SphereLayout, pairs: Landmarks
 ) -> SphereRotation | None:
-    """Return the rotation of sphere A that brings landmarks nearest to their partners on B; None
-    where they leave it open, as they are in one place of a sphere, or in it and opposite.
+    """Return the rotation of sphere A that brings its landmarks closest to those of B.
+
+    None if the landmarks do not determine it, because all are near one point of a sphere or near
+    two opposite points.
     """
     here, there = a.directions_of(pairs.a), b.directions_of(pairs.b)
     for directions in (here, there):
@@ -156,20 +164,21 @@ def rotation_by_landmarks(
 
 
 class _Level:
-    """Functions of both spheres as averages over cells, and A's as tables by angles, the last one
-    of how much they count.
+    """Functions of both spheres as means over cells.
+
+    Those of A are tables by latitude and longitude. The last table has the weights.
     """
 
     def __init__(
         self, a: SphereFunctions, b: SphereFunctions, weights: FloatArray, count: int
     ) -> None:
         self._places = spread_directions(count)
-        self._target, counted = b.averaged(self._places)
+        self._target, cell_weights = b.averaged(self._places)
         self._weights = weights
         values, shares = a.averaged(self._places)
         places = KDTree(self._places)
-        rows = np.radians(np.linspace(-90, 90, _LINES + 1))
-        columns = np.radians(np.linspace(-180, 180, 2 * _LINES + 1))
+        rows = np.radians(np.linspace(-90, 90, _LATITUDES + 1))
+        columns = np.radians(np.linspace(-180, 180, 2 * _LATITUDES + 1))
         latitude, longitude = np.meshgrid(rows, columns, indexing="ij")
         grid = np.stack(
             [
@@ -180,42 +189,45 @@ class _Level:
             axis=-1,
         )
         distances, near = places.query(grid.reshape(-1, 3), 3)
-        shade = 1 / np.maximum(distances, 1e-6)
-        shade /= shade.sum(axis=1, keepdims=True)
-        self._tables = np.einsum("gk,cgk->cg", shade, np.vstack([values, shares])[:, near]).reshape(
-            -1, *latitude.shape
-        )
-        self._counted = counted
+        inverse = 1 / np.maximum(distances, 1e-6)
+        inverse /= inverse.sum(axis=1, keepdims=True)
+        self._tables = np.einsum(
+            "gk,cgk->cg", inverse, np.vstack([values, shares])[:, near]
+        ).reshape(-1, *latitude.shape)
+        self._cell_weights = cell_weights
 
     def correlations(self, rotations: Rotation, opposite: float = _SIGN_WEIGHT) -> FloatArray:
-        """Return the mean over channels of correlations, (K,), of rotations (K) of A; negative ones
-        count so much less.
+        """Return the mean correlation over channels (K,) for K rotations of A.
+
+        Negative correlations count by their absolute value times ``opposite``.
         """
         back = np.ascontiguousarray(rotations.inv().as_matrix().reshape(-1, 3, 3))
-        seen = np.empty((len(self._tables), len(back), len(self._places)))
-        _see(back, self._places, self._tables, seen)
-        counted = self._counted * np.clip(seen[-1], 0, None)
+        interpolated = np.empty((len(self._tables), len(back), len(self._places)))
+        _interpolate(back, self._places, self._tables, interpolated)
+        counted = self._cell_weights * np.clip(interpolated[-1], 0, None)
         total = np.maximum(counted.sum(axis=1, keepdims=True), np.finfo(float).tiny)
         score = np.zeros(len(back))
-        for f, target, weight in zip(seen[:-1], self._target, self._weights, strict=True):
+        for f, target, weight in zip(interpolated[:-1], self._target, self._weights, strict=True):
             f = f - (counted * f).sum(axis=1, keepdims=True) / total
             g = target - (counted * target).sum(axis=1, keepdims=True) / total
             sizes = (counted * f**2).sum(axis=1) * (counted * g**2).sum(axis=1)
             products = (counted * f * g).sum(axis=1)
-            alike = np.divide(
+            correlation = np.divide(
                 products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0
             )
-            score += weight * np.maximum(alike, -opposite * alike)
-        # where little of both is left to compare nothing is said
-        return np.asarray(score / self._weights.sum() * np.minimum(1, 2 * total[:, 0] / self._most))
+            score += weight * np.maximum(correlation, -opposite * correlation)
+        # the score is reduced where the masks leave little to compare
+        overlap = np.minimum(1, 2 * total[:, 0] / self._weight_max)
+        return np.asarray(score / self._weights.sum() * overlap)
 
     @property
-    def _most(self) -> float:
-        return float(min(self._counted.sum(), self._tables[-1].mean() * len(self._counted)))
+    def _weight_max(self) -> float:
+        shares = self._tables[-1].mean() * len(self._cell_weights)
+        return float(min(self._cell_weights.sum(), shares))
 
     def refined(self, rotation: Rotation, size: float) -> Rotation:
-        """Return the best rotation near one, by a simplex of a size in radians."""
-        # late, as all that registers is loaded with this file, and few use it
+        """Return the best rotation near a given one, by a simplex of a size in radians."""
+        # imported here, as every registration loads this module and few call this method
         from scipy.optimize import minimize
 
         corners = np.vstack([np.zeros(3), size * np.eye(3)])
@@ -234,9 +246,13 @@ class _Level:
 
 
 @kernel
-def _see(back: FloatArray, places: FloatArray, tables: FloatArray, seen: FloatArray) -> None:
-    """Interpolate tables by latitude and longitude where rotations (K, 3, 3) bring places (n, 3),
-    to ``seen`` (T, K, n).
+def _interpolate(
+    back: FloatArray, places: FloatArray, tables: FloatArray, interpolated: FloatArray
+) -> None:
+    """Interpolate tables at rotated places.
+
+    The result for T tables, rotations ``back`` (K, 3, 3) and ``places`` (n, 3) is written to
+    ``interpolated`` (T, K, n).
     """
     _, rows, columns = tables.shape
     lines = (rows - 1) / np.pi
@@ -255,11 +271,11 @@ def _see(back: FloatArray, places: FloatArray, tables: FloatArray, seen: FloatAr
                 here, there = tables[t, i], tables[t, i + 1]
                 below = (1 - on) * here[j] + on * here[j + 1]
                 above = (1 - on) * there[j] + on * there[j + 1]
-                seen[t, k, n] = (1 - up) * below + up * above
+                interpolated[t, k, n] = (1 - up) * below + up * above
 
 
 def _spread_rotations(count: int) -> Rotation:
-    """Return evenly spread rotations: super-Fibonacci spirals [Alexa, CVPR 2022]."""
+    """Return evenly spread rotations by super-Fibonacci spirals [Alexa, CVPR 2022]."""
     phi, psi = np.sqrt(2.0), 1.533751168755204288118041
     s = np.arange(count) + 0.5
     inner, outer = np.sqrt(s / count), np.sqrt(1 - s / count)
@@ -269,12 +285,12 @@ def _spread_rotations(count: int) -> Rotation:
 
 
 def _distinct(rotations: Rotation, scores: FloatArray) -> list[Rotation]:
-    """Return rotations by descending score, without those that are like a better one."""
-    kept: list[Rotation] = []
+    """Return rotations by descending score, without near duplicates of better ones."""
+    distinct: list[Rotation] = []
     for number in np.argsort(-scores, kind="stable")[: 60 * _REFINED_ROTATIONS]:
         one = rotations[int(number)]
-        if all((one * other.inv()).magnitude() > _ROTATION_ANGLE_MIN for other in kept):
-            kept.append(one)
-        if len(kept) == _REFINED_ROTATIONS:
+        if all((one * other.inv()).magnitude() > _ROTATION_ANGLE_MIN for other in distinct):
+            distinct.append(one)
+        if len(distinct) == _REFINED_ROTATIONS:
             break
-    return kept
+    return distinct

@@ -1,4 +1,4 @@
-"""Whether landmarks count vertices from 0 or from 1."""
+"""Check whether landmarks count vertices from 0 or from 1."""
 
 import warnings
 
@@ -10,13 +10,14 @@ from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 _LANDMARKS_MIN = 3
-_LANDMARKS_MAX = 30  # that are compared, of more landmarks
-_COST_RATIO = 0.5  # shifted right landmarks have at least 0.54 of the cost, on human shapes
+_LANDMARKS_MAX = 30  # of more landmarks this many are compared
+_COST_RATIO = 0.5  # on human shapes, shifting correct landmarks gives a ratio of at least 0.54
 
 
 def pair_cost(a: TriangleMesh, b: TriangleMesh, of_a: IntArray, of_b: IntArray) -> float:
-    """Return how much distances between landmarks (L,) differ from A to B, in sqrt(area): the mean
-    over all pairs, along edges.
+    """Return the mean difference of distances between landmarks (L,) on A and B, in sqrt(area).
+
+    The mean is over all pairs of landmarks, and distances are along edges.
     """
     return float(np.abs(_distances(a, of_a) - _distances(b, of_b)).mean())
 
@@ -24,9 +25,10 @@ def pair_cost(a: TriangleMesh, b: TriangleMesh, of_a: IntArray, of_b: IntArray) 
 def warn_of_numbering(
     a: TriangleMesh, b: TriangleMesh, numbers_a: IntArray, numbers_b: IntArray, first: int
 ) -> None:
-    """Warn if landmarks (L,), numbers of vertices counted from ``first``, 0 or 1, correspond much
-    better if counted from the other one. Nothing is known of surfaces with the same faces, where
-    any vertices correspond.
+    """Warn if landmarks correspond much better with the other first vertex number.
+
+    ``numbers_a`` and ``numbers_b`` (L,) are counted from ``first``, which is 0 or 1. Surfaces with
+    the same faces are not checked, as any of their vertices correspond.
     """
     if len(numbers_a) < _LANDMARKS_MIN or np.array_equal(a.faces, b.faces):
         return
@@ -39,9 +41,9 @@ def warn_of_numbering(
     cost, lower = pair_cost(a, b, *given), pair_cost(a, b, *shifted)
     if lower < _COST_RATIO * cost:
         warnings.warn(
-            f"landmarks are counted from {first}, but distances between them fit better if they "
-            f"are counted from {other} (they differ by {lower:.2g} instead of {cost:.2g} "
-            f"sqrt(area)): {'leave out ' * first}--one-based",
+            f"landmarks are counted from {first}, but counted from {other} they agree better: "
+            f"distances between them differ by {lower:.2g} instead of {cost:.2g} sqrt(area). "
+            f"{'Remove' if first else 'Use'} --one-based.",
             AbfmWarning,
             stacklevel=3,
         )

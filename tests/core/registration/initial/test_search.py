@@ -14,7 +14,7 @@ from abfm.maps import PointMap, map_accuracy
 from abfm.maps.functional_maps import nearest
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
-from abfm.registration.initial import Landmarks, initial_map, turned_spheres
+from abfm.registration.initial import Landmarks, initial_map, sphere_maps
 from abfm.registration.initial.map_input import MapInput
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import coarse_shape, ranks
@@ -74,14 +74,14 @@ def test_relaxation_lowers_energy():
     start = two_way_map(COARSE, COARSE, there)
     none = COARSE.descriptors[:, :0]
     found = relax(
-        COARSE, COARSE, start, (none, none), weight=0, penalties=np.geomspace(0.05, 10, 8), turns=2
+        COARSE, COARSE, start, (none, none), weight=0, penalties=np.geomspace(0.05, 10, 8), iterations=2
     )
 
     def error(map_):
         return COARSE.areas @ COARSE.distances[map_, np.arange(len(map_))]
 
-    assert cost_of(COARSE, COARSE, found.there).energy < cost_of(COARSE, COARSE, there).energy / 2
-    assert error(found.there) < 0.5 * error(there)
+    assert cost_of(COARSE, COARSE, found.to_a).energy < cost_of(COARSE, COARSE, there).energy / 2
+    assert error(found.to_a) < 0.5 * error(there)
 
 
 def test_distances_on_a_sphere():
@@ -178,9 +178,9 @@ def test_rotations_that_cannot_be_better_are_not_searched(monkeypatch):
     f, g = ball.vertices[None, :, 2], (ball.vertices @ [0.3, 0.2, 0.9])[None]
     given, directions = MapInput(ball, ball, f, g), (ball.vertices, ball.vertices)
     for mirror in (False, True):
-        other = turned_spheres.turned(given, *directions, mirror).correspondence
-        assert turned_spheres._cost(given, other) >= 0
-    monkeypatch.delattr(turned_spheres, "turned")
+        other = sphere_maps.map_through_spheres(given, *directions, mirror).correspondence
+        assert sphere_maps._cost(given, other) >= 0
+    monkeypatch.delattr(sphere_maps, "turned")
     found = initial_map(None, given).correspondence
     assert [each.name for each in found.candidates] == ["connectivity"]
     assert_array_equal(found.points.positions, ball.vertices)
@@ -234,7 +234,7 @@ def test_fine_meshes_need_no_matrix_of_all_distances():
     found = _Search(MapInput(a, b))
     pair = found.pair(1000)
     same = two_way_map(pair.a, pair.b, nearest(pair.b.mesh.vertices, pair.a.mesh.vertices))
-    best = Relaxed(Start("closest", 1, lambda _: same.there), same, 2.0, pair.cost(same), 0.0)
+    best = Relaxed(Start("closest", 1, lambda _: same.to_a), same, 2.0, pair.cost(same), 0.0)
     tracemalloc.start()
     found.polished(best)
     peak = tracemalloc.get_traced_memory()[1]

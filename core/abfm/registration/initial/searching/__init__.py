@@ -1,1 +1,1 @@
-"""The search of an initial map among relaxed candidates."""
+"""Search for an initial map among relaxed candidates."""

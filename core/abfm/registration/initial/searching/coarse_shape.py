@@ -1,5 +1,6 @@
-"""A surface on about a thousand vertices: the distances, coordinates and descriptors by which maps
-to it are relaxed and compared.
+"""Coarse surfaces of about a thousand vertices, with data to relax and compare maps.
+
+The data are distances along the surface, coordinates, and descriptors.
 """
 
 from __future__ import annotations
@@ -24,24 +25,24 @@ from abfm.mesh.coarsening import coarsened
 from abfm.mesh.topology import next_corner
 from abfm.types import FloatArray, IntArray
 
-COORDINATES = 8  # of the classical scaling of the distances
-EIGENFUNCTIONS = 30  # by which maps commute with the Laplacian, or do not
-_COTANGENT_RANGE = (0.01, 20.0)  # to which weights of edges are clipped; those of slivers diverge
+COORDINATES = 8  # dimensions of the classical scaling of the distances
+EIGENFUNCTIONS = 30  # for the commutator of a map with the Laplacian
+_COTANGENT_RANGE = (0.01, 20.0)  # edge weights are clipped to it, as those of slivers diverge
 _HEAT_TIMES = (0.01, 0.05)
 _CURVATURE_SCALES = (0.045, 0.1)  # sqrt(area) over which the mean curvature is smoothed
-_CURVATURE_MAX = 30.0  # over sqrt(area); more is a crease or noise
+_CURVATURE_MAX = 30.0  # over sqrt(area): larger values are creases or noise
 
 
 class CoarseShape(NamedTuple):
-    """A surface of unit area on V vertices."""
+    """A surface scaled to unit area, with V vertices."""
 
     mesh: TriangleMesh
     areas: FloatArray  # (V,), of sum 1
     stiffness: sparse.csr_array  # (V, V), of clipped cotangent weights
     distances: FloatArray  # (V, V), along the surface
-    coordinates: FloatArray  # (V, 8), whose Euclidean distances are near those along the surface
+    coordinates: FloatArray  # (V, 8), with Euclidean distances close to those along the surface
     stretch: float  # Dirichlet energy of the coordinates
-    descriptors: FloatArray  # (V, 5), by rank
+    descriptors: FloatArray  # (V, 5), see `ranks`
     eigenvalues: FloatArray  # (K,)
     eigenfunctions: FloatArray  # (V, K)
 
@@ -53,7 +54,7 @@ class CoarseShape(NamedTuple):
 
 @per_mesh
 def coarse_shape(mesh: TriangleMesh, count: int) -> CoarseShape:
-    """Return the surface on about ``count`` vertices, or on its own if it has fewer."""
+    """Return the surface on about ``count`` vertices, or on all its vertices if it has fewer."""
     coarse = (coarsened(mesh, count) or mesh).normalized()
     areas = vertex_areas(coarse)
     areas = areas / areas.sum()
@@ -77,8 +78,10 @@ def coarse_shape(mesh: TriangleMesh, count: int) -> CoarseShape:
 
 
 def ranks(values: FloatArray, areas: FloatArray) -> FloatArray:
-    """Return functions (V, C) as the share of the area on which they are less, of mean 0 and
-    deviation 1 where no values are equal; equal values have equal ranks.
+    """Return the ranks of functions (V, C): the shares of the area on which they are smaller.
+
+    They are scaled to mean 0 and standard deviation 1 if all values differ. Equal values have equal
+    ranks.
     """
     found = np.empty(values.shape)
     for c, column in enumerate(values.T):
@@ -98,8 +101,10 @@ def _clipped(mesh: TriangleMesh) -> sparse.csr_array:
 
 
 def _distances(mesh: TriangleMesh) -> FloatArray:
-    """Return distances between all vertices along edges and, across each edge, along the line
-    between its opposite corners once both faces are unfolded.
+    """Return the distances between all vertices along edges and across them.
+
+    The line across an edge connects its two opposite corners after both faces are unfolded into a
+    plane.
     """
     inner = mesh.edge_slots[~mesh.is_boundary_edge]
     corners = mesh.faces.ravel()
@@ -124,16 +129,16 @@ def _distances(mesh: TriangleMesh) -> FloatArray:
     columns = np.concatenate([other, right[direct]])
     sizes = np.concatenate([np.linalg.norm(points[one] - points[other], axis=1), across[direct]])
     count = len(points)
-    # of two lines between the same corners the shorter one: a sparse matrix would add them
+    # only the shorter one of two lines between the same corners, as a sparse matrix adds entries
     order = np.lexsort((sizes, columns, rows))
     first = np.unique(np.stack([rows, columns], axis=1)[order], axis=0, return_index=True)[1]
-    kept = order[first]
-    graph = sparse.csr_array((sizes[kept], (rows[kept], columns[kept])), shape=(count, count))
+    chosen = order[first]
+    graph = sparse.csr_array((sizes[chosen], (rows[chosen], columns[chosen])), shape=(count, count))
     return np.asarray(dijkstra(graph, directed=False))
 
 
 def _scaling(distances: FloatArray, areas: FloatArray) -> FloatArray:
-    """Return classical scaling weighted by area: the coordinates with the largest variance."""
+    """Return coordinates (V, 8) by classical scaling, weighted by area."""
     squared = distances**2
     mean = squared @ areas
     gram = -0.5 * (squared - mean[:, None] - mean + areas @ mean)
@@ -145,11 +150,14 @@ def _scaling(distances: FloatArray, areas: FloatArray) -> FloatArray:
 
 
 def _descriptors(mesh: TriangleMesh, areas: FloatArray) -> FloatArray:
-    """Return functions (V, 5) that mean the same on surfaces of different people, by rank."""
+    """Return the ranks of functions (V, 5) with the same meaning on surfaces of different people.
+
+    They are heat kernel signatures, the shape diameter and smoothed mean curvatures.
+    """
     found = [HeatKernelSignature(time=time).evaluate(mesh) for time in _HEAT_TIMES]
     try:
         found.append(ShapeDiameter().evaluate(mesh))
-    except FunctionError:  # flat or inside out
+    except FunctionError:  # the surface is flat or inside out
         found.append(np.zeros(len(areas)))
     if mesh.is_boundary_vertex.all():
         found += [np.zeros(len(areas))] * len(_CURVATURE_SCALES)

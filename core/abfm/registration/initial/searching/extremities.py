@@ -1,10 +1,10 @@
-"""Maps by the ends of a surface's limbs, matched by the distances between them.
+"""Maps by the ends of limbs, which are matched by the distances between them.
 
 The ends are vertices whose mean distance from the surface is a local maximum, such as hands, feet
 and the head of a person. Every injection of the ends of one surface into those of the other is
-compared by distances and by the area around each end. A map follows from distances to the
-ends and from the brackets ``<n, grad d_i x grad d_j>`` of these: they change sign in a mirror, and
-so distinguish front from back, which distances alone do not.
+rated by distances and by the area around each end. A map follows from the distances d_i to the ends
+and from their brackets ``<n, grad d_i x grad d_j>``. Brackets change their sign under reflection.
+They therefore distinguish front from back, unlike distances.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from abfm.registration.initial.searching.coarse_shape import CoarseShape
 from abfm.types import FloatArray, IntArray
 
 ENDS_MIN = 3
-"""Number of ends without which there is no map."""
+"""Smallest number of ends that determine a map."""
 _ENDS_MAX = 6
-_RADIUS = 0.25  # sqrt(area) within which an end is farther from the surface than all others
-_AREA_RADII = (0.1, 0.2, 0.3, 0.45)  # sqrt(area) around an end whose areas are compared
+_RADIUS = 0.25  # sqrt(area), of the neighbourhood in which an end has the largest mean distance
+_AREA_RADII = (0.1, 0.2, 0.3, 0.45)  # sqrt(area), of the discs whose areas are compared
 _AREA_OFFSET = 0.003  # added to areas before the logarithm
 _AREA_WEIGHT = 0.5
-_DISTANCE_OFFSET = 0.03  # sqrt(area) added to distances from ends, whose inverses diverge
+_DISTANCE_OFFSET = 0.03  # sqrt(area), added to distances before inversion
 _DISTANCE_WEIGHT = 0.7
 _BRACKET_WEIGHT = 0.3
 _BRACKET_SCALE = np.sqrt(0.003)  # sqrt(area) over which brackets are smoothed
 
 
 def extremities(shape: CoarseShape) -> IntArray:
-    """Return the vertices at the ends of the surface's limbs, at most six, the farthest first."""
+    """Return the vertices at the ends of limbs, at most six, the farthest first."""
     mean = shape.distances @ shape.areas
     around = shape.distances <= _RADIUS
     highest = np.where(around, mean, -np.inf).max(axis=1)
@@ -44,16 +44,16 @@ def extremities(shape: CoarseShape) -> IntArray:
 def matchings(
     a: CoarseShape, b: CoarseShape, ends_a: IntArray, ends_b: IntArray, most: int
 ) -> list[tuple[IntArray, IntArray]]:
-    """Return pairs of ends, (L,) of A and (L,) of B, the most alike first, at most so many."""
+    """Return at most ``most`` matchings of ends, (L,) of A and (L,) of B, the best first."""
     if len(ends_a) > len(ends_b):
         return [(on_a, on_b) for on_b, on_a in matchings(b, a, ends_b, ends_a, most)]
     count = len(ends_a)
     if count < ENDS_MIN:
         return []
     chosen = np.array(list(permutations(range(len(ends_b)), count)))
-    apart_a, apart_b = _log_distances(a, ends_a), _log_distances(b, ends_b)
+    logs_a, logs_b = _log_distances(a, ends_a), _log_distances(b, ends_b)
     one, other = np.triu_indices(count, 1)
-    gaps = np.abs(apart_a[one, other] - apart_b[chosen[:, one], chosen[:, other]]).mean(axis=1)
+    gaps = np.abs(logs_a[one, other] - logs_b[chosen[:, one], chosen[:, other]]).mean(axis=1)
     around_a, around_b = _log_areas(a, ends_a), _log_areas(b, ends_b)
     gaps += _AREA_WEIGHT * np.abs(around_a - around_b[chosen]).mean(axis=(1, 2))
     order = np.argsort(gaps, kind="stable")[:most]
@@ -63,18 +63,21 @@ def matchings(
 def map_by_vertices(
     a: CoarseShape, b: CoarseShape, on_a: IntArray, on_b: IntArray, side: int
 ) -> IntArray:
-    """Return a vertex of A for each of B, by the distances to matched vertices (L,) of both; side
-    is 1 or, for a map onto the mirror image, -1.
+    """Return a vertex of A for each vertex of B, by the distances to matched vertices (L,).
+
+    ``side`` is 1, or -1 for a map onto the mirror image.
     """
-    rows = [_rows(shape, places) for shape, places in ((a, on_a), (b, on_b))]
-    (places_a, brackets_a), (places_b, brackets_b) = rows
-    return nearest(np.hstack([places_b, brackets_b]), np.hstack([places_a, side * brackets_a]))
+    rows = [_rows(shape, vertices) for shape, vertices in ((a, on_a), (b, on_b))]
+    (distances_a, brackets_a), (distances_b, brackets_b) = rows
+    return nearest(
+        np.hstack([distances_b, brackets_b]), np.hstack([distances_a, side * brackets_a])
+    )
 
 
 def _log_distances(shape: CoarseShape, ends: IntArray) -> FloatArray:
     mean = float(shape.areas @ shape.distances @ shape.areas)
-    apart = shape.distances[np.ix_(ends, ends)] / mean
-    return np.asarray(np.log(np.maximum(apart, np.finfo(float).tiny)))
+    relative = shape.distances[np.ix_(ends, ends)] / mean
+    return np.asarray(np.log(np.maximum(relative, np.finfo(float).tiny)))
 
 
 def _log_areas(shape: CoarseShape, ends: IntArray) -> FloatArray:
@@ -82,18 +85,19 @@ def _log_areas(shape: CoarseShape, ends: IntArray) -> FloatArray:
     return np.asarray(np.log(within @ shape.areas + _AREA_OFFSET))
 
 
-def _rows(shape: CoarseShape, places: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return rows of distances (V, 2 L) and of brackets (V, L (L - 1) / 2) by which vertices of two
-    surfaces are compared.
+def _rows(shape: CoarseShape, vertices: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return rows for the comparison of vertices of two surfaces.
+
+    They are distances (V, 2 L) and brackets (V, L (L - 1) / 2).
     """
-    distances = shape.distances[:, places]
+    distances = shape.distances[:, vertices]
     inverse = (distances + _DISTANCE_OFFSET) ** -2.0
-    apart = shape.distances[np.ix_(places, places)]
-    mean = apart[np.triu_indices(len(places), 1)].mean()
-    near = [inverse / inverse.sum(axis=1, keepdims=True), _DISTANCE_WEIGHT * distances / mean]
-    slopes = (gradient(shape.mesh) @ distances).reshape(-1, 2, len(places))
+    pairwise = shape.distances[np.ix_(vertices, vertices)]
+    mean = pairwise[np.triu_indices(len(vertices), 1)].mean()
+    scaled = [inverse / inverse.sum(axis=1, keepdims=True), _DISTANCE_WEIGHT * distances / mean]
+    slopes = (gradient(shape.mesh) @ distances).reshape(-1, 2, len(vertices))
     slopes = slopes / np.maximum(np.linalg.norm(slopes, axis=1, keepdims=True), 1e-12)
-    one, other = np.array(list(combinations(range(len(places)), 2))).T
-    turned = slopes[:, 0, one] * slopes[:, 1, other] - slopes[:, 1, one] * slopes[:, 0, other]
-    at_vertices = averaging(shape.mesh) @ turned
-    return np.hstack(near), _BRACKET_WEIGHT * smoothed(shape.mesh, at_vertices, _BRACKET_SCALE)
+    one, other = np.array(list(combinations(range(len(vertices)), 2))).T
+    brackets = slopes[:, 0, one] * slopes[:, 1, other] - slopes[:, 1, one] * slopes[:, 0, other]
+    at_vertices = averaging(shape.mesh) @ brackets
+    return np.hstack(scaled), _BRACKET_WEIGHT * smoothed(shape.mesh, at_vertices, _BRACKET_SCALE)

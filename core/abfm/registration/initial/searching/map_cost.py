@@ -1,5 +1,7 @@
-"""The cost of a map between two coarse surfaces, by which candidates are compared: Dirichlet energy
-there and back, dissimilarity of descriptors, and the commutator with the Laplacian.
+"""The cost of a map between two coarse surfaces, for the comparison of candidates.
+
+It is the sum of the Dirichlet energies in both directions, the dissimilarity of descriptors, and
+the commutator with the Laplacian.
 """
 
 from __future__ import annotations
@@ -15,22 +17,22 @@ from abfm.registration.initial.searching.coarse_shape import CoarseShape
 from abfm.registration.initial.searching.reversible import REVERSIBILITY, TwoWayMap
 from abfm.types import FloatArray, IntArray
 
-_COMMUTATOR = 2.0  # weight of the commutator next to the energy and the descriptors
-_WRONG_SIDE = 1.0  # cost of a map that turns most of the surface over
+_COMMUTATOR_WEIGHT = 2.0  # energy and descriptors have weight 1
+_WRONG_SIDE_COST = 1.0  # of a map with the wrong orientation on most of the surface
 
 
 class MapCost(NamedTuple):
-    """Parts of the cost of a map; isometries cost 2 in energy, and nothing else."""
+    """Parts of the cost of a map. An isometry has energy 2, and the other parts are 0."""
 
     energy: float
     descriptors: float
     commutator: float
-    side: float  # 1 where B's faces lie on A with the same side up, -1 with the other one
+    side: float  # 1 if the map preserves the orientation everywhere, -1 if it reverses it
 
     def total(self, side: int = 1) -> float:
-        """Return the sum, with a penalty if the map has not the side that is wanted, 1 or -1."""
-        wrong = _WRONG_SIDE * (side * self.side < 0)
-        return self.energy + self.descriptors + _COMMUTATOR * self.commutator + wrong
+        """Return the sum, with a penalty for an orientation different from ``side``, 1 or -1."""
+        wrong = _WRONG_SIDE_COST * (side * self.side < 0)
+        return self.energy + self.descriptors + _COMMUTATOR_WEIGHT * self.commutator + wrong
 
 
 def map_cost(
@@ -40,60 +42,62 @@ def map_cost(
     descriptors: tuple[FloatArray, FloatArray],
     weights: FloatArray,
 ) -> MapCost:
-    """Return the cost of a map; descriptors (V_A, C) and (V_B, C) are compared by weights (C,)."""
+    """Return the cost of a map, with descriptors (V_A, C) and (V_B, C) and their weights (C,)."""
     on_a, on_b = descriptors
-    there = dissimilarity(on_a[found.there], on_b, b.areas)
-    back = dissimilarity(on_b[found.back], on_a, a.areas)
-    commutator = (_commutator(a, b, found.there) + _commutator(b, a, found.back)) / 2
+    at_b = dissimilarity(on_a[found.to_a], on_b, b.areas)
+    at_a = dissimilarity(on_b[found.to_b], on_a, a.areas)
+    commutator = (_commutator(a, b, found.to_a) + _commutator(b, a, found.to_b)) / 2
     return MapCost(
         energy(a, b, found),
-        float(weights @ (there + back)) / 2,
+        float(weights @ (at_b + at_a)) / 2,
         commutator,
-        side(a, b, found.there),
+        side(a, b, found.to_a),
     )
 
 
 def energy(a: CoarseShape, b: CoarseShape, found: TwoWayMap) -> float:
-    """Return the reversible harmonic energy: Dirichlet energies both ways, relative to those of the
-    surfaces' own coordinates, and the mean squared distance of points from themselves there and
-    back.
+    """Return the reversible harmonic energy of a map.
+
+    It is the sum of two parts for each direction: the Dirichlet energy relative to that of the
+    identity map, and the weighted mean squared round-trip distance.
     """
 
-    def one_way(
+    def one_direction(
         domain: CoarseShape, codomain: CoarseShape, map_: IntArray, back: IntArray
     ) -> float:
         images = codomain.coordinates[map_]
         stretch = float((images * (domain.stiffness @ images)).sum()) / domain.stretch
-        count = np.arange(len(map_))
-        gaps = domain.distances[count, back[map_]]
+        numbers = np.arange(len(map_))
+        gaps = domain.distances[numbers, back[map_]]
         return stretch + REVERSIBILITY * float(domain.areas @ gaps**2)
 
-    return one_way(b, a, found.there, found.back) + one_way(a, b, found.back, found.there)
+    return one_direction(b, a, found.to_a, found.to_b) + one_direction(a, b, found.to_b, found.to_a)
 
 
-def side(a: CoarseShape, b: CoarseShape, there: IntArray) -> float:
-    """Return the share of the area that keeps its side less that which is turned over, -1 to 1. A
-    face counts as much as the smaller one of itself and its image.
+def side(a: CoarseShape, b: CoarseShape, to_a: IntArray) -> float:
+    """Return the share of area with preserved orientation minus the other share, -1 to 1.
+
+    The weight of a face is the smaller one of its area and the area of its image.
     """
 
     def area_vectors(mesh: TriangleMesh, faces: IntArray) -> FloatArray:
         first, second, third = mesh.vertices[faces.T]
         return np.cross(second - first, third - first)
 
-    corners = there[b.mesh.faces]
+    corners = to_a[b.mesh.faces]
     images = area_vectors(a.mesh, corners)
-    own = np.linalg.norm(area_vectors(b.mesh, b.mesh.faces), axis=1)
-    sizes = np.minimum(own, np.linalg.norm(images, axis=1))
+    areas = np.linalg.norm(area_vectors(b.mesh, b.mesh.faces), axis=1)
+    sizes = np.minimum(areas, np.linalg.norm(images, axis=1))
     normals = vertex_normals(a.mesh)[corners].sum(axis=1)
     total = float(sizes.sum())
     return float(sizes @ np.sign((images * normals).sum(axis=1))) / total if total > 0 else 0.0
 
 
-def _commutator(codomain: CoarseShape, domain: CoarseShape, there: IntArray) -> float:
-    """Return ``2 |C L - L C| / (|C L| + |L C|)`` of the functional map of a map of vertices."""
+def _commutator(codomain: CoarseShape, domain: CoarseShape, vertices: IntArray) -> float:
+    """Return ``2 |C L - L C| / (|C L| + |L C|)`` for the functional map C of a vertex map."""
     size = min(len(codomain.eigenvalues), len(domain.eigenvalues))
-    carried = codomain.eigenfunctions[there, :size]
-    C = domain.eigenfunctions[:, :size].T @ (domain.areas[:, None] * carried)
+    transferred = codomain.eigenfunctions[vertices, :size]
+    C = domain.eigenfunctions[:, :size].T @ (domain.areas[:, None] * transferred)
     first, second = C * codomain.eigenvalues[:size], domain.eigenvalues[:size, None] * C
     sizes = np.linalg.norm(first) + np.linalg.norm(second)
     return float(2 * np.linalg.norm(first - second) / sizes) if sizes > 0 else 0.0

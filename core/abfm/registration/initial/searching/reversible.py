@@ -1,5 +1,7 @@
-"""Reversible harmonic maps between two coarse surfaces: both ways of a map at once, moved to less
-Dirichlet energy while each leads back to where the other came from.
+"""Reversible harmonic maps between two coarse surfaces.
+
+Maps in both directions are optimized together. Both get a small Dirichlet energy, and their
+composition stays close to the identity.
 
 References
 ----------
@@ -20,21 +22,21 @@ from abfm.registration.initial.searching.coarse_shape import CoarseShape
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 
-REVERSIBILITY = 100.0  # weight of the distances there and back, squared, by area
+REVERSIBILITY = 100.0  # weight of squared round-trip distances, integrated over area
 
 
 class TwoWayMap(NamedTuple):
-    """A map of vertices to vertices both ways, and its images in coordinates before rounding."""
+    """Vertex maps in both directions, and the images before rounding to vertices."""
 
-    there: IntArray  # (V_B,), a vertex of A for each of B
-    back: IntArray  # (V_A,)
+    to_a: IntArray  # (V_B,), a vertex of A for each of B
+    to_b: IntArray  # (V_A,), a vertex of B for each of A
     images: FloatArray  # (V_B, 8), in coordinates of A
 
 
-def two_way_map(a: CoarseShape, b: CoarseShape, there: IntArray) -> TwoWayMap:
-    """Complete a map from B to A by the vertices of B whose images are nearest."""
-    images = a.coordinates[there]
-    return TwoWayMap(there, nearest(a.coordinates, images), images)
+def two_way_map(a: CoarseShape, b: CoarseShape, to_a: IntArray) -> TwoWayMap:
+    """Complete a map from B to A; it takes vertices of A to the vertices with closest images."""
+    images = a.coordinates[to_a]
+    return TwoWayMap(to_a, nearest(a.coordinates, images), images)
 
 
 def relax(
@@ -45,41 +47,45 @@ def relax(
     *,
     weight: float,
     penalties: Iterable[float],
-    turns: int,
+    iterations: int,
 ) -> TwoWayMap:
-    """Relax a map by alternating minimisation: of images in coordinates, by a linear system each
-    way, and of the vertices that these are rounded to.
+    """Relax a map by alternating minimisation.
+
+    One step minimises over the images in coordinates, by a linear system in each direction. The
+    other one minimises over the vertices to which the images are rounded.
 
     Parameters
     ----------
     descriptors : (V_A, C) and (V_B, C) arrays
-        Functions that rounding shall keep.
+        Functions that rounding should preserve.
     weight : float
-        Of the squared difference of these.
+        Weight of the squared difference of the descriptors.
     penalties : iterable of float
-        Weights of the distance between images and the vertices they are rounded to, ascending,
-        relative to `REVERSIBILITY`.
+        Weights of the distance between images and the vertices to which they are rounded,
+        ascending, relative to `REVERSIBILITY`.
+    iterations : int
+        Number of alternating steps for each penalty.
     """
-    (there, back, images), on_a, on_b = start, *descriptors
-    mixed = np.sqrt(weight)
+    (to_a, to_b, images), on_a, on_b = start, *descriptors
+    of_descriptors = np.sqrt(weight)
     for penalty in REVERSIBILITY * np.asarray(list(penalties)):
         solve_b, solve_a = _System(b, penalty), _System(a, penalty)
         of_images, of_places = np.sqrt(penalty), np.sqrt(REVERSIBILITY)
-        for _ in range(turns):
+        for _ in range(iterations):
             checkpoint()
-            images = solve_b.images(a, there, back)
-            images_back = solve_a.images(b, back, there)
-            rows_a = [of_places * images_back, of_images * a.coordinates, mixed * on_a]
-            rows_b = [of_places * b.coordinates, of_images * images, mixed * on_b]
-            there = _nearest(rows_b, rows_a)
-            rows_a = [of_places * a.coordinates, of_images * images_back, mixed * on_a]
-            rows_b = [of_places * images, of_images * b.coordinates, mixed * on_b]
-            back = _nearest(rows_a, rows_b)
-    return TwoWayMap(there, back, images)
+            images = solve_b.images(a, to_a, to_b)
+            images_on_b = solve_a.images(b, to_b, to_a)
+            rows_a = [of_places * images_on_b, of_images * a.coordinates, of_descriptors * on_a]
+            rows_b = [of_places * b.coordinates, of_images * images, of_descriptors * on_b]
+            to_a = _nearest(rows_b, rows_a)
+            rows_a = [of_places * a.coordinates, of_images * images_on_b, of_descriptors * on_a]
+            rows_b = [of_places * images, of_images * b.coordinates, of_descriptors * on_b]
+            to_b = _nearest(rows_a, rows_b)
+    return TwoWayMap(to_a, to_b, images)
 
 
 class _System:
-    """The linear system of images of one surface's vertices, for one penalty."""
+    """The linear system for the images of one surface's vertices, with one penalty."""
 
     def __init__(self, shape: CoarseShape, penalty: float) -> None:
         self._shape, self._penalty = shape, penalty
@@ -89,21 +95,22 @@ class _System:
         self._diagonal = np.flatnonzero(self._matrix.indices == columns)
         self._fixed = self._matrix.data[self._diagonal]
 
-    def images(self, other: CoarseShape, there: IntArray, back: IntArray) -> FloatArray:
-        """Return the images (V, 8) in coordinates of the other surface, whose vertices ``back``
-        takes to these.
+    def images(self, other: CoarseShape, to_other: IntArray, from_other: IntArray) -> FloatArray:
+        """Return the images (V, 8) in coordinates of the other surface.
+
+        ``to_other`` (V,) and ``from_other`` are the vertex maps in both directions.
         """
         count = len(self._shape.areas)
         weights = REVERSIBILITY * other.areas
-        right = self._penalty * self._shape.areas[:, None] * other.coordinates[there]
-        np.add.at(right, back, weights[:, None] * other.coordinates)
-        self._matrix.data[self._diagonal] = self._fixed + np.bincount(back, weights, count)
+        right = self._penalty * self._shape.areas[:, None] * other.coordinates[to_other]
+        np.add.at(right, from_other, weights[:, None] * other.coordinates)
+        self._matrix.data[self._diagonal] = self._fixed + np.bincount(from_other, weights, count)
         options = {"SymmetricMode": True}
         solve = splu(self._matrix, "MMD_AT_PLUS_A", 0.0, options=options)
         return np.asarray(solve.solve(right))
 
 
 def _nearest(rows: list[FloatArray], others: list[FloatArray]) -> IntArray:
-    """Return the numbers of the nearest others; in single precision, which is enough."""
+    """Return the numbers of the nearest other rows, in single precision, which is sufficient."""
     one, other = (np.hstack(parts).astype(np.float32) for parts in (rows, others))
     return nearest(one, other)

@@ -1,9 +1,10 @@
-"""The initial map of two surfaces, as the best of several candidates.
+"""The best of several candidates for the initial map of two surfaces.
 
-Every candidate is relaxed on a thousand vertices of either surface (`reversible`) and compared by
-what it costs then (`map_cost`): relaxation removes what is arbitrary in how a candidate was made,
-and keeps which limb goes where. Where it hardly moves the best one, that one's own map on all
-vertices is more accurate and is taken; else the relaxed one.
+Every candidate is relaxed on about a thousand vertices of both surfaces (`reversible`), and the
+costs of the relaxed maps are compared (`map_cost`). Relaxation removes arbitrary differences
+between methods and preserves the assignment of limbs. If it hardly moves the best candidate, the
+candidate's original map on all vertices is more accurate and becomes the result. Otherwise the
+relaxed map is the result.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ from abfm.registration.initial.spectral import SpectralSearch
 from abfm.registration.initial.sphere_maps import (
     LANDMARK_WEIGHT,
     LANDMARKS_MIN,
+    map_through_spheres,
     sphere_of,
-    turned,
 )
 from abfm.registration.initial.sphere_rotations import (
     SphereFunctions,
@@ -53,51 +54,61 @@ _SCREENED_VERTICES = 400
 _PENALTIES = np.geomspace(0.05, 10, 12)
 _SCREENING_PENALTIES = np.geomspace(0.05, 10, 6)
 _POLISHING_PENALTIES = np.geomspace(0.5, 10, 6)
-_TURNS = 2  # at each penalty
-_DESCRIPTOR_WEIGHT = 0.2  # while relaxing
+_ITERATIONS = 2  # at each penalty
+_DESCRIPTOR_WEIGHT = 0.2  # during relaxation
 _POLISHING_DESCRIPTOR_WEIGHT = 0.05
-_MATCHINGS = 48
-_RELAXED_MATCHINGS = 4
+_MATCHINGS_MAX = 48  # of extremities
+_RELAXED_MATCHINGS = 4  # on each side
 _SPECTRAL_MAPS = 3
-_FUNCTION_WEIGHT_MAX = 2.0  # of all given functions, next to five descriptors of weight 1
-_DISTRIBUTION_GAP = 0.15  # deviations between distributions at which a function counts 1 / e
-_LANDMARK_WIDTH = 0.15  # sqrt(area) around landmarks that move with them
-_MIRROR_COST = 0.5  # of maps onto the mirror image if either side may be right
-_SAME_PLACE = 0.05  # sqrt(area), mean distance between images of maps to the same places
-_OTHER_PLACE = 0.1  # the same of maps to different places
-_SAME_SURFACE = 0.01  # sqrt(area), RMS distance of aligned surfaces that are one
-_COST_TIE = 0.1  # difference of costs
+_FUNCTION_WEIGHT_MAX = 2.0  # sum over given functions; each of five descriptors has weight 1
+_DISTRIBUTION_SCALE = 0.15  # Wasserstein distance that reduces a weight by a factor of e
+_LANDMARK_WIDTH = 0.15  # sqrt(area), width of the region that moves with a landmark
+_MIRROR_COST = 0.5  # of mirrored maps if both sides are tried
+_SAME_MAP_DISTANCE = 0.05  # sqrt(area), largest mean distance between images of equivalent maps
+_OTHER_MAP_DISTANCE = 0.1  # sqrt(area), smallest mean distance between images of different maps
+_SAME_SURFACE_DISTANCE = 0.01  # sqrt(area), RMS distance of identical surfaces after alignment
+_COST_TIE = 0.1  # smaller differences of costs are not significant
 _COST_MAX = 4.5  # of a plausible map
-_SIDE_MIN = 0.5
+_SIDE_MIN = 0.5  # of a plausible map, see `MapCost`
 
 
 def is_searched(candidates: Sequence[Candidate]) -> bool:
-    """Return whether a map was found between two shapes, by one of `KINDS`."""
+    """Return whether one of `KINDS` found the map, between two different shapes."""
     return any(each.name.partition(":")[0] in KINDS for each in candidates[:1])
 
 
 class Pair(NamedTuple):
-    """Two coarse surfaces, with the functions and landmarks that maps between them keep."""
+    """Two coarse surfaces with functions and landmarks on both."""
 
     a: CoarseShape
     b: CoarseShape
     descriptors: tuple[FloatArray, FloatArray]  # (V_A, C) and (V_B, C)
     weights: FloatArray  # (C,)
-    places: tuple[IntArray, IntArray]  # (L,) vertices of landmarks
-    place_weights: FloatArray  # (L,), of sum 1
+    landmarks: tuple[IntArray, IntArray]  # (L,) vertices
+    landmark_weights: FloatArray  # (L,), of sum 1
 
-    def relax(self, start: TwoWayMap, penalties: FloatArray, keep: float, turns: int) -> TwoWayMap:
+    def relax(
+        self, start: TwoWayMap, penalties: FloatArray, descriptor_weight: float, iterations: int
+    ) -> TwoWayMap:
+        """Relax a map, see `reversible.relax`."""
         scale = np.sqrt(self.weights)
         on_a, on_b = (values * scale for values in self.descriptors)
         return relax(
-            self.a, self.b, start, (on_a, on_b), weight=keep, penalties=penalties, turns=turns
+            self.a,
+            self.b,
+            start,
+            (on_a, on_b),
+            weight=descriptor_weight,
+            penalties=penalties,
+            iterations=iterations,
         )
 
     def cost(self, found: TwoWayMap) -> MapCost:
+        """Return the cost of a map, without landmarks."""
         return map_cost(self.a, self.b, found, self.descriptors, self.weights)
 
-    def of_shape(self) -> Pair:
-        """Return the surfaces without given functions."""
+    def without_functions(self) -> Pair:
+        """Return the pair with descriptors of the shapes only."""
         count = self.a.descriptors.shape[1]
         on_a, on_b = self.descriptors
         return self._replace(
@@ -105,30 +116,30 @@ class Pair(NamedTuple):
         )
 
     def landmark_cost(self, found: TwoWayMap) -> float:
-        on_a, on_b = self.places
+        """Return the cost of the errors of landmarks."""
+        on_a, on_b = self.landmarks
         if not len(on_a):
             return 0.0
-        gaps = self.a.distances[on_a, found.there[on_b]]
-        return LANDMARK_WEIGHT * float(self.place_weights @ gaps)
+        gaps = self.a.distances[on_a, found.to_a[on_b]]
+        return LANDMARK_WEIGHT * float(self.landmark_weights @ gaps)
 
     def distance(self, one: TwoWayMap, other: TwoWayMap) -> float:
         """Return the mean distance between the images of two maps, in sqrt(area)."""
-        return float(self.b.areas @ self.a.distances[one.there, other.there])
+        return float(self.b.areas @ self.a.distances[one.to_a, other.to_a])
 
 
 class Start(NamedTuple):
-    """A candidate: the word of its kind, its side, its vertex of A for each of B on coarse meshes,
-    and its own map on all vertices, if there is one.
-    """
+    """A candidate before relaxation."""
 
-    kind: str
-    side: int
-    at: Callable[[Pair], IntArray]
-    own: Callable[[], Initial] | None = None
-    is_exact: bool = False  # of one surface that stands elsewhere
+    kind: str  # one of `KINDS`
+    side: int  # 1, or -1 for the mirror image
+    coarse: Callable[[Pair], IntArray]  # returns the vertex of A for each of B on coarse meshes
+    fine: Callable[[], Initial] | None = None  # returns the map on all vertices, if there is one
+    is_exact: bool = False  # whether both surfaces are the same up to a motion
 
     @property
     def name(self) -> str:
+        """Name of the method, with its option."""
         return self.kind if self.side > 0 else f"{self.kind}:mirror"
 
 
@@ -139,13 +150,13 @@ class Relaxed(NamedTuple):
     found: TwoWayMap
     cost: float
     parts: MapCost
-    moved: float  # mean distance from where it was before, in sqrt(area)
+    moved: float  # mean distance between the maps before and after, in sqrt(area)
 
 
 def search_initial_map(
     given: MapInput, kinds: Sequence[str] = KINDS, sides: Sequence[int] = (1, -1)
 ) -> Initial:
-    """Return the best map of candidates of some kinds and sides (1, or -1 for the mirror image).
+    """Return the best initial map of the given kinds and sides (1, or -1 for the mirror image).
 
     Raises
     ------
@@ -167,38 +178,40 @@ def search_initial_map(
             done(0.6 + 0.3 * (number + 1) / len(chosen))
         tried.sort(key=lambda each: each.cost)
     best = _most_accurate(fine, tried)
-    if best.start.own is not None and best.moved <= _SAME_PLACE:
-        found = best.start.own()
+    if best.start.fine is not None and best.moved <= _SAME_MAP_DISTANCE:
+        found = best.start.fine()
     else:
         found = make_continuous(given, search.polished(best))
     return Initial(
-        found.correspondence.with_candidates(_listed(best, tried)),
+        found.correspondence.with_candidates(_candidates(best, tried)),
         found.notes,
-        tuple(_doubts(fine, best, tried)),
+        tuple(_warnings(fine, best, tried)),
     )
 
 
 class _Search:
-    """What candidates are made of, each computed when first needed."""
+    """The data for the candidates, computed on first use."""
 
     def __init__(self, given: MapInput) -> None:
         self.given = given
 
     def pair(self, count: int) -> Pair:
+        """Return both surfaces on about ``count`` vertices."""
         a, b = coarse_shape(self.given.a, count), coarse_shape(self.given.b, count)
         on_a, on_b, weights = _functions(self.given, a, b)
-        places, counts = _places(self.given, a, b)
+        landmarks, landmark_weights = _landmarks(self.given, a, b)
         return Pair(
             a,
             b,
             (np.hstack([a.descriptors, on_a]), np.hstack([b.descriptors, on_b])),
             np.concatenate([np.ones(a.descriptors.shape[1]), weights]),
-            places,
-            counts,
+            landmarks,
+            landmark_weights,
         )
 
     @cached_property
     def spectral(self) -> SpectralSearch:
+        """The search by eigenfunctions."""
         given = self.given
         pair = self.pair(_VERTICES)
         first = pair.a.descriptors.shape[1]
@@ -210,15 +223,15 @@ class _Search:
         return SpectralSearch(given.a, given.b, given.landmarks, functions)
 
     def polished(self, best: Relaxed) -> PointMap:
-        """Return the relaxed map on all vertices of B, through its landmarks."""
+        """Return the relaxed map on all vertices of B; it maps landmarks exactly."""
         pair, given = self.pair(_VERTICES), self.given
         found = pair.relax(
-            best.found, _POLISHING_PENALTIES, _POLISHING_DESCRIPTOR_WEIGHT, 2 * _TURNS
+            best.found, _POLISHING_PENALTIES, _POLISHING_DESCRIPTOR_WEIGHT, 2 * _ITERATIONS
         )
         images = _through_landmarks(pair, found.images)
         on_b = shape_values(pair.b, given.b, images)
         on_a = shape_values(pair.a, given.a, pair.a.coordinates)
-        # a tree, as the matrix of all distances of two fine meshes takes too much memory
+        # a tree, because the matrix of all distances of two fine meshes needs too much memory
         return PointMap.of_vertices(given.b, given.a, KDTree(on_a).query(on_b)[1])
 
 
@@ -230,25 +243,30 @@ def shape_values(shape: CoarseShape, mesh: TriangleMesh, values: FloatArray) -> 
 def _functions(
     given: MapInput, a: CoarseShape, b: CoarseShape
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the given functions on coarse surfaces, (V_A, C) and (V_B, C), by rank, and their
-    weights (C,): less the more their distributions differ, and in all not too much.
+    """Return the ranks of the given functions on coarse surfaces, and their weights (C,).
+
+    The ranks are (V_A, C) and (V_B, C). Weights decrease with the difference of the distributions
+    on A and B, and their sum is limited.
     """
     if given.f is None or given.g is None:
         return np.zeros((len(a.areas), 0)), np.zeros((len(b.areas), 0)), np.zeros(0)
     on_a, on_b = a.sampled(given.a, given.f.T), b.sampled(given.b, given.g.T)
-    counts = np.ones(len(given.f)) if given.weights is None else given.weights / given.weights.max()
-    weights = counts * _likeness(on_a, on_b, a.areas, b.areas)
+    relative = (
+        np.ones(len(given.f)) if given.weights is None else given.weights / given.weights.max()
+    )
+    weights = relative * _similarity(on_a, on_b, a.areas, b.areas)
     weights *= min(1.0, _FUNCTION_WEIGHT_MAX / max(weights.sum(), _FUNCTION_WEIGHT_MAX))
     return ranks(on_a, a.areas), ranks(on_b, b.areas), weights
 
 
-def _likeness(
+def _similarity(
     on_a: FloatArray, on_b: FloatArray, areas_a: FloatArray, areas_b: FloatArray
 ) -> FloatArray:
-    """Return how similar the distributions of functions (V_A, C) and (V_B, C) are, (C,), 0 to 1, by
-    the Wasserstein distance of their values less their means over their deviations.
+    """Return the similarity, 0 to 1, of the distributions of functions (V_A, C) and (V_B, C).
+
+    It decreases with the Wasserstein distance of the standardized values.
     """
-    # late, as it takes half a second to load
+    # imported here, as it takes half a second to load
     from scipy.stats import wasserstein_distance
 
     def standardised(values: FloatArray, areas: FloatArray) -> FloatArray:
@@ -258,27 +276,27 @@ def _likeness(
 
     columns = zip(standardised(on_a, areas_a).T, standardised(on_b, areas_b).T, strict=True)
     gaps = [wasserstein_distance(f, g, areas_a, areas_b) for f, g in columns]
-    return np.asarray(np.exp(-np.array(gaps) / _DISTRIBUTION_GAP))
+    return np.asarray(np.exp(-np.array(gaps) / _DISTRIBUTION_SCALE))
 
 
-def _places(
+def _landmarks(
     given: MapInput, a: CoarseShape, b: CoarseShape
 ) -> tuple[tuple[IntArray, IntArray], FloatArray]:
-    """Return the coarse vertices nearest to landmarks, and what each counts."""
-    marks = given.landmarks
-    if marks is None:
+    """Return the coarse vertices nearest to landmarks, and the weights of the landmarks."""
+    pairs = given.landmarks
+    if pairs is None:
         none = np.zeros(0, dtype=np.int64)
         return (none, none), np.zeros(0)
     on_a, on_b = (
         np.asarray(KDTree(shape.mesh.vertices).query(points.positions / mesh.length_scale)[1])
-        for shape, points, mesh in ((a, marks.a, given.a), (b, marks.b, given.b))
+        for shape, points, mesh in ((a, pairs.a, given.a), (b, pairs.b, given.b))
     )
-    return (on_a, on_b), marks.weights / marks.weights.sum()
+    return (on_a, on_b), pairs.weights / pairs.weights.sum()
 
 
 def _through_landmarks(pair: Pair, images: FloatArray) -> FloatArray:
-    """Return images (V_B, 8) moved smoothly so that landmarks lie at their places."""
-    on_a, on_b = pair.places
+    """Return images (V_B, 8), moved smoothly so that landmarks are mapped exactly."""
+    on_a, on_b = pair.landmarks
     if not len(on_a):
         return images
     gaps = pair.a.coordinates[on_a] - images[on_b]
@@ -290,7 +308,7 @@ def _through_landmarks(pair: Pair, images: FloatArray) -> FloatArray:
 def _starts(
     search: _Search, kinds: Sequence[str], sides: Sequence[int]
 ) -> tuple[list[Start], list[str]]:
-    """Return the candidates of some kinds and sides, and why there are none of others."""
+    """Return the candidates of the given kinds and sides, and the reasons for missing kinds."""
     found: list[Start] = []
     refused: list[str] = []
     for kind in kinds:
@@ -306,16 +324,16 @@ def _starts(
 def _spectral_starts(search: _Search, side: int) -> Iterator[Start]:
     given, spectral = search.given, search.spectral
     ranked = spectral.ranked(side)
-    own_side = [C for C in ranked if side * spectral.side(C) > 0]
-    for C in (own_side or ranked)[:_SPECTRAL_MAPS]:
+    on_side = [C for C in ranked if side * spectral.side(C) > 0]
+    for C in (on_side or ranked)[:_SPECTRAL_MAPS]:
 
-        def at(pair: Pair, C: FloatArray = C) -> IntArray:
+        def coarse(pair: Pair, C: FloatArray = C) -> IntArray:
             return spectral.nearest(C, pair.a.mesh.vertices, pair.b.mesh.vertices)
 
-        def own(C: FloatArray = C) -> Initial:
+        def fine(C: FloatArray = C) -> Initial:
             return make_continuous(given, spectral.finished(C)[0])
 
-        yield Start("spectral", side, at, own)
+        yield Start("spectral", side, coarse, fine)
 
 
 def _extremity_starts(search: _Search, side: int) -> Iterator[Start]:
@@ -323,66 +341,68 @@ def _extremity_starts(search: _Search, side: int) -> Iterator[Start]:
     ends = extremities.extremities(pair.a), extremities.extremities(pair.b)
     if min(map(len, ends)) < extremities.ENDS_MIN:
         raise AbfmError(
-            f"A has {len(ends[0])} and B {len(ends[1])} ends of limbs; expected at least "
-            f"{extremities.ENDS_MIN} on both"
+            f"A has {len(ends[0])} ends of limbs, and B has {len(ends[1])}; expected at least "
+            f"{extremities.ENDS_MIN} on both surfaces"
         )
-    for on_a, on_b in extremities.matchings(pair.a, pair.b, *ends, _MATCHINGS):
-        places = pair.a.mesh.vertices[on_a], pair.b.mesh.vertices[on_b]
-        yield Start("extremities", side, _by_places(places, side))
+    for on_a, on_b in extremities.matchings(pair.a, pair.b, *ends, _MATCHINGS_MAX):
+        positions = pair.a.mesh.vertices[on_a], pair.b.mesh.vertices[on_b]
+        yield Start("extremities", side, _by_positions(positions, side))
 
 
 def _landmark_starts(search: _Search, side: int) -> Iterator[Start]:
-    marks = search.given.landmarks
-    if marks is None or len(marks) < LANDMARKS_MIN:
+    pairs = search.given.landmarks
+    if pairs is None or len(pairs) < LANDMARKS_MIN:
         raise AbfmError(
-            f"{0 if marks is None else len(marks)} landmarks were given; expected "
-            f"{LANDMARKS_MIN} or more"
+            f"the number of landmarks is {0 if pairs is None else len(pairs)}; expected at least "
+            f"{LANDMARKS_MIN}"
         )
 
-    def at(pair: Pair) -> IntArray:
-        return extremities.map_by_vertices(pair.a, pair.b, *pair.places, side)
+    def coarse(pair: Pair) -> IntArray:
+        return extremities.map_by_vertices(pair.a, pair.b, *pair.landmarks, side)
 
-    yield Start("landmarks", side, at)
+    yield Start("landmarks", side, coarse)
 
 
-def _by_places(places: tuple[FloatArray, FloatArray], side: int) -> Callable[[Pair], IntArray]:
-    """Return the map by distances to places in space at unit area, (L, 3) on A and on B."""
+def _by_positions(
+    positions: tuple[FloatArray, FloatArray], side: int
+) -> Callable[[Pair], IntArray]:
+    """Return the map by distances to positions, (L, 3) on A and on B, at unit area."""
 
-    def at(pair: Pair) -> IntArray:
+    def coarse(pair: Pair) -> IntArray:
         on_a, on_b = (
             np.asarray(KDTree(shape.mesh.vertices).query(points)[1])
-            for shape, points in zip(pair[:2], places, strict=True)
+            for shape, points in zip(pair[:2], positions, strict=True)
         )
         return extremities.map_by_vertices(pair.a, pair.b, on_a, on_b, side)
 
-    return at
+    return coarse
 
 
 def _closest_starts(search: _Search, side: int) -> Iterator[Start]:
     given = search.given
     kind: MotionKind = "similarity" if side > 0 else "mirror"
     pair = search.pair(_VERTICES)
-    marks = None if given.landmarks is None else _moved(given.landmarks, pair)
-    alignment = align(pair.a.mesh, pair.b.mesh, kind, marks)
+    landmarks = None if given.landmarks is None else _on_coarse(given.landmarks, pair)
+    alignment = align(pair.a.mesh, pair.b.mesh, kind, landmarks)
 
-    def at(pair: Pair) -> IntArray:
-        places = alignment(pair.b.mesh.vertices)
-        return np.asarray(KDTree(pair.a.mesh.vertices).query(places)[1])
+    def coarse(pair: Pair) -> IntArray:
+        positions = alignment(pair.b.mesh.vertices)
+        return np.asarray(KDTree(pair.a.mesh.vertices).query(positions)[1])
 
-    def own() -> Initial:
+    def fine() -> Initial:
         points, _ = closest_after_alignment(given.a, given.b, kind, given.landmarks)
         return make_continuous(given, points)
 
-    yield Start("closest", side, at, own, alignment.rms <= _SAME_SURFACE)
+    yield Start("closest", side, coarse, fine, alignment.rms <= _SAME_SURFACE_DISTANCE)
 
 
-def _moved(marks: Landmarks, pair: Pair) -> Landmarks:
-    """Return landmarks on the coarse surfaces."""
+def _on_coarse(landmarks: Landmarks, pair: Pair) -> Landmarks:
+    """Return landmarks projected onto the coarse surfaces."""
     a, b = (
         project_onto_surface(shape.mesh, points.positions / points.mesh.length_scale)
-        for shape, points in ((pair.a, marks.a), (pair.b, marks.b))
+        for shape, points in ((pair.a, landmarks.a), (pair.b, landmarks.b))
     )
-    return Landmarks(a, b, marks.weights, marks.names)
+    return Landmarks(a, b, landmarks.weights, landmarks.names)
 
 
 def _embedding_starts(search: _Search, side: int) -> Iterator[Start]:
@@ -391,7 +411,7 @@ def _embedding_starts(search: _Search, side: int) -> Iterator[Start]:
     on_a, on_b = (sphere_embedding(shape.mesh) for shape in pair[:2])
     layouts = SphereLayout(pair.a.mesh, on_a * mirror), SphereLayout(pair.b.mesh, on_b)
     if given.landmarks is not None and len(given.landmarks) >= LANDMARKS_MIN:
-        rotation = rotation_by_landmarks(*layouts, _moved(given.landmarks, pair))
+        rotation = rotation_by_landmarks(*layouts, _on_coarse(given.landmarks, pair))
     else:
         sphere_a, sphere_b = (
             SphereFunctions(layout, values.T)
@@ -401,22 +421,22 @@ def _embedding_starts(search: _Search, side: int) -> Iterator[Start]:
     if rotation is not None:
         on_a = on_a @ np.diag(mirror) @ rotation.rotation.as_matrix().T
 
-    def at(pair_: Pair) -> IntArray:
+    def coarse(other: Pair) -> IntArray:
         places = [
-            project_onto_surface(shape.mesh, own.mesh.vertices).pull_back(directions)
-            for shape, own, directions in zip(pair[:2], pair_[:2], (on_a, on_b), strict=True)
+            project_onto_surface(shape.mesh, coarser.mesh.vertices).pull_back(directions)
+            for shape, coarser, directions in zip(pair[:2], other[:2], (on_a, on_b), strict=True)
         ]
         return nearest(places[1], places[0])
 
-    def own() -> Initial:
+    def fine() -> Initial:
         functions = [
             shape_values(shape, mesh, values).T
             for shape, mesh, values in zip(pair[:2], given[:2], pair.descriptors, strict=True)
         ]
         full = given._replace(f=functions[0], g=functions[1], weights=pair.weights)
-        return turned(full, sphere_of(given.a), sphere_of(given.b), side < 0)
+        return map_through_spheres(full, sphere_of(given.a), sphere_of(given.b), side < 0)
 
-    yield Start("embedding", side, at, own)
+    yield Start("embedding", side, coarse, fine)
 
 
 _MAKERS: dict[str, Callable[[_Search, int], Iterable[Start]]] = {
@@ -429,30 +449,30 @@ _MAKERS: dict[str, Callable[[_Search, int], Iterable[Start]]] = {
 
 
 def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
-    """Return candidates without matchings of extremities that cost much on few vertices."""
+    """Return the candidates without expensive matchings of extremities, on few vertices."""
     costs: dict[int, float] = {}
     for number, start in enumerate(starts):
         if start.kind == "extremities":
             checkpoint()
             found = pair.relax(
-                two_way_map(pair.a, pair.b, start.at(pair)),
+                two_way_map(pair.a, pair.b, start.coarse(pair)),
                 _SCREENING_PENALTIES,
                 _DESCRIPTOR_WEIGHT,
-                _TURNS,
+                _ITERATIONS,
             )
             parts = pair.cost(found)._replace(commutator=0.0)
             costs[number] = parts.total(start.side) + pair.landmark_cost(found)
-    kept = []
+    best = []
     for side in (1, -1):
-        own = [number for number in costs if starts[number].side == side]
-        kept += sorted(own, key=lambda number: costs[number])[:_RELAXED_MATCHINGS]
-    return [start for number, start in enumerate(starts) if number not in costs or number in kept]
+        on_side = [number for number in costs if starts[number].side == side]
+        best += sorted(on_side, key=lambda number: costs[number])[:_RELAXED_MATCHINGS]
+    return [start for number, start in enumerate(starts) if number not in costs or number in best]
 
 
 def _relaxed(pair: Pair, start: Start, both_sides: bool) -> Relaxed:
     checkpoint()
-    first = two_way_map(pair.a, pair.b, start.at(pair))
-    found = pair.relax(first, _PENALTIES, _DESCRIPTOR_WEIGHT, _TURNS)
+    first = two_way_map(pair.a, pair.b, start.coarse(pair))
+    found = pair.relax(first, _PENALTIES, _DESCRIPTOR_WEIGHT, _ITERATIONS)
     parts = pair.cost(found)
     cost = parts.total(start.side) + pair.landmark_cost(found)
     if both_sides and start.side < 0:
@@ -461,54 +481,55 @@ def _relaxed(pair: Pair, start: Start, both_sides: bool) -> Relaxed:
 
 
 def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
-    """Return of the candidates that lead to the same places as the best one the most accurate one:
-    an exact one, else one by eigenfunctions.
+    """Return the most accurate of the candidates that are equivalent to the best one.
+
+    An exact candidate comes first, then one by eigenfunctions.
     """
     best = tried[0]
-    alike = [
+    equivalent = [
         each
         for each in tried
-        if each.start.own is not None
+        if each.start.fine is not None
         and each.cost < best.cost + _COST_TIE
         and each.start.side == best.start.side
-        and pair.distance(best.found, each.found) <= _SAME_PLACE
+        and pair.distance(best.found, each.found) <= _SAME_MAP_DISTANCE
     ]
 
     def rank(each: Relaxed) -> tuple[bool, bool, float]:
         return not each.start.is_exact, each.start.kind != "spectral", each.moved
 
-    return min(alike, key=rank, default=best)
+    return min(equivalent, key=rank, default=best)
 
 
-def _doubts(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
-    """Return why the best map may lead elsewhere."""
+def _warnings(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
+    """Return reasons why the best map may be wrong."""
     found = []
-    cost = pair.of_shape().cost(best.found).total(best.start.side)
+    cost = pair.without_functions().cost(best.found).total(best.start.side)
     if cost > _COST_MAX or best.parts.side * best.start.side < _SIDE_MIN:
         found.append(
             f"no candidate for the initial map is plausible: the best one, {best.start.name}, has "
-            f"a cost of {cost:.2f} (at most {_COST_MAX:g} for plausible ones)"
+            f"a cost of {cost:.2f}; plausible ones have at most {_COST_MAX:g}"
         )
     rival = next(
         (
             each
             for each in tried
             if each.start.side == best.start.side
-            and pair.distance(best.found, each.found) > _OTHER_PLACE
+            and pair.distance(best.found, each.found) > _OTHER_MAP_DISTANCE
         ),
         None,
     )
     if rival is not None and rival.cost < best.cost + _COST_TIE:
         found.append(
-            f"another initial map that leads elsewhere is nearly as good ({best.start.name} "
-            f"{best.cost:.2f}, {rival.start.name} {rival.cost:.2f}), as where front and back are "
-            "alike: give landmarks that distinguish them"
+            f"a different initial map is nearly as good (costs: {best.start.name} "
+            f"{best.cost:.2f}, {rival.start.name} {rival.cost:.2f}), for example because front and "
+            "back are similar. Use landmarks to distinguish them."
         )
     return found
 
 
-def _listed(best: Relaxed, tried: list[Relaxed]) -> tuple[Candidate, ...]:
-    """Return the best of every name, the chosen one first."""
+def _candidates(best: Relaxed, tried: list[Relaxed]) -> tuple[Candidate, ...]:
+    """Return the best candidate of each name, starting with the chosen one."""
     found = {best.start.name: Candidate(best.start.name, best.cost)}
     for each in tried:
         found.setdefault(each.start.name, Candidate(each.start.name, each.cost))
