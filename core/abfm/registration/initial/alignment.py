@@ -104,9 +104,10 @@ def align(
     Three or more landmarks that do not lie on a line determine the start. Otherwise several starts
     are tried. The first one has the surfaces in their given positions. The others align their
     principal axes, and rotate by the symmetry groups of a tetrahedron, a cube and an icosahedron.
-    Each start is refined iteratively. An iteration finds the closest points of each surface on the other one, and
-    then the best motion for the closest 80% of these pairs. Landmarks weigh as much as all pairs
-    together. Points are spread by area, so the triangulation has no influence.
+
+    Each start is refined iteratively. An iteration finds the closest points of each surface on the
+    other one, and then the best motion for the closest 80% of these pairs. Landmarks weigh as much
+    as all pairs together. Points are spread by area, so the triangulation has no influence.
 
     The result has the smallest RMS distance. The one from the given positions is preferred if its
     RMS distance is at most 10% larger.

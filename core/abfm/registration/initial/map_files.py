@@ -48,8 +48,8 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
         except AbfmError as error:
             raise AbfmError(f"map {brief(path)}: {error}") from None
     raise AbfmError(
-        f"map {brief(path)} has {columns} columns; expected 1 (vertices of A), 2 (pairs of "
-        "vertices of A and B), or 4 (faces of A and three weights)"
+        f"map {brief(path)} has {columns} columns; expected 1 (vertices of A), 2 (vertices "
+        "of A and B), or 4 (faces of A and weights)"
     )
 
 
