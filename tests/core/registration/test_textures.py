@@ -160,7 +160,7 @@ def test_colours_stay_between_those_of_the_image():
 @pytest.mark.parametrize(("many", "size"), [(80, 64), (79, 128)])
 def test_images_of_many_faces_are_larger(monkeypatch, many, size):
     monkeypatch.setattr(textures, "_SIZE_DEFAULT", 64)
-    monkeypatch.setattr(textures, "_MANY_FACES", many)
+    monkeypatch.setattr(textures, "_DEFAULT_SIZE_FACES_MAX", many)
     mesh = icosphere(1)
     texture = Texture(mesh, by_longitude(mesh), [waves(8, 8)])
     found = transfer_texture(Correspondence.of_same_faces(mesh, mesh), texture)

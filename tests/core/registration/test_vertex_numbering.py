@@ -44,4 +44,4 @@ def test_shifted_landmarks_are_reported(tmp_path):
     [text] = read(tmp_path / "p.csv", pairs + 1)[1]
     check_message(text, "counted from 0", "--one-based")
     [text] = read(tmp_path / "p.csv", pairs, one_based=True)[1]
-    check_message(text, "counted from 1", "leave out --one-based")
+    check_message(text, "counted from 1", "Remove --one-based")

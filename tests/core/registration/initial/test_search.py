@@ -180,7 +180,7 @@ def test_rotations_that_cannot_be_better_are_not_searched(monkeypatch):
     for mirror in (False, True):
         other = sphere_maps.map_through_spheres(given, *directions, mirror).correspondence
         assert sphere_maps._cost(given, other) >= 0
-    monkeypatch.delattr(sphere_maps, "turned")
+    monkeypatch.delattr(sphere_maps, "map_through_spheres")
     found = initial_map(None, given).correspondence
     assert [each.name for each in found.candidates] == ["connectivity"]
     assert_array_equal(found.points.positions, ball.vertices)
