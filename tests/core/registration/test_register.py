@@ -313,11 +313,11 @@ def test_landmarks_count_as_the_given_mesh_does():
         (TriangleMesh(*pair), TriangleMesh(*pair), [0, 0]),
     ):
         problem = prepare(a, b, landmarks=rows + shift, initial="connectivity").problem
-        wanted = problem.landmarks.wanted(problem.mesh).positions
+        wanted = problem.landmarks.targets(problem.mesh).positions
         assert_allclose(wanted, B.vertices[rows[:, 1]], atol=1e-12)
     table = pandas.DataFrame({"Target": rows[:, 1], "source": rows[:, 0]})
     problem = prepare(B, B, landmarks=table, initial="connectivity").problem
-    wanted = problem.landmarks.wanted(problem.mesh).positions
+    wanted = problem.landmarks.targets(problem.mesh).positions
     assert_allclose(wanted, B.vertices[rows[:, 1]], atol=1e-12)
     with raises(AbfmError, 0, "dropped"):
         prepare(pair, pair, landmarks=[[0, 1]], initial="connectivity")
