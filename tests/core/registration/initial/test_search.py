@@ -74,7 +74,13 @@ def test_relaxation_lowers_energy():
     start = two_way_map(COARSE, COARSE, there)
     none = COARSE.descriptors[:, :0]
     found = relax(
-        COARSE, COARSE, start, (none, none), weight=0, penalties=np.geomspace(0.05, 10, 8), iterations=2
+        COARSE,
+        COARSE,
+        start,
+        (none, none),
+        weight=0,
+        penalties=np.geomspace(0.05, 10, 8),
+        iterations=2,
     )
 
     def error(map_):
