@@ -43,7 +43,7 @@ def _run(words: list[str]) -> int:
     add("--array", "which array of frames in a .npz, or in VTK's files", "NAME")
     add_mesh_options(parser)
     parser.set_defaults(parser=parser)
-    arguments = parser.parse_whole(words)
+    arguments = parser.parse_all(words)
     if any(name.startswith("NUMBA_") for name in os.environ):
         import_module("abfm.numerics.kernels")  # which refuses settings before a window is there
     what = (arguments.file, arguments.second) if arguments.second else arguments.file

@@ -35,16 +35,37 @@ Examples:
   abfm apply reg.npz --inverse --labels atlas.label.gii --out in_subject.annot
   abfm apply reg.npz --texture a.obj --out b.obj
   abfm apply reg.npz --inverse --texture b.glb --size 4096 --out a.glb
-
-Data may have several columns. By area (the default), each vertex of a coarser surface gets the mean
-of the values around it; by point, the value at one point. Labels are never mixed: each vertex gets
-the label with the largest weight. Points are vertex numbers, counted from 0, one a line, or x, y
-and z, which are projected onto the surface; the output has x, y and z on the other surface. A
-texture is the images or the vertex colours of a mesh file of this surface, whose vertices may be
-repeated, reordered or moved. The output is the other surface with an image of its own; an .obj is
-written with an .mtl and a .png of the same name. Vertices without faces get NaN, and the label
-"???" in GIFTI or -1 elsewhere.
 """
+DETAILS = """\
+Data:
+  One or more columns of values. By area (default), a vertex of a coarser surface gets the mean of
+  the values around it; by point, the value at one point.
+Labels:
+  Labels are not averaged: each vertex gets the label with the largest weight.
+Points:
+  Vertex numbers, counted from 0, one per line; or x, y, z, which are projected onto the surface.
+  The output has x, y, z on the other surface.
+Textures:
+  The images or vertex colours of a mesh file of this surface, whose vertices may be repeated,
+  reordered or moved. The output is the other surface with a new image. An .obj is written with an
+  .mtl and a .png of the same name.
+Vertices without faces get NaN, and as labels "???" in GIFTI and -1 in other files.
+"""
+MAIN_OPTIONS = (
+    "data",
+    "labels",
+    "points",
+    "texture",
+    "inverse",
+    "by",
+    "column",
+    "one-based",
+    "hemisphere",
+    "size",
+    "out",
+)
+
+
 _LABEL_KEY_MAX = 2**31 - 1
 # sqrt(area): nearer points lie on a surface, up to rounding; farther ones are none of its own
 _SURFACE_DISTANCE = 1e-6
@@ -53,42 +74,42 @@ _DISTANCE_MAX = 1.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    add("registration", "what `abfm register` wrote", "REG.npz")
+    add("registration", "result of `abfm register`", "REG.npz")
     choose = adder(parser.add_mutually_exclusive_group(required=True))
-    choose("--data", "values, one or several a vertex: a table, array, GIFTI, CIFTI, ...", "FILE")
-    choose("--labels", "labels: .label.gii, .annot, .dlabel.nii, a table of whole numbers", "FILE")
-    choose("--points", "a table of vertex numbers, counted from 0, or of x, y, z", "FILE")
-    choose("--texture", "a textured or coloured mesh: .obj, .glb, .gltf, .ply", "FILE")
-    add("--image", "the texture's image, whatever its mesh file names: .png, .jpg, ...", "FILE")
+    choose("--data", "values per vertex: a table, array, GIFTI, CIFTI, ...", "FILE")
+    choose("--labels", "labels: .label.gii, .annot, .dlabel.nii, or a table of integers", "FILE")
+    choose("--points", "table of vertex numbers, counted from 0, or of x, y, z", "FILE")
+    choose("--texture", "mesh with a texture or colours: .obj, .glb, .gltf, .ply", "FILE")
+    add("--image", "image of the texture, instead of the one that the mesh file names", "FILE")
     add(
         "--size",
-        "texels along a side of the new image (default: 2048, or 4096 for many faces)",
+        "pixels along a side of the new image (default: 2048, or 4096 for many faces)",
         "N",
         type=texels,
     )
-    add("--column", "of --labels with several: its name, or its number, counted from 0", "NAME")
-    add("--hemisphere", "of --data and --labels of both hemispheres (CIFTI)", choices=("L", "R"))
-    add("--one-based", "vertex numbers of --points count from 1, not from 0")
-    add("--inverse", "from B to A")
-    what = "of --data and --labels: area or point (default: area)"
-    add("--by", what, "WAY", choices=("area", "point"))
-    add("--out", "by its ending: .shape.gii, .annot, .csv, .obj, .glb, ...", "FILE", type=Path)
+    add("--column", "column of --labels: its name, or its number counted from 0", "NAME")
+    add("--hemisphere", "hemisphere of --data and --labels with both (CIFTI)", choices=("L", "R"))
+    add("--one-based", "count the vertices of --points from 1 instead of 0")
+    add("--inverse", "transfer from B to A")
+    what = "interpolation of --data and --labels (default: area)"
+    add("--by", what, "{area,point}", choices=("area", "point"))
+    add("--out", "output file: .shape.gii, .annot, .csv, .obj, .glb, ...", "FILE", type=Path)
 
 
 def run(arguments: argparse.Namespace) -> int:
     out = arguments.out
     if out is None:
-        raise UsageError("--out is missing: the file to write; see abfm apply --help")
+        raise UsageError("--out is missing; give the file to write")
     outputs.check_folder(out)
     outputs.check_not_read(out, (arguments.data, arguments.labels, arguments.points))
     if arguments.texture:
         _check_textured(arguments)
     elif arguments.image or arguments.size:
-        raise UsageError("--image and --size are of textures: give --texture")
+        raise UsageError("--image and --size need --texture")
     if arguments.by and not (arguments.data or arguments.labels):
-        raise UsageError("--by is of --data and --labels; leave it out")
+        raise UsageError("--by needs --data or --labels; remove it")
     if arguments.column is not None and not arguments.labels:
-        raise UsageError("--column is of --labels; of --data all columns are transferred")
+        raise UsageError("--column needs --labels; all columns of --data are transferred")
     by: Literal["area", "point"] = arguments.by or "area"
     side = arguments.hemisphere or ""
     found = load_result(arguments.registration, Correspondence)

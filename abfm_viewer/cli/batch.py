@@ -51,19 +51,18 @@ from abfm_viewer.reports.batches import (
     worst,
 )
 
-SUMMARY = "solve a table of tasks on all cores or a cluster, and resume where it was ended"
+SUMMARY = "solve a table of problems on all cores or a cluster, and resume it later"
 ROWS_AFTER_SIGNAL_MAX = ROWS_READ_MIN
 """Rows of the largest batch whose summary is written after a signal, which takes under a second."""
 _FAILURES_MAX = 8  # that are printed
 _PICTURE_COLORS = 64  # of small pictures
 _PARAGRAPH = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
-DESCRIPTION = f"""\
-Solve a table of tasks, a row each, by this machine's cores or a Dask cluster; a result is
-DIR/<digest>.npz. The same command solves what is missing and nothing else: a run that is killed, at
-any moment, leaves complete files. Rows that fail are reported, and do not stop others.
+DESCRIPTION = """\
+Solve a table of problems, one per row, on the cores of this machine or on a Dask cluster. Each
+result is a file DIR/<digest>.npz. Run the same command again to resume: it solves only the rows
+without a result. Rows that fail are reported and do not stop the others.
 
-With --over, solve one match with all combinations of some options' values: the table is made of the
-options.
+With --over, solve one match with all combinations of some option values, without a table.
 
 Examples:
   abfm batch table.csv --out results
@@ -71,48 +70,71 @@ Examples:
   abfm batch --status results
   abfm batch spot.obj --source gaussian:vertex=12 --target gaussian:vertex=900 \\
       --over alpha=0.003,0.01,0.03 --over sigma=0.01,0.1 --out sweep
-  abfm batch spot.obj --source hks:time=0.01 \\
-      --over 'target=eigenfunction:3,"gaussian:vertex=7,width=0.2"' --out targets
 
-The first line of TABLE.csv names its columns, as the options of `abfm match`, `abfm register`
-and `abfm sequence` are named, and may have `name`. A row is
-  a match where it has a mesh: mesh, source, target, channel, mask, start, alpha, sigma, ...
-  a registration where it has a and b: a, b, source, target, landmarks, initial, mask-a, mask-b, ...
-  a sequence where it has frames: mesh, frames, array, dt, gamma, mask, weights, alpha, sigma, ...
-  a problem where it has problem: a file that `abfm.Problem.save` wrote
-Empty cells have their defaults. Paths begin at the table's folder. A cell with a comma stands in
-double quotes:
+The first line of TABLE.csv names its columns, which are options of `abfm match`, `abfm register`
+and `abfm sequence`:
   name,mesh,source,target
   one,a.off,"gaussian:vertex=1,width=0.2",curvature:mean
-All columns are
+
+The exit status is 0 if all rows reached their target, 3 if some did not, 4 if some failed, 2 for
+bad input.
+"""
+DETAILS = f"""\
+Table:
+  Columns decide what a row is, unless the column `task` names it, such as `symmetric`:
+    a match         mesh, source, target, channel, mask, start, alpha, sigma, ...
+    a registration  a, b, source, target, landmarks, initial, mask-a, mask-b, ...
+    a sequence      frames, mesh, array, dt, gamma, channel, mask, alpha, sigma, ...
+    a problem       problem: a file written by `abfm.Problem.save`
+  Empty cells take the default. Paths begin at the folder of the table. Put a cell with a comma in
+  double quotes; the same holds for values of --over:
+    --over 'target=eigenfunction:3,"gaussian:vertex=7,width=0.2"'
+  All columns:
 {_PARAGRAPH.fill(", ".join(["name", *known_columns()]))}
 
-DIR/summary.csv has a line for each row: its digest, verdict, residuals and columns.
-DIR/summary.html is a page of the worst {ROWS_SHOWN_MAX:,} rows with a picture of each, and counts
-of all.
+Output:
+  DIR/<digest>.npz   the result of a row; files are complete even if the run is killed
+  DIR/summary.csv    one line per row: digest, verdict, residuals and columns
+  DIR/summary.html   page with the {ROWS_SHOWN_MAX:,} worst rows, their pictures, and counts of all
 
-The exit status is 0 when all rows are matched, nearly or registered; 3 when some did not reach
-their target; 4 when some failed, or with --status are not done; 2 for a table that does not fit,
-of which nothing is solved; and 130 or 143 after Ctrl-C or SIGTERM: results that are done are kept,
-and the summary of more than {ROWS_AFTER_SIGNAL_MAX} rows is left to `abfm batch --status DIR`.
+Exit status:
+  0    all rows are matched, nearly matched or registered
+  2    the table is not valid; nothing is solved
+  3    some rows did not reach their target
+  4    some rows failed or, with --status, are not finished
+  130  Ctrl-C ended the run (143: SIGTERM, 129: closed terminal); finished results are kept. Of
+       more than {ROWS_AFTER_SIGNAL_MAX} rows, `abfm batch --status DIR` writes the summary
 """
+MAIN_OPTIONS = (
+    "over",
+    "status",
+    "jobs",
+    "scheduler",
+    "scheduler-file",
+    "out",
+    "json",
+    "source",
+    "target",
+    "channel",
+    "mask",
+    "set",
+)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: options.Parser) -> None:
     add = options.adder(parser)
-    about = "comma-separated, a task a row; with --over a triangle mesh"
+    about = "comma-separated table with one problem per row; with --over a triangle mesh"
     add("table", about, "TABLE.csv", nargs="?", type=Path)
     add(
         "--over",
-        "values of an option of the match, repeatable; one with a comma stands in double quotes",
+        "values of an option of the match; repeatable, for all combinations",
         "NAME=A,B,...",
         action="append",
         default=[],
     )
     add(
         "--status",
-        "solve nothing: write and print the summary of what is done, of TABLE.csv or of the last "
-        "run",
+        "solve nothing; write and print the summary of TABLE.csv, or of the last run in DIR",
         "DIR",
         nargs="?",
         const=True,

@@ -25,58 +25,72 @@ _OPTIONS = {
 }
 """Options of each mode, besides --json and --quiet."""
 
-SUMMARY = "compare the solver with the paper's algorithm and plain L-BFGS, or count its successes"
+SUMMARY = "benchmark the solver, its success rate, map errors and the window"
 DESCRIPTION = """\
-Compare the solver with the paper's algorithm and plain L-BFGS, and measure how its iterations and
-the cost of its gradient depend on the mesh size. It takes about four minutes, most of which is the
-time of the baselines. Run it alone on the machine.
-
-Modes:
-  --success   count how often the default parameters match random problems on many meshes. A
-              success has a residual of at most 0.05 by the discrete flow and by flow lines. About
-              ten minutes
-  --measured  measure errors of the maps between noisy functions whose true map is known, with the
-              defaults and with the best of six values of sigma. About ten minutes
-  --arrival   measure the seconds to a match on ever finer meshes. A few minutes
-  --viewer    measure the window: its launch, its frames during a solve, and the solver's speed
-
-The problems of --success and --measured are rows of a batch, solved by all cores, by --jobs or by a
-cluster. All numbers except seconds are the same in every run; for seconds use --jobs 1. After
-Ctrl-C the report has the finished problems; with --out the same command resumes.
+Compare the solver with the algorithm of the paper and with plain L-BFGS, on meshes of increasing
+size. This takes about four minutes; run it alone on the machine. Other benchmarks:
+  --success   count matches of random problems with default parameters (about ten minutes)
+  --measured  measure errors of maps between noisy functions with a known map (about ten minutes)
+  --arrival   measure the seconds to a match on finer and finer meshes (a few minutes)
+  --viewer    measure the window: launch, frames during a match, and solver speed
 
 Examples:
   abfm bench --json > bench.json
-  abfm bench --arrival
-  abfm bench --viewer
   abfm bench --success --out trials --jobs 2
   abfm bench --success --only-given --meshes humans/ others/ --json success.json
   abfm bench --measured --only-given --meshes humans/ --problems 2
 """
+DETAILS = """\
+A success has a residual of at most 0.05, both of the discrete flow and of flow lines. --measured
+compares the default parameters with the best of six values of sigma.
+
+The problems of --success and --measured are rows of a batch: all cores, --jobs or a cluster solve
+them. All numbers except seconds are the same in every run; use --jobs 1 to measure seconds. After
+Ctrl-C the report has the finished problems; with --out the same command resumes.
+"""
+MAIN_OPTIONS = (
+    "success",
+    "measured",
+    "arrival",
+    "viewer",
+    "meshes",
+    "only-given",
+    "problems",
+    "jobs",
+    "out",
+    "json",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    add("--seconds", "time for each baseline (default: 60)", "S", type=positive, default=60.0)
-    add("--viewer", "measure the window, off the screen if there is none")
-    add("--success", "count how often random problems are matched")
-    add("--measured", "measure errors of maps between noisy functions, whose truth is known")
-    add("--arrival", "measure the seconds to a match on ever finer meshes")
+    add("--seconds", "seconds for each baseline (default: 60)", "S", type=positive, default=60.0)
+    add("--viewer", "measure the window, off-screen if there is no screen")
+    add("--success", "count matches of random problems")
+    add("--measured", "measure errors of maps between noisy functions")
+    add("--arrival", "measure the seconds to a match on finer and finer meshes")
     choose = adder(parser.add_argument_group("with --success or --measured"))
     choose(
         "--meshes",
-        "also use these meshes: files, and folders, each with rows of its own; they are merged, "
-        "cleaned or cut if needed, and files that cannot be loaded are reported and left out",
+        "also use these meshes, files or folders, which are merged, cleaned or cut if needed; each "
+        "folder has its own rows, and files that cannot be loaded are reported and skipped",
         "PATH",
         nargs="+",
         type=Path,
         default=[],
     )
-    choose("--only-given", "leave out the bundled and generated meshes")
-    choose("--solvable", "with --success: only problems that are not known to be unsolvable")
-    choose("--problems", "problems on each mesh (default: 6)", "N", type=count, default=6)
-    choose("--seed", "another number gives other problems (default: 0)", type=seed, default=0)
-    choose("--out", "folder for results, from which later runs resume", "DIR", type=Path)
-    add("--json", "print one JSON object, or write it to FILE", "FILE", nargs="?", const="")
+    choose("--only-given", "skip the bundled and generated meshes")
+    choose("--solvable", "with --success: skip problems that are known to be unsolvable")
+    choose("--problems", "number of problems per mesh (default: 6)", "N", type=count, default=6)
+    choose("--seed", "seed of the random problems (default: 0)", type=seed, default=0)
+    choose("--out", "folder for the results, from which later runs resume", "DIR", type=Path)
+    add(
+        "--json",
+        "print the report as one JSON object, or write it to FILE",
+        "FILE",
+        nargs="?",
+        const="",
+    )
     add("--quiet", "no progress")
     add_workers(parser)
 

@@ -1,5 +1,6 @@
-"""The command line as a whole: which commands there are, and how one is chosen."""
+"""The commands of `abfm`, and the one that a command line names."""
 
+import argparse
 from importlib import import_module
 from importlib.metadata import version
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 from abfm.errors import did_you_mean
 from abfm_viewer.cli.options import Parser
 
-_COMMANDS = {
+COMMANDS = {
     "match": "abfm.matching.task:MatchTask",
     "register": "abfm.registration.task:RegistrationTask",
     "symmetric": "abfm.registration.symmetric:SymmetricTask",
@@ -23,42 +24,61 @@ _COMMANDS = {
     "info": "info",
     "bench": "bench",
 }
-"""The module of each, or the task that it solves; loaded when it is called, or when all are listed,
-as together they take as long as a short match.
+"""The module of each command, or the task that it solves. A module is imported when its command is
+called or when all commands are listed; all together take as long as a short match.
 """
 _DESCRIPTION = """\
-Match two functions on a triangle mesh: find the vector field whose flow carries the one to the
-other. Register one surface to another by functions on both.
+Match functions on triangle meshes: find the tangent vector field whose flow transports one function
+to another. Register surfaces, and follow functions in time, by the same method.
 
 Try `abfm demo` first; then
   abfm match mesh.off --source gaussian:vertex=10 --target gaussian:vertex=200 --out match.npz
   abfm render match.npz --out match.png
+
+`abfm COMMAND --help` shows the most used options of a command, `--help-all` all of them.
+
+commands:
 """
 
 
 def run(words: list[str]) -> int:
+    """Run the command that the words of a command line name, and return the exit status."""
     parser = Parser(prog="abfm", description=_DESCRIPTION)
-    parser.add_argument("--version", action="version", version=f"abfm {version('abfm')}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name in [word for word in words[:1] if word in _COMMANDS] or _COMMANDS:
-        command = _command(_COMMANDS[name])
-        own = commands.add_parser(name, help=command.SUMMARY, description=command.DESCRIPTION)
+    about = "show the version and exit"
+    parser.add_argument(
+        "--version", action="version", version=f"abfm {version('abfm')}", help=about
+    )
+    commands = parser.add_subparsers(
+        prog="abfm", metavar="COMMAND", required=True, help=argparse.SUPPRESS
+    )
+    lines = []
+    for name in [word for word in words[:1] if word in COMMANDS] or COMMANDS:
+        command = load(name)
+        own = commands.add_parser(
+            name,
+            description=command.DESCRIPTION,
+            details=getattr(command, "DETAILS", ""),
+            main=getattr(command, "MAIN_OPTIONS", ()),
+        )
         own.set_defaults(run=command.run, parser=own)
+        lines.append(f"  {name:<12}{command.SUMMARY}")
         command.add_arguments(own)
+    parser.description = _DESCRIPTION + "\n".join(lines)
     if not words:
         parser.print_help()
         return 0
-    if not words[0].startswith("-") and words[0] not in _COMMANDS:
-        parser.error(f"there is no command {words[0]!r}{did_you_mean(words[0], _COMMANDS)}")
-    arguments = parser.parse_whole(words)
+    if not words[0].startswith("-") and words[0] not in COMMANDS:
+        parser.error(f"unknown command {words[0]!r}{did_you_mean(words[0], COMMANDS)}")
+    arguments = parser.parse_all(words)
     return int(arguments.run(arguments))
 
 
-def _command(name: str) -> Any:
-    module, is_task, task = name.partition(":")
+def load(name: str) -> Any:
+    """Import a command, and return its module or, of a task, its `Command`."""
+    module, is_task, task = COMMANDS[name].partition(":")
     if not is_task:
         return import_module(f"abfm_viewer.cli.{module}")
-    # with the library's solver, which other commands do not need
+    # it imports the solver, which other commands do not need
     from abfm_viewer.cli.solve import Command
 
     return Command(getattr(import_module(module), task))

@@ -18,13 +18,12 @@ from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
 from abfm_viewer.files.documents import document_of_result
 
-SUMMARY = "the main job on a bundled mesh: a self-test that needs no screen"
+SUMMARY = "match two functions on a bundled mesh, as a self-test without a screen"
 DESCRIPTION = """\
 Match two Gaussians on a bundled mesh with default parameters, and write the result, a picture and a
-movie of it.
+movie. Without OpenGL, picture and movie are skipped.
 
-The exit status is 1 when the residual ends above 0.05. Where the machine has no OpenGL, only
-picture and movie are missing.
+The exit status is 1 if the residual is above 0.05.
 
 Example:
   abfm demo --out out
@@ -42,7 +41,13 @@ TARGET = "gaussian:vertex=440,width=0.14"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
     out = Path("out")
-    add("--out", "folder, made if missing (default: out)", "DIR", type=Path, default=out)
+    add(
+        "--out",
+        "folder for the files, created if missing (default: out)",
+        "DIR",
+        type=Path,
+        default=out,
+    )
     add_report(add)
 
 

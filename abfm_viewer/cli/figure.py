@@ -29,24 +29,27 @@ from abfm_viewer.reports.pages import figures_page
 if TYPE_CHECKING:
     from PIL import Image
 
-SUMMARY = "a figure of the paper, computed, measured and drawn"
+SUMMARY = "compute, measure and draw figures of the paper"
 DESCRIPTION = """\
-Compute one or all figures of the paper: figure-N.png is drawn in the paper's arrangement (blue
-frames for the source, red for the target, black for the result); figure-N.json holds the
-measurements, whether they keep their bounds, whether the paper's claims are reproduced, and notes
-on values beyond the colours. `all` also writes index.html, a page with everything.
-
-The meshes are bundled or generated; --mesh computes the figure on another one. All figures take a
-few minutes. Their matches are solved first, as a batch on all cores or a cluster, into DIR/matches,
-which `abfm batch --status` reports; run again, the command solves only missing ones. The same holds
-for one figure with --jobs, --scheduler or --scheduler-file.
+Compute one or all figures of the paper. Write figure-N.png, in the arrangement of the paper, and
+figure-N.json with the measured numbers. `all` also writes a page, index.html.
 
 Examples:
   abfm figure 3 --out figures
-  abfm figure all --out figures
   abfm figure all --out figures --jobs 2
   abfm figure 1 --mesh bunny.obj --out figures
 """
+DETAILS = """\
+Frames in a picture are blue for the source, red for the target and black for the result. The JSON
+file has each measured number, whether it is within its bound, whether it reproduces the claim of
+the paper, and notes on values outside the range of the colours.
+
+The meshes are bundled or generated; --mesh computes the figure on another one. All figures take a
+few minutes. `all`, --jobs, --scheduler and --scheduler-file first solve the matches as a batch in
+DIR/matches, on all cores or a cluster. `abfm batch --status DIR/matches` reports its state, and the
+same command resumes it.
+"""
+MAIN_OPTIONS = ("out", "mesh", "jobs", "scheduler", "json", "quiet")
 _WORDS = {True: "yes", False: "no"}
 _MATCHES = "matches"
 
@@ -65,15 +68,15 @@ class FigureEntry:
     notes: Sequence[str] = ()
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: options.Parser) -> None:
     add = options.adder(parser)
     add("figure", f"number of the figure, 1 to {max(FIGURES)}, or all", "N|all")
-    add("--out", "folder, made if missing", "DIR", type=Path, required=True)
-    add("--mesh", "compute the figure on this mesh instead of its own", "FILE")
+    add("--out", "folder for the files, created if missing", "DIR", type=Path, required=True)
+    add("--mesh", "compute the figure on this mesh", "FILE")
     options.add_mesh_options(parser)
-    add("--up", "axis that points upwards (default: y for a --mesh)", choices=("x", "y", "z"))
-    add("--json", "print one JSON object with everything that was measured")
-    add("--quiet", "no progress")
+    add("--up", "axis that points upwards (default: y with --mesh)", choices=("x", "y", "z"))
+    add("--json", "print all measured numbers as one JSON object")
+    add("--quiet", "do not show progress")
     options.add_workers(parser)
 
 

@@ -18,25 +18,28 @@ from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.progress import task_progress
 
-SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"
+SUMMARY = "check a mesh, or report what a result contains"
 DESCRIPTION = """\
-Print what a mesh is, what was repaired, and what the solver objects to (then the exit status is 2);
-or the report of a result: of a match with the steps of its path, a star before the chosen one; of a
-map between two surfaces with its distortion; of a sequence with its speed and uncertainty; of a
-population with its outliers and its variance.
+Check a mesh: print its size and topology, what was repaired, and its defects (exit status 2). Or
+print the report of a result: the verdict of a match or a registration, the distortion of a map, the
+speed of a sequence, the outliers of a population.
 
 Examples:
   abfm info spot.obj
   abfm info match.npz
 """
+DETAILS = """\
+The report of a match lists the steps of its continuation, with a star at the selected step. That
+of a sequence has its speed and uncertainty, that of a population its outliers and variance.
+"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: options.Parser) -> None:
     add = options.adder(parser)
-    add("mesh", f"{MESH_FORMATS}; or a result .npz", "MESH|RESULT.npz")
+    add("mesh", f"{MESH_FORMATS}; or a result (.npz)", "MESH|RESULT.npz")
     options.add_mesh_options(parser)
-    add("--json", "print one JSON object")
-    add("--quiet", "no progress")
+    add("--json", "print the report as one JSON object")
+    add("--quiet", "do not show progress")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -24,48 +24,52 @@ from abfm_viewer.cli.exit_status import UsageError, print_note
 from abfm_viewer.cli.options import adder, load_result
 from abfm_viewer.files import outputs
 
-SUMMARY = "the map of a result's flow or of a registration: as a file, against a known one"
+SUMMARY = "write the vertex map of a match or a registration, and measure its errors"
 DESCRIPTION = """\
-Write the map of a result's flow by the flow lines that verify a match: for each vertex the vertex
-from which its value comes, or with --inverse the vertex to which its value goes. Such a file works
-in functions, permuted:map.txt(coordinate:x), and as a --truth. The command also prints how the flow
-changes areas (J) and shapes (R) of faces, how many faces it folds, and how far from itself a vertex
-returns. It warns on stderr if too many faces are folded to trust the map.
-
-For a registration it is the map between both surfaces: for each vertex of B the vertex of A that
-lies there, which a --truth also holds. The command also prints the share of A that is covered.
+Write the map of the flow of a match, and report how it changes areas and shapes and how many faces
+it folds. For a registration, write the map between both surfaces.
 
 Examples:
   abfm map match.npz --out map.txt
   abfm map match.npz --truth rotation
-  abfm map match.npz --carry uv.npy --out carried.npy
+  abfm map match.npz --carry uv.npy --out transferred.npy
   abfm map match.npz --functional-map 50 --out C.npy
   abfm map reg.npz --truth true_vertices.txt
+"""
+DETAILS = """\
+The map of a match is that of the flow lines that verify it. The file has, for each vertex, the
+vertex from which its value comes, or with --inverse the vertex to which its value moves. Functions
+can use it, as in permuted:map.txt(coordinate:x), and --truth as well. The report has the change of
+areas (J) and shapes (R) of faces, the number of folded faces, and the round-trip error of vertices.
+A warning appears if too many faces are folded to trust the map.
+
+The map of a registration has, for each vertex of B, the nearest vertex of A. The report has the
+share of A that the map covers.
 """
 _TABLES = (".txt", ".csv", ".npy")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    add("input", "what `abfm match` wrote", "RESULT.npz")
-    add("--out", "a table: .txt, .csv or .npy", "FILE", type=Path)
-    add("--time", "time of the flow (default: tau); below 0 for its inverse", "T", type=float)
-    add("--inverse", "the inverse map: where each vertex goes")
+    add("input", "result of `abfm match` or `abfm register`", "RESULT.npz")
+    add("--out", "output table: .txt, .csv or .npy", "FILE", type=Path)
+    add("--time", "time of the flow (default: tau); negative for its inverse", "T", type=float)
+    add("--inverse", "use the inverse map")
     choose = adder(parser.add_mutually_exclusive_group())
     choose(
         "--carry",
-        "transfer these values along the flow, a row per vertex: texture coordinates, colours",
+        "transfer values along the flow, one row per vertex: texture coordinates, colours, ...",
         "FILE",
     )
-    what = "write the flow's matrix in the first K eigenfunctions"
+    what = "write the matrix of the flow in the first K eigenfunctions"
     choose("--functional-map", what, "K", type=int)
     add(
         "--truth",
-        "measure geodesic errors against this map: a file of vertex numbers, mirror or rotation "
-        "(as found on the mesh), or identity",
+        "measure geodesic errors against a map: a file of vertex numbers, identity, or a symmetry "
+        "of the mesh (mirror, rotation)",
         "MAP",
     )
-    add("--json", "print one JSON object")
+    add("--json", "print the report as one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -74,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check(out, _TABLES)
         outputs.check_not_read(out, (arguments.carry, truth))
     elif arguments.carry or arguments.functional_map is not None:
-        raise UsageError("--carry and --functional-map need --out, where the table goes")
+        raise UsageError("--carry and --functional-map need --out, the table to write")
     match = load_result(arguments.input, Match, Correspondence)
     if isinstance(match, Correspondence):
         return _of_two_surfaces(arguments, match)

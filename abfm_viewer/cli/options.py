@@ -24,18 +24,95 @@ _DISTANCE = re.compile(r"auto|[-+.\d][-+.\de]*", re.IGNORECASE)
 
 
 class Parser(argparse.ArgumentParser):
-    """Raises `UsageError` with the nearest right word, and does not print the usage and leave."""
+    """A parser whose errors are one line, and whose ``--help`` shows the most used options.
 
-    # argparse has its own for subcommands
-    def __init__(self, prog: str, description: str, **settings: Any) -> None:
+    Parameters
+    ----------
+    prog, description : str
+    details : str
+        Long explanations, which only ``--help-all`` prints.
+    main : iterable of str
+        Names of the options that ``--help`` shows, without dashes; all of them if it is empty.
+    """
+
+    def __init__(
+        self,
+        prog: str,
+        description: str,
+        details: str = "",
+        main: Iterable[str] = (),
+        **settings: Any,
+    ) -> None:
         form = argparse.RawDescriptionHelpFormatter
-        settings |= {"formatter_class": form, "allow_abbrev": False}
+        settings |= {"formatter_class": form, "allow_abbrev": False, "add_help": False}
         super().__init__(prog, description=description, **settings)
+        self.details = details
+        self.main_options = {option(name) for name in main}
+        self.settings: list[argparse.Action] = []
+        """Actions that describe the values of ``--set``; they are not parsed."""
+        self._positionals.title = "arguments"
+        add = self.add_argument
+        add("-h", "--help", action="help", help="show this help and exit")
+        about = "show all options and explanations" if details or main else argparse.SUPPRESS
+        add("--help-all", action=_HelpAll, nargs=0, help=about)
+
+    def is_main(self, action: argparse.Action) -> bool:
+        """Return whether ``--help`` shows an option."""
+        names = {name.lstrip("-") for name in action.option_strings}
+        if not names or not self.main_options or action.required:
+            return True
+        return bool(names & {"help", "help-all", *self.main_options})
+
+    def format_help(self) -> str:
+        """Return the text of ``--help``: the main options, and how to see the others."""
+        return self._help(list(filter(self.is_main, self._actions)), is_complete=False)
+
+    def format_help_all(self) -> str:
+        """Return the text of ``--help-all``: all options, and the long explanations."""
+        return self._help(self._actions, is_complete=True)
+
+    def format_usage(self) -> str:
+        """Return one line: the arguments and the required options."""
+        return f"usage: {self.usage_line}\n"
+
+    @property
+    def usage_line(self) -> str:
+        """The command with its arguments and required options."""
+        words = [self.prog]
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                words.append(str(action.metavar))
+            elif not action.option_strings:
+                words.append(f"[{action.metavar}]" if action.nargs == "?" else str(action.metavar))
+            elif action.required:
+                words.append(f"{action.option_strings[0]} {action.metavar}")
+        return " ".join([*words, "[options]"])
+
+    def _help(self, actions: Sequence[argparse.Action], is_complete: bool) -> str:
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage_line.replace("%", "%%"), [], [])
+        formatter.add_text(self.description)
+        for group in self._action_groups:
+            formatter.start_section(group.title)
+            formatter.add_arguments([each for each in group._group_actions if each in actions])
+            formatter.end_section()
+        if is_complete:
+            formatter.start_section("parameters for --set NAME=VALUE")
+            formatter.add_arguments(self.settings)
+            formatter.end_section()
+            formatter.add_text(self.details)
+        elif len(actions) < len(self._actions):
+            count = sum(bool(each.option_strings) for each in self._actions)
+            more = " and explains them" if self.details else ""
+            formatter.add_text(f"{self.prog} --help-all shows all {count} options{more}.")
+        elif self.details:
+            formatter.add_text(f"{self.prog} --help-all explains more.")
+        return formatter.format_help()
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}; see {self.prog} --help")
 
-    def parse_whole(self, words: list[str]) -> argparse.Namespace:
+    def parse_all(self, words: list[str]) -> argparse.Namespace:
         """Parse words that must all be understood; the `parser` of the result is in charge."""
         arguments, unknown = self.parse_known_args(_with_distance(words))
         if unknown:
@@ -47,6 +124,15 @@ class Parser(argparse.ArgumentParser):
                 hint = f"; write --set {setting}=VALUE"
             command.error(f"{unknown[0]!r} is not understood{hint}")
         return arguments
+
+
+class _HelpAll(argparse.Action):
+    """Prints the text of ``--help-all`` and ends the program."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> NoReturn:
+        assert isinstance(parser, Parser)
+        print(parser.format_help_all(), end="")
+        parser.exit()
 
 
 def _with_distance(words: list[str]) -> list[str]:
@@ -70,37 +156,37 @@ def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
 
 def add_up(add: Callable[..., None]) -> None:
     """Declare the axis that points upwards on pictures and pages."""
-    about = "axis that points upwards on pictures and pages (default: z, seen from the side, for a"
-    add("--up", f"{about} cortex of known hemisphere; otherwise y)", choices=("x", "y", "z"))
+    about = "axis that points upwards in pictures and pages (default: z for a cortex of known"
+    add("--up", f"{about} hemisphere, seen from the side; otherwise y)", choices=("x", "y", "z"))
 
 
 def add_folder(parser: argparse.ArgumentParser, is_required: bool = False) -> None:
     """Declare the folder of many results, and what is reported of them."""
     add = adder(parser.add_argument_group(OUTPUT))
-    about = "folder for results: made if it is not there"
+    about = "folder for the results, created if missing"
     add("--out", about, "DIR", type=folder, required=is_required)
     add_up(add)
-    add("--no-pictures", "a page without pictures")
+    add("--no-pictures", "write the page without pictures")
     add_report(add)
 
 
 def add_report(add: Callable[..., None]) -> None:
     """Declare how a result is reported."""
-    add("--json", "print one JSON object about the result")
-    add("--quiet", "no progress")
+    add("--json", "print the result as one JSON object")
+    add("--quiet", "do not show progress")
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Declare who solves."""
-    add = adder(parser.add_argument_group("who solves"))
-    what = "so many processes of this machine (default: one for each core)"
+    """Declare the options of parallel processing."""
+    add = adder(parser.add_argument_group("parallel processing"))
+    what = "number of processes on this machine (default: one per core)"
     add("--jobs", what, "N", type=processes)
     what = (
-        "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786; whoever controls it can "
-        "run programs on this machine and on its workers: use one that you trust"
+        "address of a Dask scheduler that solves instead, such as tcp://10.0.0.1:8786; use only a "
+        "trusted one, which can run programs on this machine and on its workers"
     )
     add("--scheduler", what, "ADDRESS", type=address)
-    add("--scheduler-file", "the same by the file in which it has its address", "FILE", type=Path)
+    add("--scheduler-file", "the same, by the file with its address", "FILE", type=Path)
 
 
 def cluster_of(arguments: argparse.Namespace) -> Cluster:
@@ -111,9 +197,7 @@ def cluster_of(arguments: argparse.Namespace) -> Cluster:
     return Cluster(*given)
 
 
-def add_inputs(
-    parser: argparse.ArgumentParser, inputs: Sequence[Input], without: Iterable[str] = ()
-) -> None:
+def add_inputs(parser: Parser, inputs: Sequence[Input], without: Iterable[str] = ()) -> None:
     """Declare an option, or an argument, for each input; `given_texts` returns their texts."""
     groups: dict[str, argparse._ActionsContainer] = {"": parser}
     rare = [each for each in inputs if each.is_rare]
@@ -139,10 +223,17 @@ def add_inputs(
         name = each.name if each.is_argument else f"--{each.name}"
         groups[each.group].add_argument(name, **settings)
     if rare:
-        names = ", ".join(each.name.replace("-", "_") for each in rare)  # which do not wrap
-        text = f"set one of {names}, which the README describes; repeatable"
         add = adder(groups[rare[0].group])
+        text = "set an advanced parameter, such as levels=1 (--help-all lists them); repeatable"
         add("--set", text, "NAME=VALUE", action="append", default=[])
+        parser.settings += map(_setting, rare)
+
+
+def _setting(each: Input) -> argparse.Action:
+    """Return what describes a parameter in the text of ``--help-all``."""
+    name = f"{each.name.replace('-', '_')}={each.metavar}"
+    help = f"{each.help} (default: {each.default})".replace("%", "%%")
+    return argparse.Action([], each.name, metavar=name, help=help)
 
 
 def given_texts(
@@ -180,7 +271,7 @@ def shown(each: Input) -> str:
     return each.metavar if each.is_argument else f"--{each.name}"
 
 
-def add_mesh_options(parser: argparse.ArgumentParser) -> None:
+def add_mesh_options(parser: Parser) -> None:
     """Declare how meshes are read."""
     add_inputs(parser, MESH_INPUTS)
 

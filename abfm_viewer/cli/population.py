@@ -11,6 +11,7 @@ from abfm import Population
 from abfm.errors import printable
 from abfm.population import HELD_OUT_PREFIX
 from abfm.population.task import PopulationTask
+from abfm.tasks.inputs import FUNCTIONS_HELP
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, solve
 from abfm_viewer.cli.exit_status import UsageError, print_note
@@ -20,39 +21,59 @@ from abfm_viewer.files import outputs
 from abfm_viewer.reports.pages import population_page
 
 SUMMARY = "iteratively register subjects to a template; report the mean and the outliers"
-DESCRIPTION = f"""\
+DESCRIPTION = """\
 Register each subject of a table to a template by its functions, compute the mean, register to the
-mean, and repeat this until it hardly changes. The mean field is subtracted, so that the template
-does not drift. The report has means and deviations, the variation of areas, the variance of
-position and of value, and the outliers, which are left out of the mean.
+mean, and repeat until the mean hardly changes. Report means, deviations, the variation of areas and
+of positions, and outliers, which the mean excludes.
 
 Examples:
   abfm population subjects.csv --template fsaverage.sphere.surf.gii --out pop
   abfm population subjects.csv --template mean.ply --channel sulc sulc.csv 1 --out pop --jobs 4
 
-The first line of SUBJECTS.csv names its columns; paths begin at the table's folder:
-  name        of the subject
-  surface     its mesh file; the template itself where it is empty, or there is no such column
-  mask        weights of its vertices, not negative: a file or a function
-  landmarks   a file of corresponding points of it and of the template, as of `abfm register`
-  weight      its weight in the mean (1); subjects of weight 0 are also judged
-  {HELD_OUT_PREFIX}NAME  a channel that is transferred, but not registered by: its score is its
-              correlation with the mean of the others, before and after
-  NAME        any other is a channel to register by: a file of values, or a function as text; a
-              vertex with NaN has no weight
-Registrations are rows of a batch in DIR, each DIR/<digest>.npz: run again, the command solves only
-missing ones.
-The output is DIR/population.npz, subjects.csv, mean.vtu, for a GIFTI template mean.shape.gii, and
-the page population.html.
+The first line of SUBJECTS.csv names its columns: `name`, `surface`, and one column per channel with
+files of values:
+  name,surface,sulc,curv
+  sub-01,sub-01/lh.sphere,sub-01/lh.sulc,sub-01/lh.curv
 
-The exit status is 0 when the mean has converged; 3 when it still changed by more than --bound in
-the last round; 4 when a subject could not be registered; 2 for bad input, of which nothing is
-solved; and 130 or 143 after Ctrl-C or SIGTERM.
+The exit status is 0 if the mean has converged, 3 if it has not, 4 if a subject could not be
+registered, 2 for bad input.
 """
+DETAILS = f"""\
+Columns of SUBJECTS.csv (paths begin at the folder of the table):
+  name        name of the subject
+  surface     its mesh file; without it, the template itself
+  mask        weight of each of its vertices, not negative: a file of values or a SPEC
+  landmarks   file of corresponding points of the subject and the template, see `abfm register`
+  weight      its weight in the mean (default: 1); subjects of weight 0 are also checked
+  {HELD_OUT_PREFIX}NAME  channel that is transferred, but not used for registration. Its score is
+              its correlation with the mean of the other subjects, before and after registration
+  NAME        any other column is a channel to register by: a file of values or a SPEC. Vertices
+              with NaN have no weight
+The mean field is subtracted, so that the template does not drift.
+
+Channels:
+  --channel NAME DST WEIGHT sets the first target and the weight of a channel. DST is a function on
+  the template, or auto for that of the subject closest to the mean.
+
+{FUNCTIONS_HELP}
+Output:
+  DIR/<digest>.npz                       registrations; the same command solves only missing ones
+  DIR/population.npz, subjects.csv       the result and a table of the subjects
+  DIR/mean.vtu                           means on the template; also mean.shape.gii for GIFTI
+  DIR/population.html                    page with pictures
+
+Exit status:
+  0    the mean has converged
+  2    bad input; nothing is solved
+  3    the mean changed by more than --bound in the last round
+  4    a subject could not be registered
+  130  Ctrl-C ended the run (143: SIGTERM, 129: closed terminal); the same command resumes
+"""
+MAIN_OPTIONS = (*PopulationTask.main_options, "jobs", "scheduler", "out", "json")
 _PICTURE_WIDTH = 400
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: options.Parser) -> None:
     options.add_inputs(parser, PopulationTask.inputs)
     options.add_workers(parser)
     options.add_folder(parser, is_required=True)
@@ -61,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Register, write and report."""
     if arguments.template is None:
-        raise UsageError("--template is missing: the surface that subjects come to")
+        raise UsageError("--template is missing; give the surface to which subjects are registered")
     folder: Path = arguments.out
     row = solve.row_of(arguments, PopulationTask)
     table = folder / "subjects.csv"

@@ -24,14 +24,10 @@ from abfm_viewer.session.player import SECONDS_PER_CYCLE
 if TYPE_CHECKING:
     from PIL import Image
 
-SUMMARY = "draw a result or a project"
+SUMMARY = "draw a picture, a movie or a page of a result or a project"
 DESCRIPTION = """\
-Draw a result or a project: a picture (.png), a movie of the flow (.mp4, .gif), or a page for a
-browser (.html): the surfaces, turning, with a time bar, in one file that needs no network.
-
-A picture of a result is a sheet with the source, the source on its way to the target, and the
-target; of a sequence, with frames and the field. Pictures of a project, of a registration, and all
-movies show what the window shows: every surface in its slot, as the project has it.
+Draw a result or a project: a picture (.png), a movie of the flow (.mp4, .gif), or an interactive
+page for a browser (.html), in one file without external resources.
 
 Examples:
   abfm render match.npz --out match.png
@@ -42,6 +38,25 @@ Examples:
   abfm render match.npz --out streaks.gif --streaks --fade --from 0 --to 0
   abfm render my.abfm --out my.png --size 3840x2160 --transparent
 """
+DETAILS = """\
+A picture of a match is a sheet of panels: the source, the source at some times of the flow, and the
+target. A sheet of a sequence has frames and the field. Pictures of projects and registrations, and
+all movies, show the surfaces as the window does (--style window).
+"""
+MAIN_OPTIONS = (
+    "out",
+    "size",
+    "time",
+    "style",
+    "channel",
+    "up",
+    "streaks",
+    "transparent",
+    "seconds",
+    "from",
+    "to",
+    "turntable",
+)
 Known = dict[str, FloatArray]
 _MOVIES = (".mp4", ".gif")
 _PAGE = ".html"
@@ -57,45 +72,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
     add(
         "input",
-        "what `abfm match`, `register` or `sequence` wrote, or the app saved",
+        "result of `abfm match`, `register` or `sequence`, or a project of the app",
         "RESULT.npz|PROJECT.abfm",
     )
-    what = "the picture (.png), movie (.mp4, .gif) or page (.html)"
+    what = "picture (.png), movie (.mp4, .gif) or page (.html) to write"
     add("--out", what, "FILE", type=Path, required=True)
-    add("--size", "in pixels, such as 1600x900", "WxH", type=size)
+    add("--size", "size in pixels, such as 1600x900", "WxH", type=size)
     add(
         "--time",
-        "time of a picture, 0 to 2 tau (default: the project's own, tau of a result); on a sheet "
-        "a time to show besides 0 and tau, or one of a film, repeatable (default: quarters of tau, "
-        "or six evenly over a film)",
+        "time of a picture, 0 to 2 tau (default: that of the project, or tau); repeatable for a "
+        "sheet (default: quarters of tau, or six times of a sequence)",
         "T",
         type=float,
         action="append",
     )
-    add("--style", "of a picture (default: by the input)", choices=("sheet", "window"))
-    add("--channel", "which pair of functions (default: 0, or the active)", "C", type=int)
+    add(
+        "--style", "style of a picture (default: depends on the input)", choices=("sheet", "window")
+    )
+    add("--channel", "number of the channel (default: 0, or the active one)", "C", type=int)
     add_up(add)
-    add = adder(parser.add_argument_group("pictures and movies of the window's style"))
-    add("--transparent", "a picture without a ground")
-    add("--no-color-bar", "leave the colour bars out")
-    add("--no-labels", "leave the surfaces' names out")
+    add = adder(parser.add_argument_group("pictures and movies in the style of the window"))
+    add("--transparent", "make the background transparent")
+    add("--no-color-bar", "omit the colour bars")
+    add("--no-labels", "omit the names of the surfaces")
     add(
         "--streaks",
-        "streaks along the field on the advected surface (line integral convolution); in a movie "
-        "they move",
+        "draw streaks along the field on the advected surface (line integral convolution); they "
+        "move in a movie",
     )
-    add("--fade", "with --streaks: they fade where the field is slow")
+    add("--fade", "fade the streaks where the field is slow")
     add = adder(parser.add_argument_group("movies"))
-    add("--seconds", "length (default: 4)", "S", type=positive)
-    add("--fps", "frames a second (default: 30)", "N", type=positive)
+    add("--seconds", "length in seconds (default: 4)", "S", type=positive)
+    add("--fps", "frames per second (default: 30)", "N", type=positive)
     add("--from", "first time (default: 0, or the first frame)", "T", type=float, dest="start")
     what = "last time, at most 2 tau (default: tau, or the last frame)"
     add("--to", what, "T", type=float, dest="end")
-    what = "how far the surfaces turn meanwhile (default: 0)"
+    what = "angle by which the surfaces turn during the movie (default: 0)"
     add("--turntable", what, "DEGREES", type=angle)
     add = adder(parser)
-    add("--progress", "print a line of JSON for every frame")
-    add("--quiet", "no progress")
+    add("--progress", "print one line of JSON per frame")
+    add("--quiet", "do not show progress")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -23,18 +23,15 @@ from abfm_viewer.cli.progress import long_steps, share_progress
 from abfm_viewer.files import outputs
 from abfm_viewer.reports.pages import COVERAGE_MIN, RETURN_EDGES_MAX, report_page
 
-SUMMARY = "one page about a registration: pictures, distortion, path, warnings"
+SUMMARY = "write a page about a registration: pictures, distortion, warnings"
 DESCRIPTION = f"""\
-Write a page (.html) about a registration to print or send, without external files: the verdict,
-both surfaces and their functions from two sides, the effect of the map on a checkerboard, areas and
-shapes, its path from smooth to close, and its parameters. The element with the id "facts" holds all
-numbers as JSON.
+Write a page (.html) about a registration, to print or send: verdict, pictures of both surfaces and
+their functions, distortion, the steps of the continuation, parameters. It has no external files.
 
-The page warns of folded faces, if less than {100 * COVERAGE_MIN:g}% of A is covered, and if 5% of
-the vertices return more than {RETURN_EDGES_MAX:g} edges from where they started.
-
-Also for results of `abfm match` and `abfm symmetric`, and for maps without functions
-(`Correspondence.save`).
+The page warns of folded faces, of a map that covers less than {100 * COVERAGE_MIN:g}% of A, and of
+a round-trip error above {RETURN_EDGES_MAX:g} edges at 5% of the vertices. The element with id
+"facts" contains all numbers as JSON. Results of `abfm match` and `abfm symmetric` and maps of
+`Correspondence.save` also work.
 
 Examples:
   abfm report reg.npz --out report.html
@@ -45,14 +42,14 @@ _WIDTH = 400
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser)
-    add("input", "what `abfm register` wrote, or `abfm match`", "REG.npz")
-    add("--out", "the page (.html)", "FILE", type=Path, required=True)
-    add("--title", "its title (default: the input's name)", "TEXT")
+    add("input", "result of `abfm register`, `abfm symmetric` or `abfm match`", "REG.npz")
+    add("--out", "page to write (.html)", "FILE", type=Path, required=True)
+    add("--title", "title of the page (default: name of the input)", "TEXT")
     options.add_up(add)
-    what = f"of each picture in pixels (default: {_WIDTH})"
+    what = f"width of each picture in pixels (default: {_WIDTH})"
     add("--width", what, "N", type=options.width, default=_WIDTH)
-    add("--json", "print the page's numbers as one JSON object")
-    add("--quiet", "no progress")
+    add("--json", "print the numbers of the page as one JSON object")
+    add("--quiet", "do not show progress")
 
 
 def run(arguments: argparse.Namespace) -> int:

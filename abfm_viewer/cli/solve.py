@@ -31,8 +31,10 @@ class Command:
 
     def __init__(self, task: type[Task]) -> None:
         self.task, self.SUMMARY, self.DESCRIPTION = task, task.summary, task.description
+        self.DETAILS = task.details
+        self.MAIN_OPTIONS = (*task.main_options, "out", "json")
 
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: options.Parser) -> None:
         """Declare the inputs and the outputs."""
         options.add_inputs(parser, self.task.inputs)
         add = options.adder(parser.add_argument_group(options.OUTPUT))

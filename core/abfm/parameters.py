@@ -63,39 +63,41 @@ class Range(NamedTuple):
 
 
 _HELP = """
-tau: end time of the flow; larger deformations may need more
-alpha: smoothness of the field: weight of its Hodge Laplacian; lowered where that does not match
-beta: weight of the mismatch's gradient: above 0, slopes must match as well
-divergence: times the weight of the curl that the field's divergence has: 1 as the paper, more to
-  keep areas; not given, 10 where functions match exactly and 1 where they were measured
-sigma: weight of the match against the smoothness, the last of its path: smaller matches closer; not
-  given, as close as can be certified
-landmark_sigma: weight of landmarks against the smoothness, the last of its path: how far one may be
-  left, as a fraction of sqrt(area), where moving it costs as much as that; smaller is closer
-goal: residual that counts as matched, by the discrete flow and by flow lines
-refine: how often the mesh may be subdivided where it is too coarse; 0 never, not given by its
-  resolution
-order: order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as
-  computed
-reach: how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper
-levels: meshes from coarse to fine; 1 only the mesh itself, 0 by its size
-segments: number of fields in a row; 0 means one, or two where one is not confirmed (linearised: 10)
-iterations: iterations at most, over all cooling stages together
-memory: pairs that L-BFGS remembers
-max_displacement: most that one iteration may change tau |v|, as a fraction of sqrt(area)
-tolerance: converged when the gradient's norm is this fraction of its first one
-sigma_unit: sigma as a fraction of the functions' deviation from their mean in L2, or as the paper
-  has it
-method: exponential flow, or the first two terms of the exponential
-gradient: exact derivative of the discrete energy, or the paper's by brackets
-substeps: sub-steps of the bracket gradient (the adjoint is exact for any number)
-quadrature: intervals of the time integral in the bracket gradient
-cooling_stages: stages of sigma, the last one at its value; 1 for no cooling, 0 for as many as lead
-  there from a warm one
-cooling_factor: sigma is divided by this from stage to stage
-stage_iterations: iterations of each stage before the last; 0: as long as they pay (paper: share
-  half of all)
-preconditioner: exact inverse of the field's norm, or none (the paper's plain L-BFGS)
+tau: end time of the flow; large deformations may need a larger value
+alpha: smoothness of the field, the weight of its Hodge Laplacian; reduced automatically if the
+  match fails
+beta: weight of the gradient of the mismatch; above 0, slopes must match as well
+divergence: weight of the divergence relative to the curl; 1 as in the paper, larger values
+  preserve areas; auto: 10 for functions that match exactly, 1 for measured functions
+sigma: weight of the smoothness relative to the mismatch, at the end of the continuation; smaller
+  values match more closely; auto: the closest match that passes verification
+landmark_sigma: error of a landmark, as a fraction of sqrt(area), that costs as much as its
+  correction, at the end of the continuation; smaller values match landmarks more closely
+goal: largest residual that counts as matched, of the discrete flow and of flow lines
+refine: largest number of subdivisions of a mesh that is too coarse; 0 for none; auto: chosen from
+  its resolution
+order: order of the norm of the field; 1 as in the paper, 2 for continuous fields with accurate flow
+reach: distance over which the first stages compare functions, as a fraction of sqrt(area); 0 as in
+  the paper
+levels: number of multigrid levels; 0 chooses from the mesh size, 1 uses only the mesh itself
+segments: number of consecutive fields; 0 uses one, or two if one is not confirmed (linearised: 10)
+iterations: largest number of iterations of all cooling stages together
+memory: number of pairs that L-BFGS stores
+max_displacement: largest change of tau |v| in one iteration, as a fraction of sqrt(area)
+tolerance: fraction of the first gradient norm at which the solver has converged
+sigma_unit: unit of sigma: relative to the L2 deviation of the functions from their mean, or
+  absolute as in the paper
+method: exponential flow (nonlinear), or the first two terms of the exponential (linearised)
+gradient: exact derivative of the discrete energy (adjoint), or the formula of the paper (bracket)
+substeps: number of sub-steps of the bracket gradient; the adjoint gradient does not depend on it
+quadrature: number of intervals of the time integral in the bracket gradient
+cooling_stages: number of decreasing values of sigma, including the last; 1 for no cooling, 0 to
+  choose it
+cooling_factor: factor by which sigma decreases from stage to stage
+stage_iterations: iterations of each stage before the last; 0 continues while the match improves
+  (paper: half of all iterations, in equal shares)
+preconditioner: exact inverse of the norm of the field (hodge), or plain L-BFGS as in the paper
+  (none)
 """
 _HELP_TEXTS = dict(line.split(": ", 1) for line in _HELP.replace("\n  ", " ").strip().splitlines())
 _ABOVE_0 = Range(0, without_low=True)

@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from abfm.errors import AbfmWarning, ParameterError, ResultError, one_line
-from abfm.functions import families
 from abfm.io import export_energy_csv, export_ply, export_vtu, results, write_csv
 from abfm.matching import report
 from abfm.matching.bounded import limit_distortion
@@ -28,8 +27,11 @@ from abfm.matching.result import Match, load_match
 from abfm.outcome import Facts, worse_residual
 from abfm.parameters import Parameters
 from abfm.tasks.inputs import (
+    FUNCTIONS_HELP,
     MESH_FORMATS,
     MESH_INPUTS,
+    PARAMETERS,
+    SPEC_HELP,
     channel_inputs,
     channels,
     file_input,
@@ -56,12 +58,12 @@ _ENTRIES_OF_FACTS = (
 
 MAX_DISTORTION = number_input(
     "max-distortion",
-    "the closest field with |log2 J| of areas and |log2 R| of shapes at most N on 99% of the "
-    "faces, and none folded",
+    "use the closest field whose |log2 J| of areas and |log2 R| of shapes are at most N on 99% of "
+    "the faces, without folded faces",
     "N",
     "above 0 and at most 1000",
     lambda bound: 1e-9 <= bound <= 1000,
-    group="parameters (symbols of the paper in brackets)",
+    group=PARAMETERS,
 )
 
 
@@ -124,22 +126,24 @@ def _advice(found: Match, result: str) -> str:
 
 
 _DESCRIPTION = f"""\
-Find the vector field whose flow carries a source function to a target function, and write the
-result.
+Match two functions on a triangle mesh: find the tangent vector field whose flow transports the
+source function to the target function.
 
 Examples:
   abfm match spot.obj --source gaussian:vertex=12 --target gaussian:vertex=900 --out match.npz
-  abfm match spot.obj --source eigenfunction:7 --target eigenfunction:8 --tau 2 --out m.vtu
-  abfm match spot.obj --channel hks:time=0.01 file:h.npy 2 --out m.npz --out m.html
+  abfm match spot.obj --source eigenfunction:7 --target eigenfunction:8 --tau 2 --out match.vtu
+  abfm match spot.obj --channel hks:time=0.01 values.npy 2 --out match.npz --out match.html
 
-The exit status is 0 when source and target are matched or nearly so, or measured functions are
-registered, as close as they bear; 3 when the target was not reached or no flow can reach it, with
-what to try; 2 for bad input; and 130 or 143 when Ctrl-C or SIGTERM ended the run. The best result
-is written in any case but that of bad input.
-
-A function (SPEC) is family:key=value,... and several may be added with +. Families:
-  {", ".join(family.family for family in families())}
-For example gaussian:vertex=12,width=0.1 or expression:sin(10*x)*z; the README has them all.
+{SPEC_HELP}
+The exit status is 0 if the functions match, 3 if the target was not reached, 2 for bad input.
+"""
+STATUS_HELP = """\
+Exit status:
+  0    source and target are matched or nearly matched, or measured functions are registered
+  2    bad input; nothing is written
+  3    the target was not reached, or no flow can reach it; the report suggests what to try
+  130  Ctrl-C ended the run (143: SIGTERM, 129: closed terminal)
+The best result is written in all cases except after bad input.
 """
 
 
@@ -158,26 +162,40 @@ class MatchTask(Task):
     max_distortion: float | None = None
 
     kind: ClassVar = "match"
-    summary: ClassVar = "find the field whose flow carries a source function to a target"
+    summary: ClassVar = "match two functions on a mesh by the flow of a vector field"
     description: ClassVar = _DESCRIPTION
+    details: ClassVar = f"{FUNCTIONS_HELP}\n{STATUS_HELP}"
     output_help: ClassVar = (
-        "result .npz, or .ply or .vtu for other programs, .csv with the energy, or .html for a "
-        "browser: the surfaces, turning, with a time bar"
+        "result (.npz), mesh with fields for other programs (.ply, .vtu), energies (.csv), or "
+        "interactive page (.html)"
     )
     needs: ClassVar = ("mesh",)
     inputs: ClassVar = (
         file_input("mesh", MESH_FORMATS, "MESH", is_argument=True),
-        *channel_inputs("function to carry along the flow", "function that it should become"),
+        *channel_inputs("function that the flow transports", "function that it should become"),
         mask_input("mask", "weight of the mismatch at each vertex"),
         file_input(
             "start",
             "start from the field of an earlier result",
             "RESULT.npz",
-            group="weights and start",
+            group=PARAMETERS,
         ),
         *parameter_inputs(),
         MAX_DISTORTION,
         *MESH_INPUTS,
+    )
+    main_options: ClassVar = (
+        "mesh",
+        "source",
+        "target",
+        "channel",
+        "mask",
+        "start",
+        "tau",
+        "alpha",
+        "sigma",
+        "max-distortion",
+        "set",
     )
     result: ClassVar = Match
     file: ClassVar = ResultFile(frozenset({"velocity"}), load_match, facts_of_file, preview)
@@ -187,7 +205,7 @@ class MatchTask(Task):
         ".vtu": Export(partial(_export_arrays, export_vtu)),
         ".csv": Export(_export_energy),
     }
-    tables: ClassVar = {"path": Table("table of the path, a step a line", _export_path)}
+    tables: ClassVar = {"path": Table("table of the continuation, one step per line", _export_path)}
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:

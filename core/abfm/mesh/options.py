@@ -80,15 +80,15 @@ class MeshOptions:
         str,
         "L|R",
         "",
-        "use the left or right hemisphere of a surface with both. L has the smaller x; if both are "
-        "at the same place, L is the first in the file",
+        "use only the left or right hemisphere of a surface with both; L is the one with smaller "
+        "x, or the first in the file if they overlap",
         None,
     )
     largest_component: bool = _option(
         read_flag,
         "",
         "Largest component",
-        "if the mesh has several components, use the one with the largest area",
+        "use only the component with the largest area",
         False,
     )
 

@@ -97,14 +97,12 @@ class PopulationTask(Task):
     kind: ClassVar = "population"
     needs: ClassVar = ("table", "template")
     inputs: ClassVar = (
-        file_input(
-            "table", "table with one row for each subject", "SUBJECTS.csv", is_argument=True
-        ),
-        file_input("template", f"surface to register to, a {MESH_FORMATS}", "SURFACE"),
+        file_input("table", "table of subjects, one per row", "SUBJECTS.csv", is_argument=True),
+        file_input("template", f"template surface, a {MESH_FORMATS}", "SURFACE"),
         *MESH_INPUTS,
         channel_input(
-            "channel for registration: its column in the table, its first target (a function of "
-            "the template, or auto for all channels), and its weight, above 0",
+            "channel to register by: its column of the table, its function on the template (or "
+            "auto, for all channels), and its weight above 0 (default: auto, 1)",
             _CHANNEL,
             _channel,
             _renamed_channel,
@@ -122,7 +120,7 @@ class PopulationTask(Task):
         ),
         Input(
             name="rounds",
-            help="maximum number of rounds",
+            help="largest number of rounds",
             read=_rounds,
             metavar="N",
             group=_MEAN,
@@ -131,6 +129,17 @@ class PopulationTask(Task):
         MAX_DISTORTION,
         ONE_BASED_INPUT,
         *parameter_inputs(),
+    )
+    main_options: ClassVar = (
+        "table",
+        "template",
+        "channel",
+        "mask",
+        "initial",
+        "bound",
+        "rounds",
+        "max-distortion",
+        "set",
     )
     result: ClassVar = Population
     file: ClassVar = ResultFile(

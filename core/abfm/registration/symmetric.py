@@ -37,15 +37,14 @@ SYMMETRIC_KIND = FileKind(
 _EXPECTED_INITIAL = "expected a method without files, such as auto or closest"
 _DESCRIPTION = """\
 Register surface A to surface B and B to A, and average both maps. The result does not depend on
-which surface comes first.
+which surface comes first. Its asymmetry, the distance between the two images of a vertex, shows
+where the map can be trusted.
 
 Example:
-  abfm symmetric lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.gii \\
+  abfm symmetric lh.sphere fsaverage.sphere.surf.gii --source lh.sulc --target avg.gii \\
       --out mean.npz
 
-Options and exit status are those of `abfm register`; the worse direction decides the exit status.
-The asymmetry is the distance between the images of a vertex by both maps. The maps are reliable
-where it is small.
+Options and exit status are those of `abfm register`; the worse direction decides the status.
 """
 
 
@@ -177,9 +176,11 @@ class SymmetricTask(Task):
     kind: ClassVar = "symmetric"
     summary: ClassVar = "register two surfaces in both directions and average the maps"
     description: ClassVar = _DESCRIPTION
+    details: ClassVar = RegistrationTask.details
+    main_options: ClassVar = RegistrationTask.main_options
     output_help: ClassVar = (
-        "symmetric registration (.npz), A's faces moved to B (.gii, .ply), A's vertex numbers for "
-        "B (.txt, .csv, .npy), or a page (.html)"
+        "symmetric registration (.npz); faces of A on B (.gii, .ply); the vertex of A for each "
+        "vertex of B (.txt, .csv, .npy); or interactive page (.html)"
     )
     needs: ClassVar = RegistrationTask.needs
     inputs: ClassVar = RegistrationTask.inputs

@@ -12,7 +12,7 @@ from abfm.io import check_surface_name, write_surface, write_values
 from abfm.maps.point_maps import PointMap
 from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
 from abfm.matching import report as match_report
-from abfm.matching.task import MAX_DISTORTION, facts_of_file, preview
+from abfm.matching.task import MAX_DISTORTION, STATUS_HELP, facts_of_file, preview
 from abfm.mesh import TriangleMesh
 from abfm.mesh.options import read_flag
 from abfm.parameters import Parameters, as_option
@@ -21,8 +21,10 @@ from abfm.registration.initial import METHODS, method_of, read_landmarks
 from abfm.registration.register import MEASURED_PARAMETERS, prepare
 from abfm.registration.registration import Registration, load_registration
 from abfm.tasks.inputs import (
+    FUNCTIONS_HELP,
     MESH_FORMATS,
     MESH_INPUTS,
+    SPEC_HELP,
     Input,
     Rename,
     channel_inputs,
@@ -37,7 +39,7 @@ from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Report, ResultFile, Task, TaskInputs
 from abfm.types import IntArray
 
-_START = "weights and start"
+_INITIAL = "initial map and landmarks"
 
 
 def _initial(text: str) -> str:
@@ -58,24 +60,25 @@ def _renamed_initial(text: str, rename: Rename) -> str:
 
 INITIAL_INPUT = Input(
     name="initial",
-    help="method of the initial map, see above",
+    help="method for the initial map, such as auto, sphere, closest, spectral or landmarks; "
+    "--help-all explains them (default: auto)",
     read=_initial,
     metavar="METHOD[:...]",
-    group=_START,
+    group=_INITIAL,
     renamed=_renamed_initial,
 )
 LANDMARKS = file_input(
     "landmarks",
-    "corresponding points of A and B, one pair per line: two vertex numbers counted from 0, or "
-    "x, y, z on A and on B. Functions are optional then.",
+    "corresponding points, one pair per line: a vertex of A and one of B (counted from 0), or "
+    "x, y, z on both",
     "FILE.csv",
-    group=_START,
+    group=_INITIAL,
 )
 ONE_BASED_INPUT = Input(
     name="one-based",
-    help="the landmark file counts vertices from 1, not from 0",
+    help="count the vertices of the landmarks from 1 instead of 0",
     read=read_flag,
-    group=_START,
+    group=_INITIAL,
 )
 
 
@@ -121,30 +124,40 @@ _MEASURED_OPTIONS = ", ".join(
     as_option(name, value) for name, value in MEASURED_PARAMETERS.changed().items()
 )
 _DESCRIPTION = f"""\
-Register surface A to surface B: map each point of B to a point of A. The functions of A (--source),
-transferred to B, become as close as possible to the functions of B (--target). An initial map
-transfers them, and the flow of a vector field on B improves the result.
+Register surface A to surface B: find the point of A that corresponds to each vertex of B. An
+initial map comes first; the flow of a vector field on B then brings the functions of A (--source)
+as close as possible to those of B (--target).
 
 Examples:
-  abfm register lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.gii \\
+  abfm register lh.sphere fsaverage.sphere.surf.gii --source lh.sulc --target avg.gii \\
       --mask-b cortex.csv --out sub-01_reg.npz
   abfm register pose1.off pose2.off --source hks:time=0.01 --target hks:time=0.01 --out reg.npz
   abfm register cat.off lion.off --landmarks pairs.csv --out reg.npz
   abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
 
-By default the initial map (--initial) is the best of all candidates that apply. They are compared
-by stretch, by differences of descriptors and functions, and by landmarks. A note reports the chosen
-candidate and the second best. The methods are
+{SPEC_HELP}
+The exit status is 0 if the functions match, 3 if the target was not reached or the initial map may
+be wrong, 2 for bad input.
+"""
+_DETAILS = f"""\
+{FUNCTIONS_HELP}
+Initial maps (--initial):
 {_METHODS}
-Measured functions, and functions in different units, are standardized. The sign of a function is
-changed if it is opposite to the other one, with a note. Measured functions, and functions of two
-shapes whose initial map was searched, are matched only as closely as held-out patches support. They
-use the parameters {_MEASURED_OPTIONS} unless given; other functions use those of `abfm match`.
+The default is the best of the candidates that apply. They are compared by their distortion, by the
+descriptors and functions that they preserve, and by landmarks. A note reports the best two.
 
-The exit status is that of `abfm match`, with two additions. It is 3 if the initial map may be
-wrong; a warning reports the reason. It is also 3 if the residual of the complete map from A to B
-exceeds that of the flow on B. Measured functions are registered if the residual is below
-{SHARE_REGISTERED:g} times that of the initial map alone, and below {RESIDUAL_REGISTERED:g}.
+Measured functions:
+  Functions that were measured, or that have different units, are compared in standard deviations
+  from their means. A function with the opposite sign is negated, with a note. Measured functions,
+  and functions of two shapes with a searched initial map, are matched as closely as held-out
+  patches allow, with these parameters unless others are given:
+    {_MEASURED_OPTIONS}
+  All other functions are matched with the parameters of `abfm match`.
+
+{STATUS_HELP}
+The status is also 3 if the initial map may be wrong (a warning explains why), or if the complete
+map from A to B has a larger residual than the flow on B. Measured functions are registered if their
+residual is below {RESIDUAL_REGISTERED:g} and below {SHARE_REGISTERED:g} of that of the initial map.
 """
 
 
@@ -175,15 +188,16 @@ class RegistrationTask(Task):
     kind: ClassVar = "registration"
     summary: ClassVar = "register one surface to another by functions or landmarks on both"
     description: ClassVar = _DESCRIPTION
+    details: ClassVar = _DETAILS
     output_help: ClassVar = (
-        "registration (.npz), A's faces moved to B (.gii, .ply, .reg), A's vertex numbers for B "
-        "(.txt, .csv, .npy), or a page (.html)"
+        "registration (.npz); faces of A on B, such as a sphere.reg (.gii, .ply); the vertex of A "
+        "for each vertex of B (.txt, .csv, .npy); or interactive page (.html)"
     )
     needs: ClassVar = ("a", "b")
     inputs: ClassVar = (
         file_input("a", f"surface A, a {MESH_FORMATS}", "A", is_argument=True),
-        file_input("b", "surface B, on which the flow is computed", "B", is_argument=True),
-        *channel_inputs("function on A to register", "function on B to match it to"),
+        file_input("b", "surface B, which has the vector field", "B", is_argument=True),
+        *channel_inputs("function on A", "function on B that it should become"),
         mask_input("mask-a", "weight of each vertex of A"),
         mask_input("mask-b", "weight of each vertex of B"),
         LANDMARKS,
@@ -192,6 +206,21 @@ class RegistrationTask(Task):
         *parameter_inputs(),
         MAX_DISTORTION,
         *MESH_INPUTS,
+    )
+    main_options: ClassVar = (
+        "a",
+        "b",
+        "source",
+        "target",
+        "channel",
+        "mask-a",
+        "mask-b",
+        "landmarks",
+        "initial",
+        "alpha",
+        "sigma",
+        "max-distortion",
+        "set",
     )
     result: ClassVar = Registration
     file: ClassVar = ResultFile(

@@ -58,13 +58,15 @@ _DEFAULTS = {name: getattr(defaults(), name) for name in PARAMETER_NAMES} | dict
     AUTOMATIC_NAMES
 )
 _PARAMETER_HELP = {
-    "alpha": "smoothness of the fields: weight of their Hodge Laplacian; not given, chosen by "
+    "alpha": "smoothness of the fields, the weight of their Hodge Laplacian; auto: chosen by "
     "held-out patches of a few intervals",
-    "order": "order of the norm of the fields: 1, the paper's, or 2, which is smoother; not given, "
+    "order": "order of the norm of the fields; 1 as in the paper, 2 for smoother fields; auto: "
     "chosen by held-out patches",
-    "sigma": "weight of the match against the smoothness, in deviations of the frames: smaller "
-    "matches closer; not given, the largest that predicts held-out patches nearly as well as any",
-    "sigma_unit": "sigma in deviations of the frames from their mean in L2, or as in the paper",
+    "sigma": "weight of the smoothness relative to the mismatch, in deviations of the frames; "
+    "smaller values match more closely; auto: the largest that predicts held-out patches nearly as "
+    "well as any other",
+    "sigma_unit": "unit of sigma: relative to the L2 deviation of the frames from their mean, or "
+    "absolute as in the paper",
 }
 
 
@@ -106,9 +108,8 @@ def _preview(path: Path) -> Preview:
 
 
 _DESCRIPTION = """\
-Find, for each two frames of a function that changes in time, the vector field whose flow carries
-the one to the other: optical flow on a surface. Fields of neighbouring intervals are held together,
-and each is checked by flow lines.
+Find the motion in a sequence of frames of a function on a mesh (optical flow on a surface): for
+each two consecutive frames, the tangent vector field whose flow transports the first to the second.
 
 Examples:
   abfm sequence lh.pial wave.npy --dt 0.001 --out wave.npz --out wave.html
@@ -116,14 +117,27 @@ Examples:
   abfm sequence lh.white sources-lh.stc --out flow.npz --out speed-lh.stc --tracks tracks.csv
   abfm sequence mesh.ply simulation.pvd --array u --gamma 0 --out s.npz
 
-Frames are an array (T, V) or (T, V, C) in .npy, .npz ("frames", and perhaps "times") or .mat, a
-table, GIFTI, CIFTI or .mgh file with a column for each, one hemisphere of MNE's .stc, or ParaView's
-.pvd, .series, or one of numbered .vtu, .vtp or .vtk files. Rows that name their vertex are placed.
+The exit status is 0 if flow lines confirm at least half of the intervals, 3 if they confirm fewer,
+2 for bad input.
+"""
+_DETAILS = """\
+Frames:
+  an array (T, V) or (T, V, C) in .npy, .mat or .npz ("frames", optionally "times")
+  a table, GIFTI, CIFTI or .mgh file with one column per frame
+  one hemisphere of a source estimate of MNE (.stc)
+  .pvd, .series, or one of numbered .vtu, .vtp or .vtk files
+Rows with a vertex number are assigned to that vertex.
 
-The exit status is 0 when flow lines confirm at least half of the intervals, 3 when they confirm
-fewer, 2 for bad input, and 130 or 143 when Ctrl-C or SIGTERM ended the run: what was found is
-written, and the fields of other intervals are 0. Beside the first output, a file FILE-*.unfinished
-keeps what is found until all is written: the same command goes on from it, whatever ended the run.
+Fields of neighbouring intervals are coupled (--gamma). Flow lines verify each field.
+
+Exit status:
+  0    flow lines confirm at least half of the intervals
+  2    bad input
+  3    flow lines confirm fewer intervals
+  130  Ctrl-C ended the run (143: SIGTERM, 129: closed terminal); finished intervals are written,
+       and the fields of the others are 0
+A checkpoint, FILE-*.unfinished next to the first output, exists until the result is complete. The
+same command resumes from it.
 """
 
 
@@ -150,11 +164,12 @@ class SequenceTask(Task):
     options: Mapping[str, Any] = field(default_factory=dict)
 
     kind: ClassVar = "sequence"
-    summary: ClassVar = "find the fields that carry each frame of a film on a surface to the next"
+    summary: ClassVar = "find the motion in a sequence of frames on a mesh"
     description: ClassVar = _DESCRIPTION
+    details: ClassVar = _DETAILS
     output_help: ClassVar = (
-        "sequence .npz; .html for a browser; .pvd with a folder of .vtu for ParaView; the speed at "
-        "vertices as -lh.stc or -rh.stc for MNE, or as .func.gii"
+        "sequence (.npz), interactive page (.html), ParaView collection with a folder of .vtu "
+        "files (.pvd), or the speed at vertices (-lh.stc, -rh.stc, .func.gii)"
     )
     needs: ClassVar = ("frames", "mesh")
     inputs: ClassVar = (
@@ -164,7 +179,7 @@ class SequenceTask(Task):
         ),
         number_input(
             "dt",
-            "seconds between two frames, whatever the file says (default: as in the file, or 1)",
+            "seconds between two frames (default: as in the file, or 1)",
             "SECONDS",
             f"above 0 and at most {SECONDS_MAX:g}",
             lambda seconds: 0 < seconds <= SECONDS_MAX,
@@ -178,15 +193,15 @@ class SequenceTask(Task):
         CIRCULAR_INPUT,
         Input(
             name="array",
-            help="which array of a .npz, .mat or .ply, or of VTK's point data",
+            help="name of the array in a .npz, .mat or .ply file, or in the point data of VTK",
             metavar="NAME",
             group=_FRAMES,
         ),
-        mask_input("mask", "weight of the mismatch at each vertex, 0 where values are unknown"),
+        mask_input("mask", "weight of the mismatch at each vertex, 0 for unknown values"),
         number_input(
             "gamma",
-            "weight of the difference between the fields of neighbouring intervals; 0 solves each "
-            "interval alone",
+            "coupling of neighbouring intervals: weight of the difference of their fields; 0 "
+            "solves each interval alone",
             "X",
             f"from 0 to {GAMMA_MAX:g}",
             lambda gamma: 0 <= gamma <= GAMMA_MAX,
@@ -195,6 +210,20 @@ class SequenceTask(Task):
         ),
         *parameter_inputs(_DEFAULTS, _PARAMETER_HELP),
         *MESH_INPUTS,
+    )
+    main_options: ClassVar = (
+        "mesh",
+        "frames",
+        "dt",
+        "array",
+        "channel",
+        "circular",
+        "mask",
+        "gamma",
+        "alpha",
+        "sigma",
+        "set",
+        "tracks",
     )
     result: ClassVar = Sequence
     file: ClassVar = ResultFile(
@@ -210,7 +239,7 @@ class SequenceTask(Task):
     tables: ClassVar = {
         "tracks": Table("table of critical points through time", export_tracks),
         "intervals": Table(
-            "table of the intervals: speed, its uncertainty, residuals and verdict",
+            "table of the intervals: speed, uncertainty, residuals, verdict",
             export_intervals,
         ),
     }

@@ -20,9 +20,35 @@ from abfm.parameters import CHOICES, FIELDS, MAIN_FIELDS, Parameters, checked, i
 from abfm.reading.text_tables import parse_number
 
 MESH_FORMATS = (
-    "triangle mesh: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, or of FreeSurfer or MNI; "
-    "also compressed (.gz)"
+    "triangle mesh: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, FreeSurfer or MNI; also "
+    "compressed (.gz)"
 )
+PARAMETERS = "parameters (in brackets: symbol in the paper)"
+"""Heading of the parameters of a match in ``--help``."""
+SPEC_HELP = """\
+SPEC is a file of values (lh.sulc, values.npy) or family:key=value,...; several are added with +.
+Common families: gaussian, eigenfunction, hks, curvature, coordinate, expression.
+"""
+FUNCTIONS_HELP = """\
+Functions (SPEC):
+  values.npy, lh.sulc             one value per vertex; the same as file:values.npy
+  gaussian:vertex=12,width=0.1    bump around a vertex, or around x=,y=,z=
+  eigenfunction:7                 eigenfunction of the Laplacian; 0 is the constant
+  hks:time=0.01                   heat kernel signature
+  wks:energy=5                    wave kernel signature
+  curvature:mean                  mean or gaussian curvature
+  coordinate:x                    coordinate x, y or z
+  geodesic:vertex=12              distance along the surface to a vertex
+  shape-diameter                  thickness of the body
+  indicator:vertex=12,radius=0.2  1 in a geodesic disc or a half-space (axis=z,above=0), 0 elsewhere
+  expression:sin(10*x)*z          formula in x, y and z
+  permuted:mirror(SPEC)           a function composed with mirror, rotation, or a map from a file
+  scaled:2,offset=1(SPEC)         a function times a factor, plus an offset
+  circular:period=360(SPEC)       cosine and sine of phases
+Vertices are counted from 0, as in the mesh file. Widths, radii and times refer to the mesh scaled
+to unit area. A channel is a source and a target with the weight of their mismatch; --source and
+--target are a channel of weight 1. A mask is a weight of each vertex.
+"""
 _CHANNEL = "SRC DST WEIGHT"
 Rename = Callable[[str], str]
 """A function that returns another name for a file."""
@@ -125,8 +151,8 @@ def parameter_inputs(
         entry, choices = FIELDS[name], CHOICES.get(name)
         text = (help or {}).get(name, entry.metadata["help"])
         if value is not None:
-            text = text.partition("; not given")[0]
-        symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
+            text = text.partition("; auto:")[0]
+        symbol = f" [{letter}]" if (letter := entry.metadata["symbol"].strip("*")) else ""
         number = "INT" if is_integer(entry) else "X"
         inputs.append(
             Input(
@@ -134,7 +160,7 @@ def parameter_inputs(
                 help=f"{text}{symbol}",
                 read=parameter_reader(name, None in (value, entry.default)),
                 metavar=f"{{{','.join(choices)}}}" if choices else number,
-                group="parameters (symbols of the paper in brackets)",
+                group=PARAMETERS,
                 default="auto" if value is None else str(value),
                 is_rare=name not in MAIN_FIELDS,
             )
@@ -297,8 +323,7 @@ def mask_input(name: str, help: str) -> Input:
 
 CIRCULAR_INPUT = Input(
     name="circular",
-    help="period of values that are phases; they are compared by cosine and sine (without a "
-    "number: 2 pi)",
+    help="values are phases with this period (default: 2 pi), compared by their cosine and sine",
     read=_circular,
     metavar="PERIOD",
     group="functions",
@@ -330,7 +355,7 @@ def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
         function_input("source", source),
         function_input("target", target),
         channel_input(
-            "additional source and target of the same flow, and the weight of their mismatch",
+            "further source and target for the same flow, and the weight of their mismatch",
             _CHANNEL,
             _channel,
             _renamed_channel,

@@ -126,12 +126,15 @@ class Task(ABC):
     ----------
     kind : str
         Name of the type of task.
-    summary, description : str
-        Help of the command that solves the task: one line, and a text with examples.
+    summary, description, details : str
+        Help of the command that solves the task: one line, a short text with examples, and the long
+        explanations that only ``--help-all`` prints.
     output_help : str
         Help of the option ``--out``.
     inputs : tuple of Input
-        Inputs in the order of ``--help``.
+        Inputs in the order of ``--help-all``.
+    main_options : tuple of str
+        Names of the options that ``--help`` shows.
     needs : tuple of str
         Names of the required inputs. The first one identifies the type of task of a row.
     result : type
@@ -151,8 +154,10 @@ class Task(ABC):
     kind: ClassVar[str]
     summary: ClassVar[str] = ""
     description: ClassVar[str] = ""
+    details: ClassVar[str] = ""
     output_help: ClassVar[str] = ""
     inputs: ClassVar[tuple[Input, ...]]
+    main_options: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]]
     result: ClassVar[type[Any]]
     file: ClassVar[ResultFile]

@@ -15,11 +15,12 @@ import trimesh
 from PIL import Image
 
 from abfm import Parameters, load
+from abfm.functions import families
 from abfm.matching.report import path_lines
 from abfm.matching.task import MatchTask
 from abfm.parameters import FIELDS, MAIN_FIELDS
 from abfm.workers import progress
-from abfm_viewer.cli import main
+from abfm_viewer.cli import commands, main
 from abfm_viewer.cli.options import Parser
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.documents import document_of_result
@@ -60,29 +61,58 @@ def pixels(path):
     return np.asarray(Image.open(path)).astype(int)
 
 
-@pytest.mark.parametrize("words", ["--help", "match --help", "--version"])
-def test_help_and_version(words, capsys):
-    """The help of a match names every parameter and its exit statuses."""
+def shown(line, capsys):
+    """Return the output of a command line that ends after its help."""
     with pytest.raises(SystemExit) as ended:
-        main(words.split())
+        main(line.split())
     assert ended.value.code == 0
-    out = capsys.readouterr().out
-    assert "abfm" in out
-    if "match" in words:
-        assert set(FIELDS) <= {*re.split(r"[\s,]+", out.replace("--", "").replace("-", "_"))}
-        for entry in MAIN_FIELDS.values():
-            assert not entry.metadata["symbol"] or f"[{entry.metadata['symbol']}]" in out
-        for said in ("status is 0 when source and target are matched", "; 3 when the target was"):
-            assert said in " ".join(out.split())
+    return capsys.readouterr().out
+
+
+def option_names(text):
+    """Return the options that a help lists."""
+    return re.findall(r"^  (?:-h, )?--([\w-]+)", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("line", ["--help", "--version"])
+def test_help_and_version(line, capsys):
+    assert "abfm" in shown(line, capsys)
+
+
+def test_complete_help_of_a_match(capsys):
+    """It has every parameter with its symbol, every function family and the exit statuses."""
+    text = shown("match --help-all", capsys)
+    words = {*re.split(r"[\s,=]+", text.replace("--", "").replace("-", "_"))}
+    assert set(FIELDS) <= words
+    for entry in MAIN_FIELDS.values():
+        assert not entry.metadata["symbol"] or f"[{entry.metadata['symbol']}]" in text
+    for family in families():
+        assert re.search(rf"^  (values.npy.*)?{family.family}\b", text, re.MULTILINE)
+    for status in (0, 2, 3, 130):
+        assert re.search(rf"^  {status}  ", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", commands.COMMANDS)
+def test_help_shows_the_main_options(command, capsys):
+    """About 12 of them, as they are declared; the last line names the help with all options."""
+    text, complete = (shown(f"{command} --{name}", capsys) for name in ("help", "help-all"))
+    names = option_names(text)
+    assert 2 <= len([name for name in names if not name.startswith("help")]) <= 14
+    assert set(names) <= set(option_names(complete))
+    last_line = text.splitlines()[-1]
+    assert last_line.startswith(f"abfm {command} --help-all ") == (text != complete)
+    main_options = getattr(commands.load(command), "MAIN_OPTIONS", ())
+    arguments = {"mesh", "a", "b", "frames", "table"}
+    assert set(main_options) - set(option_names(complete)) <= arguments
 
 
 def test_commands_are_listed_and_parsers_keep_settings(abfm):
     out = abfm("").out
-    for command in ("match", "demo", "figure", "map", "render", "info", "bench"):
-        assert f"\n    {command} " in out
-    commands = Parser(prog="abfm", description="").add_subparsers()
+    for command in commands.COMMANDS:
+        assert f"\n  {command} " in out
+    parsers = Parser(prog="abfm", description="").add_subparsers()
     # Python 3.14: color
-    assert commands.add_parser("match", description="", epilog="the end").epilog == "the end"
+    assert parsers.add_parser("match", description="", epilog="the end").epilog == "the end"
 
 
 BENCH = "bench --success --problems=1"
