@@ -60,7 +60,7 @@ class StateFolder:
     def _read(self, name: str, kind: type[Any]) -> Any:
         """Return what a file holds; nothing of a kind where it is not that."""
         with suppress(OSError, ValueError, RecursionError, MemoryError):
-            found = json.loads(read_bytes(self.path / name, most=_FILE_BYTES_MAX))
+            found = json.loads(read_bytes(self.path / name, size_max=_FILE_BYTES_MAX))
             if isinstance(found, kind):
                 return found
         return kind()

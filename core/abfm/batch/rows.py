@@ -18,7 +18,7 @@ from urllib.parse import unquote
 from abfm.batch.kinds import KINDS, TASK, kind_of
 from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm.matching.problem import Problem
-from abfm.reading import open_plain, referenced_file
+from abfm.reading import open_regular, referenced_file
 from abfm.sequences.reading.vtk_frames import files_of_frames
 from abfm.tasks.inputs import Input, Rename, absolute, by_name
 from abfm.tasks.task import Task
@@ -245,7 +245,7 @@ def _checksum_of(path: str) -> str:
 def _checksum(path: str, size: int, changed: int) -> str:
     """Return the checksum of a file; size and time of its change are keys of the cache."""
     found = hashlib.sha256()
-    with open_plain(path) as file:
+    with open_regular(path) as file:
         while block := file.read(_BLOCK_BYTES):
             found.update(block)
     return found.hexdigest()
@@ -276,7 +276,7 @@ def with_companions(path: str) -> list[str]:
         return [path, *(each for each in [f"{path[:-8]}.vts"] if os.path.exists(each))]
     if low.endswith(".gltf"):
         try:
-            with open_plain(path, _GLTF_BYTES_MAX) as file:
+            with open_regular(path, _GLTF_BYTES_MAX) as file:
                 names = _URI.findall(file.read())
             decoded = (unquote(name.decode("utf-8", "replace")) for name in names)
             return [path, *(os.fspath(referenced_file(path, name)) for name in decoded)]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief
-from abfm.reading import PointData, inflated, most_inflated
+from abfm.reading import PointData, inflated, inflated_size_max
 
 _SIGNATURE = b"MATLAB 5.0"
 _HEAD_BYTES = 128
@@ -40,7 +40,7 @@ def matlab_arrays(data: bytes) -> PointData:
         )
     order = "<" if data[126:128] == b"IM" else ">"
     found = []
-    left = most_inflated(len(data))
+    left = inflated_size_max(len(data))
     for kind, body in _elements(data, order, _HEAD_BYTES):
         if kind == _COMPRESSED_KIND:
             unpacked = inflated(body, left)

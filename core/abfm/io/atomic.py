@@ -109,7 +109,7 @@ def _refused(path: str | os.PathLike[str]) -> Iterator[None]:
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return the file that a path means; OSError if it has no place for one."""
     # with NumPy, before which the command line needs the rest
-    from abfm.reading.plain_files import SPECIAL_FILES
+    from abfm.reading.regular_files import SPECIAL_FILES
 
     try:
         target = Path(os.path.realpath(path))

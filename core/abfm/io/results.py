@@ -17,7 +17,7 @@ from abfm.errors import ResultError, brief, one_line
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
 from abfm.mesh.draft import NO_COPIES, FileNumbers
-from abfm.reading import Archive, from_json, open_plain
+from abfm.reading import Archive, from_json, open_regular
 from abfm.types import File
 from abfm.workers.control import CancelledError
 
@@ -229,7 +229,7 @@ def open_archive(path: File, what: str, cure: str) -> Iterator[Archive]:
     """Open a zip to read from; one line, with what to do, for all that goes wrong meanwhile."""
     name = name_of(path)
     try:
-        with _opened(path, partial(open_plain, most=_LARGEST_FILE)) as file:
+        with _opened(path, partial(open_regular, size_max=_LARGEST_FILE)) as file:
             yield Archive(file)
     except ResultError as error:
         raise ResultError(f"{name}: {one_line(error, _REASON_MAX)}") from error

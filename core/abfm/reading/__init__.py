@@ -1,4 +1,4 @@
-"""What comes in from files: plain, bounded, and as long as it says before it is used."""
+"""Readers of files of values and labels, which check sizes before they allocate memory."""
 
 import lazy_loader
 

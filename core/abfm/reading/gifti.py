@@ -1,7 +1,8 @@
-"""Data arrays and labels of GIFTI files; what they say of their size is held against what there is.
+"""Reader of GIFTI files: data arrays and labels.
 
-Format: https://www.nitrc.org/projects/gifti (version 1.0). Own code, as nibabel believes sizes,
-expands what is compressed without a bound, and hangs or throws anything on files that are no GIFTI.
+Format: https://www.nitrc.org/projects/gifti (version 1.0). The reader of nibabel is not used, as it
+does not check announced sizes and decompresses without a bound. For files that are not GIFTI, it
+hangs or raises errors of any type.
 """
 
 import base64
@@ -20,17 +21,17 @@ from abfm.errors import brief
 from abfm.reading.hemispheres import STRUCTURES
 from abfm.reading.labels import Color
 from abfm.reading.opening import Opened, open_file
-from abfm.reading.plain_files import inflated, most_inflated, open_plain, referenced_file
-from abfm.reading.xml_trees import count_in, meaning_of, numbers_in, xml_tree
+from abfm.reading.regular_files import inflated, inflated_size_max, open_regular, referenced_file
+from abfm.reading.xml_trees import choice_in, count_in, numbers_in, xml_tree
 
 _INTEGERS = ("uint8", "int8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
-_NUMBERS = (2, 256, 4, 512, 8, 768, 1024, 1280, 16, 64)  # which early files have for words
+_NUMBERS = (2, 256, 4, 512, 8, 768, 1024, 1280, 16, 64)  # codes of the types in early files
 _TYPES = {
     word: np.dtype(name)
     for name, number in zip((*_INTEGERS, "float32", "float64"), _NUMBERS, strict=True)
     for word in (f"NIFTI_TYPE_{name.upper()}", str(number))
 }
-# words of the standard, of early versions of nibabel and PyMVPA, and numbers
+# words of the standard, words of early versions of nibabel and PyMVPA, and numbers
 _ORDERS = {"LittleEndian": "<", "GIFTI_ENDIAN_LITTLE": "<", "2": "<"}
 _ORDERS |= {"BigEndian": ">", "GIFTI_ENDIAN_BIG": ">", "1": ">"}
 _LAYOUTS = {"RowMajorOrder": "C", "1": "C", "ColumnMajorOrder": "F", "2": "F"}
@@ -46,20 +47,18 @@ _INTENTS = {
     "2002": "NIFTI_INTENT_NODE_INDEX",
 }
 _SIDES = {structure: side for side, structure in STRUCTURES.items()}
-_MOST_DIMENSIONS = 6
-_LARGEST_KEY = 2**63 - 1
+_DIMENSIONS_MAX = 6
+_KEY_MAX = 2**63 - 1
 LABEL = "NIFTI_INTENT_LABEL"
-"""The intent of arrays of keys, which the table of labels names."""
+"""Intent of arrays of label keys."""
 NODE_INDEX = "NIFTI_INTENT_NODE_INDEX"
-"""The intent of arrays of the vertices that the rows of the others belong to."""
+"""Intent of arrays of the vertex numbers of rows."""
 SURFACE = ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE")
-"""The intents of the arrays of a mesh."""
+"""Intents of the arrays of a mesh."""
 
 
 class GiftiArray(NamedTuple):
-    """One data array: what it is meant for, such as ``NIFTI_INTENT_POINTSET``, its values, and what
-    its metadata call it, if anything.
-    """
+    """One data array: its intent, such as ``NIFTI_INTENT_POINTSET``, its values and its name."""
 
     intent: str
     values: NDArray[Any]
@@ -67,35 +66,41 @@ class GiftiArray(NamedTuple):
 
 
 class Gifti(NamedTuple):
-    """All data arrays of a file in its order, and its table of labels: names and colours by key;
-    and how long its metadata say that it is from an array to the next, NaN if they do not.
-    """
+    """Contents of a GIFTI file."""
 
     arrays: list[GiftiArray]
+    """Data arrays in the order of the file."""
     names: dict[int, str]
+    """Names of labels by key."""
     colors: dict[int, Color]
+    """Colours of labels by key."""
     time_step: float = math.nan
+    """Time between arrays in the metadata, or NaN."""
     structure: str = ""
-    """"L" or "R" where its metadata name a hemisphere (``AnatomicalStructurePrimary``)."""
+    """"L" or "R" if the metadata name a hemisphere (``AnatomicalStructurePrimary``), or empty."""
 
 
 def read_gifti(source: str | os.PathLike[str] | Opened) -> Gifti:
     """Read a GIFTI file.
 
-    An OSError reports that the file, or one that it names, cannot be read, a ValueError that it is
-    no GIFTI file, or an array not as large as announced.
+    Raises
+    ------
+    OSError
+        If the file, or one that it refers to, cannot be read.
+    ValueError
+        If the file is not GIFTI, or an array does not have the announced size.
     """
     opened = source if isinstance(source, Opened) else open_file(source)
-    root, left = xml_tree(opened.data), most_inflated(len(opened.data))
+    root, budget = xml_tree(opened.data), inflated_size_max(len(opened.data))
     if root.tag != "GIFTI":
-        raise ValueError("it is XML, but not GIFTI")
+        raise ValueError("the file is XML, but not GIFTI")
     arrays, names, colors = list[GiftiArray](), dict[int, str](), dict[int, Color]()
     for element in root.iter("DataArray"):
         name = dict(_metadata(element.findall("MetaData/MD"))).get("Name", "")
         intent = element.get("Intent", "").strip()
         for data in element.findall("Data"):
-            values = _values(element, data.text or "", opened.path, left)
-            left -= values.nbytes
+            values = _values(element, data.text or "", opened.path, budget)
+            budget -= values.nbytes
             arrays.append(GiftiArray(_INTENTS.get(intent, intent), values, name))
     for element in root.iter("Label"):
         key, color = _key(element), _color(element)
@@ -111,60 +116,60 @@ def read_gifti(source: str | os.PathLike[str] | Opened) -> Gifti:
 
 
 def _metadata(entries: Iterable[Element]) -> list[tuple[str, str]]:
-    """Return the names and values of entries."""
+    """Return the names and values of metadata entries."""
     pairs = ((entry.findtext("Name", ""), entry.findtext("Value", "")) for entry in entries)
     return [(name.strip(), value.strip()) for name, value in pairs]
 
 
 def _key(label: Element) -> int:
-    """Return the key of a label, which early files call ``Index``."""
+    """Return the key of a label, an attribute named ``Index`` in early files."""
     word = label.get("Key", label.get("Index", ""))
     digits = word.removeprefix("-")
     if not (digits.isascii() and digits.isdigit() and len(digits) <= 19):
-        raise ValueError(f"a label has the key {brief(word)}; expected a whole number")
-    if int(digits) > _LARGEST_KEY:
-        raise ValueError(f"a label has the key {word}; at most {_LARGEST_KEY} is expected")
+        raise ValueError(f"the key of a label is {brief(word)}; expected an integer")
+    if int(digits) > _KEY_MAX:
+        raise ValueError(f"the key of a label is {word}; expected at most {_KEY_MAX}")
     return int(word)
 
 
 def _color(label: Element) -> Color | None:
-    """Return the colour of a label, if it has one."""
+    """Return the colour of a label, or None."""
     parts = [_number(label.get(part, "")) for part in ("Red", "Green", "Blue")]
     red, green, blue, opacity = *parts, _number(label.get("Alpha", "1"))
     is_color = all(0 <= part <= 1 for part in (red, green, blue, opacity))
     return (red, green, blue, opacity) if is_color else None
 
 
-def _values(array: Element, text: str, path: Path, most: int) -> NDArray[Any]:
-    """Return what an element describes, of at most so many bytes; the text is in it."""
-    kind = meaning_of(array, "DataType", _TYPES)
-    order = meaning_of(array, "ArrayIndexingOrder", _LAYOUTS, "RowMajorOrder")
-    stored = kind.newbyteorder(meaning_of(array, "Endian", _ORDERS, "LittleEndian"))
+def _values(array: Element, text: str, path: Path, size_max: int) -> NDArray[Any]:
+    """Return the array of an element with a text, of at most ``size_max`` bytes."""
+    kind = choice_in(array, "DataType", _TYPES)
+    order = choice_in(array, "ArrayIndexingOrder", _LAYOUTS, "RowMajorOrder")
+    stored = kind.newbyteorder(choice_in(array, "Endian", _ORDERS, "LittleEndian"))
     dimensions = count_in(array, "Dimensionality", "0")
-    if not 0 < dimensions <= _MOST_DIMENSIONS:
-        raise ValueError(f"an array has {dimensions} dimensions; expected 1 to {_MOST_DIMENSIONS}")
+    if not 0 < dimensions <= _DIMENSIONS_MAX:
+        raise ValueError(f"an array has {dimensions} dimensions; expected 1 to {_DIMENSIONS_MAX}")
     shape = tuple(count_in(array, f"Dim{k}") for k in range(dimensions))
-    encoding = meaning_of(array, "Encoding", _ENCODINGS, "GZipBase64Binary")
+    encoding = choice_in(array, "Encoding", _ENCODINGS, "GZipBase64Binary")
     count = math.prod(shape)
     size = count * (8 if encoding == "ASCII" else kind.itemsize)
-    if size > most:
-        raise ValueError(f"an array of shape {shape} is more than a file of this size may hold")
+    if size > size_max:
+        raise ValueError(f"an array of shape {shape} is too large for a file of this size")
     if encoding == "ASCII":
         if text.strip().count("\n") + 1 == shape[0]:
-            order = "C"  # one row a line is one row a line, as others read it
+            order = "C"  # lines are rows, whatever the order, as in other readers
         numbers = numbers_in(text, kind)
         if len(numbers) != count:
-            raise ValueError(f"an array of {count} numbers has {len(numbers)}")
+            raise ValueError(f"an array has {len(numbers)} numbers; expected {count}")
         return numbers.reshape(shape, order=order)
     if encoding == "file":
-        with open_plain(referenced_file(path, array.get("ExternalFileName", ""))) as file:
-            file.seek(count_in(array, "ExternalFileOffset", "0"))  # which some leave empty
+        with open_regular(referenced_file(path, array.get("ExternalFileName", ""))) as file:
+            file.seek(count_in(array, "ExternalFileOffset", "0"))  # empty in some files
             data = file.read(size)
     else:
         try:
             data = base64.b64decode(text)
         except binascii.Error as error:
-            raise ValueError("the Base64 text of an array is cut off or damaged") from error
+            raise ValueError("the base64 text of an array is cut off or damaged") from error
         if encoding == "gzip":
             data = inflated(data, size)
     if len(data) != size:

@@ -1,14 +1,14 @@
-"""Hemispheres of the brain, by the names of files and of anatomical structures."""
+"""Hemispheres of the brain in names of files and of anatomical structures."""
 
 import os
 import re
 
 HEMISPHERES = {"L": "left", "R": "right"}
-"""Words of the hemispheres."""
+"""Words for the hemispheres."""
 STRUCTURES = {side: f"Cortex{word.title()}" for side, word in HEMISPHERES.items()}
-"""GIFTI's ``AnatomicalStructurePrimary`` of a cortex, by its hemisphere."""
+"""``AnatomicalStructurePrimary`` of GIFTI for the cortex of each hemisphere."""
 _SIDES = {"lh": "L", "rh": "R"}
-_WORDS = {word: side for side, word in HEMISPHERES.items()}  # in capitals or not
+_WORDS = {word: side for side, word in HEMISPHERES.items()}  # in upper or lower case
 _IMAGING = re.compile(
     r"\.(gii|nii|annot|label|stc|mgh|mgz|asc|white|pial|inflated|smoothwm|orig|sphere|reg|sulc|curv"
     r"|thickness|area|volume)(\.gz)?$",
@@ -17,14 +17,14 @@ _IMAGING = re.compile(
 
 
 def hemisphere(path: str | os.PathLike[str]) -> str | None:
-    """Return "L" or "R" if a file's name gives the hemisphere, or None.
+    """Return "L" or "R" if the name of a file contains the hemisphere, or None.
 
-    Names give it by ``hemi-L``, by ``lh``, ``L`` or ``left`` between dots and underscores, by
-    ``-lh`` at the end of such a word, and the like; a name with both gives none.
+    A name contains the left one if a word between dots and underscores is ``hemi-L``, ``lh``,
+    ``L`` or ``left``, or ends with ``-lh``. If it contains both hemispheres, the result is None.
     """
     words = re.split(r"[._]", os.path.basename(path))
-    given = [word.removeprefix("hemi-") for word in words if word.startswith("hemi-")]
-    sides = {_side(word) for word in given or words} - {None}
+    entities = [word.removeprefix("hemi-") for word in words if word.startswith("hemi-")]
+    sides = {_side(word) for word in entities or words} - {None}
     return sides.pop() if len(sides) == 1 else None
 
 
@@ -36,8 +36,9 @@ def _side(word: str) -> str | None:
 
 
 def named_side(path: str | os.PathLike[str]) -> str | None:
-    """Return the `hemisphere` in the name of a file of brain imaging, or None: other files
-    may call a hand ``left``.
+    """Return the `hemisphere` in the name of a brain imaging file, or None.
+
+    It is also None for other files, in which ``left`` may refer to a hand.
     """
     name = os.path.basename(path).lower()
     words = [word.rpartition("-") for word in re.split(r"[._]", name)]
@@ -46,6 +47,6 @@ def named_side(path: str | os.PathLike[str]) -> str | None:
 
 
 def side_of(structure: str | None) -> str | None:
-    """Return "L" or "R" of an anatomical structure such as ``CortexLeft``, or None."""
-    known = {"Left": "L", "Right": "R"}
-    return next((side for end, side in known.items() if (structure or "").endswith(end)), None)
+    """Return "L" or "R" for an anatomical structure such as ``CortexLeft``, or None."""
+    endings = {"Left": "L", "Right": "R"}
+    return next((side for end, side in endings.items() if (structure or "").endswith(end)), None)

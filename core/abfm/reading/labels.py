@@ -1,4 +1,4 @@
-"""Labels of vertices, such as regions of a brain: whole numbers that stand for names."""
+"""Labels of vertices, such as regions of a brain: integer keys with names and colours."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -11,23 +11,26 @@ from abfm.types import BoolArray, IntArray
 Color = tuple[float, float, float, float]
 """Red, green, blue and opacity, each from 0 to 1."""
 NO_LABEL = -1
-"""Key of vertices without a label, unless the labels name it."""
+"""Key of vertices without a label, unless this key has a name."""
 _UNKNOWN_NAMES = ("???", "unknown")
 
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """One key for each vertex, and what the keys mean; keys have no order and no in-between.
+    """A key for each vertex, and the names and colours of the keys.
+
+    Keys are categories: they cannot be ordered or interpolated.
 
     Attributes
     ----------
     values : (n,) array of int
-        Keys. Those without a name mean what the file's format says: no label is -1 in what
-        FreeSurfer writes, and in GIFTI mostly the key 0, which is called "???" there.
+        Keys. The meaning of keys without a name depends on the file format. Vertices without a
+        label have the key -1 in FreeSurfer files, and usually the key 0, named "???", in GIFTI
+        files.
     names : mapping of keys to str
-        It may name keys that no vertex has.
+        It may contain keys that no vertex has.
     colors : mapping of keys to `Color`
-        It may lack some.
+        Keys may be missing.
     """
 
     values: IntArray
@@ -35,15 +38,16 @@ class Labels:
     colors: Mapping[int, Color] = field(default_factory=dict)
 
     def with_unknown(self) -> "Labels":
-        """Return labels whose vertices without a label have a key with a name, as GIFTI files
-        expect: the one called "???" or "unknown", otherwise a free one, 0 if possible.
+        """Return labels in which vertices without a label have a named key, as GIFTI requires.
+
+        It is the key named "???" or "unknown", or else the smallest unused key from 0.
         """
         absent = self.values == NO_LABEL
         if NO_LABEL in self.names or not absent.any():
             return self
         named = [key for key, name in self.names.items() if name.lower() in _UNKNOWN_NAMES]
-        taken = {*self.names, *np.unique(self.values).tolist()}
-        key = named[0] if named else next(key for key in count() if key not in taken)
+        used = {*self.names, *np.unique(self.values).tolist()}
+        key = named[0] if named else next(key for key in count() if key not in used)
         return replace(
             self,
             values=np.where(absent, key, self.values),
@@ -52,9 +56,12 @@ class Labels:
         )
 
     def where(self, label: str | int) -> BoolArray:
-        """Return which vertices, (n,), have a label, given by its name or else by its key.
+        """Return whether each vertex (n,) has a label, which is a name or else a key.
 
-        A KeyError reports that there is none: no name, nor a key of a name or a vertex.
+        Raises
+        ------
+        KeyError
+            If no label has this name, and neither a name nor a vertex has this key.
         """
         keys = [key for key, name in self.names.items() if name == label]
         if not keys:

@@ -1,8 +1,8 @@
-"""Open a file of any format: its bytes, decompressed, and the format that they have.
+"""Opening of files of any format: decompression and detection of the format.
 
-The first bytes decide where a format has a signature, and the ending of the name elsewhere. Files
-that hold something else (a Git LFS pointer, a web page, an archive) are refused by what they are,
-before a reader complains about their first line.
+The format is detected by the first bytes if it has a signature, else by the ending of the name.
+Other contents (a Git LFS pointer, a web page, an archive) are refused with a message that names
+them.
 """
 
 import os
@@ -12,7 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import NamedTuple
 
-from abfm.reading.plain_files import inflated, read_bytes
+from abfm.reading.regular_files import inflated, read_bytes
 
 
 class Format(StrEnum):
@@ -85,7 +85,7 @@ ENDINGS = {
         (".csv", ".tsv", ".txt", ".dat", ".1d", ".1d.dset", ".vts", ".map"), Format.TABLE
     ),
 }
-"""Formats by the ending of the name, in lower case and without ``.gz``."""
+"""The format of each ending of a name, in lower case and without ``.gz``."""
 VALUES_ENDINGS = (
     *(".npy", ".npz", ".mat", ".csv", ".tsv", ".txt", ".1d", ".gii", ".gii.gz", ".mgh", ".mgz"),
     *(
@@ -102,11 +102,11 @@ VALUES_ENDINGS = (
         ".ply",
     ),
 )
-"""Endings of files with values at vertices; names of FreeSurfer's may end in anything."""
+"""Endings of files with values at vertices; FreeSurfer files may have any other ending."""
 FRAMES_ENDINGS = (*VALUES_ENDINGS, ".pvd", ".series")
 """Endings of files with frames."""
 LABELS_ENDINGS = (".annot", ".label", ".dlabel.nii")
-"""Endings of files with labels of vertices, in addition."""
+"""Endings of files with labels of vertices, in addition to those of values."""
 
 _GZIP = b"\x1f\x8b"
 _ZIP = b"PK\x03\x04"
@@ -139,7 +139,7 @@ _CONVERTIBLE_FORMATS = {
 _SPREADSHEETS = (".xlsx", ".xlsm", ".ods")
 _TAR = b"ustar"
 _TAR_OFFSET = 257
-_OLD_OR_NEW_MAGIC = b"\xff\xff\xff"  # old quadrangles and new values begin alike
+_OLD_OR_NEW_MAGIC = b"\xff\xff\xff"  # first bytes of old quadrangles, and also of new values
 _HEAD_BYTES = 1 << 16
 _ROOT = re.compile(r"<(GIFTI|VTKFile)\b([^>]*)")
 _WEB_PAGE = re.compile(
@@ -152,15 +152,15 @@ _CIFTI_INTENTS = range(3000, 3100)
 
 
 def open_file(path: str | os.PathLike[str]) -> Opened:
-    """Read a plain or gzip-compressed file and find its format.
+    """Read an uncompressed or gzip-compressed file and detect its format.
 
     Raises
     ------
     OSError
-        If it cannot be read; see `open_plain`.
+        If the file cannot be read; see `open_regular`.
     ValueError
-        If it is empty, its compressed data is damaged, or it is a Git LFS pointer, a web page or
-        an archive in place of the file.
+        If the file is empty, its compressed data are damaged, or it is a Git LFS pointer, a web
+        page or an archive.
     """
     file = Path(os.path.expanduser(path))
     data, name = read_bytes(file), file.name.lower()
@@ -174,9 +174,9 @@ def open_file(path: str | os.PathLike[str]) -> Opened:
 
 
 def decoded(data: bytes, errors: str = "strict") -> str:
-    """Return text in UTF-8 or UTF-16, by its byte order mark, with line feeds as line ends.
+    """Decode UTF-8 or UTF-16, detected by the byte order mark, and convert line ends to line feeds.
 
-    UTF-16 without a mark is recognised by its zero bytes. A UnicodeDecodeError reports other text,
+    UTF-16 without a mark is detected by its zero bytes. Other text raises a UnicodeDecodeError,
     unless ``errors`` is "replace".
     """
     encoding = "utf-8-sig"
@@ -227,7 +227,7 @@ def _format(data: bytes, head: str, name: str) -> Format:
 
 
 def _format_of_text(head: str, named: Format) -> Format:
-    """Return the format by the first words of a text, or the one that its name has."""
+    """Return the format detected by the first words of a text, or else that of its name."""
     if head.startswith("#!ascii") and named is not Format.LABEL_LIST:
         return Format.FREESURFER_ASCII
     found = (form for start, form in _TEXTS.items() if start.match(head))
@@ -235,13 +235,13 @@ def _format_of_text(head: str, named: Format) -> Format:
 
 
 def _has_old_quads(data: bytes) -> bool:
-    """Return whether the length is that of an old surface: int16 coordinates, 3-byte indices."""
+    """Return whether the size is that of an old surface: int16 coordinates, 3-byte indices."""
     vertices, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
     return len(data) == 9 + 6 * vertices + 12 * quads
 
 
 def _is_old_values(data: bytes) -> bool:
-    """Return whether the length is that of old values: two 3-byte counts, int16 values."""
+    """Return whether the size is that of old values: two 3-byte counts, int16 values."""
     return len(data) > 6 and len(data) == 6 + 2 * int.from_bytes(data[:3], "big")
 
 

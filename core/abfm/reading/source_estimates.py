@@ -1,8 +1,11 @@
-"""Source estimates of MNE, .stc files: values at some vertices of a surface, in time.
+"""Reader of source estimates of MNE (.stc): time series at some vertices of a surface.
 
-Format, big-endian: milliseconds of the first sample and between samples as float32, how many
-vertices and their numbers as uint32, how many samples as uint32, float32 values sample by sample
-[MNE manual, appendix "The stc format"].
+Format [MNE manual, appendix "The stc format"], big-endian:
+
+- float32: time of the first sample, and time between samples, in milliseconds
+- uint32: number of vertices, and their numbers
+- uint32: number of samples
+- float32: values, sample by sample
 """
 
 import struct
@@ -16,30 +19,32 @@ _HEAD = struct.Struct(">ffI")
 
 
 def read_stc(data: bytes) -> Columns:
-    """Read one hemisphere, a column for each time; a ValueError reports what is wrong with it."""
+    """Read one hemisphere, with a column for each time; raise a ValueError for invalid files."""
     if len(data) < _HEAD.size:
-        raise ValueError(f"it is cut off: it has {len(data)} bytes; its head alone has 12")
+        raise ValueError(f"the file is cut off: it has {len(data)} bytes, but the header has 12")
     begin, step, count = _HEAD.unpack_from(data)
     end = _HEAD.size + 4 * count
     if end + 4 > len(data):
-        raise ValueError(f"it says to have {count} vertices, more than its {len(data)} bytes hold")
+        raise ValueError(
+            f"the file is cut off: {count} vertices need more than its {len(data)} bytes"
+        )
     vertices = np.frombuffer(data, ">u4", count, _HEAD.size).astype(np.int64)
     samples = int.from_bytes(data[end : end + 4], "big")
-    if count == 0 or samples == 0:  # as MNE writes a hemisphere without sources
+    if count == 0 or samples == 0:  # MNE writes this for a hemisphere without sources
         raise ValueError(
-            f"it holds {samples} samples of {count} vertices: this hemisphere has no sources. Use "
-            "the file of the other one"
+            f"the file has {samples} samples of {count} vertices, so this hemisphere has no "
+            "sources. Use the file of the other hemisphere"
         )
     size = 4 * samples * count
     if len(data) - end - 4 != size:
         raise ValueError(
-            f"it says to have {samples} samples of {count} values, {size} bytes, and "
-            f"{len(data) - end - 4} follow"
+            f"{samples} samples of {count} values have {size} bytes, but {len(data) - end - 4} "
+            "follow the header. The file is damaged or cut off"
         )
     if not (np.isfinite(begin) and np.isfinite(step) and step > 0):
         raise ValueError(
-            f"its samples begin at {begin:g} ms and are {step:g} ms apart; expected finite times, "
-            "each later than the one before"
+            f"the samples begin at {begin:g} ms with steps of {step:g} ms; expected finite, "
+            "increasing times"
         )
     values = np.frombuffer(data, ">f4", samples * count, end + 4).reshape(samples, count)
     times = (begin + step * np.arange(samples)) / 1000

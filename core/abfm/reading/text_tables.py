@@ -1,4 +1,4 @@
-"""Tables of text: what separates their cells, which commas are decimal, names and numbers."""
+"""Readers of text tables: separators of cells, decimal commas, names and numbers."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ _QUOTED_TEXT = re.compile(r'"[^"]*"')
 _DECIMAL = re.compile(r"[+-]?\d+,\d+(?:[eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
 _COMMA_AND_BLANK = re.compile(r",\s+")
-_EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # which names the separator
+_EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # declares the separator
 _POINT = re.compile(r"\d\.|\.\d")
 _WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eEdD][+-]?\d+)?")
 _FORTRAN = re.compile(r"\A([+-]?[\d.]+)[dD]([+-]?\d+)\Z")
@@ -32,12 +32,12 @@ _NUMPY_ERROR = re.compile(  # NumPy counts rows from 0 and columns from 1
     r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
     re.DOTALL,
 )
-_OPEN_QUOTE = "its last double quote has no other one"
+_OPEN_QUOTE = "a double quote is not closed"
 _ADVICE = "write decimal points, or separate the columns by semicolons"
 
 
 class Rows(NamedTuple):
-    """Cells of each line, and what separates them; None is blanks."""
+    """Cells of each line, and the separator of cells; None for blanks."""
 
     cells: Iterator[list[str]]
     separator: str | None
@@ -55,14 +55,14 @@ def rows_of(data: bytes | str, comments: str | None = None, blanks: bool = True)
     data : bytes or str
         A file in UTF-8 or UTF-16, or its text.
     comments : str, optional
-        How lines begin that are skipped.
+        Beginning of lines that are skipped.
     blanks : bool
-        Whether blanks separate cells if nothing else does; otherwise commas do.
+        Whether blanks separate cells if there is no other separator; otherwise it is the comma.
 
     Raises
     ------
     ValueError
-        If the text cannot be decoded or quotes do not close, also while iterating.
+        If the text cannot be decoded or quotes are not closed, also while iterating.
     """
     text = _text(data)
     first = next((line for line in _lines(text, comments)), "")
@@ -91,58 +91,61 @@ def parse_number(text: str, decimal_comma: bool = False) -> float:
     Raises
     ------
     ValueError
-        If it is not a number, or its comma may separate thousands, unless ``decimal_comma`` is
-        true.
+        If the cell is not a number. Also if its comma may separate thousands, unless
+        ``decimal_comma`` is True.
     """
     if not decimal_comma and _THOUSANDS.fullmatch(text):
-        raise ValueError(f"{brief(text)} may be a decimal or thousands: write a decimal point")
+        raise ValueError(
+            f"the comma of {brief(text)} may be decimal or separate thousands. Write a decimal "
+            "point"
+        )
     return number(text.replace(",", ".") if _DECIMAL.fullmatch(text) else text)
 
 
 class Numbers(NamedTuple):
-    """Columns of numbers in a table of text."""
+    """Columns of numbers of a text table."""
 
     names: list[str]
-    """Of the columns; empty if there are none."""
+    """Names of the columns; empty if there are none."""
     table: FloatArray
     """The numbers, (n, C)."""
     places: list[int]
-    """Number of each column in the file, (C,), which has others if some hold words."""
+    """Index of each column in the file, (C,); columns of words are omitted."""
 
 
-def read_numbers(data: bytes | str, whole: bool = False) -> Numbers:
+def read_numbers(data: bytes | str, integers: bool = False) -> Numbers:
     """Read a table of numbers.
 
-    Semicolons, tabs, commas or blanks separate cells. Empty lines, and lines that begin with ``#``,
-    are skipped; if the last of the latter above the numbers has a word for each column, these are
-    the names, as is a first line that is not all numbers. Commas inside cells are decimal ones.
-    Blank cells and words such as NA are NaN, and true and false 1 and 0. A column of other words is
-    left out if it has a name, as is a last one of blank cells.
+    Semicolons, tabs, commas or blanks separate cells. Commas inside cells are decimal. Blank cells
+    and words such as NA become NaN; true and false become 1 and 0. Empty lines and lines that begin
+    with ``#`` are skipped. If the first line is not all numbers, it has the names of the columns.
+    Otherwise they are in the last comment above the numbers, if it has a word for each column. A
+    named column of other words is omitted, and also a last column of blank cells.
 
     Parameters
     ----------
     data : bytes or str
         A file in UTF-8 or UTF-16, or its text.
-    whole : bool
-        Whether whole numbers are expected, so that a comma between two of them separates columns.
+    integers : bool
+        Whether integers are expected, so that a comma between two of them separates columns.
 
     Raises
     ------
     ValueError
-        If there is something else than numbers, or commas that can be read in two ways.
+        If cells are not numbers, or if commas are ambiguous.
     """
     text = _text(data)
     lines = list(_lines(text, "#"))
     if not lines:
-        raise ValueError("it has no numbers")
+        raise ValueError("the file has no numbers")
     separator = _separator(lines[min(1, len(lines) - 1)])
     first = [name.strip() for name in _split(lines[0], separator)]
     names = [] if _are_numbers(first) else first
     rows = lines[1:] if names else lines
     if not rows:
-        raise ValueError(f"it has only the line {brief(lines[0])}")
+        raise ValueError(f"the file has no numbers, only the line {brief(lines[0])}")
     if "," in text:
-        rows, separator = _with_points(rows, separator, names, whole)
+        rows, separator = _with_points(rows, separator, names, integers)
     try:
         table = _loaded(rows, separator)
     except ValueError as error:
@@ -158,42 +161,43 @@ def _loaded(rows: list[str], separator: str | None) -> FloatArray:
 def _numbers(names: list[str], table: FloatArray, places: list[int]) -> Numbers:
     count, width = table.shape
     if len(names) == width - 1 and np.array_equal(np.sort(table[:, 0]), np.arange(1, count + 1)):
-        names = ["", *names]  # R writes no name above the names of rows
-    fitting = len(names) == width  # other words on top are a title
+        names = ["", *names]  # R writes no name for the column of row names
+    fitting = len(names) == width  # other words in the first line are a title
     return Numbers(names if fitting else [], table, places)
 
 
 def _with_gaps(
     rows: list[str], separator: str | None, names: list[str], error: ValueError
 ) -> Numbers:
-    """Return the numbers of lines in which cells are blank, or hold a word for a missing number or
-    a truth; an error reports other words by the ValueError of their first reading.
+    """Return the numbers of lines with blank cells, missing values, true or false.
+
+    ``error`` is the ValueError of the first attempt, which is raised again for other words.
     """
     cells = [[_number_of(cell) for cell in _split(row, separator)] for row in rows]
     width = len(cells[0])
     if any(len(row) != width for row in cells):
         raise _refused(error) from error
-    kept = []
+    chosen = []
     for place in range(width):
         column = [row[place] for row in cells]
         has_numbers = any(map(is_number, column))
         is_last_blank = place == width - 1 > 0 and not any(column)
         is_words = len(names) == width and not has_numbers and any(map(bool, column))
         if not (is_last_blank or is_words):
-            kept.append(place)
-    if not kept:
+            chosen.append(place)
+    if not chosen:
         raise _refused(error) from error
     try:
-        table = _loaded(["\t".join(row[k] or "nan" for k in kept) for row in cells], "\t")
-    except ValueError as again:
-        raise _refused(again, kept) from again
-    named = [names[k] for k in kept] if len(names) == width else names
-    return _numbers(named, table, kept)
+        table = _loaded(["\t".join(row[k] or "nan" for k in chosen) for row in cells], "\t")
+    except ValueError as second_error:
+        raise _refused(second_error, chosen) from second_error
+    named = [names[k] for k in chosen] if len(names) == width else names
+    return _numbers(named, table, chosen)
 
 
 def _number_of(cell: str) -> str:
-    """Return a cell as NumPy reads it, empty if it is missing."""
-    text = cell.strip(' "').replace("\u2212", "-")  # the sign for minus
+    """Return a cell in a form that NumPy can read; empty for a missing value."""
+    text = cell.strip(' "').replace("\u2212", "-")  # the minus sign of Unicode
     small = text.lower()
     return "" if small in _MISSING_VALUES else _TRUTH.get(small, _FORTRAN.sub(r"\1e\2", text))
 
@@ -202,10 +206,10 @@ def _refused(error: ValueError, places: Sequence[int] = ()) -> ValueError:
     found = _NUMPY_ERROR.match(str(error))
     place = int(found["column"]) - 1 if found else 0
     return ValueError(
-        f"row {found['row']} of its numbers, counting from 0, has {one_line(found['word'], 60)} in "
-        f"column {places[place] if places else place}, where a number is expected"
+        f"row {found['row']} of the numbers has {one_line(found['word'], 60)} in column "
+        f"{places[place] if places else place} (both counting from 0); expected a number"
         if found
-        else str(error).partition("; use `usecols`")[0]  # advice for programmers
+        else str(error).partition("; use `usecols`")[0]  # NumPy's advice for programmers
     )
 
 
@@ -213,12 +217,12 @@ def _text(data: bytes | str) -> str:
     text = data if isinstance(data, str) else _of_bytes(data)
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise ValueError(f"line {line}: it has a zero byte; save the table as UTF-8")
+        raise ValueError(f"line {line} has a zero byte. Save the table as UTF-8")
     return _EXCEL_LINE.sub("", text.removeprefix("\ufeff"))
 
 
 def _of_bytes(data: bytes) -> str:
-    """Return text in UTF-8 or UTF-16, or else in the encoding of Excel in western Europe."""
+    """Decode UTF-8 or UTF-16, or else the encoding of Excel in western Europe."""
     try:
         return decoded(data)
     except UnicodeDecodeError:
@@ -235,7 +239,7 @@ def _lines(text: str, comments: str | None) -> Iterator[str]:
 
 
 def _separator(line: str) -> str | None:
-    """Return what separates the cells of a line; None is blanks."""
+    """Return the separator of the cells of a line; None for blanks."""
     outside = _QUOTED_TEXT.sub("0", line)
     found = next((sign for sign in _SEPARATORS if sign in outside), None)
     if found != ",":
@@ -264,23 +268,24 @@ def is_number(text: str) -> bool:
 
 
 def _are_numbers(cells: list[str]) -> bool:
-    """Return whether a first line is numbers, of which some may be missing, and not names."""
+    """Return whether a first line has numbers, some of which may be missing, and no names."""
     words = (*_MISSING_VALUES, *_TRUTH)
-    known = cells if cells[-1] else cells[:-1]
-    return all(is_number(cell) or cell.lower() in words for cell in known)
+    present = cells if cells[-1] else cells[:-1]
+    return all(is_number(cell) or cell.lower() in words for cell in present)
 
 
 def _with_points(
-    rows: list[str], separator: str | None, names: list[str], whole: bool
+    rows: list[str], separator: str | None, names: list[str], integers: bool
 ) -> tuple[list[str], str | None]:
-    """Return lines of numbers with decimal points for decimal commas, and what separates cells."""
+    """Replace decimal commas in lines of numbers; return the lines and the separator of cells."""
     if separator == "," and not any('"' in row for row in rows):
-        if len(names) == 1 and not whole and all(_DECIMAL.fullmatch(row.strip()) for row in rows):
+        is_one_column = len(names) == 1 and not integers
+        if is_one_column and all(_DECIMAL.fullmatch(row.strip()) for row in rows):
             return [row.replace(",", ".") for row in rows], None
-        _refuse_ambiguous(rows, names, whole)
+        _refuse_ambiguous(rows, names, integers)
         return rows, separator
     body = "\n".join(rows)
-    if separator == ",":  # commas between quotes are decimal, others separate
+    if separator == ",":  # commas between quotes are decimal, others separate cells
         inside = [cell.strip('" ') for cell in _QUOTED_TEXT.findall(body) if _has_comma(cell)]
         _refuse_mixed(body, inside, separator)
         body = _QUOTED_TEXT.sub(
@@ -298,48 +303,48 @@ def _has_comma(cell: str) -> bool:
 
 
 def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
-    """Refuse decimal commas among cells that have points, or that may be thousands."""
+    """Raise a ValueError if cells have decimal points as well, or if commas may be thousands."""
     if cells and _POINT.search(body):
         raise ValueError(
-            f"it has numbers with commas, such as {brief(cells[0])}, and numbers with points; "
-            "write decimal points, and no signs between thousands"
+            f"some numbers have commas, such as {brief(cells[0])}, and others have points. Write "
+            "decimal points, and no separators of thousands"
         )
     several = [cell for cell in cells if cell.count(",") > 1]
     if several or (separator != ";" and cells and all(map(_THOUSANDS.fullmatch, cells))):
         shown = (several or cells)[0]
         raise ValueError(
-            f"it is not clear whether the comma of {brief(shown)} is decimal or separates "
-            "thousands; write decimal points, and no signs between thousands"
+            f"the comma of {brief(shown)} may be decimal or separate thousands. Write decimal "
+            "points, and no separators of thousands"
         )
 
 
-def _refuse_ambiguous(rows: list[str], names: list[str], whole: bool) -> None:
-    """Refuse lines of commas that may be decimal ones as well as separate columns."""
-    if whole:
+def _refuse_ambiguous(rows: list[str], names: list[str], integers: bool) -> None:
+    """Raise a ValueError if commas may be decimal, or may separate columns."""
+    if integers:
         return
     if not names and all(
         all(map(_DECIMAL.fullmatch, _COMMA_AND_BLANK.split(row.strip()))) for row in rows
     ):
         shown = rows[0].strip()
         raise ValueError(
-            f"it is not clear whether {brief(shown)} is {shown.count(',') + 1} columns or has "
-            f"decimal commas, as in {brief(shown.replace(',', '.', 1))}: give each column a name "
-            f"in the first line, or {_ADVICE}"
+            f"the line {brief(shown)} may have {shown.count(',') + 1} columns, or decimal commas "
+            f"as in {brief(shown.replace(',', '.', 1))}. Name each column in the first line, or "
+            f"{_ADVICE}"
         )
     widths = {row.count(",") + 1 for row in rows}
     if len(names) > 1 and widths == {2 * len(names)}:
         raise ValueError(
-            f"it has {len(names)} names of columns above lines of {2 * len(names)} cells: if half "
-            f"of its commas are decimal, {_ADVICE}"
+            f"the first line has {len(names)} names of columns, but the other lines have "
+            f"{2 * len(names)} cells. If half of the commas are decimal, {_ADVICE}"
         )
 
 
 def _commented_names(text: str, separator: str | None) -> list[str]:
-    """Return the words of the last comment above the numbers, as np.savetxt writes names."""
+    """Return the words of the last comment above the numbers, where np.savetxt writes names."""
     head = ""
     for line in text.split("\n"):
         if line.strip() and not line.startswith("#"):
             break
-        if line.startswith("#") and line.strip("#-=_ \t\r"):  # and no line under the names
+        if line.startswith("#") and line.strip("#-=_ \t\r"):  # not a ruled line
             head = line
     return [name.strip() for name in _split(head.lstrip("# "), separator)] if head else []

@@ -1,4 +1,4 @@
-"""Files of VTK of all formats that hold one grid: .vtk, .vtp and .vtu."""
+"""Reader of VTK files with one grid: .vtk, .vtp and .vtu."""
 
 from abfm.reading.opening import Format, Opened
 from abfm.reading.vtk_file import VtkFile
@@ -7,8 +7,8 @@ from abfm.reading.vtk_xml import xml_contents
 
 
 def vtk_contents(opened: Opened) -> VtkFile:
-    """Read points, polygons, point data and time of a file; a ValueError reports what is wrong."""
+    """Read the points, polygons, point data and time of a file; raise a ValueError if invalid."""
     readers = {Format.VTK_LEGACY: legacy_contents, Format.VTK_XML: xml_contents}
     if opened.format not in readers:
-        raise ValueError(f"it is {opened.format}; expected a file of VTK")
+        raise ValueError(f"the file is {opened.format}; expected a VTK file")
     return readers[opened.format](opened.data)

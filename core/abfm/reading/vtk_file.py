@@ -1,4 +1,4 @@
-"""What VTK's files hold: points, polygons and point data, whatever format they are in."""
+"""Contents of VTK files of all formats: points, polygons and point data."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -11,7 +11,7 @@ from abfm.errors import brief
 from abfm.types import FloatArray, IntArray
 
 Polygons = tuple[IntArray, IntArray]
-"""Number of corners of each polygon, (P,), and the corners of one after the other."""
+"""Number of corners of each polygon, (P,), and the concatenated corners."""
 
 TRIANGLE = 5
 STRIP = 6
@@ -23,9 +23,9 @@ _VOLUMES = {10: "tetrahedra", 11: "voxels", 12: "hexahedra", 13: "wedges", 14: "
 
 
 class PointData(Mapping[str, NDArray[Any]]):
-    """Arrays by name, such as point data, (n, C); each is decoded when it is looked up.
+    """Arrays by name, such as point data (n, C); each is decoded on access.
 
-    A ValueError reports a damaged array, or a name that several arrays have.
+    Access raises a ValueError if an array is damaged, or if several arrays have the name.
     """
 
     def __init__(self, arrays: Iterable[tuple[str, Callable[[], NDArray[Any]]]]) -> None:
@@ -36,9 +36,7 @@ class PointData(Mapping[str, NDArray[Any]]):
     def __getitem__(self, name: str) -> NDArray[Any]:
         found = self._arrays[name]
         if len(found) > 1:
-            raise ValueError(
-                f"{len(found)} of its arrays are called {brief(name)}: rename all but one"
-            )
+            raise ValueError(f"{len(found)} arrays are named {brief(name)}. Rename all but one")
         return found[0]()
 
     def __iter__(self) -> Iterator[str]:
@@ -49,10 +47,10 @@ class PointData(Mapping[str, NDArray[Any]]):
 
 
 class VtkFile(NamedTuple):
-    """Points (n, 3), a function that returns the polygons, point data, and the time in the file.
+    """Points (n, 3), a function that returns the polygons, point data, and time of a file.
 
-    The time is NaN if there is none. ``polygons`` raises a ValueError if cells are damaged or do
-    not belong to a surface; files of values need none.
+    The time is NaN if there is none. The function ``polygons`` raises a ValueError if cells are
+    damaged or not part of a surface. Files of values may have no polygons.
     """
 
     points: FloatArray
@@ -62,17 +60,17 @@ class VtkFile(NamedTuple):
 
 
 def polygons_of_cells(sizes: IntArray, corners: IntArray, types: IntArray) -> Polygons:
-    """Return the polygons among cells, in their order, strips as triangles.
+    """Return the polygons among cells, in their order; strips become triangles.
 
-    Cells that are points and lines are left out; a ValueError refuses volumes and curved cells.
+    Points and lines are ignored. Volumes and curved cells raise a ValueError.
     """
-    known = (*_POINTS_AND_LINES, TRIANGLE, STRIP, POLYGON, PIXEL, QUAD)
-    other = types[~np.isin(types, known)]
+    supported = (*_POINTS_AND_LINES, TRIANGLE, STRIP, POLYGON, PIXEL, QUAD)
+    other = types[~np.isin(types, supported)]
     if other.size:
-        what = _VOLUMES.get(int(other[0]), f"cells of VTK's type {other[0]}")
+        what = _VOLUMES.get(int(other[0]), f"cells of VTK type {other[0]}")
         raise ValueError(
-            f"it has {what}, which are not parts of a surface of polygons: extract the surface "
-            "first (in ParaView: Extract Surface)"
+            f"the file has {what}; expected a surface of polygons. Extract the surface first (in "
+            "ParaView: Extract Surface)"
         )
     is_kept = ~np.isin(types, _POINTS_AND_LINES)
     corners, sizes, types = corners[np.repeat(is_kept, sizes)], sizes[is_kept], types[is_kept]
@@ -92,16 +90,16 @@ def polygons_of_cells(sizes: IntArray, corners: IntArray, types: IntArray) -> Po
 
 
 def triangles_of_strips(sizes: IntArray, corners: IntArray) -> IntArray:
-    """Return the triangles (F, 3) of strips, all with the side of the first one of each strip.
+    """Return the triangles (F, 3) of strips, with the orientation of the first one of each strip.
 
-    Triangles that name a vertex twice only join two parts of a strip, and are left out.
+    Triangles with the same vertex twice only connect two parts of a strip, and are omitted.
 
     Parameters
     ----------
     sizes : (S,) array of int
         Number of corners of each strip.
     corners : (sum of sizes,) array of int
-        The vertices of one strip after the other.
+        Concatenated vertices of the strips.
     """
     counts = np.maximum(sizes - 2, 0)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)

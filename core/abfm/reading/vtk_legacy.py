@@ -1,7 +1,7 @@
-"""VTK's legacy files, .vtk: text, or big-endian numbers behind lines of text.
+"""Reader of legacy VTK files (.vtk): text, or big-endian numbers after lines of text.
 
-Format: https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html, with cells as
-versions before 5 have them, and as offsets and connectivity.
+Format: https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html. Cells may have
+the layout of versions before 5, or that of offsets and connectivity.
 """
 
 import math
@@ -23,7 +23,7 @@ from abfm.reading.vtk_file import (
     VtkFile,
     polygons_of_cells,
 )
-from abfm.reading.words import number, split_lists, whole_number
+from abfm.reading.words import integer, number, split_lists
 from abfm.types import FloatArray
 
 _TYPES = {
@@ -47,27 +47,27 @@ _KINDS = ("POLYDATA", "UNSTRUCTURED_GRID")
 _CELLS = ("POLYGONS", "TRIANGLE_STRIPS", "CELLS", "VERTICES", "LINES")
 _COLUMNS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
 _COLUMNS |= {"GLOBAL_IDS": 1, "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}
-_TIMES = ("TimeValue", "TIME")  # names of field data
+_TIMES = ("TimeValue", "TIME")  # names of field data with the time
 _LINE = re.compile(rb"\s*+([^\n]{1,65536}+)")
 _WORD = re.compile(rb"\S+")
 _OFFSETS = re.compile(rb"\s*OFFSETS\s", re.IGNORECASE)
 
 Cells: TypeAlias = Polygons
-"""Sizes of cells, and the corners of one after the other."""
+"""Number of corners of each cell, and the concatenated corners."""
 
 
 def legacy_contents(data: bytes) -> VtkFile:
-    """Read points, polygons and point data; a ValueError reports what is wrong with the file."""
+    """Read points, polygons and point data; raise a ValueError for an invalid file."""
     parser = _Parser(data)
     try:
         parser.parse()
     except IndexError:
-        raise ValueError("one of its lines has fewer words than its keyword needs") from None
+        raise ValueError("a line has fewer words than its keyword requires") from None
     return VtkFile(parser.points, parser.polygons, PointData(parser.arrays()), parser.time)
 
 
 class _Parser:
-    """Takes a file from front to back, one keyword after the other."""
+    """Parser that reads a file sequentially, keyword by keyword."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._begin, self._is_text = data, 0, True
@@ -82,18 +82,20 @@ class _Parser:
             self._begin = self._data.find(b"\n", self._begin) + 1 or len(self._data)
         word = self._words()[0]
         if (form := word.upper()) not in ("ASCII", "BINARY"):
-            raise ValueError(f"its third line is {brief(word)}; expected ASCII or BINARY")
+            raise ValueError(f"the third line is {brief(word)}; expected ASCII or BINARY")
         self._is_text = form == "ASCII"
         while words := self._words():
             self._take(words[0].upper(), words[1:])
         if not self._kind:
-            raise ValueError("it has no line DATASET: it may be cut off")
+            raise ValueError("the file has no line DATASET; it may be cut off")
 
     def _take(self, keyword: str, words: list[str]) -> None:
         if keyword == "DATASET":
             self._kind = words[0].upper()
             if self._kind not in _KINDS:
-                raise ValueError(f"it is VTK's {brief(words[0])}; expected {' or '.join(_KINDS)}")
+                raise ValueError(
+                    f"the dataset is {brief(words[0])}; expected {' or '.join(_KINDS)}"
+                )
         elif keyword == "METADATA":  # up to an empty line
             end = re.compile(rb"\n[ \t\r]*\n").search(self._data, self._begin - 1)
             self._begin = end.end() if end else len(self._data)
@@ -117,7 +119,7 @@ class _Parser:
         if keyword == "SCALARS":
             columns, kind = _count(words[2]) if len(words) > 2 else 1, words[1]
             begin = self._begin
-            if self._words()[:1] != ["LOOKUP_TABLE"]:  # which names one
+            if self._words()[:1] != ["LOOKUP_TABLE"]:  # an optional line
                 self._begin = begin
         elif keyword == "COLOR_SCALARS":
             columns, kind = _count(words[1]), "unsigned_char"
@@ -126,11 +128,11 @@ class _Parser:
         elif keyword in _COLUMNS:
             columns, kind = _COLUMNS[keyword], words[1]
         else:
-            raise ValueError(f"it has {brief(keyword)} where a keyword of VTK is expected")
-        self._keep(words[0], self._numbers(self._count * columns, kind), columns)
+            raise ValueError(f"a line begins with {brief(keyword)}; expected a keyword of VTK")
+        self._store(words[0], self._numbers(self._count * columns, kind), columns)
 
     def _take_field(self, count: int) -> None:
-        """Take arrays that each have a line with name, columns, rows and type."""
+        """Read arrays; each follows a line with its name, columns, rows and type."""
         for _ in range(count):
             words = self._words()
             while words[0].upper() == "METADATA":
@@ -138,17 +140,18 @@ class _Parser:
                 words = self._words()
             columns, rows = _count(words[1]), _count(words[2])
             if words[3].lower() == "string":
-                self._pass_over_strings(columns * rows)
+                self._skip_strings(columns * rows)
                 continue
             found = self._numbers(columns * rows, words[3])
             if rows == self._count and self._count:
-                self._keep(words[0], found, columns)
+                self._store(words[0], found, columns)
             elif words[0] in _TIMES and len(found) == 1:
                 self.time = float(found[0])
 
-    def _pass_over_strings(self, count: int) -> None:
-        """Pass over texts: a line each, or bytes behind their length, whose width its highest two
-        bits give.
+    def _skip_strings(self, count: int) -> None:
+        """Skip texts: one on each line, or, in binary files, bytes after their length.
+
+        The two highest bits of the length determine how many bytes it has.
         """
         for _ in range(count):
             if self._begin >= len(self._data):
@@ -160,28 +163,33 @@ class _Parser:
             head = int.from_bytes(self._data[self._begin : self._begin + width], "big")
             self._begin += width + (head & ((1 << (8 * width - 2)) - 1))
 
-    def _keep(self, name: str, values: NDArray[Any], columns: int) -> None:
+    def _store(self, name: str, values: NDArray[Any], columns: int) -> None:
         if self._of_points and values.size:
             self._values.append((unquote(name), values.reshape(-1, columns).astype(np.float64)))
 
     def _cells_of(self, count: int, size: int) -> Cells:
-        """Take cells: a size before the corners of each, or offsets and then all corners."""
+        """Read cells: a size before the corners of each, or offsets and then all corners."""
         if _OFFSETS.match(self._data, self._begin):
             offsets = self._numbers(count, self._words()[1]).astype(np.int64)
             corners = self._numbers(size, self._words()[1]).astype(np.int64)
             sizes = np.diff(offsets)
             if (sizes < 0).any() or (count and (offsets[0] != 0 or offsets[-1] != size)):
-                raise ValueError(f"the offsets of its cells do not increase from 0 to {size}")
+                raise ValueError(
+                    f"the offsets of cells do not increase from 0 to {size}; the file is damaged"
+                )
             return sizes, corners
         return split_lists(self._numbers(size, "int").astype(np.int64), count)
 
     def polygons(self) -> Polygons:
-        """Return the polygons, those that are strips as triangles."""
+        """Return the polygons; strips become triangles."""
         empty = np.zeros(0, dtype=np.int64)
         if self._kind == "UNSTRUCTURED_GRID":
             sizes, corners = self._cells.get("CELLS", (empty, empty))
             if len(self._types) != len(sizes):
-                raise ValueError(f"it has {len(self._types)} types for {len(sizes)} cells")
+                raise ValueError(
+                    f"the file has types of {len(self._types)} cells for {len(sizes)} cells; "
+                    "expected the same numbers"
+                )
             return polygons_of_cells(sizes, corners, self._types)
         parts = [self._cells.get(name, (empty, empty)) for name in ("POLYGONS", "TRIANGLE_STRIPS")]
         sizes, corners = (np.concatenate(each) for each in zip(*parts, strict=True))
@@ -189,11 +197,11 @@ class _Parser:
         return polygons_of_cells(sizes, corners, types)
 
     def arrays(self) -> list[tuple[str, Any]]:
-        """Return names of point data, and functions that return the values."""
+        """Return the names of point data, and functions that return their values."""
         return [(name, lambda values=values: values) for name, values in self._values]
 
     def _words(self) -> list[str]:
-        """Return the words of the next line that has any, or none at the end."""
+        """Return the words of the next line that is not empty, or none at the end."""
         found = _LINE.match(self._data, self._begin)
         if found is None:
             return []
@@ -202,10 +210,10 @@ class _Parser:
 
     def _numbers(self, count: int, kind: str) -> NDArray[Any]:
         if kind.lower() not in _TYPES:
-            raise ValueError(f"it has numbers of the type {brief(kind)}, which is not read")
+            raise ValueError(f"the file has numbers of type {brief(kind)}, which is not supported")
         dtype = np.dtype(_TYPES[kind.lower()])
-        left = max(len(self._data) - self._begin, 0)
-        if count * (1 if self._is_text else dtype.itemsize) > left:
+        remaining = max(len(self._data) - self._begin, 0)
+        if count * (1 if self._is_text else dtype.itemsize) > remaining:
             raise _cut_off(count)
         if not self._is_text:
             begin, self._begin = self._begin, self._begin + count * dtype.itemsize
@@ -220,11 +228,11 @@ class _Parser:
 
 
 def _count(word: str) -> int:
-    count = whole_number(word)
+    count = integer(word)
     if count < 0:
-        raise ValueError(f"it announces {count} numbers")
+        raise ValueError(f"the file announces {count} numbers; expected 0 or more")
     return count
 
 
 def _cut_off(count: int) -> ValueError:
-    return ValueError(f"it is cut off: fewer than {count} numbers follow where it announces them")
+    return ValueError(f"the file is cut off: it announces {count} numbers, but fewer follow")

@@ -1,9 +1,9 @@
-"""VTK's XML files, .vtu and .vtp, and the collections of them, .pvd.
+"""Readers of XML files of VTK (.vtu, .vtp) and of collections of them (.pvd).
 
-Format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html. Arrays are texts,
-or bytes in base64 or as they are, in place or appended, plain or in blocks compressed by zlib or
-LZMA. Own code: meshio is no longer maintained, fails where arrays share bytes, and decompresses
-without a bound; VTK takes 570 MB and crashes the process on one damaged file in thirty.
+Format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html. Arrays are text,
+base64 or raw bytes, inline or appended, and may be compressed in blocks by zlib or LZMA. Other
+readers are not used. meshio is no longer maintained, fails if arrays share bytes, and decompresses
+without a bound. VTK needs 570 MB, and one damaged file in thirty crashes the process.
 """
 
 import base64
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from abfm.errors import brief
 from abfm.numerics.real_numbers import as_float64
-from abfm.reading.plain_files import inflated, most_inflated, read_bytes
+from abfm.reading.regular_files import inflated, inflated_size_max, read_bytes
 from abfm.reading.vtk_file import (
     POLYGON,
     STRIP,
@@ -32,7 +32,7 @@ from abfm.reading.vtk_file import (
     VtkFile,
     polygons_of_cells,
 )
-from abfm.reading.xml_trees import count_in, meaning_of, numbers_in, xml_tree
+from abfm.reading.xml_trees import choice_in, count_in, numbers_in, xml_tree
 from abfm.types import FloatArray, IntArray
 
 _TYPES = {
@@ -49,26 +49,30 @@ _HEADS = {"UInt32": "u4", "UInt64": "u8"}
 _KINDS = ("UnstructuredGrid", "PolyData")
 _APPENDED_DATA = re.compile(rb"<AppendedData[^>]*>\s*_")
 _END = b"</AppendedData>"
-_MOST_BLOCKS = 1 << 24
+_BLOCKS_MAX = 1 << 24
 
 Beginning = Callable[[int, int], bytes]
-"""Returns the beginning of an array, by the bytes of its header and those of both."""
+"""Function of the size of the header and of the total size, which returns that many bytes."""
 
 
 def xml_contents(content: bytes) -> VtkFile:
-    """Read a .vtu or .vtp file; a ValueError reports what is wrong with it."""
+    """Read a .vtu or .vtp file; raise a ValueError for an invalid file."""
     file = _File(content)
     if file.kind not in _KINDS:
-        raise ValueError(f"it is VTK's {brief(file.kind)}; expected {' or '.join(_KINDS)}")
+        raise ValueError(
+            f"the VTK file has type {brief(file.kind)}; expected {' or '.join(_KINDS)}"
+        )
     if len(file.pieces) != 1:
-        raise ValueError(f"it has {len(file.pieces)} pieces; expected one: merge them in ParaView")
+        raise ValueError(
+            f"the file has {len(file.pieces)} pieces; expected one. Merge them in ParaView"
+        )
     count = count_in(file.pieces[0], "NumberOfPoints")
     points = file.arrays("Points")
     if len(points) != 1:
-        raise ValueError(f"it has {len(points)} arrays of points; expected one")
+        raise ValueError(f"the file has {len(points)} arrays of points; expected one")
     places = file.values(points[0], count)
     if places.shape[1] != 3:
-        raise ValueError(f"its points have {places.shape[1]} coordinates; expected 3")
+        raise ValueError(f"the points have {places.shape[1]} coordinates; expected 3")
     data = PointData(
         (array.get("Name", ""), partial(file.values, array, count))
         for array in file.arrays("PointData")
@@ -79,49 +83,51 @@ def xml_contents(content: bytes) -> VtkFile:
 
 
 def read_collection(path: str | os.PathLike[str]) -> list[tuple[float, str]]:
-    """Read times, and names of files relative to its own, from a .pvd; see `vtk_contents`."""
+    """Read the times and relative file names of a .pvd file; errors are those of `vtk_contents`."""
     file = _File(read_bytes(path))
     if file.kind != "Collection":
-        raise ValueError(f"it is VTK's {brief(file.kind)}; expected a Collection")
+        raise ValueError(f"the VTK file has type {brief(file.kind)}; expected a Collection")
     found = []
     for entry in file.root.iter("DataSet"):
         word = entry.get("timestep", "")
         try:
             time = float(word)
         except ValueError:
-            raise ValueError(f"a DataSet has the timestep {brief(word)}; expected a time") from None
+            raise ValueError(
+                f"the timestep of a DataSet is {brief(word)}; expected a time"
+            ) from None
         if not (name := entry.get("file", "")):
-            raise ValueError(f"the DataSet of timestep {word} names no file")
+            raise ValueError(f"the DataSet of timestep {word} has no file name")
         found.append((time, name))
     return found
 
 
 class _File:
-    """The tree of a file, whose arrays are decoded when they are looked up."""
+    """The XML tree of a file; arrays are decoded on access."""
 
     def __init__(self, content: bytes) -> None:
-        self._left = most_inflated(len(content))
+        self._budget = inflated_size_max(len(content))
         self._appended = b""
         if found := _APPENDED_DATA.search(content):
             end = content.rfind(_END)
             if end < found.end():
-                raise ValueError("its appended data does not end: it may be cut off")
+                raise ValueError("the appended data have no end; the file may be cut off")
             self._appended = content[found.end() : end]
             content = content[: found.end()] + content[end:]
         self.root = root = xml_tree(content)
         if root.tag != "VTKFile":
-            raise ValueError("it is XML, but not VTK's")
+            raise ValueError("the file is XML, but not a VTK file")
         self.kind, self.pieces = root.get("type", ""), [*root.iter("Piece")]
         native = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
-        self._order = meaning_of(root, "byte_order", _ORDERS, native)
-        self._size = np.dtype(self._order + meaning_of(root, "header_type", _HEADS, "UInt32"))
+        self._order = choice_in(root, "byte_order", _ORDERS, native)
+        self._size = np.dtype(self._order + choice_in(root, "header_type", _HEADS, "UInt32"))
 
     def arrays(self, place: str) -> list[Element]:
-        """Return the data arrays directly inside elements of a name."""
+        """Return the data arrays directly inside elements of this name."""
         return [array for each in self.root.iter(place) for array in each.findall("DataArray")]
 
     def polygons(self) -> Polygons:
-        """Return the polygons of the piece, those that are strips as triangles."""
+        """Return the polygons of the piece; strips become triangles."""
         piece = self.pieces[0]
         if self.kind == "UnstructuredGrid":
             sizes, corners, types = self._cells("Cells", count_in(piece, "NumberOfCells", "0"))
@@ -131,38 +137,40 @@ class _File:
         return polygons_of_cells(*map(np.concatenate, zip(polygons, strips, strict=True)))
 
     def _cells(self, place: str, count: int, kind: int = 0) -> tuple[IntArray, IntArray, IntArray]:
-        """Return sizes, corners and types of the cells in a place."""
+        """Return the sizes, corners and types of the cells of an element."""
         if count == 0:
             return (np.zeros(0, dtype=np.int64),) * 3
         named = {array.get("Name", ""): array for array in self.arrays(place)}
-        needed = {"connectivity", "offsets", *(["types"] if kind == 0 else [])}
-        if missing := needed - named.keys():
-            raise ValueError(f"its {place} have no array {' and no array '.join(sorted(missing))}")
-        sizes = np.diff(self._whole_numbers(named["offsets"], count), prepend=0)
+        required = {"connectivity", "offsets", *(["types"] if kind == 0 else [])}
+        if missing := required - named.keys():
+            raise ValueError(
+                f"the element {place} has no array {' and no array '.join(sorted(missing))}"
+            )
+        sizes = np.diff(self._integers(named["offsets"], count), prepend=0)
         if sizes.min() < 0 or sizes.max() == 0:
-            raise ValueError(f"the offsets of its {place} do not increase")
-        corners = self._whole_numbers(named["connectivity"], int(sizes.sum()))
-        types = np.full(count, kind) if kind else self._whole_numbers(named["types"], count)
+            raise ValueError(f"the offsets of {place} do not increase; the file is damaged")
+        corners = self._integers(named["connectivity"], int(sizes.sum()))
+        types = np.full(count, kind) if kind else self._integers(named["types"], count)
         return sizes, corners, types
 
-    def _whole_numbers(self, array: Element, count: int) -> IntArray:
+    def _integers(self, array: Element, count: int) -> IntArray:
         found = self.values(array, count).astype(np.int64).ravel()
         if len(found) != count:
-            raise ValueError(f"an array of its cells has {len(found)} numbers; expected {count}")
+            raise ValueError(f"an array of cells has {len(found)} numbers; expected {count}")
         return found
 
     def values(self, array: Element, count: int) -> FloatArray:
         """Return an array (count, C)."""
-        called, form = brief(array.get("Name", "")), array.get("format", "ascii")
+        name, form = brief(array.get("Name", "")), array.get("format", "ascii")
         columns = count_in(array, "NumberOfComponents", "1")
-        kind = meaning_of(array, "type", _TYPES)
+        kind = choice_in(array, "type", _TYPES)
         if count < 1 or columns < 1:
-            raise ValueError(f"its array {called} is empty: {count} points, {columns} components")
+            raise ValueError(f"the array {name} is empty: {count} points, {columns} components")
         size = count * columns * (8 if form == "ascii" else kind.itemsize)
-        self._left -= size
-        if self._left < 0:
-            raise ValueError(f"its array {called} is more than a file of this size may hold")
-        # without what VTK writes into it besides
+        self._budget -= size
+        if self._budget < 0:
+            raise ValueError(f"the array {name} is too large for a file of this size")
+        # the text of the array without the child elements that VTK writes
         text = (array.text or "") + "".join(each.tail or "" for each in array)
         if form == "ascii":
             numbers = numbers_in(text, np.dtype(np.float64) if kind.kind == "f" else kind)
@@ -171,48 +179,53 @@ class _File:
         elif form == "appended":
             begin = count_in(array, "offset")
             if begin >= len(self._appended):
-                raise ValueError(f"its array {called} begins behind the end of what is appended")
+                raise ValueError(
+                    f"the array {name} begins after the end of the appended data; the file may be "
+                    "cut off"
+                )
             data, place = self._appended[begin:], self.root.find("AppendedData")
             is_raw = place is not None and place.get("encoding") == "raw"
             numbers = self._decoded(_raw(data) if is_raw else _base64(data), size, kind)
         else:
-            raise ValueError(f"its array {called} has the format {brief(form)}; expected binary")
+            raise ValueError(f"the array {name} has the format {brief(form)}; expected binary")
         if len(numbers) != count * columns:
             raise ValueError(
-                f"its array {called} has {len(numbers)} numbers; expected {count * columns}"
+                f"the array {name} has {len(numbers)} numbers; expected {count * columns}"
             )
         return as_float64(numbers).reshape(count, columns)
 
     def _decoded(self, begin: Beginning, size: int, kind: np.dtype[Any]) -> NDArray[Any]:
-        """Return the numbers of so many bytes that follow the header of an array."""
+        """Return numbers of ``size`` bytes, which follow the header of an array."""
         count, words, lengths = 1, 1, [size]
         if compressor := self.root.get("compressor", ""):
-            expand = meaning_of(self.root, "compressor", _COMPRESSORS)
+            expand = choice_in(self.root, "compressor", _COMPRESSORS)
             count, block, rest = self._header(begin, 3)
             total = (count - (rest > 0)) * block + rest
         else:
             (total,) = self._header(begin, 1)
-        if total != size or count > min(_MOST_BLOCKS, size):
-            raise ValueError(f"an array says to have {total} bytes; expected {size}")
+        if total != size or count > min(_BLOCKS_MAX, size):
+            raise ValueError(f"the header of an array announces {total} bytes; expected {size}")
         if compressor:
             words = 3 + count
             lengths = self._header(begin, words)[3:]
         head = words * self._size.itemsize
         data = begin(head, head + sum(lengths))[head:]
         if compressor:
-            wholes = [block] * (count - (rest > 0)) + [rest] * (rest > 0)
+            sizes = [block] * (count - (rest > 0)) + [rest] * (rest > 0)
             ends = accumulate(lengths)
             parts = (data[end - length : end] for end, length in zip(ends, lengths, strict=True))
-            data = b"".join(map(expand, parts, wholes))
+            data = b"".join(map(expand, parts, sizes))
         if len(data) != size:
-            raise ValueError(f"an array has {len(data)} bytes; expected {size}: it may be cut off")
+            raise ValueError(
+                f"an array has {len(data)} bytes; expected {size}. The file may be cut off"
+            )
         return np.frombuffer(data, kind.newbyteorder(self._order))
 
     def _header(self, begin: Beginning, count: int) -> list[int]:
         size = count * self._size.itemsize
         data = begin(size, size)
         if len(data) != size:
-            raise ValueError("an array is cut off: it lacks its header")
+            raise ValueError("the file is cut off: an array has no complete header")
         return [int(number) for number in np.frombuffer(data, self._size)]
 
 
@@ -221,7 +234,7 @@ def _raw(data: bytes) -> Beginning:
 
 
 def _base64(text: bytes) -> Beginning:
-    """Return the beginning of what base64 holds, in which the header may be encoded by itself."""
+    """Return a function for base64 text, in which the header may be encoded separately."""
     text = b"".join(text.split())
 
     def beginning(head: int, size: int) -> bytes:
@@ -234,7 +247,7 @@ def _base64(text: bytes) -> Beginning:
 
 
 def _letters(size: int) -> int:
-    """Return how many letters of base64 so many bytes have."""
+    """Return the number of base64 letters for ``size`` bytes."""
     return 4 * -(-size // 3)
 
 
@@ -249,7 +262,7 @@ def _unlzma(data: bytes, size: int) -> bytes:
     try:
         return lzma.LZMADecompressor(memlimit=1 << 28).decompress(data, size + 1)
     except (lzma.LZMAError, EOFError) as error:
-        raise ValueError(f"its compressed data is damaged: {error}") from error
+        raise ValueError(f"the compressed data are damaged: {error}") from error
 
 
 _COMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {

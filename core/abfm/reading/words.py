@@ -1,4 +1,4 @@
-"""Numbers in texts."""
+"""Parsing of numbers in texts."""
 
 import re
 from array import array
@@ -18,9 +18,9 @@ Numbers: TypeAlias = "array[Any]"
 
 
 def number(word: str | bytes) -> float:
-    """Return the number that a word is, also with the exponent of Fortran, as in ``1.0D+00``.
+    """Convert a word to a number, also with a Fortran exponent, as in ``1.0D+00``.
 
-    A ValueError reports any other word; `whole_number` does alike.
+    Raise a ValueError for other words.
     """
     try:
         return float(word)
@@ -29,54 +29,56 @@ def number(word: str | bytes) -> float:
     try:
         return float(text.translate(_FORTRAN))
     except ValueError:
-        raise _no_number(text, "a number") from None
+        raise _not_a_number(text, "a number") from None
 
 
-def whole_number(word: str | bytes) -> int:
-    """Return the whole number that a word is."""
+def integer(word: str | bytes) -> int:
+    """Convert a word to an integer, or raise a ValueError."""
     try:
         return int(word)
     except ValueError:
-        expected = "a number of fewer digits" if word.isdigit() else "a whole number"
-        raise _no_number(_text(word), expected) from None
+        expected = "a number with fewer digits" if word.isdigit() else "an integer"
+        raise _not_a_number(_text(word), expected) from None
 
 
 def _text(word: str | bytes) -> str:
     return word if isinstance(word, str) else word.decode("utf-8", "replace")
 
 
-def _no_number(word: str, expected: str) -> ValueError:
+def _not_a_number(word: str, expected: str) -> ValueError:
     if _COMMA.fullmatch(word[:40]):
         return ValueError(
-            f"it has {brief(word)}, a number with a decimal comma: write decimal points"
+            f"the file has {brief(word)}, a number with a decimal comma. Write decimal points"
         )
-    return ValueError(f"it has {brief(word)} where {expected} is expected")
+    return ValueError(f"the file has {brief(word)}; expected {expected}")
 
 
 class Words:
-    """Takes numbers from a text, one after the other, however its lines end."""
+    """Sequential reader of the numbers in a text, regardless of line breaks."""
 
     def __init__(self, text: str, begin: int = 0) -> None:
         self.place = begin
-        """The end of the last word that was taken."""
+        """The end of the last word that was read."""
         self._words = _WORD.finditer(text, begin)
 
     def numbers(self, count: int, of: str) -> FloatArray:
-        """Return the next numbers, (count,), of what is named; a ValueError reports fewer."""
-        return np.frombuffer(self._taken(array("d"), number, count, of), np.float64)
+        """Return the next numbers, (count,); raise a ValueError, with ``of``, if fewer follow."""
+        return np.frombuffer(self._read(array("d"), number, count, of), np.float64)
 
-    def whole_numbers(self, count: int | None, of: str) -> IntArray:
-        """Return the next numbers, (count,), as `numbers` does; all that follow if it is None."""
-        return np.frombuffer(self._taken(array("q"), whole_number, count, of), np.int64)
+    def integers(self, count: int | None, of: str) -> IntArray:
+        """Return the next integers, (count,), or all that follow if ``count`` is None."""
+        return np.frombuffer(self._read(array("q"), integer, count, of), np.int64)
 
-    def _taken(
+    def _read(
         self, found: Numbers, read: Callable[[str], Any], count: int | None, of: str
     ) -> Numbers:
         for word in islice(self._words, count):
             try:
                 found.append(read(word[0]))
             except OverflowError:
-                raise ValueError(f"it has {brief(word[0])}, which is beyond all numbers") from None
+                raise ValueError(
+                    f"the file has {brief(word[0])}, a number that does not fit in 64 bits"
+                ) from None
             self.place = word.end()
         if count is None or len(found) == count:
             return found
@@ -85,16 +87,16 @@ class Words:
         raise ValueError(f"the file is cut off: {of} has {len(found)} of {count} numbers")
 
     def count(self, of: str) -> int:
-        """Return the next number, of what is announced."""
-        found = self.whole_numbers(1, f"the number of {of}")
+        """Return the next number, which announces the number of ``of``."""
+        found = self.integers(1, f"the number of {of}")
         count = int(found[0])
         if count < 0:
-            raise ValueError(f"it announces {count} {of}")
+            raise ValueError(f"the file announces {count} {of}; expected 0 or more")
         return count
 
 
 def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, IntArray]:
-    """Split numbers, (n,), into lists that each have their length before them.
+    """Split numbers (n,) into lists; each list follows its length.
 
     Parameters
     ----------
@@ -104,19 +106,19 @@ def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, Int
     Returns
     -------
     sizes : (count,) array
-        The lengths.
+        Length of each list.
     entries : (n - count,) array
-        What is in the lists, one after the other.
+        Concatenated entries of the lists.
 
     Raises
     ------
     ValueError
-        If there are more or fewer numbers than the lists have.
+        If the number of entries is not that of the lists.
     """
     width = int(flat[0]) + 1 if len(flat) else 0
     if width > 0 and len(flat) % width == 0 and count in (None, len(flat) // width):
         rows = flat.reshape(-1, width)
-        if (rows[:, 0] == rows[0, 0]).all():  # lists of one length, much faster
+        if (rows[:, 0] == rows[0, 0]).all():  # all lists have the same length: much faster
             return rows[:, 0], rows[:, 1:].ravel()
     starts, place = array("q"), 0
     while place < len(flat) if count is None else len(starts) < count:
@@ -125,6 +127,8 @@ def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, Int
         starts.append(place)
         place += 1 + size
     if place != len(flat) or (count is not None and len(starts) < count):
-        raise ValueError(f"its {count} lists of corners do not fit into {len(flat)} numbers")
+        raise ValueError(
+            f"{count} lists of corners do not fit {len(flat)} numbers; the file is damaged"
+        )
     headers = np.frombuffer(starts, np.int64)
     return flat[headers], np.delete(flat, headers)

@@ -1,4 +1,4 @@
-"""XML as a tree of elements, and the words and numbers in it."""
+"""Parsing of XML, and of the words and numbers in its elements."""
 
 from typing import Any
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -13,14 +13,14 @@ from abfm.errors import brief
 def xml_tree(content: bytes) -> Element:
     """Parse a complete document and return its root.
 
-    A DTD inside the document is refused before any of it is expanded: its entities and default
-    attributes turn small files into gigabytes. A DOCTYPE that names a DTD elsewhere, as GIFTI files
-    do, is accepted and never fetched.
+    A document type definition (DTD) inside the document is refused before it is expanded. Its
+    entities and default attributes can turn small files into gigabytes. A DOCTYPE that refers to
+    another file, as in GIFTI files, is accepted; the other file is never read.
 
     Raises
     ------
     ValueError
-        If it is no XML, is cut short, contains a DTD, or has an unknown encoding.
+        If the content is not XML, is cut off, contains a DTD, or has an unknown encoding.
     """
     parser, builder = expat.ParserCreate(), TreeBuilder()
     parser.buffer_text = True
@@ -31,42 +31,42 @@ def xml_tree(content: bytes) -> Element:
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:
-        raise ValueError(f"it is no XML, or cut short: {error}") from error
-    except LookupError as error:  # of Python's own table of encodings
-        raise ValueError(f"its XML has an {error}; expected UTF-8") from error
+        raise ValueError(f"the file is not XML, or is cut off: {error}") from error
+    except LookupError as error:  # from Python's table of encodings
+        raise ValueError(f"the XML has an {error}; expected UTF-8") from error
     return builder.close()
 
 
 def _refuse_dtd(name: str, system: str | None, public: str | None, has_subset: bool) -> None:
     if has_subset:
         raise ValueError(
-            "it contains a document type definition (<!DOCTYPE ... [ ... ]>), which is not read: "
-            "remove the part in brackets"
+            "the file has a document type definition (<!DOCTYPE ... [ ... ]>), which is not "
+            "supported. Remove the part in brackets"
         )
 
 
-def meaning_of(element: Element, name: str, known: dict[str, Any], default: str = "") -> Any:
-    """Return what the word in an attribute stands for; a ValueError lists those that are known."""
+def choice_in(element: Element, name: str, choices: dict[str, Any], default: str = "") -> Any:
+    """Return the value of the word in an attribute; raise a ValueError for other words."""
     word = (element.get(name) or default).strip()
-    if word not in known:
-        words = ", ".join(each for each in known if not each.isdigit() and "GIFTI" not in each)
-        raise ValueError(f"a {element.tag} has the {name} {brief(word)}; expected {words}")
-    return known[word]
+    if word not in choices:
+        words = ", ".join(each for each in choices if not each.isdigit() and "GIFTI" not in each)
+        raise ValueError(f"the {name} of a {element.tag} is {brief(word)}; expected {words}")
+    return choices[word]
 
 
 def count_in(element: Element, name: str, default: str = "") -> int:
-    """Return the whole number in an attribute, or raise a ValueError."""
+    """Return the integer in an attribute, which must be 0 or more, or raise a ValueError."""
     text = (element.get(name) or default).strip()
     if not (text.isascii() and text.isdigit() and len(text) <= 18):
         raise ValueError(
-            f"a {element.tag} has the {name} {brief(text)}; expected a whole number, 0 or more"
+            f"the {name} of a {element.tag} is {brief(text)}; expected an integer, 0 or more"
         )
     return int(text)
 
 
 def numbers_in(text: str, kind: np.dtype[Any]) -> NDArray[Any]:
-    """Return the numbers of a type in a text, or raise a ValueError if it has anything else."""
+    """Return the numbers of a type in a text, or raise a ValueError for other words."""
     try:
         return np.array(text.split(), dtype=kind)
     except (ValueError, OverflowError) as error:
-        raise ValueError(f"an array has something else than numbers of type {kind}") from error
+        raise ValueError(f"an array has words that are not numbers of type {kind}") from error

@@ -17,7 +17,7 @@ from abfm import Parameters, ResultError, load, match
 from abfm.io import FORMAT_VERSION, load_arrays, save_arrays
 from abfm.io.results import open_archive
 from abfm.matching import Remedy, prepare
-from abfm.reading import open_plain, plain_files, read_bytes
+from abfm.reading import open_regular, read_bytes, regular_files
 from abfm.workers import Control
 from tests.core.fields import bump
 from tests.core.reading import hostile
@@ -352,8 +352,8 @@ def test_own_files_may_be_larger_than_those_of_others(path, monkeypatch):
     """As those of films with thousands of frames are."""
     save_arrays(path, result_arrays())
     size = path.stat().st_size
-    monkeypatch.setattr(plain_files, "FILE_BYTES_MAX", size // 100)
-    monkeypatch.setattr(open_plain.__wrapped__, "__defaults__", (size - 1,))
+    monkeypatch.setattr(regular_files, "FILE_BYTES_MAX", size // 100)
+    monkeypatch.setattr(open_regular.__wrapped__, "__defaults__", (size - 1,))
     with raises(OSError, size):
         read_bytes(path, size - 1)
     assert_array_equal(load_arrays(path)["velocity"], result_arrays()["velocity"])

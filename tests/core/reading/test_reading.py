@@ -18,7 +18,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.testing import assert_array_equal
 
 from abfm.errors import one_line
-from abfm.reading import array_from, inflated, open_plain, read_bytes, read_gifti
+from abfm.reading import array_from, inflated, open_regular, read_bytes, read_gifti
 from tests.core.reading.hostile import bomb, gifti, npy, npy_of
 from tests.messages import raises
 
@@ -55,9 +55,9 @@ def test_a_file_comes_whole_and_no_more_than_there_was_and_than_is_allowed(tmp_p
     assert read_bytes(tmp_path / "a") == read_bytes(tmp_path / "link") == b"\r\n\0whole"
     (tmp_path / "a").write_bytes(bytes(100))
     with raises(OSError, 100, 99) as caught:
-        read_bytes(tmp_path / "a", most=99)
+        read_bytes(tmp_path / "a", size_max=99)
     assert caught.value.errno == errno.EFBIG
-    with open_plain(tmp_path / "a", most=100) as file:
+    with open_regular(tmp_path / "a", size_max=100) as file:
         assert file.read() == bytes(100)
 
 
@@ -65,9 +65,9 @@ def test_a_file_comes_whole_and_no_more_than_there_was_and_than_is_allowed(tmp_p
 def test_compressed_data_comes_back_up_to_a_bound(packed):
     content = os.urandom(1000) + bytes(9000)
     data = packed(content)
-    assert inflated(data) == inflated(data, most=10_000) == content
+    assert inflated(data) == inflated(data, size_max=10_000) == content
     with raises(ValueError, 9999):
-        inflated(data, most=9999)
+        inflated(data, size_max=9999)
     damaged = bytearray(data)
     damaged[len(data) // 2] ^= 1
     for bad in (data[:1], data[:10], data[:-1], bytes(damaged)):
@@ -262,7 +262,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (gifti(PACKED, ONE.format(10), "GZipBase64Binary"), (36, 40)),
         (gifti(PACKED, ONE.format(8), "GZipBase64Binary"), (32,)),
         (gifti("AAAA", encoding="Base64Binary"), (3, 12)),
-        (gifti("A", encoding="Base64Binary"), ("Base64",)),
+        (gifti("A", encoding="Base64Binary"), ("base64",)),
         (gifti("1 2"), (3, 2)),
         (gifti("1 2 x"), ()),
         (gifti("1 2 3", ""), (0,)),

@@ -65,7 +65,7 @@ def test_what_can_be_read_in_two_ways_is_refused(text, named):
 
 
 def test_pairs_of_whole_numbers_are_two_columns_where_these_are_expected():
-    assert read_numbers("0,369\n1,25\n", whole=True)[1].tolist() == [[0, 369], [1, 25]]
+    assert read_numbers("0,369\n1,25\n", integers=True)[1].tolist() == [[0, 369], [1, 25]]
     assert read_numbers("a,b\n0,369\n1,25\n")[1].tolist() == [[0, 369], [1, 25]]
     assert read_numbers("0, 369\n1, 25.5\n")[1].tolist() == [[0, 369], [1, 25.5]]
 

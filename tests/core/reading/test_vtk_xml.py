@@ -108,7 +108,7 @@ BOMB = (
     [
         (b"", ("file", "empty")),
         (b"<GIFTI/>", ("GIFTI", "VTK")),
-        (b'<VTKFile type="ImageData"/>', ("ImageData", "VTK's", "UnstructuredGrid")),
+        (b'<VTKFile type="ImageData"/>', ("ImageData", "VTK", "UnstructuredGrid")),
         (b'<VTKFile type="PolyData"/>', (0,)),
         (b'<!DOCTYPE VTKFile [<!ATTLIST DataArray b CDATA "c">]><VTKFile/>', ("<!DOCTYPE",)),
         (RAW.replace(b'"9"', b'"8"', 1), (216, 192)),

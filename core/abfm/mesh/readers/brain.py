@@ -51,7 +51,7 @@ def read_ascii_surface(opened: Opened) -> FileContents:
     vertex_count, face_count = words.count("vertices"), words.count("faces")
     # the last column marks ripped vertices
     rows = words.numbers(4 * vertex_count, "the table of vertices").reshape(-1, 4)
-    faces = words.whole_numbers(4 * face_count, "the table of faces").reshape(-1, 4)
+    faces = words.integers(4 * face_count, "the table of faces").reshape(-1, 4)
     return FileContents(rows[:, :3].copy(), faces[:, :3].copy())
 
 
@@ -71,9 +71,7 @@ def read_mni_obj(opened: Opened) -> FileContents:
     if per_color > 2:
         raise ValueError(f"the number before the colours is {per_color}; expected 0, 1 or 2")
     words.numbers(4 * (1, polygon_count, point_count)[per_color], "the list of colours")
-    sizes = np.diff(words.whole_numbers(polygon_count, "the list of ends"), prepend=0)
+    sizes = np.diff(words.integers(polygon_count, "the list of ends"), prepend=0)
     if (sizes < 0).any():
         raise ValueError("the end indices of the polygons do not increase, as they should")
-    return split_polygons(
-        vertices, sizes, words.whole_numbers(int(sizes.sum()), "the list of corners")
-    )
+    return split_polygons(vertices, sizes, words.integers(int(sizes.sum()), "the list of corners"))

@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 
 from abfm.mesh.readers.contents import FileContents, Lists, split_polygons
-from abfm.reading import Opened, Words, decoded, number, split_lists, whole_number
+from abfm.reading import Opened, Words, decoded, integer, number, split_lists
 from abfm.types import FloatArray, IntArray
 
 _HEADER = re.compile(r"\s*+((?:ST|[CN4])*)OFF", re.IGNORECASE)
@@ -128,13 +128,13 @@ class _Text:
         """
         lists, rows = Lists(), _Rows(self._text, begin)
         for words in islice(rows, self._face_count):
-            corners = whole_number(words[0])
+            corners = integer(words[0])
             if not 0 <= corners < len(words):
                 raise ValueError(
                     f"face {lists.polygon_count}, counting from 0, announces {corners} corners, "
                     f"but its line has {len(words) - 1}"
                 )
-            lists.add_polygon(list(map(whole_number, words[1 : 1 + corners])))
+            lists.add_polygon(list(map(integer, words[1 : 1 + corners])))
         sizes, corners_of_all = lists.polygons()
         if len(sizes) < self._face_count:
             raise ValueError("the file is cut off: faces are missing")
@@ -149,7 +149,7 @@ class _Text:
         try:
             return table, *self._faces_by_lines(words.place)[:2]
         except ValueError:
-            return table, *split_lists(words.whole_numbers(None, "faces"), self._face_count)
+            return table, *split_lists(words.integers(None, "faces"), self._face_count)
 
 
 def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:

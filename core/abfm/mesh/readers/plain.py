@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from abfm.mesh.readers.contents import FileContents, Lists, merge_by_position
-from abfm.reading import Opened, decoded, whole_number
+from abfm.reading import Opened, decoded, integer
 from abfm.types import FloatArray
 
 _HEAD = 1000  # number of characters in which a binary file has a zero byte
@@ -55,7 +55,7 @@ def obj_index(word: str, count: int) -> int:
 
     The file counts from 1, or backwards from -1, the last of ``count`` vertices.
     """
-    index = whole_number(word.partition("/")[0])
+    index = integer(word.partition("/")[0])
     if index == 0:
         raise ValueError("a face refers to vertex 0, but OBJ counts vertices from 1")
     return index - 1 if index > 0 else count + index

@@ -22,9 +22,9 @@ from abfm.reading import (
     PointData,
     Polygons,
     decoded,
+    integer,
     number,
     triangles_of_strips,
-    whole_number,
 )
 from abfm.types import FloatArray, IntArray
 
@@ -186,7 +186,7 @@ def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
     for words in header:
         match words:
             case ["element", name, count] if count.isascii() and count.isdigit():
-                elements.append(_Element(name, whole_number(count), []))
+                elements.append(_Element(name, integer(count), []))
             case ["property", "list", length, kind, name] if (
                 elements and kind in _CODES and length in _CODES
             ):
@@ -213,7 +213,7 @@ def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
             for p in element.properties:
                 if size >= len(words):
                     raise _cut_off(element)
-                size += 1 + (max(whole_number(words[size]), 0) if p.length_code else 0)
+                size += 1 + (max(integer(words[size]), 0) if p.length_code else 0)
             rows.append(b" ".join(words[:size]))
     return b"\n".join(rows)
 

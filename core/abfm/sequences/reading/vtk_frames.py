@@ -19,7 +19,7 @@ from abfm.reading import (
     Opened,
     counts_of,
     from_json,
-    most_inflated,
+    inflated_size_max,
     open_file,
     read_bytes,
     read_collection,
@@ -144,7 +144,7 @@ def _of_grids(entries: Sequence[TimedFile], mesh: TriangleMesh, array: str | Non
         raise ValueError(
             f"it lists {len(entries)} frames but only {len(files)} files; list each file once"
         )
-    bytes_max = most_inflated(sum(_size(file) for file in files))
+    bytes_max = inflated_size_max(sum(_size(file) for file in files))
     found: dict[Path, Grid] = {}
     distance = 0.0
     with stepped("reading frames", files) as counted_files:

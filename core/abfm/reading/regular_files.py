@@ -1,8 +1,8 @@
-"""Reading plain files of bounded size, bounded decompression, and arrays of NumPy.
+"""Reading of regular files of bounded size, bounded decompression, and NumPy arrays.
 
-The kind and the size of a file are checked before it is read. The header of an array (.npy) must
-fit the bytes that follow it: NumPy reads the header, but not the array, for which it would reserve
-memory first.
+The type and the size of a file are checked before it is read. The header of an array (.npy) must
+agree with the number of bytes after it. Only the header is read by NumPy, as its reader of arrays
+would allocate memory before this check.
 """
 
 import errno
@@ -29,56 +29,59 @@ from numpy.typing import NDArray
 from abfm.errors import brief, one_line
 
 FILE_BYTES_MAX = 4 << 30
-"""Bytes of the largest file that is read."""
-# inflated data may have so many bytes, or so many times those of its file
+"""Size of the largest file that is read, in bytes."""
+# Limits of decompressed data: this many bytes, or, if larger, this many times the compressed size.
 _INFLATED_BYTES_MIN = 64 << 20
 _INFLATION_MAX = 20
 _NPY_HEADERS = {
     (1, 0): npy.read_array_header_1_0,
     (2, 0): npy.read_array_header_2_0,
-    (3, 0): npy.read_array_header_2_0,  # whose letters beyond ASCII are in names of fields
+    (3, 0): npy.read_array_header_2_0,  # differs only in names of fields
 }
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _BLOCK_BYTES = 1 << 20
-_LOCAL_HEADER_BYTES = 30  # of a zip's member, without its name and extra field
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
-# what is no plain file and no folder, by its mode's format
+_LOCAL_HEADER_BYTES = 30  # of a member of a zip, without its name and extra field
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # methods that can be read in bounded steps
+# names of types of files other than regular files and folders
 SPECIAL_FILES = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 SPECIAL_FILES |= dict.fromkeys((stat.S_IFCHR, stat.S_IFBLK), "a device")
 
 
 @contextmanager
-def open_plain(path: str | os.PathLike[str], most: int = FILE_BYTES_MAX) -> Iterator[BinaryIO]:
-    """Open a plain file for reading: no folder, pipe, socket or device, of at most so many bytes.
+def open_regular(
+    path: str | os.PathLike[str], size_max: int = FILE_BYTES_MAX
+) -> Iterator[BinaryIO]:
+    """Open a regular file of at most ``size_max`` bytes for reading.
 
-    It is looked at before it is opened, as opening alone makes some devices act, and again when it
-    is open. The ``strerror`` of an OSError reports why it cannot be read.
+    Folders, pipes, sockets and devices are refused. They are detected before the file is opened, as
+    opening alone may trigger a device, and again when it is open. The ``strerror`` of an OSError
+    describes the problem.
     """
     try:
-        _check(os.stat(path), most)
-    except ValueError:  # a name with a zero in it
+        _check(os.stat(path), size_max)
+    except ValueError:  # a name with a zero byte
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)) from None
     descriptor = os.open(path, _FLAGS)
     with os.fdopen(descriptor, "rb") as file:
-        _check(os.fstat(descriptor), most)
+        _check(os.fstat(descriptor), size_max)
         yield file
 
 
-def read_bytes(path: str | os.PathLike[str], most: int = FILE_BYTES_MAX) -> bytes:
-    """Read all of a plain file that there is when it is opened; see `open_plain`."""
-    with open_plain(path, most) as file:
+def read_bytes(path: str | os.PathLike[str], size_max: int = FILE_BYTES_MAX) -> bytes:
+    """Read the contents that a regular file has when it is opened; see `open_regular`."""
+    with open_regular(path, size_max) as file:
         size = os.fstat(file.fileno()).st_size
         try:
             return file.read(size)
         except MemoryError:
-            raise OSError(errno.ENOMEM, f"its {size} bytes do not fit into memory") from None
+            raise OSError(errno.ENOMEM, f"the {size} bytes do not fit into memory") from None
 
 
 def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
-    """Return the path of a file that another file names.
+    """Return the path of a file that another file refers to.
 
-    Files from others must not choose what is read on this machine: the named file is in the folder
-    of the file that names it, or below. Symbolic links there are followed.
+    For security, it must be in the folder of the referring file or below. A downloaded file must
+    not choose which files of this computer are read. Symbolic links in the folder are followed.
 
     Raises
     ------
@@ -89,19 +92,22 @@ def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
     path = os.path.abspath(os.path.join(folder, name))
     if not path.startswith(os.path.join(folder, "")):
         raise ValueError(
-            f"it refers to the file {brief(name)}; only files in its own folder or below are read: "
-            "move the file there and correct its name"
+            f"the file refers to {brief(name)}, but only files in the same folder or below are "
+            "read. Move it there and correct the name"
         )
     return Path(path)
 
 
-def inflated(data: bytes, most: int | None = None) -> bytes:
-    """Decompress what a gzip file, or zlib's compressed data, holds.
+def inflated(data: bytes, size_max: int | None = None) -> bytes:
+    """Decompress data of gzip or zlib.
 
-    A ValueError reports that it is damaged, cut short, or has more bytes than ``most``, or than
-    `most_inflated` gives.
+    Raises
+    ------
+    ValueError
+        If the data are damaged or cut off, or have more than ``size_max`` bytes. The default is
+        `inflated_size_max`.
     """
-    bound = most_inflated(len(data)) if most is None else most
+    bound = inflated_size_max(len(data)) if size_max is None else size_max
     try:
         if data[:2] == b"\x1f\x8b":
             with gzip.GzipFile(fileobj=BytesIO(data)) as file:
@@ -110,94 +116,102 @@ def inflated(data: bytes, most: int | None = None) -> bytes:
             stream = zlib.decompressobj()
             found = stream.decompress(data, bound + 1)
             if len(found) <= bound and not stream.eof:
-                raise EOFError("the compressed data is cut short")
+                raise EOFError("the compressed data are cut off")
     except (OSError, EOFError, zlib.error) as error:
-        raise ValueError("its compressed data is damaged or cut short") from error
+        raise ValueError("the compressed data are damaged or cut off") from error
     if len(found) > bound:
         raise ValueError(
-            f"its {len(data)} bytes of compressed data hold more than {bound}, the most that is "
-            "read"
+            f"{len(data)} bytes of compressed data become more than {bound} bytes, the largest "
+            "size that is read"
         )
     return found
 
 
-def most_inflated(size: int) -> int:
-    """Return the bytes that what a file of this size holds may have when it is decompressed."""
+def inflated_size_max(size: int) -> int:
+    """Return the largest accepted size of decompressed data for a file of this size, in bytes."""
     return max(_INFLATED_BYTES_MIN, _INFLATION_MAX * size)
 
 
-def _check(status: os.stat_result, most: int) -> None:
+def _check(status: os.stat_result, size_max: int) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
         kind = SPECIAL_FILES.get(stat.S_IFMT(status.st_mode), "something else")
-        raise OSError(errno.EINVAL, f"it is {kind}, not a file as is expected")
-    if status.st_size > most:
-        raise OSError(errno.EFBIG, f"it has {status.st_size} bytes, and at most {most} are read")
+        raise OSError(errno.EINVAL, f"this is {kind}; expected a regular file")
+    if status.st_size > size_max:
+        raise OSError(
+            errno.EFBIG, f"the file has {status.st_size} bytes; expected at most {size_max}"
+        )
 
 
 def from_json(text: str | bytes) -> Any:
-    """Return what a text in JSON holds, or raise a ValueError in plain words."""
+    """Return the value of a JSON text, or raise a ValueError with a readable message."""
     try:
         return json.loads(text)
     except RecursionError:
-        raise ValueError("its JSON is nested too deeply") from None
+        raise ValueError("the JSON is nested too deeply") from None
     except json.JSONDecodeError as error:
-        raise ValueError(f"its JSON is damaged in line {error.lineno}: {error.msg}") from None
+        raise ValueError(f"the JSON is damaged in line {error.lineno}: {error.msg}") from None
     except UnicodeDecodeError:
         raise
     except ValueError:
-        raise ValueError("its JSON has a number of too many digits") from None
+        raise ValueError("the JSON has a number with too many digits") from None
 
 
 def array_from(data: bytes) -> NDArray[Any]:
-    """Return the array of numbers, booleans or texts that the bytes of a .npy file hold.
+    """Return the array of numbers, booleans or texts of a .npy file.
 
-    A ValueError reports that they hold anything else, or are more or fewer than the array.
+    Raises
+    ------
+    ValueError
+        If the array has another type, or its size is not that of the data.
     """
     start, shape, is_fortran, dtype = _header(data, len(data))
     array = np.frombuffer(data, dtype, math.prod(shape), start)
     if dtype.kind == "b" and (array.view(np.uint8) > 1).any():
-        raise ValueError("a boolean is neither 0 nor 1")
+        raise ValueError("a boolean value is neither 0 nor 1")
     if dtype.kind == "U":
         letters = array.view(np.dtype("u4").newbyteorder(dtype.byteorder))
         if (letters > sys.maxunicode).any():
-            raise ValueError("a letter is none of Unicode's")
+            raise ValueError("a text has a character that is not in Unicode")
     return array.reshape(shape, order="F" if is_fortran else "C").copy(order="K")
 
 
 def _header(data: bytes, total: int) -> tuple[int, tuple[int, ...], bool, np.dtype[Any]]:
-    """Return where the array of a .npy file of so many bytes begins, its shape, whether it is in
-    Fortran's order, and its type; ValueError as of `array_from`.
+    """Return the offset, shape, Fortran order and type of the array of a .npy file.
+
+    ``total`` is the size of the file, and ``data`` its beginning. Errors are those of `array_from`.
     """
     file = BytesIO(data)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+            warnings.simplefilter("ignore")  # about headers written by Python 2
             shape, is_fortran, dtype = _NPY_HEADERS[npy.read_magic(file)](file)
     except Exception as error:
         reason = one_line(error, 80)
         raise ValueError(
-            f"its header is damaged, or not of a .npy file of version 1, 2 or 3 ({reason})"
+            f"the header is damaged, or is not that of a .npy file of version 1, 2 or 3 ({reason})"
         ) from error
     if dtype.kind not in "biufcSU" or dtype.itemsize == 0:
-        raise ValueError(f"its type is {one_line(dtype, 40)}; expected numbers, such as '<f8'")
+        raise ValueError(
+            f"the type of the array is {one_line(dtype, 40)}; expected numbers, such as '<f8'"
+        )
     start, size = file.tell(), math.prod(shape) * dtype.itemsize
     if min(shape, default=0) < 0 or start + size != total:
         raise ValueError(
-            f"its size is not what its header says: {total - start} bytes follow, and {dtype} "
-            f"of shape {one_line(shape, 60)} have {size}"
+            f"the size does not match the header: {total - start} bytes follow it, but an array of "
+            f"{dtype} of shape {one_line(shape, 60)} has {size}"
         )
     return start, shape, is_fortran, dtype
 
 
 class Archive(Mapping[str, NDArray[Any]]):
-    """A zip open for reading: its arrays by name, in all no more bytes than it can hold."""
+    """Arrays of a zip file that is open for reading, by name; their total size is limited."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file, self._zip = file, zipfile.ZipFile(file)
         size = file.seek(0, os.SEEK_END)
-        self._left, self._most = most_inflated(size), max(FILE_BYTES_MAX, size)
+        self._budget, self._size_max = inflated_size_max(size), max(FILE_BYTES_MAX, size)
         names = self._zip.namelist()
         self._names = {name.removesuffix(".npy") for name in names if name.endswith(".npy")}
         self.packed = [member.filename for member in self._zip.infolist() if member.compress_type]
@@ -219,10 +233,10 @@ class Archive(Mapping[str, NDArray[Any]]):
             raise ValueError(f"{name}: {one_line(error)}") from error
 
     def mapped(self, name: str) -> NDArray[Any]:
-        """Return an array of numbers that stays in the file, which must not be changed meanwhile.
+        """Return a memory map of an array of numbers; the file must not change while it is used.
 
-        It is read into memory if it is compressed, and on Windows, where no other file could
-        take the place of one that is mapped.
+        The array is read into memory if it is compressed, and also on Windows, where a mapped file
+        cannot be replaced.
         """
         self._check_name(name)
         member = self._zip.getinfo(f"{name}.npy")
@@ -230,7 +244,7 @@ class Archive(Mapping[str, NDArray[Any]]):
             return self[name]
         with self._zip.open(member) as content:
             begin = content.read(_BLOCK_BYTES)
-            while content.read(_BLOCK_BYTES):  # to its end, where its checksum is compared
+            while content.read(_BLOCK_BYTES):  # zipfile compares the checksum at the end
                 pass
         try:
             start, shape, is_fortran, dtype = _header(begin, member.file_size)
@@ -246,42 +260,42 @@ class Archive(Mapping[str, NDArray[Any]]):
 
     def _check_name(self, name: str) -> None:
         if name not in self._names:
-            raise KeyError(f"it lacks {name}")
+            raise KeyError(f"the file has no array {name}")
         if (count := self._zip.namelist().count(f"{name}.npy")) > 1:
-            raise ValueError(f"{count} of its arrays are called {brief(name)}: rename all but one")
+            raise ValueError(f"{count} arrays are named {brief(name)}. Rename all but one")
 
-    def read(self, name: str, most: int | None = None) -> bytes:
-        """Return the bytes of a member; damage makes any error of the zip's reader."""
-        member = self._member(name, self._most if most is None else most)
+    def read(self, name: str, size_max: int | None = None) -> bytes:
+        """Return the bytes of a member; a damaged zip raises any error of ``zipfile``."""
+        member = self._member(name, self._size_max if size_max is None else size_max)
         with self._zip.open(member) as file:
             return file.read(member.file_size + 1)
 
     def part(self, name: str) -> BufferedReader:
-        """Return a member that is not compressed as an open file, such as a zip in a zip."""
-        member = self._member(name, self._most)
+        """Return an uncompressed member, such as a zip in the zip, as an open file."""
+        member = self._member(name, self._size_max)
         if member.compress_type:
-            raise ValueError(f"{name} is compressed; expected it as it is")
+            raise ValueError(f"{name} is compressed; expected an uncompressed member")
         with self._zip.open(member):
             start = self._file.tell()
         return BufferedReader(_Part(self._file, name, start, member.file_size))
 
-    def _member(self, name: str, most: int) -> zipfile.ZipInfo:
-        """Return a member that may be read."""
+    def _member(self, name: str, size_max: int) -> zipfile.ZipInfo:
+        """Return a member after its size and compression were checked."""
         member = self._zip.getinfo(name)
-        if member.file_size > most:
-            raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
-        self._left -= member.file_size
-        if self._left < 0:
+        if member.file_size > size_max:
+            raise ValueError(f"{name} has {member.file_size} bytes; expected at most {size_max}")
+        self._budget -= member.file_size
+        if self._budget < 0:
             raise ValueError(
-                f"its members up to {name} have more bytes than a zip of this size can hold"
+                f"the members up to {name} are too large in total for a zip of this size"
             )
         if member.compress_type not in _METHODS:
-            raise ValueError(f"{name} is compressed by a method other than deflate")
+            raise ValueError(f"{name} has another compression method than deflate")
         return member
 
 
 class _Part(RawIOBase):
-    """A part of an open file, to be read like a file; the seek of zip members reads all before."""
+    """Part of an open file with fast seeking; seeking in ``zipfile`` reads everything before."""
 
     def __init__(self, file: BinaryIO, name: str, start: int, size: int) -> None:
         self.name = name
