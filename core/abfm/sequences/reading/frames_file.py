@@ -89,6 +89,6 @@ def _refuse_numbers_of_vertices(given: NDArray[Any]) -> None:
     for begin in (0, 1):
         if given.shape[1] > 1 and np.array_equal(given[:, 0], np.arange(begin, begin + count)):
             raise ValueError(
-                f"its first column has the numbers from {begin} to {begin + count - 1} in order. "
-                "These are vertex numbers, not a frame. Remove the column."
+                f"its first column numbers the vertices from {begin} to {begin + count - 1} and "
+                "is not a frame. Remove the column."
             )
