@@ -1,4 +1,4 @@
-"""Options of all tests, the threads of one process, and what is checked at the end of a run."""
+"""Options of all tests, threads of compiled libraries, and checks at the end of a run."""
 
 import gc
 import os
@@ -9,7 +9,7 @@ from hypothesis import settings
 from tests.messages import MessageSnapshot
 from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
 
-# the last one is Mesa's
+# LP_NUM_THREADS is a variable of Mesa
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # with pytest-xdist there is a process for each core
 _SLOW_TEST_NAMES = (
@@ -21,7 +21,7 @@ _SLOW_TEST_NAMES = (
     "test_attack",
 )
 """Parts of the names of tests that take 10 seconds or more, the longest first."""
-# no test is about time, and machines are busy; each run draws other examples
+# no deadline, since machines may be busy; each run draws new examples
 settings.register_profile("untimed", deadline=None, max_examples=50)
 settings.load_profile("untimed")
 
@@ -35,7 +35,7 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(items):
-    # what takes longest is not begun last, when other processes have nothing left to do
+    # the longest tests start first, so that all processes end at about the same time
     def rank(item):
         return next(
             (k for k, name in enumerate(_SLOW_TEST_NAMES) if name in item.nodeid),
@@ -47,7 +47,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """Neither now nor later what thousands of tests are made of is looked through for garbage."""
+    """Exclude the collected tests from garbage collection, since there are thousands."""
     gc.disable()
     try:
         return (yield)
@@ -62,5 +62,5 @@ def pytest_configure(config):
 
 
 def pytest_xdist_auto_num_workers():
-    """Run one process more than there are cores, as tests wait for processes of their own."""
+    """Return one process more than there are cores, as tests wait for subprocesses."""
     return (os.cpu_count() or 1) + 1

@@ -1,7 +1,7 @@
-"""The most memory that a process has had.
+"""Peak memory of the current process.
 
-`ru_maxrss` tells on Linux also what another process had of which this one was made: in a child of a
-process that is larger it stays as it is.
+On Linux, `ru_maxrss` includes the peak of the parent process. In a child of a larger process it
+therefore does not change.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def megabytes():
-    """The most that this process has had since `forget`, or ever where nothing is forgotten."""
+    """Return the peak memory of this process since `forget`, or since its start."""
     if sys.platform == "linux":
         status = Path("/proc/self/status").read_text()
         return int(re.search(r"^VmHWM:\s*(\d+) kB$", status, re.MULTILINE)[1]) / 1e3
@@ -21,6 +21,6 @@ def megabytes():
 
 
 def forget():
-    """Count from now on: what was needed before does not hide what is needed next."""
-    with contextlib.suppress(OSError):  # where the system has no such thing
+    """Reset the peak, so that earlier use of memory does not hide later use."""
+    with contextlib.suppress(OSError):  # if the system does not support it
         Path("/proc/self/clear_refs").write_text("5")

@@ -1,4 +1,4 @@
-"""Programs that tests run, and what they say."""
+"""Programs that tests run, and processes."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ _REFUSED_SECONDS_MAX = 120
 
 
 def run(*words, **options):
-    """Run a program to its end, which must come, and return its exit status and what it said."""
+    """Run a program with a time limit; return its exit status and output."""
     usual = {"capture_output": True, "text": True, "check": False, "timeout": _SECONDS_MAX}
     return subprocess.run(argv(*words), **usual | options)
 
@@ -28,18 +28,18 @@ def python(code, *words, **options):
 
 
 def argv(*words):
-    """Return the words of a command line as text; a path is one word whatever is in its name."""
+    """Return the arguments of a command line as texts; a path with blanks is one argument."""
     return [*map(str, words)]
 
 
 def words_of(line, **places):
-    """Return the words of a command line; names in braces are paths, which may have blanks."""
+    """Return the arguments of a command line; names in braces are paths that may have blanks."""
     return [word.format(**places) for word in line.split()]
 
 
 @contextmanager
 def refused_soon():
-    """Fail, instead of working on, if a command that must be refused is accepted."""
+    """Fail if a command that must be refused is still running after two minutes."""
 
     def fail(number, frame):
         pytest.fail("a command that must be refused was accepted")
@@ -54,7 +54,7 @@ def refused_soon():
 
 
 def children():
-    """Numbers of the processes that this one has started and that have not ended."""
+    """Return the ids of the running child processes."""
     found = set()
     for thread in Path(f"/proc/{os.getpid()}/task").iterdir():
         with suppress(OSError):  # it may have ended
@@ -63,13 +63,14 @@ def children():
 
 
 def family(number):
-    """Return the numbers of a process and of all below it."""
+    """Return the ids of a process and of its descendants."""
     with suppress(psutil.NoSuchProcess):
         return [number, *(each.pid for each in psutil.Process(number).children(recursive=True))]
     return [number]
 
 
 def kill(number):
+    """Kill a process if it exists."""
     with suppress(ProcessLookupError):
         os.kill(number, signal.SIGKILL)
 

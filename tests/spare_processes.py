@@ -1,6 +1,4 @@
-"""Processes that go from one worker to the next: starting one takes longer than most of what tests
-ask of it, and is no subject of theirs.
-"""
+"""Worker processes that several tests share, since starting one takes longer than most tests."""
 
 from contextlib import contextmanager
 
@@ -11,21 +9,22 @@ from abfm.workers.worker import Worker, no_state
 
 
 @contextmanager
-def spared():
-    """Have a process without a state that is idle when it is closed serve the next one that is
-    wanted; who waits for an answer, or asks for a state, gets what there is without.
-    """
-    begin, close, spare = worker._Connection, Worker.close, []
+def reused_processes():
+    """Reuse idle worker processes without a state for later workers.
 
-    def begun(make_state, message, environment):
+    A closed worker with running calls or with a state ends its process as usual.
+    """
+    connect, close, spare = worker._Connection, Worker.close, []
+
+    def reuse(make_state, message, environment):
         for wanted, connection in spare:
             if (make_state, environment) == wanted and not connection.process.has_ended:
                 spare.remove((wanted, connection))
                 connection._ended_message = message
                 return connection
-        return begin(make_state, message, environment)
+        return connect(make_state, message, environment)
 
-    def closed(self):
+    def set_aside(self):
         with self._lock:
             connection, self._closed = self._connection, True
             if self._make_state is no_state and connection is not None and not connection._calls:
@@ -34,8 +33,8 @@ def spared():
         close(self)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(worker, "_Connection", begun)
-        patch.setattr(Worker, "close", closed)
+        patch.setattr(worker, "_Connection", reuse)
+        patch.setattr(Worker, "close", set_aside)
         yield
     for _, connection in spare:
         connection.process.close()

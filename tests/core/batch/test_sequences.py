@@ -15,7 +15,7 @@ from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import reporting_steps
 from tests.core.batch.rows import ONE
 from tests.messages import check_message
-from tests.spare_processes import spared
+from tests.spare_processes import reused_processes
 
 EIGHT = abfm.load_mesh(asset_path("eight.off"))
 X = EIGHT.vertices[:, 0] / EIGHT.length_scale
@@ -24,7 +24,7 @@ FRAMES = np.array([np.sin(6 * (X - 0.02 * t)) for t in range(3)])
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_process_for_one_run_after_the_other():
-    with spared():
+    with reused_processes():
         yield
 
 

@@ -1,4 +1,4 @@
-"""Factorisations, what stays of them, and libraries that have little more memory than they use."""
+"""Factorisations, their memory, and compiled libraries with little spare memory."""
 
 import sys
 
@@ -11,7 +11,7 @@ from abfm.numerics.cholesky import factor
 from tests.processes import python
 
 UNKNOWNS, TIMES = 20_000, 200
-AGAIN_AND_AGAIN = f"""
+REPEATED_FACTORISATION = f"""
 import resource
 import numpy as np
 from scipy import sparse
@@ -19,24 +19,25 @@ from abfm.numerics.cholesky import factor
 
 matrix = sparse.csr_array(sparse.diags_array(4.0 - np.arange({UNKNOWNS}) % 2))
 for time in range({TIMES} + 1):
-    kept = factor(matrix)
-    kept(np.ones({UNKNOWNS}))
+    solve = factor(matrix)
+    solve(np.ones({UNKNOWNS}))
     if time == 0:
         begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - begin)
 """
 
 
-def test_nothing_stays_of_those_that_are_forgotten_and_none_is_reported_in_the_end():
-    done = python(AGAIN_AND_AGAIN, check=True)
+def test_released_factorisations_leak_no_memory():
+    """Released factorisations free their memory and print no leak report at exit."""
+    done = python(REPEATED_FACTORISATION, check=True)
     assert not done.stderr
     each = int(done.stdout) * (1 if sys.platform == "darwin" else 1024) / TIMES
-    assert each < UNKNOWNS  # bytes; eight for each unknown if the latest right-hand side stays
+    assert each < UNKNOWNS  # bytes; a leaked right-hand side has eight for each unknown
 
 
 @pytest.mark.parametrize("unknowns", [0, 1, 2, 50])
 @pytest.mark.parametrize("by_cholespy", [True, False])
-def test_it_solves(unknowns, by_cholespy, monkeypatch):
+def test_solver_solves_linear_systems(unknowns, by_cholespy, monkeypatch):
     if not by_cholespy:
         monkeypatch.setattr(cholesky, "CholeskySolverD", None)
     rng = np.random.default_rng(unknowns)
@@ -46,7 +47,7 @@ def test_it_solves(unknowns, by_cholespy, monkeypatch):
     for x in rng.standard_normal((2, unknowns)):
         given = matrix @ x
         np.testing.assert_allclose(solve(given), x, atol=1e-12)
-        np.testing.assert_array_equal(given, matrix @ x)  # input is left alone
+        np.testing.assert_array_equal(given, matrix @ x)  # the input is unchanged
 
 
 RUNS = """
@@ -98,10 +99,10 @@ with_little_more(lambda: cholesky.factor(grid)(np.ones(3600)), most=8_000)
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory has no limit to be set")
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems cannot limit memory")
 @pytest.mark.parametrize("what", [DISTANCES, FACTORISATION], ids=["distances", "factorisation"])
-def test_a_library_is_not_called_where_memory_would_run_out_inside_it(what):
-    """There it may not only raise a MemoryError (3) but, by chance, crash (below 0)."""
+def test_missing_memory_is_detected_before_the_library_call(what):
+    """Inside the library it might raise MemoryError (3) or crash (below 0)."""
     done = python(RUNS + what, check=True)
     assert set(done.stdout.split()) == {"0", "1"}
     assert done.stderr == ""

@@ -1,4 +1,4 @@
-"""What all kernels keep to, so that compiled code from disk is the code that was written."""
+"""Rules that all kernels obey, so that cached code equals the source."""
 
 import importlib
 import inspect
@@ -10,13 +10,14 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import abfm
-import abfm.numerics.kernels  # which listens
+import abfm.numerics.kernels  # registers the listener for compilation
 from abfm.workers.progress import reporting_steps
 from tests.messages import check_names
 from tests.processes import python
 
 
 def all_kernels():
+    """Yield the Python functions of all kernels of the library."""
     for module in pkgutil.walk_packages(abfm.__path__, "abfm."):
         if not module.name.endswith("__main__"):
             for value in vars(importlib.import_module(module.name)).values():
@@ -31,7 +32,7 @@ def test_no_kernel_is_a_generator():
     assert [k.__qualname__ for k in kernels if inspect.isgeneratorfunction(k)] == []
 
 
-def test_a_kernel_that_changes_reaches_those_that_call_it_from_another_file(tmp_path):
+def test_changed_kernel_recompiles_callers_in_other_files(tmp_path):
     file = "from abfm.numerics.kernels import kernel\n{}@kernel\ndef {}(x):\n    return {}\n"
     for name, text in {
         "middle": file.format("from lower import f\n", "g", "f(x)"),
@@ -45,7 +46,7 @@ def test_a_kernel_that_changes_reaches_those_that_call_it_from_another_file(tmp_
     assert len(list((tmp_path / "__pycache__").glob("upper.h_*.nbi"))) == 2
 
 
-def test_a_damaged_file_of_compiled_code_is_compiled_anew(tmp_path):
+def test_damaged_cache_files_are_recompiled(tmp_path):
     code = (
         "from abfm.numerics.kernels import inner; import numpy; "
         "print(inner(numpy.ones(3), numpy.ones(3)), len(inner.stats.cache_hits))"
@@ -68,7 +69,7 @@ def test_a_damaged_file_of_compiled_code_is_compiled_anew(tmp_path):
 
 
 @pytest.mark.parametrize("value", ["0", "many"])
-def test_settings_that_numba_does_not_take_are_refused_in_one_line(value):
+def test_invalid_numba_settings_give_one_line(value):
     code = "import abfm\ntry: abfm.match\nexcept abfm.AbfmError as error: print(error)"
     done = python(code, env=os.environ | {"NUMBA_NUM_THREADS": value})
     assert done.stderr == ""
@@ -76,10 +77,10 @@ def test_settings_that_numba_does_not_take_are_refused_in_one_line(value):
     assert done.stdout.count("\n") == 1
 
 
-def test_who_waits_is_told_that_a_kernel_is_compiled():
-    twice = numba.njit(lambda x: 2 * x)  # which is not kept on disk, as kernels are
-    told = []
-    with reporting_steps(told.append):
+def test_compilation_is_reported_as_a_step():
+    twice = numba.njit(lambda x: 2 * x)  # not cached on disk, unlike kernels
+    reported = []
+    with reporting_steps(reported.append):
         for _ in range(2):
             assert twice(3) == 6
-    assert [each and each.task for each in told] == ["compiling, once on this machine", None]
+    assert [each and each.task for each in reported] == ["compiling, once on this machine", None]

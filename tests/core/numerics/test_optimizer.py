@@ -38,7 +38,8 @@ def rosenbrock(x):
     return Point(float(rosen(x)), rosen_der(x))
 
 
-def test_rosenbrock_reaches_the_minimum_of_scipy_and_a_stationary_start_is_converged():
+def test_rosenbrock_minimum_equals_scipy():
+    """A stationary start is converged."""
     start = np.array([-1.2, 1.0, 0.5, -0.7, 1.3])
     state, energies = run(LBFGS(rosenbrock, tolerance=1e-9), start)
     expected = minimize(rosen, start, jac=rosen_der, method="BFGS").x
@@ -48,7 +49,7 @@ def test_rosenbrock_reaches_the_minimum_of_scipy_and_a_stationary_start_is_conve
     assert search.stop_reason(search.init(np.ones(3))) == "converged"
 
 
-def test_a_perfect_preconditioner_needs_one_step():
+def test_perfect_preconditioner_needs_one_step():
     diagonal, target = np.logspace(0, 6, 30), np.arange(30.0)
 
     def quadratic(x):
@@ -60,7 +61,7 @@ def test_a_perfect_preconditioner_needs_one_step():
     assert len(run(LBFGS(quadratic), np.zeros(30))[1]) > 11
 
 
-def test_steps_are_no_longer_than_allowed():
+def test_steps_respect_the_largest_size():
     lengths = []
     search = LBFGS(lambda x: Point(float(0.5 * x @ x), x.copy()), step_size_max=0.25)
     state = search.init(np.full(4, 3.0))
@@ -72,7 +73,7 @@ def test_steps_are_no_longer_than_allowed():
     assert lengths[0] > 0
 
 
-def test_infinite_energies_are_stepped_around():
+def test_infinite_energies_shorten_the_step():
     def walled(x):
         energy = float(-x[0] - 0.1 * np.log(1 - x[0])) if x[0] < 1 else np.inf
         return Point(energy, -1 + 0.1 / (1 - x))
@@ -81,7 +82,8 @@ def test_infinite_energies_are_stepped_around():
     assert state.x == pytest.approx(0.9, abs=1e-6)
 
 
-def test_nothing_lower_is_a_named_failure_that_keeps_the_iterate():
+def test_failed_line_search_keeps_the_iterate():
+    """Without a lower energy the stop reason is "line search failed"."""
     search = LBFGS(lambda x: Point(float(x @ x), -2 * x))
     state, energies = run(search, [1.0, 2.0])
     assert search.stop_reason(state) == "line search failed"
@@ -96,7 +98,7 @@ def test_nothing_lower_is_a_named_failure_that_keeps_the_iterate():
     first=st.floats(1e-4, 100),
     shift=st.floats(0.1, 10),
 )
-def test_accepted_lengths_satisfy_the_strong_wolfe_conditions(bend, wave, first, shift):
+def test_accepted_lengths_satisfy_strong_wolfe_conditions(bend, wave, first, shift):
     def value(t):
         return bend * (t - shift) ** 2 + wave * np.sin(5 * t)
 
@@ -118,7 +120,9 @@ def test_accepted_lengths_satisfy_the_strong_wolfe_conditions(bend, wave, first,
     assert abs(found.slope) <= WOLFE_CURVATURE * abs(start.slope) or len(tried) == TRIALS_MAX
 
 
-def test_a_preconditioner_that_rounds_small_changes_away_is_no_division_by_zero():
+def test_rounding_preconditioner_causes_no_division_by_zero():
+    """A preconditioner may round small gradient changes to 0."""
+
     def quadratic(x):
         return Point(float(0.5 * x @ (x * [1, 1.001])), x * [1, 1.001])
 
@@ -129,26 +133,27 @@ def test_a_preconditioner_that_rounds_small_changes_away_is_no_division_by_zero(
     assert np.isfinite(state.scale)
 
 
-def test_slopes_are_asked_for_only_where_the_value_is_low_enough():
-    asked, tried = [], []
+def test_slopes_are_computed_only_at_low_values():
+    slopes, tried = [], []
 
     def evaluate(t):
         tried.append(t)
         return Point((t - 1) ** 2 if t < 3 else np.inf, np.array([2 * (t - 1)]))
 
     def slope_at(point):
-        asked.append(point.energy)
+        slopes.append(point.energy)
         return float(point.gradient[0])
 
     start = Trial(0.0, 1.0, -2.0, Point(1.0, np.array([-2.0])))
     found = strong_wolfe(evaluate, slope_at, start, 25.0, np.inf)
     assert tried[:2] == [25.0, 2.5]
-    assert len(tried) == 3  # the parabola through 0 and 2.5 has its bottom at 1
+    assert len(tried) == 3  # the parabola through 0 and 2.5 has its minimum at 1
     assert found.length == pytest.approx(1.0)
-    assert asked == [found.value]
+    assert slopes == [found.value]
 
 
-def test_a_plain_search_does_not_depend_on_the_frame_of_its_unknowns():
+def test_plain_search_is_rotation_invariant():
+    """Without a preconditioner, rotated unknowns give rotated iterates."""
     rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(8, 8)))[0]
     bend = np.logspace(0, 3, 8)
 

@@ -1,4 +1,4 @@
-"""What users give as arrays."""
+"""Conversion of user input to arrays of real numbers."""
 
 import warnings
 from collections import UserList
@@ -17,7 +17,7 @@ COUNT = len(X)
 
 
 class Refusing:
-    """An object whose own idea of an array fails."""
+    """An object whose conversion to an array fails."""
 
     def __array__(self, dtype=None, copy=None):
         raise RuntimeError("on another device")
@@ -42,14 +42,14 @@ NO_NUMBERS = {
 @pytest.mark.parametrize(
     "given", [[1, 2], (1.0, 2.0), UserList([1.0, 2.0]), np.float32([1, 2]), np.ma.array([1, 2])]
 )
-def test_arrays_of_all_kinds_are_taken(given):
+def test_array_like_inputs_become_float64(given):
     found = real_numbers(given, "f")
     assert found.dtype == np.float64
     assert_array_equal(found, [1.0, 2.0])
 
 
 @pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
-def test_what_holds_no_real_numbers_is_one_short_line(given):
+def test_inputs_without_real_numbers_give_one_short_line(given):
     with raises(FunctionError) as refused:
         real_numbers(given, "f", FunctionError)
     assert len(str(refused.value)) < 200

@@ -18,12 +18,12 @@ from abfm.sequences.task import SequenceTask
 from abfm.workers.control import CancelledError
 from tests.core.tasks.cases import CASES, Case
 from tests.messages import raises
-from tests.spare_processes import spared
+from tests.spare_processes import reused_processes
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_process_for_one_run_after_the_other():
-    with spared():
+    with reused_processes():
         yield
 
 

@@ -1,4 +1,4 @@
-"""What tests have a worker compute."""
+"""Functions that tests call in a worker."""
 
 import os
 import time
@@ -11,8 +11,8 @@ from abfm.workers.progress import step
 from abfm.workers.worker import report
 
 
-class Notes:
-    """A state: what was noted."""
+class Lines:
+    """The state of a worker: a list of lines."""
 
     def __init__(self):
         self.lines = []
@@ -22,49 +22,54 @@ class Notes:
         return self.lines
 
 
-def give_back(_, given):
+def identity(_, given):
+    """Return the argument."""
     return given
 
 
 def fail(_, kind):
+    """Raise an error of a kind."""
     raise {"input": FunctionError, "memory": MemoryError, "bug": KeyError, "end": SystemExit}[kind](
         "two\nlines"
     )
 
 
 def warn(_, text):
+    """Issue a warning of the library."""
     warnings.warn(text, AbfmWarning, stacklevel=2)
     return text
 
 
-def count_apart(_, upto):
+def count_in_subprocess(_, upto):
+    """Report the numbers up to a limit; return the process id."""
     with step("counting"):
         for number in range(upto):
             report(number)
     return os.getpid()
 
 
-def go_on(notes):
-    """Note how often a checkpoint was passed, until a control ends it."""
+def pass_checkpoints(state):
+    """Count passed checkpoints until a control ends the call."""
     while True:
         checkpoint()
-        notes.lines.append(1)
+        state.lines.append(1)
         time.sleep(0.001)
 
 
-def lines(notes):
-    return len(notes.lines)
+def lines(state):
+    """Return the number of lines of the state."""
+    return len(state.lines)
 
 
-def hold(_, file):
-    """Wait until there is a file."""
-    with step("holding"):
+def wait_for_file(_, file):
+    """Wait until a file exists."""
+    with step("waiting"):
         while not file.exists():
             time.sleep(0.001)
 
 
-def mesh_and_size(notes, mesh):
-    """Return a mesh, and whether it is the object of the call before."""
-    before = notes.lines[-1] if notes.lines else None
-    notes.lines = [mesh]
+def same_mesh(state, mesh):
+    """Return a mesh, and whether it is the object of the previous call."""
+    before = state.lines[-1] if state.lines else None
+    state.lines = [mesh]
     return mesh, before is mesh

@@ -1,4 +1,4 @@
-"""Processes as an executor: what dies costs its own call alone, and what is ended ends at once."""
+"""Processes as an executor: failures of single calls, shutdown and order."""
 
 import os
 import signal
@@ -27,19 +27,20 @@ def reported(name):
         return os.environ["OPENBLAS_NUM_THREADS"], os.getpid()
 
 
-def test_calls_are_computed_in_one_thread_each_and_report_steps(processes):
+def test_calls_use_one_thread_and_report_steps(processes):
+    """An idle process gets the next call, and errors are raised in the caller."""
     seen = []
     with reporting_steps(lambda now: seen.append(now and now.task)):
         threads, pid = processes.submit(reported, "a step").result()
     assert isinstance(processes, Executor)
     assert (threads, "a step" in seen) == ("1", True)
     assert pid != os.getpid()
-    assert processes.submit(os.getpid).result() == pid  # a process that is idle is taken first
+    assert processes.submit(os.getpid).result() == pid  # an idle process is reused
     with pytest.raises(RuntimeError, match="nonsense"):
         processes.submit(int, "nonsense").result()
 
 
-def test_dead_process_costs_its_own_call_alone(processes):
+def test_dead_process_fails_only_its_call(processes):
     other = processes.submit(time.sleep, 1.5)
     ended = processes.submit(signal.raise_signal, signal.SIGKILL)
     with pytest.raises(WorkerEndedError):
@@ -68,7 +69,7 @@ def test_shutdown_waits_or_ends_calls_at_once():
         ended.submit(abs, 1)
 
 
-def test_script_is_not_run_again():
+def test_subprocess_does_not_rerun_the_script():
     code = (
         "print('script', flush=True); from abfm.workers.executor import Processes; "
         "made = Processes(2); print(made.submit(abs, -3).result()); made.shutdown()"
@@ -76,7 +77,7 @@ def test_script_is_not_run_again():
     assert python(code).stdout == "script\n3\n"
 
 
-def test_tasks_that_are_added_meanwhile_are_completed():
+def test_tasks_added_during_iteration_are_completed():
     tasks, found = deque([3, 1]), []
     with ThreadPoolExecutor(2) as executor:
         for task, future in completed(lambda n: executor.submit(pow, n, 2), tasks, lambda: True):
@@ -86,7 +87,7 @@ def test_tasks_that_are_added_meanwhile_are_completed():
     assert sorted(found) == [1, 9, 25]
 
 
-def test_no_more_than_wanted_are_submitted():
+def test_submissions_are_limited():
     submitted = []
 
     def submit(task):
@@ -101,5 +102,5 @@ def test_no_more_than_wanted_are_submitted():
     assert list(completed(submit, deque([0]), lambda: False)) == []
 
 
-def test_results_come_in_order():
+def test_numbered_results_are_yielded_in_order():
     assert list(in_order([(2, "c"), (0, "a"), (3, "d"), (1, "b")])) == ["a", "b", "c", "d"]

@@ -1,4 +1,4 @@
-"""Functions called in a process of its own that can be ended, messages to it, and threads."""
+"""Calls in a subprocess, messages to it, and daemon threads."""
 
 import gc
 import os
@@ -28,34 +28,35 @@ from tests.shapes import icosphere
 
 
 def new_worker():
-    worker = Worker(jobs.Notes, "it has ended")
+    worker = Worker(jobs.Lines, "it has ended")
     yield worker
     worker.close()
 
 
 worker = pytest.fixture(new_worker)
-shared = pytest.fixture(new_worker, scope="module")  # for all tests that do not end it
+shared = pytest.fixture(new_worker, scope="module")  # for tests that do not end the process
 
 
 def until(condition):
+    """Wait until a condition holds, for at most 30 seconds."""
     end = time.monotonic() + 30
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.002)
 
 
-def test_warnings_come_to_the_caller(shared):
-    """They are warnings of the thread that waits, each time."""
+def test_warnings_reach_the_waiting_thread(shared):
+    """Each call issues its warning in the thread that waits for it."""
     for _ in range(2):
         with pytest.warns(AbfmWarning, match="no value") as caught:
             assert shared.call(jobs.warn, "no value").result() == "no value"
         assert len(caught) == 1
 
 
-def test_calls_are_computed_in_their_order_on_one_state_in_another_process(worker):
-    calls = [worker.call(jobs.Notes.add, line) for line in "abc"]
+def test_calls_run_in_order_on_one_state(worker):
+    calls = [worker.call(jobs.Lines.add, line) for line in "abc"]
     assert [len(call.result()) for call in calls] == [1, 2, 3]
-    assert worker.call(jobs.count_apart, 0).result() == worker.pid != os.getpid()
+    assert worker.call(jobs.count_in_subprocess, 0).result() == worker.pid != os.getpid()
 
 
 @pytest.mark.parametrize(
@@ -68,53 +69,53 @@ def test_calls_are_computed_in_their_order_on_one_state_in_another_process(worke
         ([], RuntimeError, "TypeError"),
     ],
 )
-def test_errors_come_back_and_the_next_call_is_answered(shared, given, error, named):
+def test_errors_are_raised_and_the_next_call_works(shared, given, error, named):
     with raises(error, named):
         shared.call(jobs.fail, *given).result()
-    assert shared.call(jobs.give_back, 3).result() == 3
+    assert shared.call(jobs.identity, 3).result() == 3
 
 
-def test_steps_are_told_to_who_waits_and_reports_come_in_their_order(shared):
-    told, reports = [], []
-    with reporting_steps(told.append):
-        shared.call(jobs.count_apart, 50).result(reports.append)
-    assert [step and step.task for step in told] == ["counting", None]
+def test_steps_and_reports_reach_the_waiting_thread(shared):
+    steps, reports = [], []
+    with reporting_steps(steps.append):
+        shared.call(jobs.count_in_subprocess, 50).result(reports.append)
+    assert [step and step.task for step in steps] == ["counting", None]
     assert reports == list(range(50))
 
 
-def test_who_waits_for_its_turn_is_told_what_is_done_meanwhile(shared, tmp_path):
-    first = shared.call(jobs.hold, tmp_path / "end")
-    shared.call(jobs.give_back, 1)  # which nobody waits for
-    told = []
+def test_queued_call_reports_the_step_of_the_running_call(shared, tmp_path):
+    first = shared.call(jobs.wait_for_file, tmp_path / "end")
+    shared.call(jobs.identity, 1)  # its result is not used
+    tasks = []
 
-    def tell(step):
+    def end(step):
         if step is not None:
-            told.append(step.task)
+            tasks.append(step.task)
             (tmp_path / "end").touch()
 
-    with reporting_steps(tell):
-        assert shared.call(jobs.give_back, 2).result() == 2
-    assert told == ["holding"]
+    with reporting_steps(end):
+        assert shared.call(jobs.identity, 2).result() == 2
+    assert tasks == ["waiting"]
     first.result()
 
 
-def test_a_call_beside_is_answered_though_another_one_is_computed(shared, tmp_path):
-    first = shared.call(jobs.hold, tmp_path / "end")
-    assert shared.call_now(jobs.give_back, 4).result() == 4
+def test_immediate_call_runs_during_another_call(shared, tmp_path):
+    first = shared.call(jobs.wait_for_file, tmp_path / "end")
+    assert shared.call_now(jobs.identity, 4).result() == 4
     (tmp_path / "end").touch()
     first.result()
 
 
-def test_several_threads_may_wait_at_once(shared):
+def test_several_threads_wait_at_once(shared):
     with ThreadPoolExecutor(20) as pool:
-        found = pool.map(lambda number: shared.call(jobs.give_back, number).result(), range(20))
+        found = pool.map(lambda number: shared.call(jobs.identity, number).result(), range(20))
         assert list(found) == list(range(20))
 
 
 @pytest.mark.parametrize("paused", [False, True])
-def test_the_control_of_who_waits_holds_and_ends_the_call(worker, paused):
+def test_control_of_the_waiting_thread_pauses_and_cancels(worker, paused):
     control, ended = Control(), []
-    call = worker.call(jobs.go_on)
+    call = worker.call(jobs.pass_checkpoints)
 
     def wait():
         with controlled(control), pytest.raises(CancelledError):
@@ -142,33 +143,33 @@ def test_the_control_of_who_waits_holds_and_ends_the_call(worker, paused):
     assert ended
 
 
-def test_what_was_asked_of_a_control_before_is_heeded(shared):
+def test_earlier_cancellation_applies_to_the_call(shared):
     control = Control()
     control.cancel()
     with controlled(control), pytest.raises(CancelledError):
-        shared.call(jobs.go_on).result()
+        shared.call(jobs.pass_checkpoints).result()
 
 
-def test_a_call_that_is_given_up_ends_and_its_answer_is_not_taken_for_the_next_one(shared):
-    class GivenUpError(BaseException):
+def test_abandoned_call_ends_and_its_answer_is_dropped(shared):
+    class AbandonedError(BaseException):
         pass
 
-    def give_up(_):
-        raise GivenUpError
+    def abandon(_):
+        raise AbandonedError
 
-    with pytest.raises(GivenUpError):
-        shared.call(jobs.count_apart, 10).result(give_up)
-    assert shared.call(jobs.give_back, "next").result() == "next"
+    with pytest.raises(AbandonedError):
+        shared.call(jobs.count_in_subprocess, 10).result(abandon)
+    assert shared.call(jobs.identity, "next").result() == "next"
 
 
-def test_a_mesh_is_sent_once_and_comes_back_as_the_one_that_was_sent(worker):
+def test_mesh_is_sent_once_and_returned_by_name(worker):
     mesh, other = icosphere(2), icosphere(1)
-    # the process keeps the last one only
+    # the process stores only the latest mesh
     for sent, known in ((mesh, False), (mesh, True), (other, False), (mesh, False)):
-        assert worker.call(jobs.mesh_and_size, sent).result() == (sent, known)
+        assert worker.call(jobs.same_mesh, sent).result() == (sent, known)
 
 
-def test_the_digest_of_a_mesh_is_that_of_its_content():
+def test_digest_of_a_mesh_depends_on_its_content():
     mesh = icosphere(2)
     again = pickle.loads(pickle.dumps(mesh))
     assert again is not mesh
@@ -180,35 +181,34 @@ def test_the_digest_of_a_mesh_is_that_of_its_content():
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_who_waits_is_told_that_the_process_was_killed_and_the_next_call_has_another(
-    worker, tmp_path, number
-):
-    call = worker.call(jobs.hold, tmp_path / "never")
+def test_killed_process_fails_its_call_and_is_replaced(worker, tmp_path, number):
+    """No zombie remains."""
+    call = worker.call(jobs.wait_for_file, tmp_path / "never")
     inner = worker._connection.process._process
     threading.Timer(0.1, lambda: os.kill(inner.pid, number)).start()
     with raises(WorkerEndedError):
         call.result()
-    assert inner.returncode is not None  # it leaves no zombie
+    assert inner.returncode is not None  # no zombie remains
     with pytest.raises(WorkerEndedError):
-        worker.call_now(jobs.give_back, 1).result()
-    assert worker.call(jobs.give_back, 1).result() == 1
+        worker.call_now(jobs.identity, 1).result()
+    assert worker.call(jobs.identity, 1).result() == 1
     os.kill(worker.pid, number)
     until(lambda: worker._connection.process.has_ended)
-    assert worker.call(jobs.give_back, np.ones(3)).result().sum() == 3
+    assert worker.call(jobs.identity, np.ones(3)).result().sum() == 3
 
 
-def test_closing_ends_the_process_while_it_starts_and_starts_no_other(worker):
-    call = worker.call(jobs.give_back, np.zeros(10**6))
+def test_close_ends_a_starting_process(worker):
+    call = worker.call(jobs.identity, np.zeros(10**6))
     worker.close()
     with pytest.raises(WorkerEndedError):
         call.result()
     with pytest.raises(WorkerEndedError):
-        worker.call(jobs.give_back, 1)
+        worker.call(jobs.identity, 1)
 
 
-def test_a_process_that_nothing_refers_to_ends(tmp_path):
-    worker = Worker(jobs.Notes, "it has ended")
-    worker.call(jobs.hold, tmp_path / "never")
+def test_garbage_collected_worker_ends_its_process(tmp_path):
+    worker = Worker(jobs.Lines, "it has ended")
+    worker.call(jobs.wait_for_file, tmp_path / "never")
     inner = worker._connection.process._process
     del worker
     gc.collect()
@@ -234,7 +234,7 @@ def echo(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("count", [0, 1, 3_000_000])
-def test_messages_longer_than_a_pipe_come_back_as_they_were(echo, count):
+def test_messages_longer_than_a_pipe_are_transmitted(echo, count):
     sent = np.arange(count, dtype=np.float64)
     sending = threading.Thread(target=echo.send, args=(("numbers", sent),))
     sending.start()
@@ -242,10 +242,10 @@ def test_messages_longer_than_a_pipe_come_back_as_they_were(echo, count):
     sending.join()
     assert kind == "numbers"
     np.testing.assert_array_equal(received, sent)
-    received += 1  # as its own
+    received += 1  # the received array is writable
 
 
-def test_a_process_that_is_closed_ends_who_waits_for_it(echo):
+def test_close_ends_a_waiting_receive(echo):
     echo.send("first")
     assert echo.receive() == "first"
     closing = threading.Timer(0.2, echo.close)
@@ -260,21 +260,22 @@ def test_a_process_that_is_closed_ends_who_waits_for_it(echo):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("closed", [True, False])
-def test_nothing_of_it_stays_open(closed, monkeypatch):
-    told = []
-    monkeypatch.setattr(sys, "unraisablehook", told.append)
+def test_closed_process_leaves_no_open_files(closed, monkeypatch):
+    errors = []
+    monkeypatch.setattr(sys, "unraisablehook", errors.append)
     process = ChildProcess("abfm.workers")
     if closed:
         process.close()
     del process
     gc.collect()
-    assert not told
+    assert not errors
 
 
 @pytest.mark.parametrize("at_once", [1, 3, 10_000])
-def test_a_message_may_come_in_pieces_and_is_refused_when_its_end_is_missing(at_once):
+def test_message_is_assembled_from_pieces(at_once):
+    """A message without its end is refused."""
     content = pickle.dumps(list(range(100)))
-    whole = len(content).to_bytes(8) + content
+    complete = len(content).to_bytes(8) + content
 
     def received(given):
         rest = bytearray(given)
@@ -287,21 +288,22 @@ def test_a_message_may_come_in_pieces_and_is_refused_when_its_end_is_missing(at_
 
         return process._receive(read)
 
-    assert received(whole) == list(range(100))
+    assert received(complete) == list(range(100))
     with pytest.raises(EOFError):
-        received(whole[:-1])
+        received(complete[:-1])
 
 
 def names():
+    """Return the names of all threads."""
     return [thread.name for thread in threading.enumerate()]
 
 
-def test_none_waits_for_another_one_and_threads_are_used_again():
+def test_jobs_do_not_wait_and_threads_are_reused():
     pool, may_end = DaemonThreads("used again"), threading.Event()
-    held = [pool.submit(may_end.wait, 30) for _ in range(5)]
+    waiting = [pool.submit(may_end.wait, 30) for _ in range(5)]
     assert pool.submit(max, 3, 4).result(30) == 4
     may_end.set()
-    assert not wait(held, 30).not_done
+    assert not wait(waiting, 30).not_done
     until(lambda: pool._idle == names().count("used again"))
     count = pool._idle
     for number in range(50):
@@ -311,7 +313,7 @@ def test_none_waits_for_another_one_and_threads_are_used_again():
 
 
 @pytest.mark.parametrize("error", [ValueError, SystemExit])
-def test_what_a_job_raises_is_told_and_ends_no_thread(error):
+def test_error_of_a_job_is_raised_and_ends_no_thread(error):
     pool = DaemonThreads("failing")
 
     def fail():
@@ -323,7 +325,7 @@ def test_what_a_job_raises_is_told_and_ends_no_thread(error):
 
 
 @pytest.mark.parametrize("idle", [0.0, 0.01])
-def test_threads_end_without_work_and_every_job_is_done_while_they_come_and_go(idle, monkeypatch):
+def test_idle_threads_end_without_losing_jobs(idle, monkeypatch):
     monkeypatch.setattr(threads, "_IDLE_SECONDS", idle)
     pool = DaemonThreads("coming and going")
     for number in range(300):
@@ -331,7 +333,7 @@ def test_threads_end_without_work_and_every_job_is_done_while_they_come_and_go(i
     until(lambda: "coming and going" not in names())
 
 
-def test_a_program_ends_though_a_job_goes_on():
+def test_running_job_does_not_keep_the_program_alive():
     code = (
         "from abfm.workers.threads import DaemonThreads; import time; "
         "DaemonThreads('late').submit(time.sleep, 1000)"

@@ -7,14 +7,14 @@ import pytest
 from abfm.assets import asset_path
 from abfm_viewer.cli import main
 from tests.processes import argv, refused_soon, words_of
-from tests.spare_processes import spared
+from tests.spare_processes import reused_processes
 
 MESHES = {name: asset_path(f"{name}.off") for name in ("eight", "human_A", "human_B")}
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_process_for_one_batch_after_the_other():
-    with spared():
+    with reused_processes():
         yield
 
 

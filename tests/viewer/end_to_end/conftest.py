@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.spare_processes import spared
+from tests.spare_processes import reused_processes
 from tests.viewer.sessions import ENDLESS, SHORT, begin, heard, match
 
 
@@ -14,7 +14,7 @@ def _recorded(request):
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_process_for_one_window_after_the_other():
-    with spared():
+    with reused_processes():
         yield
 
 

@@ -14,7 +14,7 @@ from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
 from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere
-from tests.spare_processes import spared
+from tests.spare_processes import reused_processes
 from tests.viewer.sessions import QUICK, matched, ready, until
 
 A, B = ellipsoid(2, 1.0, 0.7, 0.55), icosphere(2, 10.0)
@@ -25,7 +25,7 @@ SHORT = Parameters.of(iterations=5, refine=0, cooling_stages=1)
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_process_for_one_session_after_the_other():
-    with spared():
+    with reused_processes():
         yield
 
 
