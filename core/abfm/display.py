@@ -1,4 +1,4 @@
-"""Objects that are shown in notebooks and in a browser."""
+"""Display of surfaces and results in notebooks and browsers."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any
 
 
 def _notebook() -> Any:
-    # pages are above all that they show, so that they are found when they are first used
+    # imported late, because abfm.pages imports the classes that it displays
     return import_module("abfm.pages.notebook")
 
 
 class Display:
-    """A surface, or a result on surfaces, that `abfm.pages` can show."""
+    """Base class of surfaces and results that `abfm.pages` can show."""
 
     def _repr_html_(self) -> str:
-        """Return a live view for a notebook, with the verdict."""
+        """Return an interactive view for a notebook, with the verdict."""
         return str(_notebook().embedded(self))
 
     def show(self, path: str | os.PathLike[str] | None = None, up: str | None = None) -> Path:
@@ -26,14 +26,14 @@ class Display:
         Parameters
         ----------
         path : path, optional
-            The page, ``.html``; by default a new file in the folder for temporary files.
+            The HTML file to write; by default a new temporary file.
         up : {"x", "y", "z"}, optional
-            The axis that points upwards; by default z for a cortex of known hemisphere, else y.
+            The axis that points upwards. The default is z for a cortex of known hemisphere, else y.
 
         Returns
         -------
         Path
-            The page. Without a browser its path is also printed.
+            The HTML file. If no browser is available, the path is also printed.
 
         Raises
         ------

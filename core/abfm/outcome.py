@@ -1,4 +1,4 @@
-"""The outcome of a task: one word, and how every view ranks and colours it."""
+"""Outcomes of tasks, with their rank and colour, and the facts reported of a result."""
 
 from __future__ import annotations
 
@@ -13,46 +13,46 @@ import numpy as np
 from abfm.types import FloatArray
 
 Tone = Literal["good", "warning", "failure", "muted", "ink"]
-"""How a view shows an outcome, the name of a colour of the theme; ink is that of plain text."""
+"""Name of the theme colour that shows an outcome; ``ink`` is the colour of plain text."""
 
 
 class Outcome(StrEnum):
-    """What a task achieved, from the best to the worst.
+    """Outcome of a task; members are ordered from the best to the worst.
 
-    The first five are the verdicts of a match, a registration or an interval of a sequence; the
+    The first five are the verdicts of a match, a registration or an interval of a sequence. The
     others are outcomes of rows in tables.
     """
 
     MATCHED = "matched"
-    """The residual of both checks is at most the goal."""
+    """Both checks (discrete flow and flow lines) have a residual of at most the goal."""
     REGISTERED = "registered"
     """Measured functions match as closely as the data support."""
     NEARLY = "nearly"
-    """The residual is above the goal and at most `RESIDUAL_NEARLY`."""
+    """The larger residual is above the goal, but at most `RESIDUAL_NEARLY`."""
     NOT_REACHED = "not reached"
     """This flow does not match the functions."""
     IMPOSSIBLE = "impossible"
     """No flow can match the functions."""
     OUTLIER = "does not fit"
-    """A subject that does not fit the others of its population."""
+    """A subject is an outlier of its population."""
     MISSING = "missing"
-    """A row that has not been solved."""
+    """The row has not been solved."""
     FAILED = "failed"
-    """A row that raised an error."""
+    """The row raised an error."""
 
     @property
     def is_good(self) -> bool:
-        """Return whether the task succeeded: exit status 0."""
+        """Whether the task succeeded (exit status 0)."""
         return self in (Outcome.MATCHED, Outcome.REGISTERED, Outcome.NEARLY)
 
     @property
     def rank(self) -> int:
-        """Return the place in the order from the best (0) to the worst."""
+        """Position in the order from the best (0) to the worst."""
         return list(Outcome).index(self)
 
     @property
     def tone(self) -> Tone:
-        """Return the colour of the outcome."""
+        """Colour of the outcome."""
         if self is Outcome.NEARLY:
             return "warning"
         if self is Outcome.MISSING:
@@ -61,9 +61,9 @@ class Outcome(StrEnum):
 
 
 VERDICTS = tuple(outcome for outcome in Outcome if outcome.rank <= Outcome.IMPOSSIBLE.rank)
-"""The outcomes of a match."""
+"""The outcomes that a match can have."""
 RESIDUAL_NEARLY = 0.15
-"""Largest residual of functions that nearly match."""
+"""Largest residual of the outcome `Outcome.NEARLY`."""
 
 
 @overload
@@ -71,16 +71,17 @@ def worse_residual(residual: float, verified: float) -> float: ...
 @overload
 def worse_residual(residual: FloatArray, verified: FloatArray) -> FloatArray: ...
 def worse_residual(residual: Any, verified: Any) -> Any:
-    """Return the larger residual of two checks, the discrete flow and flow lines; also of arrays.
+    """Return the larger residual of both checks, the discrete flow and flow lines.
 
-    A check that was not made is NaN and does not count; the result is NaN if neither was made.
+    Arrays are compared element by element. The residual of a check that was not made is NaN and is
+    ignored. The result is NaN if neither check was made.
     """
     worse = np.fmax(residual, verified)
     return worse if np.ndim(worse) else float(worse)
 
 
 def outcome_of(residual: float, goal: float) -> Outcome:
-    """Return the outcome that a residual has by its size alone."""
+    """Return the outcome of a residual by its size alone."""
     if residual <= goal:
         return Outcome.MATCHED
     return Outcome.NEARLY if residual <= max(RESIDUAL_NEARLY, goal) else Outcome.NOT_REACHED
@@ -88,7 +89,7 @@ def outcome_of(residual: float, goal: float) -> Outcome:
 
 @dataclass(frozen=True)
 class Facts:
-    """What is reported of a result: every view shows these.
+    """The facts of a result that all reports, pages and panels show.
 
     Attributes
     ----------
@@ -96,15 +97,15 @@ class Facts:
     headline : str
         A few words with the main numbers, such as "matched to 4%".
     reason : str
-        Why, in one line without a full stop.
+        The reason for the outcome, in one line without a full stop.
     advice : str
-        What to try, in one line; empty if nothing is needed.
+        A suggestion for a better result, in one line; empty if none is needed.
     numbers : mapping of str to float or None
-        Measurements by name; None for one that is unknown.
+        Measurements by name; None if unknown.
     warnings : tuple of str
         One line each.
     is_complete : bool
-        Whether the run came to its own end: False if it was cancelled or never solved.
+        False if the run was interrupted (cancelled, or out of memory) or was never solved.
     """
 
     outcome: Outcome
@@ -117,7 +118,7 @@ class Facts:
 
     @property
     def tone(self) -> Tone:
-        """Return the colour of the result: a good outcome with a warning is not all good."""
+        """Colour of the result; a good outcome with warnings has the colour of a warning."""
         if not self.is_complete or (self.outcome.tone == "good" and self.warnings):
             return "warning"
         return self.outcome.tone
@@ -134,7 +135,7 @@ class Facts:
         return [line for line in (*self.lines[1:], advice) if line]
 
     def number(self, name: str) -> float:
-        """Return a measurement; NaN if it is unknown."""
+        """Return a measurement by name; NaN if it is unknown."""
         value = self.numbers.get(name)
         return math.nan if value is None else value
 

@@ -1,4 +1,4 @@
-"""What a user can set about a match, checked when it is made; and what the paper prints of that."""
+"""Parameters of a match with their checks, and Table 1 of the paper."""
 
 from __future__ import annotations
 
@@ -13,20 +13,25 @@ from abfm.errors import ParameterError, brief
 Method = Literal["nonlinear", "linearised"]
 
 ALPHA_MAX = 1e7
-# numbers other than 0, whose squares neither underflow nor overflow
+# bounds of numbers other than 0: their squares neither underflow nor overflow
 VALUE_MIN = 1e-30
 _VALUE_MAX = 1e30
 COUNT_MAX = 1_000_000_000
-"""The most that whole numbers may be which nothing else bounds."""
+"""Largest value of an integer parameter without another bound."""
 LAST_SIGMA = 0.008
-"""The last sigma unless one is given: flow lines confirm hardly less of any functions."""
+"""Smallest sigma of an automatic continuation, relative to the size of the functions.
+
+With smaller values, the residual along flow lines hardly falls further for any functions.
+"""
 FIRST_SIGMA_MAX = 18.0
-"""The largest sigma that a path to a smaller one begins with, in the unit of that one."""
+"""Largest first sigma of a continuation, in the unit of the last one."""
 REFINE_MAX = 3
-REACH_MAX = 10.0  # reach
+REACH_MAX = 10.0
 AREA_PRESERVING_DIVERGENCE = 10.0
-"""Times the curl's weight that the divergence has where functions match exactly: fields that keep
-areas fill what is behind a bump with what was beside it, others with what little was there.
+"""Weight of the divergence relative to the curl, for functions that match exactly.
+
+A field that preserves areas fills the space behind a moving bump with values from its sides. A
+field of large divergence stretches the value of a single point over that space.
 """
 _STAGES_MAX = 1000
 _ROUNDING = 1e-9
@@ -39,11 +44,14 @@ PAPER: dict[str, Any] = {
     "sigma_unit": "absolute",
     "refine": 0,
 }
-"""What makes energy and minimisation those of the paper."""
+"""Values with which the energy and its minimisation are those of the paper."""
 
 
 class Range(NamedTuple):
-    """Numbers that a parameter takes; those that are not whole are 0 or at least 1e-30."""
+    """The allowed numbers of a parameter, from ``low`` to ``high``.
+
+    Numbers other than 0 have to be at least `VALUE_MIN`.
+    """
 
     low: float
     high: float = _VALUE_MAX
@@ -58,65 +66,71 @@ class Range(NamedTuple):
         low = f"{'above' if self.without_low else 'at least'} {self.low:g}"
         if self.high == COUNT_MAX:
             return low
-        small = "" if self.low else f", and from {VALUE_MIN:g} on where it is not 0"
+        small = "" if self.low else f", and at least {VALUE_MIN:g} if it is not 0"
         return f"{low} and at most {self.high:g}{'' if self.high < COUNT_MAX else small}"
 
 
-_HELP = """
-tau: end time of the flow; large deformations may need a larger value
-alpha: smoothness of the field, the weight of its Hodge Laplacian; reduced automatically if the
-  match fails
-beta: weight of the gradient of the mismatch; above 0, slopes must match as well
-divergence: weight of the divergence relative to the curl; 1 as in the paper, larger values
-  preserve areas; auto: 10 for functions that match exactly, 1 for measured functions
-sigma: weight of the smoothness relative to the mismatch, at the end of the continuation; smaller
-  values match more closely; auto: the closest match that passes verification
-landmark_sigma: error of a landmark, as a fraction of sqrt(area), that costs as much as its
-  correction, at the end of the continuation; smaller values match landmarks more closely
-goal: largest residual that counts as matched, of the discrete flow and of flow lines
-refine: largest number of subdivisions of a mesh that is too coarse; 0 for none; auto: chosen from
-  its resolution
-order: order of the norm of the field; 1 as in the paper, 2 for continuous fields with accurate flow
-reach: distance over which the first stages compare functions, as a fraction of sqrt(area); 0 as in
-  the paper
-levels: number of multigrid levels; 0 chooses from the mesh size, 1 uses only the mesh itself
-segments: number of consecutive fields; 0 uses one, or two if one is not confirmed (linearised: 10)
-iterations: largest number of iterations of all cooling stages together
-memory: number of pairs that L-BFGS stores
-max_displacement: largest change of tau |v| in one iteration, as a fraction of sqrt(area)
-tolerance: fraction of the first gradient norm at which the solver has converged
-sigma_unit: unit of sigma: relative to the L2 deviation of the functions from their mean, or
-  absolute as in the paper
-method: exponential flow (nonlinear), or the first two terms of the exponential (linearised)
-gradient: exact derivative of the discrete energy (adjoint), or the formula of the paper (bracket)
-substeps: number of sub-steps of the bracket gradient; the adjoint gradient does not depend on it
-quadrature: number of intervals of the time integral in the bracket gradient
-cooling_stages: number of decreasing values of sigma, including the last; 1 for no cooling, 0 to
-  choose it
-cooling_factor: factor by which sigma decreases from stage to stage
-stage_iterations: iterations of each stage before the last; 0 continues while the match improves
-  (paper: half of all iterations, in equal shares)
-preconditioner: exact inverse of the norm of the field (hodge), or plain L-BFGS as in the paper
-  (none)
-"""
-_HELP_TEXTS = dict(line.split(": ", 1) for line in _HELP.replace("\n  ", " ").strip().splitlines())
+_HELP = {
+    "tau": "end time of the flow; large deformations may need a larger value",
+    "alpha": "smoothness of the field, the weight of its Hodge Laplacian; reduced automatically at "
+    "small sigma",
+    "beta": "weight of the gradient of the mismatch; above 0, slopes must match as well",
+    "divergence": "weight of the divergence relative to the curl; 1 as in the paper, larger values "
+    "preserve areas; auto: 10 for functions that match exactly, 1 for measured functions",
+    "sigma": "weight of the smoothness relative to the mismatch, at the end of the continuation; "
+    "smaller values match more closely; auto: the closest match that passes verification",
+    "landmark_sigma": "error of a landmark, as a fraction of sqrt(area), that costs as much as its "
+    "correction, at the end of the continuation; smaller values match landmarks more closely",
+    "goal": "largest residual that counts as matched, of the discrete flow and of flow lines",
+    "refine": "largest number of subdivisions of a mesh that is too coarse; 0 for none; auto: "
+    "chosen from its resolution",
+    "order": "order of the norm of the field; 1 as in the paper, 2 for continuous fields with "
+    "accurate flow",
+    "reach": "distance over which the first stages compare functions, as a fraction of sqrt(area); "
+    "0 as in the paper",
+    "levels": "number of multigrid levels; 0 chooses from the mesh size, 1 uses only the mesh "
+    "itself",
+    "segments": "number of consecutive fields; 0 uses one, or two if one is not confirmed "
+    "(linearised: 10)",
+    "iterations": "largest number of iterations of all cooling stages together",
+    "memory": "number of pairs that L-BFGS stores",
+    "max_displacement": "largest change of tau |v| in one iteration, as a fraction of sqrt(area)",
+    "tolerance": "fraction of the first gradient norm at which the solver has converged",
+    "sigma_unit": "unit of sigma: relative to the L2 deviation of the functions from their mean, "
+    "or absolute as in the paper",
+    "method": "exponential flow (nonlinear), or the first two terms of the exponential "
+    "(linearised)",
+    "gradient": "exact derivative of the discrete energy (adjoint), or the formula of the paper "
+    "(bracket)",
+    "substeps": "number of sub-steps of the bracket gradient; the adjoint gradient does not depend "
+    "on it",
+    "quadrature": "number of intervals of the time integral in the bracket gradient",
+    "cooling_stages": "number of decreasing values of sigma, including the last; 1 for no cooling, "
+    "0 to choose it",
+    "cooling_factor": "factor by which sigma decreases from stage to stage",
+    "stage_iterations": "iterations of each stage before the last; 0 continues while the match "
+    "improves (paper: half of all iterations, in equal shares)",
+    "preconditioner": "exact inverse of the norm of the field (hodge), or plain L-BFGS as in the "
+    "paper (none)",
+}
+"""A description of each parameter; "; auto: " precedes the choice that None stands for."""
 _ABOVE_0 = Range(0, without_low=True)
 _FROM_0 = Range(0)
 _INTEGER_FROM_0 = Range(0, COUNT_MAX)
 
 
 def _of(name: str, default: Any, symbol: str = "", range: Range | None = None) -> Any:
-    about = {"symbol": symbol, "help": _HELP_TEXTS[name], "range": range}
+    about = {"symbol": symbol, "help": _HELP[name], "range": range}
     return field(default=default, metadata=about)
 
 
 def is_integer(entry: Field[Any]) -> bool:
-    """Return whether a parameter is a whole number, or None."""
+    """Return whether the values of a parameter are integers (or None)."""
     return str(entry.type).startswith("int")
 
 
 def checked(entry: Field[Any], value: Any) -> Any:
-    """Return the value of a parameter as Python's own number or text, checked alone.
+    """Check one value of a parameter and return it as a Python number or string.
 
     Raises
     ------
@@ -136,12 +150,12 @@ def checked(entry: Field[Any], value: Any) -> Any:
             number = math.nan if isinstance(value, bool) else kind(value)
             if number == value and math.isfinite(number) and range.contains(value):
                 return number
-        expected = f"{'a whole number' if kind is int else 'a number'} {range}"
+        expected = f"{'an integer' if kind is int else 'a number'} {range}"
     raise ParameterError(f"{entry.name} is {brief(value)}; expected {expected}")
 
 
 class Settings:
-    """Base of frozen dataclasses whose fields are parameters, which it checks."""
+    """Base class of frozen dataclasses of parameters, which checks their values."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -151,7 +165,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class SolverSettings(Settings):
-    """Settings of the minimisation and of its continuation; see `Parameters` for their fields."""
+    """Settings of the optimiser and of the continuation; `FIELDS` describes each of them."""
 
     order: int = _of("order", 2, "", Range(1, 2))
     reach: float = _of("reach", 1.0, "", Range(0, REACH_MAX))
@@ -165,7 +179,7 @@ class SolverSettings(Settings):
 
 @dataclass(frozen=True)
 class PaperSettings(Settings):
-    """Settings that reproduce the paper's scheme; see `Parameters` for their fields."""
+    """Settings that reproduce the scheme of the paper; `FIELDS` describes each of them."""
 
     sigma_unit: Literal["relative", "absolute"] = _of("sigma_unit", "relative")
     method: Method = _of("method", "nonlinear")
@@ -180,11 +194,11 @@ class PaperSettings(Settings):
 
 @dataclass(frozen=True)
 class Parameters(Settings):
-    """Parameters of a match; lengths and areas are those of the mesh scaled to unit area.
+    """Parameters of a match.
 
-    The metadata of each field, of `SolverSettings` and `PaperSettings` as well, has its ``symbol``
-    in the paper, a ``help`` text and, for numbers, their `Range`. Numbers whose default is None may
-    be None: they are chosen then.
+    Lengths and areas refer to the mesh scaled to unit area. Each field, also of `SolverSettings`
+    and `PaperSettings`, has metadata: its ``symbol`` in the paper, a ``help`` text and the `Range`
+    of its numbers. A parameter whose default is None may be None, and is then chosen automatically.
 
     Raises
     ------
@@ -193,7 +207,7 @@ class Parameters(Settings):
     """
 
     tau: float = _of("tau", 1.0, "τ", _ABOVE_0)
-    alpha: float = _of("alpha", 0.01, "α", Range(0, ALPHA_MAX))  # beyond, rounding swamps it
+    alpha: float = _of("alpha", 0.01, "α", Range(0, ALPHA_MAX))  # rounding dominates above
     beta: float = _of("beta", 0.0, "β", _FROM_0)
     divergence: float | None = _of("divergence", None, "", Range(0, ALPHA_MAX, True))
     sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
@@ -219,38 +233,45 @@ class Parameters(Settings):
             hottest = math.inf
         if not hottest < 1e150:
             raise ParameterError(
-                f"cooling_stages is {stages} and cooling_factor {factor:g}: sigma would start "
-                "beyond all numbers; use fewer stages or a smaller factor"
+                f"cooling_stages is {stages} and cooling_factor is {factor:g}, so the first sigma "
+                "would overflow; use fewer stages or a smaller factor"
             )
         most, each = self.solver.iterations, self.paper.stage_iterations
         if most and each * (stages - 1) > most:
             raise ParameterError(
-                f"stage_iterations is {each} for each of {stages - 1} stages; expected no more "
-                f"than the {most} iterations in all, or the last stage is never reached"
+                f"stage_iterations is {each} for each of {stages - 1} stages, which exceeds the "
+                f"limit of {most} iterations before the last stage; use fewer stage_iterations or "
+                "more iterations"
             )
 
     @property
     def last_sigma(self) -> float:
-        """Sigma as given, or `LAST_SIGMA`: where a path ends at the latest."""
+        """The smallest sigma of the continuation: the given one, or `LAST_SIGMA`."""
         return LAST_SIGMA if self.sigma is None else self.sigma
 
     def stage_sigmas(self) -> list[float]:
-        """Return sigma in each cooling stage, from `FIRST_SIGMA_MAX` at most if none are given."""
+        """Return the sigma of each cooling stage.
+
+        If ``cooling_stages`` is 0, the first sigma is at most `FIRST_SIGMA_MAX`.
+        """
         stages, factor = self.paper.cooling_stages, self.paper.cooling_factor
         if not stages:
             steps = math.log(FIRST_SIGMA_MAX / self.last_sigma, factor) + _ROUNDING
             stages = 1 + min(max(0, math.floor(steps)), _STAGES_MAX - 1)
-        return [self.last_sigma * factor**left for left in reversed(range(stages))]
+        return [self.last_sigma * factor**power for power in reversed(range(stages))]
 
     def stage_limits(self) -> list[int]:
-        """Return iterations at most in each stage; the last also has what is left over."""
+        """Return the maximum number of iterations of each stage.
+
+        The last stage may also use the iterations that earlier stages did not need.
+        """
         iterations = self.solver.iterations
         early = len(self.stage_sigmas()) - 1
         most = iterations // max(early, 1)
         return [min(self.paper.stage_iterations or most // 2, most)] * early + [iterations]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all parameters by name, nested ones among the others."""
+        """Return all parameters by name in one flat dictionary."""
         found = dict(vars(self))
         for name in NESTED:
             found |= vars(found.pop(name))
@@ -262,28 +283,40 @@ class Parameters(Settings):
         return {name: value for name, value in self.to_dict().items() if value != usual[name]}
 
     def with_values(self, **values: Any) -> Self:
-        """Return the same with other values of some parameters, by the names of `to_dict`."""
+        """Return a copy with other values of some parameters.
+
+        Names are those of `to_dict`, so nested parameters need no prefix.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown or a value is not allowed.
+        """
         known = self.to_dict()
         if unknown := sorted(values.keys() - known.keys()):
             names = ", ".join(sorted(known))
             raise ParameterError(f"unknown parameter {brief(unknown[0])}; expected one of {names}")
-        parts = {}
+        groups = {}
         for name, kind in NESTED.items():
-            own = {each.name: values.pop(each.name) for each in fields(kind) if each.name in values}
-            parts[name] = replace(getattr(self, name), **own)
-        return replace(self, **values, **parts)
+            nested = [each.name for each in fields(kind) if each.name in values]
+            changes = {each: values.pop(each) for each in nested}
+            groups[name] = replace(getattr(self, name), **changes)
+        return replace(self, **values, **groups)
 
     @classmethod
     def of(cls, **values: Any) -> Self:
-        """Return parameters by the names of `to_dict`; missing ones take their defaults."""
+        """Return parameters with some values given by name; the others have their defaults.
+
+        Names are those of `to_dict`.
+        """
         return cls().with_values(**values)
 
 
 NESTED = {"solver": SolverSettings, "paper": PaperSettings}
 MAIN_FIELDS = {each.name: each for each in fields(Parameters) if each.name not in NESTED}
-"""The declarations of the parameters that most users set."""
+"""The dataclass fields of the main parameters, by name."""
 FIELDS = MAIN_FIELDS | {each.name: each for kind in NESTED.values() for each in fields(kind)}
-"""The declarations of all parameters, by name, in the order of `Parameters.to_dict`."""
+"""The dataclass fields of all parameters by name, in the order of `Parameters.to_dict`."""
 CHOICES: dict[str, tuple[str, ...]] = {
     name: get_args(hint)
     for name, hint in get_type_hints(PaperSettings).items()
@@ -292,32 +325,32 @@ CHOICES: dict[str, tuple[str, ...]] = {
 
 
 def option(name: str) -> str:
-    """Return the name of an option or a column, for a name in Python."""
+    """Return the option or column name of a Python name."""
     return name.replace("_", "-")
 
 
 def as_option(name: str, value: object) -> str:
-    """Return a parameter as on the command line: ``--sigma 0.1`` or ``--set levels=2``."""
+    """Return a parameter as a command-line option: ``--sigma 0.1`` or ``--set levels=2``."""
     text = f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
     return f"--{option(name)} {text}" if name in MAIN_FIELDS else f"--set {name}={text}"
 
 
 TITLES = {
-    1: "one Gaussian becomes two, a body away",
-    2: "a flow and a function that it carries",
+    1: "one Gaussian becomes two distant ones",
+    2: "a flow and a function advected along it",
     3: "a wide Gaussian becomes two narrow ones",
     4: "linear and exponential advection",
     5: "the smoothest field that commutes with another",
-    6: "a field carried along another",
+    6: "a field pushed forward along another",
     7: "eigenfunction 7 becomes eigenfunction 8",
-    8: "optical flow: the field that made the target",
+    8: "optical flow: recover the field that made the target",
     9: "a symmetry as a flow",
     10: "a symmetry as a flow, on a shape with creases",
     11: "functions with jumps become smooth ones",
     12: "a map between two poses, improved",
-    13: "how accurate the maps are",
+    13: "accuracy of the maps",
 }
-"""A few words for each figure."""
+"""A short title of each figure."""
 FIGURES = tuple(TITLES)
 
 _STAGES = 3
@@ -326,7 +359,11 @@ _FACTOR = 10.0
 
 @dataclass(frozen=True)
 class TableRow:
-    """A row of Table 1; a starred sigma is `cooled`: the first of three, each a tenth."""
+    """A row of Table 1.
+
+    A starred sigma of the table is ``cooled``: it is the first of three stages, each with a tenth
+    of the sigma before.
+    """
 
     figure: int
     tau: float
@@ -347,7 +384,7 @@ class TableRow:
 
     @property
     def values(self) -> dict[str, Any]:
-        """The parameters that the row sets; the others stay."""
+        """The parameters that the row sets, by name."""
         return {
             "tau": float(self.tau),
             "alpha": float(self.alpha),
@@ -363,11 +400,11 @@ class TableRow:
         }
 
     def matches(self, parameters: Parameters) -> bool:
-        """Tell whether these parameters are the row's."""
+        """Return whether parameters have all values of the row."""
         return parameters.with_values(**self.values) == parameters
 
     def parameters(self, **others: Any) -> Parameters:
-        """Make parameters with the row's values; `others` sets what the row leaves open."""
+        """Return parameters with the values of the row and, by name, other values."""
         return Parameters.of(**self.values | others)
 
 
@@ -387,16 +424,16 @@ TABLE_1 = {
 """The rows of Table 1 by figure, in its order."""
 
 NOTE = (
-    "Table 1 of the paper: tau, alpha, beta, sigma, N and n as printed. The paper's meshes keep "
-    "their own size, those here are scaled to unit area, so alpha, beta and sigma weigh "
-    "differently. A starred sigma is the first of three cooling stages here, each 10 times "
-    "smaller. Order, reach, levels and refine are such that the energy is the paper's; "
-    "iterations, gradient and optimiser stay as they are."
+    "Values of tau, alpha, beta, sigma, N and n from Table 1 of the paper. The meshes of the paper "
+    "have their original size, whereas meshes here are scaled to unit area. Alpha, beta and sigma "
+    "therefore have different effects. A starred sigma is the first of three cooling stages, each "
+    "10 times smaller. Order, reach, levels and refine have the values of the paper. Iterations, "
+    "gradient and optimiser do not change."
 )
-"""What is taken over from the table, and what is not."""
+"""Note on the differences between the table and these presets."""
 
 
 @lru_cache(maxsize=1)
 def row_of(parameters: Parameters) -> TableRow | None:
-    """Return the first row of Table 1 that these parameters follow, if any."""
+    """Return the first row of Table 1 whose values the parameters have; None if there is none."""
     return next((row for row in TABLE_1.values() if row.matches(parameters)), None)

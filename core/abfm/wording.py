@@ -1,32 +1,32 @@
-"""How numbers and sentences are written for people."""
+"""Formatting of numbers and sentences in messages and reports."""
 
 from __future__ import annotations
 
 import math
 
 _SHARE_MIN = 1e-4  # a smaller share is written as less than this
-_LOG2_MAX = 100.0  # beyond, a factor is not written
+_LOG2_MAX = 100.0  # of factors; larger ones are shown as 2 to this power
 
 
 def capital(text: str) -> str:
-    """Return a text with a capital first letter; the rest stays, as names of files do."""
+    """Return a text with a capital first letter; other letters keep their case."""
     return text[:1].upper() + text[1:]
 
 
 def sentence(text: str) -> str:
-    """Return a text as a sentence."""
+    """Return a text as a sentence, with a capital letter and a full stop."""
     return f"{capital(text)}."
 
 
 def counted(number: int, noun: str) -> str:
-    """Return ``1 iteration``, ``2 iterations``."""
+    """Return a number with its noun: ``1 iteration``, ``2 iterations``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def share(value: float) -> str:
     """Return a share in percent: ``0.7%``, ``2.6%``, ``33%``.
 
-    Shares are rounded up, so that one beyond a bound of as few digits never reads as within it.
+    Shares are rounded up, so that a share above a bound is never printed as equal to the bound.
     """
     if not math.isfinite(value):
         return "an unknown share"
@@ -37,20 +37,23 @@ def share(value: float) -> str:
 
 
 def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str:
-    """Return a number as text; ``-`` if it is unknown."""
+    """Return a number as text; ``-`` if it is None or NaN."""
     return "-" if value is None or math.isnan(value) else f"{value:{digits}}{unit}"
 
 
 def percents(share: float | None, digits: str = ".2g") -> str:
-    """Return a share in percent; ``-`` if it is unknown."""
+    """Return a share in percent; ``-`` if it is None or NaN."""
     return "-" if share is None else number_text(100 * share, digits, "%")
 
 
 def factor(log2: float) -> str:
-    """Return two to the power of a number with two digits: ``1.2``, ``10``, ``330``."""
+    """Return 2 to a power with two significant digits: ``1.2``, ``10``, ``330``."""
     return f"{float(f'{2 ** min(log2, _LOG2_MAX):.2g}'):g}"
 
 
 def value(number: float, span: float) -> str:
-    """Return a value of a function with three digits; 0 if it is rounding beside the span."""
+    """Return a function value with three digits.
+
+    Values below 1e-6 of the span are rounding errors and are printed as 0.
+    """
     return f"{0 if abs(number) < 1e-6 * span else number:.3g}"

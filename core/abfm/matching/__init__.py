@@ -1,4 +1,4 @@
-"""Finding the field whose flow carries a source to a target."""
+"""Matching of functions: find the field whose flow advects a source to a target."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The closest match whose map keeps a bound of distortion."""
+"""The function `limit_distortion`: a match whose map satisfies a bound of distortion."""
 
 from __future__ import annotations
 
@@ -21,159 +21,177 @@ from abfm.types import FloatArray
 from abfm.workers.control import Control, current_control
 from abfm.workers.progress import step
 
-_MATCHES_MAX = 3  # matches with a sigma between two steps, each about as long as the first match
-_SHRUNK_STEPS = 3  # steps beyond the bound that are shrunk
-_SHRINKINGS = 6  # fields that are measured to shrink one
-_SHARE_CLOSE = 0.98  # of the bound: what comes closer to it is not shrunk less
-_SHARE_MARGIN = 0.1  # share of an interval at either end in which no field is measured
-_SIGMA_FACTOR = 3.0  # times sigma, for fields that are smoother than the first step
+_MATCHES_MAX = 3  # with a sigma between two steps; each takes about as long as the first match
+_SCALED_STEPS_MAX = 3  # steps beyond the bound whose fields are scaled down
+_SCALINGS_MAX = 6  # fields measured while scaling one step
+_BOUND_SHARE_MIN = 0.98  # a distortion above this share of the bound is close enough
+_INTERVAL_MARGIN = 0.1  # no field is measured this close to the ends, relative to the interval
+_SIGMA_FACTOR = 3.0  # of sigma, for fields that are smoother than the first step
 
 
-class _Weights(NamedTuple):
-    """Of functions and of landmarks against the smoothness: both fall along a path."""
+class _Sigmas(NamedTuple):
+    """Sigma of functions and of landmarks; both fall along a path."""
 
     sigma: float
     landmark_sigma: float
 
-    def smoother(self) -> _Weights:
-        return _Weights(_SIGMA_FACTOR * self.sigma, _SIGMA_FACTOR * self.landmark_sigma)
+    def smoother(self) -> _Sigmas:
+        return _Sigmas(_SIGMA_FACTOR * self.sigma, _SIGMA_FACTOR * self.landmark_sigma)
 
-    def middle(self, other: _Weights) -> _Weights:
-        return _Weights(*(math.sqrt(a * b) for a, b in zip(self, other, strict=True)))
+    def middle(self, other: _Sigmas) -> _Sigmas:
+        return _Sigmas(*(math.sqrt(a * b) for a, b in zip(self, other, strict=True)))
 
 
 def limit_distortion(
     found: Match,
-    most: float,
+    max_distortion: float,
     measure: Callable[[Match], Distortion] = Match.distortion,
     control: Control | None = None,
 ) -> Match:
-    """Return the closest match that keeps a bound: for 99% of the faces neither ``|log2 J|`` of
-    areas nor ``|log2 R|`` of shapes is more than ``most``, and no face is folded.
+    """Return the match with the smallest residual whose distortion is within a bound.
 
-    If the match itself keeps the bound, it is the result. If not, the candidates are the field
-    without motion, the steps of its path, fields of steps beyond the bound times a factor, and
-    matches with sigmas between two steps. Of those that keep the bound, the result is the one with
-    the smallest residual of both checks: never larger than of any step that keeps the bound, or
-    without motion if that keeps it. Its path has the steps that keep the bound. If no candidate
-    keeps it, as where the initial map of a registration is beyond it, the match comes back. The
-    ``bound`` of the result says how it keeps the bound.
+    Within the bound, no face is folded. In addition, ``|log2 J|`` of areas and ``|log2 R|`` of
+    shapes are at most ``max_distortion`` on 99% of the faces.
+
+    If the given match is within the bound, it is the result. Otherwise the candidates are:
+
+    - the field without motion,
+    - the steps of the path,
+    - scaled fields of steps beyond the bound,
+    - matches with a sigma between two steps.
+
+    The result is the candidate within the bound that has the smallest residual of both checks. Its
+    path consists of the steps within the bound. If no candidate is within the bound, the given
+    match is returned; this happens if the initial map of a registration already exceeds the bound.
+    The attribute ``bound`` of the result describes its distortion.
 
     Parameters
     ----------
     found : Match
-    most : float
+    max_distortion : float
         Bound of ``|log2 J|`` and ``|log2 R|``.
     measure : callable, optional
-        Returns the distortion that is bounded; by default that of the flow, for registrations that
-        of the complete map.
+        Function that returns the distortion of a match. The default measures the flow.
+        Registrations measure the complete map.
     control : Control, optional
-        To pause, resume or cancel from elsewhere.
+        Object that pauses, resumes or cancels the search from another thread.
+
+    Returns
+    -------
+    Match
 
     Raises
     ------
     ParameterError
-        If the bound is no positive number.
+        If the bound is not a positive number.
     """
-    check_bound(most)
-    with step("looking for the closest field within the bound"):
-        bound = measure(found).bound(most)
+    check_bound(max_distortion)
+    with step("searching for the best field within the bound"):
+        bound = measure(found).bound(max_distortion)
         if bound.is_kept:
             return found if found.bound == bound else replace(found, bound=bound)
-        search = _Search(found, most, measure, control or current_control())
+        search = _Search(found, max_distortion, measure, control or current_control())
         search.run()
         if search.best is None:
-            return found.within(bound)
-        return search.best.within(measure(search.best).bound(most))
+            return found.with_bound(bound)
+        return search.best.with_bound(measure(search.best).bound(max_distortion))
 
 
-def check_bound(most: float) -> None:
-    """Refuse a bound that is no positive number, by a ParameterError."""
-    if not (is_finite_number(most) and most > 0):
-        raise ParameterError(f"max_distortion is {brief(most)}; expected a positive number")
+def check_bound(max_distortion: float) -> None:
+    """Raise ParameterError unless the bound is a positive number."""
+    if not (is_finite_number(max_distortion) and max_distortion > 0):
+        raise ParameterError(
+            f"max_distortion is {brief(max_distortion)}; expected a positive number"
+        )
 
 
 class _Search:
-    """A search for the closest match within a bound; ``best`` is the closest one so far."""
+    """A search for the match with the smallest residual within a bound."""
 
     def __init__(
         self,
         found: Match,
-        most: float,
+        max_distortion: float,
         measure: Callable[[Match], Distortion],
         control: Control | None,
     ) -> None:
-        self._found, self._most, self._measure, self._control = found, most, measure, control
-        self._path: list[PathStep] = []  # its steps that keep the bound
-        self._still = math.inf  # distortion without motion
-        self.best: Match | None = None
+        self._found, self._max_distortion, self._measure, self._control = (
+            found,
+            max_distortion,
+            measure,
+            control,
+        )
+        self._path: list[PathStep] = []  # the steps within the bound
+        self._distortion_at_rest = math.inf
+        self.best: Match | None = None  # the best match within the bound so far
 
     def run(self) -> None:
-        """Try all candidates after a match that is beyond the bound."""
+        """Try all candidates."""
         found, first = self._found, self._found.path[0]
         start, number = found.with_step(_scaled(first, 0.0)), -1
-        self._still = self._distortion(start)
-        if self._still <= self._most:
-            self._take(start)
+        self._distortion_at_rest = self._distortion(start)
+        if self._distortion_at_rest <= self._max_distortion:
+            self._update(start)
         beyond = list[tuple[PathStep, float]]()
         for index, each in enumerate(found.path):
             match = found.at_step(index)
             distortion = self._distortion(match)
-            if distortion > self._most:
+            if distortion > self._max_distortion:
                 beyond.append((each, distortion))
                 continue
             if math.isnan(match.verified_residual):
                 match = found.with_step(each)
             self._path.append(match.path[match.step])
-            if self._take(match):
+            if self._update(match):
                 start, number = match, index
         if self.best is None:
             return
-        for each, distortion in beyond[:_SHRUNK_STEPS]:
-            self._shrink(each, distortion)
+        for each, distortion in beyond[:_SCALED_STEPS_MAX]:
+            self._scale_down(each, distortion)
         self._between(start, number)
-        self._join()
+        self._set_path()
 
-    def _take(self, match: Match) -> bool:
-        """Take a match that keeps the bound if it is the closest one so far."""
-        is_closer = self.best is None or match.worse_residual < self.best.worse_residual
-        if is_closer:
+    def _update(self, match: Match) -> bool:
+        """Use a match within the bound if it is the best one so far."""
+        is_better = self.best is None or match.worse_residual < self.best.worse_residual
+        if is_better:
             self.best = match
-        return is_closer
+        return is_better
 
     def _distortion(self, match: Match) -> float:
-        """Return the distortion that 99% of the faces keep; infinity if one is folded."""
-        bound = self._measure(match).bound(self._most)
+        """Return the distortion within which 99% of the faces are; infinity if one is folded."""
+        bound = self._measure(match).bound(self._max_distortion)
         return math.inf if bound.folded else bound.largest
 
     def _distortion_of(self, velocity: FloatArray) -> float:
         return self._distortion(replace(self._found, fine_velocity=velocity, path=(), step=0))
 
-    def _shrink(self, beyond: PathStep, distortion: float) -> None:
-        """Try fields beyond the bound times the largest factor found that keeps it."""
+    def _scale_down(self, beyond: PathStep, distortion: float) -> None:
+        """Scale down the fields of a step beyond the bound until they are within it."""
         velocity, low, high = beyond.velocity, 0.0, 1.0
-        at_low, at_high = self._still, distortion
-        for _ in range(_SHRINKINGS):
-            if not _SHARE_CLOSE * self._most > at_low:
+        at_low, at_high = self._distortion_at_rest, distortion
+        for _ in range(_SCALINGS_MAX):
+            if not _BOUND_SHARE_MIN * self._max_distortion > at_low:
                 break
-            share = (self._most - at_low) / (at_high - at_low)
-            middle = low + (high - low) * min(max(share, _SHARE_MARGIN), 1 - _SHARE_MARGIN)
+            share = (self._max_distortion - at_low) / (at_high - at_low)
+            middle = low + (high - low) * min(max(share, _INTERVAL_MARGIN), 1 - _INTERVAL_MARGIN)
             at_middle = self._distortion_of(middle * velocity)
-            if at_middle <= self._most:
+            if at_middle <= self._max_distortion:
                 low, at_low = middle, at_middle
             else:
                 high, at_high = middle, at_middle
         if low:
-            with suppress(AbfmError):  # fields that carry nothing to their end
-                self._take(self._found.with_step(_scaled(beyond, low)))
+            with suppress(AbfmError):  # of fields that cannot advect the source to tau
+                self._update(self._found.with_step(_scaled(beyond, low)))
 
     def _between(self, start: Match, number: int) -> None:
-        """Try sigmas between those of a step that keeps the bound and of the next one, each from
-        the field of the smoother one.
+        """Try values of sigma between a step within the bound and the next step.
+
+        Each match starts from the field of the smoother one.
         """
         path = self._found.path
-        low = self._weights(path[number]) if number >= 0 else self._weights(path[0]).smoother()
-        later = [each for each in map(self._weights, path[number + 1 :]) if each.sigma < low.sigma]
+        low = self._sigmas(path[number]) if number >= 0 else self._sigmas(path[0]).smoother()
+        later = [each for each in map(self._sigmas, path[number + 1 :]) if each.sigma < low.sigma]
         if not later:
             return
         high = later[0]
@@ -183,41 +201,41 @@ class _Search:
             middle = low.middle(high)
             problem = self._found.problem.with_parameters(self._at(middle))
             tried = match(problem.starting_from(start.fine_velocity), control=self._control)
-            own = tried.path[tried.step]
-            distortion = self._distortion_of(own.velocity)
-            if distortion <= self._most:
-                start, low = self._found.with_step(own), middle
-                self._take(start)
+            result = tried.path[tried.step]
+            distortion = self._distortion_of(result.velocity)
+            if distortion <= self._max_distortion:
+                start, low = self._found.with_step(result), middle
+                self._update(start)
             else:
-                self._shrink(own, distortion)
+                self._scale_down(result, distortion)
                 high = middle
 
-    def _join(self) -> None:
-        """Let the path of the best match be the steps that keep the bound, with its own."""
+    def _set_path(self) -> None:
+        """Set the path of the best match to the steps within the bound and its own step."""
         assert self.best is not None
-        own = self.best.path[self.best.step]
-        numbers = [i for i, each in enumerate(self._path) if each.velocity is own.velocity]
+        selected = self.best.path[self.best.step]
+        numbers = [i for i, each in enumerate(self._path) if each.velocity is selected.velocity]
         if numbers:
             path, number = tuple(self._path), numbers[0]
         else:
-            path, number = (*self._path, own), len(self._path)
+            path, number = (*self._path, selected), len(self._path)
         self.best = replace(self.best, path=path, step=number)
 
-    def _weights(self, step: PathStep) -> _Weights:
-        """Return the weights with which a step of the path was found."""
+    def _sigmas(self, step: PathStep) -> _Sigmas:
+        """Return both sigmas of a step of the path."""
         problem = self._found.problem
         has_landmarks = problem.landmarks is not None
         schedule = Schedule(problem.parameters, problem.functions, 1, has_landmarks)
-        return _Weights(step.sigma, schedule.landmark_sigma(step.sigma))
+        return _Sigmas(step.sigma, schedule.landmark_sigma(step.sigma))
 
-    def _at(self, weights: _Weights) -> Parameters:
+    def _at(self, sigmas: _Sigmas) -> Parameters:
         found = self._found
-        changed = found.parameters.with_values(sigma=weights.sigma, cooling_stages=1)
+        changed = found.parameters.with_values(sigma=sigmas.sigma, cooling_stages=1)
         if found.problem.landmarks is None:
             return changed
-        return replace(changed, landmark_sigma=weights.landmark_sigma)
+        return replace(changed, landmark_sigma=sigmas.landmark_sigma)
 
 
 def _scaled(step: PathStep, times: float) -> PathStep:
-    """Return a step with its fields times a number, which was not held out."""
+    """Return a step with scaled fields and without scores of held-out patches."""
     return replace(step, velocity=times * step.velocity, held_out=math.nan, score=math.nan)

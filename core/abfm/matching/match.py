@@ -1,4 +1,4 @@
-"""Find the field whose flow carries one function to another."""
+"""The function `match`, which solves a problem and verifies the result."""
 
 from __future__ import annotations
 
@@ -45,30 +45,35 @@ def match(
     on_iteration: Callable[[Iteration], object] | None = None,
     control: Control | None = None,
 ) -> Match:
-    """Find the tangent field whose flow carries the source of a problem to its target.
+    """Find the tangent field whose flow advects the source of a problem to its target.
 
-    It minimises ``1/2 int ||v||_alpha^2 dt + 1/(2 sigma^2) ||f_tau - g||^2`` over the fields ``v``,
-    where ``f_tau`` is the source, advected along the flow of ``v`` to time tau (Eq. 3). The
-    residual is never larger than both that without motion and that of the start.
+    The field ``v`` minimises ``1/2 int ||v||_alpha^2 dt + 1/(2 sigma^2) ||f_tau - g||^2`` (Eq. 3).
+    Here ``f_tau`` is the source, advected along the flow of ``v`` to time tau. The residual of the
+    result is at most the larger one of the residual without motion and of the start.
 
     Parameters
     ----------
-    problem : Problem, or whatever `abfm.load_mesh` takes
-        A mesh needs functions or landmarks, see `Problem`.
+    problem : Problem, or a mesh as for `abfm.load_mesh`
+        A mesh also needs functions or landmarks, see `Problem`.
     f, g, parameters, mask, weights, start, terms, landmarks, landmark_weights
     approximate, circular
-        As of `Problem`, if the first argument is a mesh.
+        Arguments of `Problem`, only if the first argument is a mesh.
     on_iteration : callable, optional
-        Called with an `Iteration` after every iteration, in this thread.
+        Function that is called with an `Iteration` after every iteration, in this thread.
     control : Control, optional
-        To pause, resume or cancel from elsewhere.
+        Object that pauses, resumes or cancels the match from another thread.
+
+    Returns
+    -------
+    Match
 
     Raises
     ------
     AbfmError
-        If the functions, parameters, mask, weights or start do not fit.
+        If an argument has a wrong shape or value.
     MemoryError
-        If memory runs out before the first field; later, the result is the best field so far.
+        If memory runs out before the first field. If it runs out later, the result is the best
+        field so far.
 
     Examples
     --------
@@ -83,7 +88,9 @@ def match(
     given = (f, g, parameters, mask, weights, start, landmarks, landmark_weights)
     if not isinstance(problem, Problem):
         if f is None and g is None and landmarks is None:
-            raise ParameterError("match takes a Problem, or a mesh, a source and a target")
+            raise ParameterError(
+                "functions are missing; give match a Problem, or a mesh with a source and a target"
+            )
         problem = Problem(
             problem,
             f,
@@ -100,18 +107,18 @@ def match(
         )
     elif any(each is not None for each in given) or terms or approximate or circular:
         raise ParameterError(
-            "match takes a Problem alone: parameters, mask, weights and start are its own; give "
-            "them to abfm.Problem(...)"
+            "match takes no other arguments with a Problem; give parameters, mask, weights and "
+            "start to abfm.Problem(...)"
         )
     energy, record = MatchingEnergy(problem), Record(on_iteration)
     control = control or current_control() or Control()
-    # a cancelled match continues to its first evaluation
+    # a cancelled match still makes its first evaluation
     with controlled(control, lambda: bool(record.history)):
         solution = solve(energy, record)
     path, number, reason = solution.path, solution.step, solution.reason
     may_end = reason is not StopReason.CANCELLED or control.skip_checks
     if math.isnan(path[number].verified_residual):
-        with controlled(control, lambda: may_end):  # else it is verified although it was cancelled
+        with controlled(control, lambda: may_end):  # else verify it even if cancelled
             try:
                 path = (*path[:number], _verified(problem, path[number]), *path[number + 1 :])
             except MemoryError:
@@ -134,12 +141,12 @@ def match(
         path=path,
         step=number,
     )
-    with controlled(Control()):  # the landmarks are checked although it was cancelled
+    with controlled(Control()):  # check the landmarks even if cancelled
         return found.judged(history[stages == stages[-1], 0])
 
 
 def _verified(problem: Problem, end: PathStep) -> PathStep:
-    """Return a step of a path with the measurements along flow lines."""
+    """Return a step with its measurements along flow lines."""
     checkpoint()
     energy = MatchingEnergy(problem.refined(end.refined(problem.mesh)))
     with step("checking by flow lines", len(energy.mesh.vertices)):

@@ -1,4 +1,4 @@
-"""A problem as one value: what is to be matched, with which parameters, from which start."""
+"""The class `Problem`: functions, landmarks, parameters and start of a match."""
 
 from __future__ import annotations
 
@@ -48,57 +48,62 @@ from abfm.reading import from_json
 from abfm.types import BoolArray, File, FloatArray
 
 _DIFFERENCE_MAX = 0.5
-"""Of its norm: what differs by more at the vertices that stay is another function, such as another
-one with the same eigenvalue; coarse distances are off by a tenth."""
+"""Largest difference of a function that was evaluated again, relative to its norm.
+
+A larger difference at the original vertices means another function, such as another eigenfunction
+of the same eigenvalue. Distances on coarse meshes have errors of a tenth."""
 
 
 class Problem:
-    """Find v that minimises ``1/2 int ||v||_alpha^2 dt + 1/(2 sigma^2) ||f_tau - g||^2`` (Eq. 3).
+    """A matching problem: find the field whose flow advects a source to a target.
 
-    It never changes, is checked when it is made, and has its data terms on the mesh scaled to unit
-    area, in whose units everything is solved.
+    The field ``v`` minimises ``1/2 int ||v||_alpha^2 dt + 1/(2 sigma^2) ||f_tau - g||^2`` (Eq. 3).
+    A problem is immutable and is checked when it is made. Its data terms refer to the mesh scaled
+    to unit area, and so does the solver.
 
     Parameters
     ----------
-    mesh : TriangleMesh, or whatever `abfm.load_mesh` takes
+    mesh : TriangleMesh, or a mesh as for `abfm.load_mesh`
     f, g : (V,) or (V, C) arrays, or str, or sequences of str
-        Source and target, one or several channels; texts are functions, see `abfm.function`, which
-        finer meshes evaluate anew. Both None where landmarks alone are to be matched: zero then.
+        Source and target with one or several channels. Strings are function specs, see
+        `abfm.function`; refined meshes evaluate them again. Both may be None if only landmarks are
+        matched, and are zero then.
     parameters : Parameters, optional
     mask : (V,) array, optional
-        Weight of the mismatch at each vertex, not negative. Where it is 0 both functions are filled
-        in harmonically from around: what is given there, NaN included, changes nothing. It is 0
-        also where a function is NaN, with a warning.
+        Weight of the mismatch at each vertex, not negative. Where it is 0, both functions are
+        extended harmonically from the surrounding vertices, so their values there have no effect,
+        even if they are NaN. Vertices at which a function is NaN are masked, with a warning.
     weights : (C,) array, optional
-        Weight of each channel's mismatch, not negative. All may be 0 where there are landmarks,
-        which are then all that is matched.
+        Weight of the mismatch of each channel, not negative. All may be 0 if there are landmarks;
+        then only these are matched.
     start : (M, 4^k F, 3) or (4^k F, 3) array, optional
-        Fields to start from, such as an earlier ``match.velocity``, also one found for other
-        functions or parameters; those of M segments are averaged over, or repeated in, the N of
-        these parameters. Sigma is then not cooled again, which would lead away from a good start,
-        unless the parameters have a reach and the start is far from the target. None for zero. They
-        may be on the mesh subdivided k times: ``start`` is then their mean over children.
+        Initial fields, such as ``match.velocity`` of a match with other functions or parameters.
+        Fields of M segments are averaged over, or repeated in, the N segments of the parameters.
+        With a start, sigma begins at its last value, as a larger one would lead away from a good
+        start. If the parameters have a reach and the start misses the target, the search begins
+        anew. Fields may be defined on the mesh subdivided k times; the attribute ``start`` is then
+        their mean over child faces. The default is zero.
     terms : sequence of DataTerm
-        What else is to be matched, on ``mesh.normalized()``.
+        Additional data terms, on ``mesh.normalized()``.
     landmarks : (L, 2) array of int, or pair of SurfacePoints, optional
-        Vertices, or points, and where the flow is to take them, each to its own. Vertices of a
-        `TriangleMesh` are its rows; any other file or object counts its own vertices.
-        ``1/(2 lambda^2) sum_i w_i d(phi(p_i), q_i)^2`` is added, with the flow ``phi`` to tau,
-        distances along the surface, and lambda as the parameters' ``landmark_sigma``.
+        Vertices, or points, and their targets. Vertices of a `TriangleMesh` are its rows; for any
+        other mesh they are numbers of the file or object. They add
+        ``1/(2 lambda^2) sum_i w_i d(phi(p_i), q_i)^2`` to the energy, where ``phi`` is the flow to
+        tau, d the distance along the surface, and lambda the parameter ``landmark_sigma``.
     landmark_weights : (L,) array, optional
-        Weight of each, not negative.
+        Weight of each landmark, not negative.
     approximate : bool
-        Whether source and target are only alike, such as descriptors of two shapes: they are
-        matched as far as left-out patches of the surface gain, as measured functions are.
+        Whether source and target match only approximately, such as descriptors of two shapes. Like
+        measured functions, they are matched as long as held-out patches of the surface improve.
     circular : bool or float
-        Whether f and g are phases, which are compared by cosine and sine, or their period: two
-        channels for each of theirs, with its weight. Texts may be ``circular:...`` by themselves.
-        None gives no warning if they jump as phases do.
+        True if f and g are phases, or their period. Each phase is replaced by two channels, its
+        cosine and sine, with the same weight. Specs may use ``circular:...`` instead. None disables
+        the warning about functions that jump like phases.
 
     Raises
     ------
     AbfmError
-        If the functions, parameters, mask, weights, start or landmarks do not fit.
+        If an argument has a wrong shape or value.
 
     Examples
     --------
@@ -112,14 +117,14 @@ class Problem:
     """
 
     mesh: TriangleMesh
-    terms: tuple[DataTerm, ...]  # all of them: first that of source and target
+    terms: tuple[DataTerm, ...]  # the first one is the term of source and target
     parameters: Parameters
     fine_start: FloatArray | None  # (M, 4^k F, 3)
-    # texts of source and target, one each for a channel, empty for one that is given by values
+    # specs of source and target, one for each channel; empty for a channel given by values
     specs: tuple[tuple[str, ...], tuple[str, ...]]
     functions: FunctionTerm
     landmarks: Landmarks | None
-    channels_given: bool  # source and target came as (V, C); else as (V,)
+    channels_given: bool  # whether source and target were given as (V, C)
 
     def __init__(
         self,
@@ -157,7 +162,7 @@ class Problem:
         functions = FunctionTerm(
             mesh.normalized(), source, target, mask, weights, approximate=approximate
         )
-        functions.refuse_extremes()
+        functions.check_sizes()
         if circular is not None:
             rows = np.concatenate([functions.source, functions.target])
             hidden = None if functions.mask is None else functions.mask == 0
@@ -177,40 +182,42 @@ class Problem:
 
     @property
     def source(self) -> FloatArray:
-        """The source, (V, C), which cannot be written to."""
+        """The source, (V, C), read-only."""
         return _read_only(self.functions.source.T)
 
     @property
     def target(self) -> FloatArray:
-        """The target, (V, C), which cannot be written to."""
+        """The target, (V, C), read-only."""
         return _read_only(self.functions.target.T)
 
     @cached_property
     def start(self) -> FloatArray | None:
-        """Fields to start from, on the mesh itself, (M, F, 3), which cannot be written to."""
+        """The initial fields on the mesh itself, (M, F, 3), read-only; None for zero."""
         fine = self.fine_start
         return None if fine is None else _read_only(mean_of_children(fine, len(self.mesh.faces)))
 
     @property
     def mask(self) -> FloatArray | None:
-        """Weight of the mismatch at each vertex, (V,); None for 1 everywhere."""
+        """Weight of the mismatch at each vertex, (V,); None if it is 1 everywhere."""
         mask = self.functions.mask
         return None if mask is None else _read_only(mask)
 
     @property
     def weights(self) -> FloatArray:
-        """Weight of each channel's mismatch, (C,)."""
+        """Weight of the mismatch of each channel, (C,)."""
         return _read_only(self.functions.weights)
 
     @property
     def is_of_landmarks(self) -> bool:
-        """Whether landmarks are all that is to be matched."""
+        """Whether only landmarks are matched."""
         return self.landmarks is not None and self.functions.is_constant
 
     @cached_property
     def divergence(self) -> float:
-        """How many times as much as its curl a field's divergence weighs: as given, or by whether
-        the functions are measured; the same on coarser and finer meshes.
+        """The weight of the divergence of a field relative to its curl.
+
+        It is the parameter or, if that is None, depends on whether the functions are measured. It
+        is the same on coarser and finer meshes.
         """
         given = self.parameters.divergence
         if given is None:
@@ -218,53 +225,55 @@ class Problem:
         return given
 
     def starting_from(self, start: ArrayLike | None) -> Problem:
-        """Return the same problem with another start."""
+        """Return a copy with another start."""
         return self._with(fine_start=_checked_start(start, self.mesh))
 
     def with_parameters(self, parameters: Parameters) -> Problem:
-        """Return the same problem with other parameters."""
+        """Return a copy with other parameters."""
         other = self._with(parameters=parameters)
         other.__dict__.pop("divergence", None)
         return other
 
     def with_specs(self, f: Sequence[str], g: Sequence[str]) -> Problem:
-        """Return the same problem with texts of source and target, one each for a channel, which
-        they were evaluated by; empty for none.
+        """Return a copy with the specs from which source and target were evaluated.
+
+        There is one for each channel, empty for a channel without a spec.
         """
         count = len(self.functions.source)
         return self._with(specs=tuple(_specs(list(given), count) for given in (f, g)))
 
     def with_mask(self, mask: FloatArray) -> Problem:
-        """Return the same problem with another mask (V,) of source and target."""
+        """Return a copy with another mask (V,) of source and target."""
         return self._with_functions(self.functions.with_mask(mask))
 
     def with_known_values(self, mask: FloatArray | None) -> Problem:
-        """Return the same problem with a mask (V,), whose functions are known also where it is 0,
-        and stay as they are there.
+        """Return a copy with a mask (V,) that does not change values of masked vertices.
+
+        The functions have to be known there.
         """
-        own = self.functions
-        return self._with_functions(own.with_values(own.mesh, own.source, own.target, mask))
+        term = self.functions
+        return self._with_functions(term.with_values(term.mesh, term.source, term.target, mask))
 
     def _with_functions(self, functions: FunctionTerm) -> Problem:
         return self._with(terms=(functions, *self.terms[1:]), functions=functions)
 
     def subdivided(self) -> Problem:
-        """Return the problem on the midpoint subdivision of its mesh, made once.
+        """Return the problem on the midpoint subdivision of its mesh; the result is cached.
 
-        Functions that came as text are evaluated anew, but for those of files, of maps of vertices
-        and of curvature; these and arrays are interpolated. The mask of an edge is the least of its
-        ends, so that what it hides nowhere matters. A start that is not on the subdivision is made
-        continuous and goes to the children.
+        Specs are evaluated again, except those of files, vertex permutations and curvature. These
+        functions and arrays are interpolated. The mask at the midpoint of an edge is the smaller
+        one of its ends, so masked values have no effect. A start on the mesh itself is made
+        continuous and evaluated on the child faces.
 
         Raises
         ------
         AbfmError
-            If faces have no area that can be divided, or a data term has no place there.
+            If faces are too small to subdivide, or if a data term does not support finer meshes.
         """
         return self._subdivided
 
     def refined(self, k: int) -> Problem:
-        """Return the problem subdivided k times."""
+        """Return the problem on the mesh subdivided k times."""
         return self.subdivided().refined(k - 1) if k else self
 
     @cached_property
@@ -282,21 +291,24 @@ class Problem:
         functions.function_size = own.function_size
         others = [term.restricted(_Finer(mesh, fine)) for term in self.terms[1:]]
         if None in others:
-            raise ParameterError("a data term has no place on a finer mesh: do not refine")
-        start, marks = self.fine_start, self.landmarks
+            raise ParameterError("a data term does not support finer meshes; use refine=0")
+        start, landmarks = self.fine_start, self.landmarks
         if start is not None and start.shape[1] == len(mesh.faces):
             start = np.stack([field_on_children(mesh, field) for field in start])
         return self._with(
             mesh=fine,
             terms=(functions, *others),
             functions=functions,
-            landmarks=marks and marks.subdivided(unit),
+            landmarks=landmarks and landmarks.subdivided(unit),
             fine_start=start,
             divergence=self.divergence,
         )
 
     def restricted(self, restriction: Restriction) -> Problem | None:
-        """Return the problem on a coarser mesh, without a start; None if there is none."""
+        """Return the problem on a coarser mesh, without a start.
+
+        None if a data term is not defined there.
+        """
         terms = tuple(term.restricted(restriction) for term in self.terms)
         if None in terms:
             return None
@@ -313,10 +325,10 @@ class Problem:
 
     @cached_property
     def digest(self) -> str:
-        """Name of the problem by its content, in hexadecimal digits: the same in every process."""
+        """Hash of the content in hexadecimal digits, the same in every process."""
         digest = hashlib.sha256(b"abfm problem, format 1\n")
         arrays = self.arrays()
-        arrays.pop("structure", None)  # from the file's name or metadata
+        arrays.pop("structure", None)  # depends on the name or metadata of the mesh file
         for piece in results.pieces(arrays):
             digest.update(piece)
         for term in self.terms[1:]:
@@ -324,7 +336,7 @@ class Problem:
         return digest.hexdigest()
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return all that it is made of: what files hold, and what the digest is of."""
+        """Return the complete content as arrays, for files and for the digest."""
         parameters = json.dumps(self.parameters.to_dict(), sort_keys=True)
         parts: dict[str, Any] = results.mesh_arrays(self.mesh)
         for index, term in enumerate(self.terms):
@@ -338,36 +350,34 @@ class Problem:
         parts |= self.spec_arrays()
         return {name: np.asarray(part) for name, part in parts.items()}
 
-    def left(self, carried: FloatArray, errors: FloatArray | None) -> float:
-        """Return the residual of functions (C, V) and of landmarks that are so far off,
-        (L,), whichever is larger.
-        """
-        of_functions = self.functions.residual(carried)
+    def residual(self, advected: FloatArray, errors: FloatArray | None) -> float:
+        """Return the larger residual of advected functions (C, V) and landmark errors (L,)."""
+        of_functions = self.functions.residual(advected)
         return of_functions if errors is None else max(of_functions, residual_of_errors(errors))
 
     def spec_arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what files hold of the texts, (C,) each; nothing where there are none."""
+        """Return the specs as arrays (C,) for files; an empty dictionary if there are none."""
         if not any(map(any, self.specs)):
             return {}
         return dict(zip(results.SPEC_ENTRIES, map(np.array, self.specs), strict=True))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        """Write a file (``.npz``, no pickles) atomically, or raise ResultError."""
         results.save_arrays(path, self.arrays(), results.PROBLEM)
 
     def __repr__(self) -> str:
         return f"Problem({self.mesh!r}, channels={len(self.functions.source)})"
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"a Problem does not change: make a new one instead of setting {name}")
+        raise AttributeError(f"a Problem is immutable; make a new one instead of setting {name}")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what another process needs: the terms' mesh is made of the problem's there."""
-        kept = ("mesh", "parameters", "fine_start", "channels_given", "specs", "landmarks")
+        """Return the state without meshes of the terms, which `__setstate__` makes again."""
+        names = ("mesh", "parameters", "fine_start", "channels_given", "specs", "landmarks")
         terms = [copy(term) for term in self.terms]
         for term in terms:
             term.__dict__.pop("mesh", None)
-        return {name: self.__dict__[name] for name in kept} | {"terms": terms}
+        return {name: self.__dict__[name] for name in names} | {"terms": terms}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         unit = state["mesh"].normalized()
@@ -379,14 +389,14 @@ class Problem:
 
     def _with(self, **changes: Any) -> Problem:
         other = copy(self)
-        for made in ("digest", "start", "_subdivided"):
-            other.__dict__.pop(made, None)
+        for cached in ("digest", "start", "_subdivided"):
+            other.__dict__.pop(cached, None)
         other.__dict__.update(changes)
         return other
 
 
 def load_problem(path: File) -> Problem:
-    """Read a file of `Problem.save`; ResultError if it is missing, damaged, or no problem."""
+    """Read a file of `Problem.save`; ResultError if it is missing, damaged or not a problem."""
 
     def made(arrays: dict[str, NDArray[Any]]) -> Problem:
         return problem_of(results.mesh_of(arrays), arrays)
@@ -395,10 +405,10 @@ def load_problem(path: File) -> Problem:
 
 
 def problem_of(mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]]) -> Problem:
-    """Return the problem of such arrays; functions may have values that are refused today."""
+    """Return the problem of stored arrays, also with function values that are too large."""
     parameters = Parameters.of(**from_json(str(arrays["parameters"])))
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
-    marks = [arrays[name] for name in results.LANDMARK_ENTRIES if name in arrays]
+    landmarks = [arrays[name] for name in results.LANDMARK_ENTRIES if name in arrays]
     functions = FunctionTerm(
         mesh.normalized(),
         source,
@@ -407,7 +417,7 @@ def problem_of(mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]]) -> Proble
         weights,
         approximate="approximate" in arrays,
     )
-    if not marks:
+    if not landmarks:
         _require_weight(functions)
     zero = np.zeros(len(mesh.vertices))
     none = [""] * len(functions.source)
@@ -418,19 +428,19 @@ def problem_of(mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]]) -> Proble
         channels_given=bool(arrays["channels_given"]),
         fine_start=_checked_start(arrays.get("start"), mesh),
         specs=tuple(map(tuple, specs)),
-        landmarks=_landmarks_of_file(mesh, marks),
+        landmarks=_landmarks_of_file(mesh, landmarks),
     )
 
 
 def check_fields(velocity: ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return fields of the shape (N, F, 3), finite; one field may come as (F, 3)."""
+    """Return fields of this shape (N, F, 3) after checks; one field may be given as (F, 3)."""
     field = real_numbers(velocity, name, ParameterError)
     if field.shape == shape[1:] and shape[0] == 1:
         field = field[None]
     if field.shape != shape:
         raise ParameterError(f"{name} has shape {field.shape}; expected {shape}")
     if not np.isfinite(field).all():
-        raise ParameterError(f"{name} has values that are not finite")
+        raise ParameterError(f"{name} has values that are not finite; expected numbers")
     return field
 
 
@@ -447,8 +457,8 @@ def _checked_start(start: ArrayLike | None, mesh: TriangleMesh) -> FloatArray | 
 def _require_weight(functions: FunctionTerm) -> None:
     if not functions.weights.any():
         raise ParameterError(
-            "weights are zero everywhere; give a channel one above 0, or landmarks, which are then "
-            "all that is matched"
+            "all weights are zero; give at least one channel a positive weight, or give landmarks "
+            "to match these alone"
         )
 
 
@@ -456,20 +466,23 @@ def _landmarks_of_file(mesh: TriangleMesh, arrays: list[NDArray[Any]]) -> Landma
     if not arrays:
         return None
     if len(arrays) != len(results.LANDMARK_ENTRIES):
-        raise ValueError(f"it lacks some of {', '.join(results.LANDMARK_ENTRIES)}")
+        raise ValueError(f"the file lacks some of {', '.join(results.LANDMARK_ENTRIES)}")
     faces, barycentric, weights = arrays
     pair = tuple(SurfacePoints(mesh, faces[:, k], barycentric[:, k]) for k in range(2))
     return landmarks_of(mesh, pair, weights)
 
 
 def mask_on_children(mesh: TriangleMesh, mask: FloatArray) -> FloatArray:
-    """Return a mask (V,) on the subdivided mesh: on an edge the least of its ends."""
+    """Return a mask (V,) on the subdivided mesh; a midpoint has the smaller value of its edge."""
     return np.concatenate([mask, mask[mesh.edges].min(axis=1)])
 
 
 @dataclass(frozen=True)
 class _Finer:
-    """How data terms come to a finer mesh, by what they come to coarser ones."""
+    """The restriction of data terms to the midpoint subdivision of a mesh.
+
+    ``coarse`` is the subdivided mesh, because the protocol `Restriction` has this name.
+    """
 
     mesh: TriangleMesh
     coarse: TriangleMesh
@@ -500,15 +513,17 @@ def _mask_of_known(
     if not missing.any() or found is None:
         return found
     if not found.any():
-        raise FunctionError("there is no vertex where source and target both have a value")
+        raise FunctionError(
+            "source and target have no common vertex with a value (others are NaN or masked)"
+        )
     count = np.count_nonzero(missing)
-    text = f"{count:,} of {len(missing):,} vertices have no value (NaN) and are not compared"
+    text = f"{count:,} of {len(missing):,} vertices have no value (NaN) and are masked"
     warnings.warn(text, AbfmWarning, stacklevel=3)
     return found
 
 
 def _filled_in(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
-    """Return functions (V,) or (V, C), filled in where they are not known (V,)."""
+    """Return functions (V,) or (V, C), extended to vertices at which they are not known (V,)."""
     if known.all() or values.ndim not in (1, 2) or values.size == 0:
         return values
     array = mesh.restrict(values)
@@ -522,9 +537,11 @@ def _specs(given: Any, count: int) -> tuple[str, ...]:
     if (known := texts_of(given)) is None:
         return ("",) * count
     if len(known) != count:
-        raise ParameterError(f"{len(known)} texts of {count} channels; give one each, or ''")
+        raise ParameterError(f"{len(known)} specs for {count} channels; give one for each, or ''")
     texts = (str(parse(text)) if text else "" for text in known)
-    return tuple(text if text.isprintable() else "" for text in texts)  # files hold no others
+    return tuple(
+        text if text.isprintable() else "" for text in texts
+    )  # files store no other characters
 
 
 def _read_only(array: FloatArray) -> FloatArray:
@@ -534,22 +551,27 @@ def _read_only(array: FloatArray) -> FloatArray:
 
 
 def on_subdivision(mesh: TriangleMesh, values: FloatArray, spec: str = "") -> FloatArray:
-    """Return a function (V,) on the subdivided mesh, (V + E,): by its spec, if it has one that
-    means the same there, else interpolated.
+    """Return a function (V,) on the subdivided mesh, (V + E,).
+
+    It is evaluated from its spec if this defines the same function there, else interpolated.
     """
     fine = refined(mesh, 1)
     if spec and _is_meaningful(spec):
         try:
-            anew = function(fine, spec)
+            evaluated = function(fine, spec)
         except AbfmError:
             return interpolated(mesh, values)
-        if np.linalg.norm(anew[: len(values)] - values) <= _DIFFERENCE_MAX * np.linalg.norm(values):
-            return anew
+        difference = np.linalg.norm(evaluated[: len(values)] - values)
+        if difference <= _DIFFERENCE_MAX * np.linalg.norm(values):
+            return evaluated
     return interpolated(mesh, values)
 
 
 def _is_meaningful(spec: str) -> bool:
-    """Return whether it needs no file, and no curvature, which is 0 at middles of flat edges."""
+    """Return whether a spec defines the same function on a subdivided mesh.
+
+    Files and permutations belong to one mesh, and curvature is 0 at the midpoints of flat edges.
+    """
     try:
         parts = functions_in(parse(spec))
     except AbfmError:

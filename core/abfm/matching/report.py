@@ -1,4 +1,4 @@
-"""The report of a match and of its path: numbers for programs, lines for people."""
+"""Reports of a match and its path, as values for programs and as lines of text."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from abfm.outcome import Facts
 from abfm.parameters import as_option
 from abfm.wording import number_text, percents
 
-STEP_COLUMNS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
-SCORE = "score"  # of steps of measured functions
+STEP_COLUMNS = ("step", "sigma", "residual", "flow lines", "folded", "|log2 J|", "|log2 R|")
+SCORE = "score"  # only for measured functions
 
 
 def details(
     match: Match, facts: Facts | None = None, verdict: Verdict | None = None
 ) -> dict[str, Any]:
-    """Return all that is reported of a match as plain numbers and texts, None for unknown ones;
-    facts and verdict may be those of a registration.
+    """Return the report of a match as plain numbers and texts; None for unknown values.
+
+    Facts and verdict of a registration may replace those of the match.
     """
     facts, energies = facts or match.facts, match.energy_history[-1].tolist()
     return {
@@ -47,8 +48,9 @@ def details(
 
 
 def lines(match: Match, facts: Facts | None = None) -> list[str]:
-    """Return the report of a match for people: how well it matches, why it stopped, the numbers,
-    and the path; facts may be those of a registration.
+    """Return the report of a match as lines of text: facts, numbers and path.
+
+    Facts of a registration may replace those of the match.
     """
     facts, iterations = facts or match.facts, len(match.energy_history) - 1
     return [
@@ -59,27 +61,30 @@ def lines(match: Match, facts: Facts | None = None) -> list[str]:
 
 
 def residual_text(match: Match) -> str:
-    """Write the residual and its verification: ``0.012, 0.03 by flow lines, 0.1% folded``; and how
-    many fields in a row it took, if more than one.
+    """Return the residuals of a match: ``0.012, 0.03 along flow lines, 0.1% folded``.
+
+    If the match has several consecutive fields, their number follows.
     """
     parts = [f"{match.residual:.3g}"]
     if not math.isnan(match.verified_residual):
-        parts.append(f"{match.verified_residual:.3g} by flow lines")
+        parts.append(f"{match.verified_residual:.3g} along flow lines")
     if not math.isnan(match.folded):
         parts.append(f"{100 * match.folded:.2g}% folded")
     if len(match.fine_velocity) > 1:
-        parts.append(f"{len(match.fine_velocity)} fields in a row")
+        parts.append(f"{len(match.fine_velocity)} consecutive fields")
     return ", ".join(parts)
 
 
 def value_text(value: object) -> str:
-    """Write the value of a parameter."""
+    """Return the value of a parameter as text; ``auto`` for None."""
     return f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
 
 
 def advice_in_options(verdict: Verdict, facts: Facts, result: str = "") -> str:
-    """Return what to try as options, such as ``reach further (--reach 0.6 --start match.npz)``, or
-    in words; without a result file to start from, remedies start with no motion.
+    """Return the advice with command-line options: ``refine (--refine 1 --start match.npz)``.
+
+    Advice that no option expresses is returned in words. Without a result file, remedies start
+    without motion.
     """
     found = []
     for remedy in verdict.remedies:
@@ -97,7 +102,7 @@ def _row(match: Match, step: PathStep) -> dict[str, float | None]:
 
 
 def path_lines(match: Match) -> list[str]:
-    """Return the path as a table of a line a step, a star before the one that the match is."""
+    """Return the path as lines of a table; a star marks the step that is the match."""
     steps = [_row(match, step) for step in match.path]
     heads = [*STEP_COLUMNS, "refined", *([SCORE] if has_scores(steps) else [])]
     rows = [heads]
@@ -115,7 +120,8 @@ def has_scores(steps: Iterable[Mapping[str, float | None]]) -> bool:
 
 
 def step_cells(number: int, step: Mapping[str, Any], digits: str) -> list[str]:
-    """Return the texts below `STEP_COLUMNS` of a step of a path, by its facts."""
-    left = [number_text(step[name], digits) for name in ("residual", "verified_residual")]
-    cost = [number_text(step[name], digits) for name in ("log2_area", "log2_shape")]
-    return [str(number + 1), f"{step['sigma']:.3g}", *left, percents(step["folded"]), *cost]
+    """Return the cells of a step for the columns `STEP_COLUMNS`."""
+    residuals = [number_text(step[name], digits) for name in ("residual", "verified_residual")]
+    distortion = [number_text(step[name], digits) for name in ("log2_area", "log2_shape")]
+    folded, sigma = percents(step["folded"]), f"{step['sigma']:.3g}"
+    return [str(number + 1), sigma, *residuals, folded, *distortion]

@@ -1,4 +1,4 @@
-"""The result of a match: a field, and all that its flow carries."""
+"""The result of a match: the class `Match` and its file."""
 
 from __future__ import annotations
 
@@ -38,50 +38,50 @@ from abfm.reading import from_json
 from abfm.types import File, FloatArray, IntArray
 
 _RESIDUAL_DIFFERENCE = 0.005
-"""Difference up to which the residual of a file agrees with that of its field: a tenth of the usual
-goal, where rounding is 1e-6 of it."""
+"""Allowed difference between the stored residual and that of the field.
+
+It is a tenth of the usual goal. Rounding errors are 1e-6 of it."""
 _RESIDUAL_SHARE = 0.05
-"""The same, of the residual."""
+"""Allowed difference relative to the residual."""
 
 
 @dataclass(frozen=True, eq=False)
 class Match(Display):
-    """A field whose flow carries the source towards the target.
+    """The result of a match: fields whose flow advects the source towards the target.
 
     Attributes
     ----------
     problem : Problem
-        The problem that it solves.
+        The solved problem.
     fine_velocity : (N, 4^k F, 3) array
         Tangent fields, in the input's length unit per unit of time, on the mesh or on its midpoint
         subdivision made k times.
     advected : (V, C) array
         The source, advected to tau.
     energy_history : (iterations + 1, 3) array
-        Total, regularity and mismatch, in the solver's units (unit area), with the sigma of the
-        stage.
+        Total energy, regularity and mismatch with the sigma of the stage, on the mesh scaled to
+        unit area.
     stages : (iterations + 1,) array of int
-        Stage of each row.
+        The stage of each row of the energy history.
     residual : float
-        ``||f_tau - g|| / ||g - mean(g)||`` in L2 on the surface, weighted by the mask, or the
-        largest error of a landmark, in tenths of sqrt(area), if that is larger. Goal and verdict
-        use it.
+        ``||f_tau - g|| / ||g - mean(g)||`` in L2 on the surface, weighted by the mask. If the
+        largest error of a landmark, in tenths of sqrt(area), is larger, it is the residual. Goal
+        and verdict use it.
     verified_residual : float
-        The residual of the source along flow lines of the continuous fields (see
-        `abfm.matching.verify`), estimated from some of the vertices on large meshes; NaN if
-        unknown.
+        The residual of the source along flow lines of the continuous fields. On large meshes it is
+        estimated from some of the vertices. NaN if unknown. See `abfm.matching.verify`.
     folded : float
-        Share of the faces, 0 to 1, that this flow folds (`Verification.folded`); NaN if unknown.
+        Share of the faces that the flow folds, 0 to 1 (`Verification.folded`); NaN if unknown.
     stop_reason : StopReason
-        Why it stopped.
+        The reason why the solver stopped.
     verdict : Verdict
         Outcome, cause and advice.
     path : tuple of PathStep
-        The steps of the continuation, from large to small sigma; by default this field alone.
+        The steps of the continuation, from large to small sigma. The default is this field alone.
     step : int
-        The number of the step that is the match.
-    doubt : str
-        A warning that values of a file do not match its field, in a line; empty if they do.
+        Index of the step in ``path`` that is the match.
+    load_warning : str
+        A warning, in one line, if values of the file did not match its field; otherwise empty.
     bound : Bound, optional
         How well the map satisfies the bound of `abfm.matching.limit_distortion`; None without a
         bound.
@@ -103,7 +103,7 @@ class Match(Display):
     bound: Bound | None = None
 
     def __post_init__(self) -> None:
-        # a copy with another field is on no path, and within no bound
+        # a copy with another field has neither the path nor the bound
         if not self.path or self.path[self.step].velocity is not self.fine_velocity:
             p = self.parameters
             known = self.fine_velocity, self.residual, self.verified_residual, self.folded
@@ -112,7 +112,7 @@ class Match(Display):
 
     @property
     def mesh(self) -> TriangleMesh:
-        """The mesh, as it was given."""
+        """The mesh of the problem."""
         return self.problem.mesh
 
     @property
@@ -142,7 +142,7 @@ class Match(Display):
 
     @property
     def channels_given(self) -> bool:
-        """Tell whether source and target came as (V, C); else as (V,), and `advect` answers so."""
+        """Whether source and target were given as (V, C), the shape that `advect` returns."""
         return self.problem.channels_given
 
     @cached_property
@@ -154,27 +154,28 @@ class Match(Display):
 
     @cached_property
     def velocity(self) -> FloatArray:
-        """The fields on the mesh itself, (N, F, 3): means over children if it was refined."""
+        """The fields on the mesh itself, (N, F, 3); on a refined mesh, means over child faces."""
         return mean_of_children(self.fine_velocity, len(self.mesh.faces))
 
     @property
     def refined(self) -> int:
-        """The number of subdivisions of the mesh on which the fields are."""
+        """The number of subdivisions from the mesh to that of the fields."""
         return times_subdivided(self.fine_velocity.shape[1], self.mesh)
 
     @cached_property
     def fine(self) -> Match:
-        """The same match on the mesh on which its fields are, with the functions there."""
+        """The match on the subdivided mesh of its fields, with the functions there."""
         if not self.refined:
             return self
         problem = self.problem.refined(self.refined)
-        advected = _carried(problem, self.fine_velocity)
+        advected = _advected(problem, self.fine_velocity)
         return replace(self, problem=problem, advected=advected, path=(), step=0)
 
     @cached_property
     def landmark_errors(self) -> FloatArray | None:
-        """The distance along the surface of each landmark's end, by flow lines, from its target,
-        (L,), as fractions of sqrt(area); None without landmarks.
+        """The errors of the landmarks along flow lines, (L,); None without landmarks.
+
+        They are distances along the surface to the targets, as fractions of sqrt(area).
         """
         marks = self.problem.landmarks
         if marks is None:
@@ -188,55 +189,56 @@ class Match(Display):
 
     @cached_property
     def mismatch(self) -> float:
-        """``||f_tau - g|| / ||g||`` of the functions, as the paper defines it, on the mesh on which
-        the fields are; on the mesh itself if that is unknown.
+        """The mismatch of the functions as in the paper, ``||f_tau - g|| / ||g||``.
+
+        It refers to the mesh of the fields or, if unknown there, to the mesh itself.
         """
-        known = self.path[self.step].mismatch
-        own = self.problem.functions
-        return own.mismatch(self.advected.T) if math.isnan(known) else known
+        known, functions = self.path[self.step].mismatch, self.problem.functions
+        return functions.mismatch(self.advected.T) if math.isnan(known) else known
 
     @cached_property
     def initial_residual(self) -> float:
         """The residual without motion."""
         marks = self.problem.landmarks
         errors = None if marks is None else marks.initial_errors
-        return self.problem.left(self.problem.functions.source, errors)
+        return self.problem.residual(self.problem.functions.source, errors)
 
     def advect(self, t: ArrayLike) -> FloatArray:
-        """The source, advected to time ``t``, in its original shape; times as in `push`."""
+        """Return the source advected to time ``t``, in its original shape; see `push`."""
         if self.refined:
-            carried = self.fine.advect(t)
+            fine_advected = self.fine.advect(t)
             axis = np.ndim(t)
-            return np.take(carried, np.arange(len(self.mesh.vertices)), axis)
+            return np.take(fine_advected, np.arange(len(self.mesh.vertices)), axis)
         return self.push(self.source if self.channels_given else self.source[:, 0], t)
 
     def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
-        """Any function (V,) or (V, C), advected by the same flow to time ``t``, also beyond tau.
+        """Return a function (V,) or (V, C) advected along the flow to time ``t``.
 
-        A negative time reverses the flow; the reverse of linearised steps has the same steps with
-        the sign changed, in reverse order, which is not an exact inverse. An array of times (T,)
-        gives (T, ...), much faster than one by one.
+        Times may exceed tau, and negative times reverse the flow. The reverse of linearised steps
+        has the same steps with opposite sign, in reverse order, which is not an exact inverse. An
+        array of times (T,) returns (T, ...) and is much faster than separate calls.
 
         Raises
         ------
         AbfmError
-            If ``h`` does not fit the mesh, or the flow overflows or is too long.
+            If ``h`` does not fit the mesh, or if the flow overflows or is too long.
         """
         return self.flow.push(h, t)
 
     def at_step(self, step: int) -> Match:
-        """Return the match of another step of its path, with a verdict of its own; IndexError if
-        there is no such step.
+        """Return the match of another step of the path, with its verdict.
+
+        IndexError if there is no such step.
         """
         if step == self.step:
             return self
         found = self.path[step]
         problem = self.problem.refined(found.refined(self.mesh))
-        carried = _carried(problem, found.velocity)
+        fine_advected = _advected(problem, found.velocity)
         other = replace(
             self,
             fine_velocity=found.velocity,
-            advected=carried[: len(self.mesh.vertices)],
+            advected=fine_advected[: len(self.mesh.vertices)],
             residual=found.residual,
             verified_residual=found.verified_residual,
             folded=found.folded,
@@ -245,77 +247,82 @@ class Match(Display):
         )
         judged = other.judged()
         judged = replace(judged, verdict=judged.verdict.for_step(found.sigma))
-        return judged._checked_against(problem, carried)
+        return judged._checked_against(problem, fine_advected)
 
     def with_step(self, step: PathStep) -> Match:
-        """Return the match of a step after its path, whose numbers are recomputed by both checks;
-        AbfmError if its fields cannot advect the source.
+        """Return the match of a new step, which is appended to the path.
+
+        Its measurements are recomputed by both checks. AbfmError if its fields cannot advect the
+        source.
         """
         problem = self.problem.refined(step.refined(self.mesh))
-        carried = _carried(problem, step.velocity)
+        fine_advected = _advected(problem, step.velocity)
         path, number = (*self.path, step), len(self.path)
         other = replace(
             self, fine_velocity=step.velocity, path=path, step=number, bound=None, load_warning=""
         )
-        return other._recomputed(problem, carried)
+        return other._recomputed(problem, fine_advected)
 
-    def within(self, bound: Bound) -> Match:
+    def with_bound(self, bound: Bound) -> Match:
         """Return the match as the result of a search within a bound of distortion."""
-        return replace(self, bound=bound, verdict=self.verdict.within(bound))
+        return replace(self, bound=bound, verdict=self.verdict.with_bound(bound))
 
     def reverified(self) -> Match:
-        """Return the match if its numbers agree with its field, which advects the source once; else
-        with recomputed numbers, and a `load_warning`.
+        """Return the match after verifying its numbers by advecting the source once.
+
+        If they disagree with the field, they are recomputed, and ``load_warning`` states why.
         """
         problem = self.problem.refined(self.refined)
         try:
-            carried = _carried(problem, self.fine_velocity)
+            fine_advected = _advected(problem, self.fine_velocity)
         except AbfmError as error:
-            load_warning = f"its field cannot advect the source: {error}"
+            load_warning = f"the stored field cannot advect the source: {error}"
             verdict = Verdict(Outcome.NOT_REACHED, load_warning, "", cause=Cause.INCONSISTENT)
             return replace(self, verdict=verdict, load_warning=load_warning)
-        return self._checked_against(problem, carried)
+        return self._checked_against(problem, fine_advected)
 
-    @np.errstate(over="ignore", invalid="ignore")  # of functions that are refused today
-    def _checked_against(self, problem: Problem, carried: FloatArray) -> Match:
-        """Return it, recomputed if its numbers disagree with the advected source (V, C)."""
-        advected = carried[: len(self.mesh.vertices)]
-        left = problem.left(carried.T, self.landmark_errors)
+    @np.errstate(over="ignore", invalid="ignore")  # files may have functions that are too large
+    def _checked_against(self, problem: Problem, fine_advected: FloatArray) -> Match:
+        """Return the match, with new numbers if they disagree with the advected source (V, C)."""
+        advected = fine_advected[: len(self.mesh.vertices)]
+        residual = problem.residual(fine_advected.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)
         agreed = max(_RESIDUAL_DIFFERENCE, _RESIDUAL_SHARE * self.residual)
-        if left > self.residual + agreed:
+        if residual > self.residual + agreed:
             load_warning = (
-                f"its residual is {self.residual:.3g}, but that of its field is {left:.3g}"
+                f"its residual is {self.residual:.3g}, but that of its field is {residual:.3g}"
             )
         elif off > agreed:
-            load_warning = f"its advected source differs by {off:.3g} from that of its field"
+            load_warning = f"the stored advected source differs by {off:.3g} from that of the field"
         elif self._has_better_verdict():
             load_warning = (
                 f"its verdict is {self.verdict.kind}, its residual {self.worse_residual:.3g}"
             )
         else:
             return self
-        # the numbers of an interrupted run are those of a coarser level
+        # the numbers of an interrupted run refer to a coarser level
         is_estimate = self.stop_reason is StopReason.CANCELLED and math.isnan(
             self.verified_residual
         )
-        other = self._recomputed(problem, carried, is_verified=not is_estimate)
+        other = self._recomputed(problem, fine_advected, is_verified=not is_estimate)
         return replace(other, load_warning="" if is_estimate else load_warning)
 
-    def _recomputed(self, problem: Problem, carried: FloatArray, is_verified: bool = True) -> Match:
-        """Return it with the numbers of its field, and the source (V, C) that this advects."""
+    def _recomputed(
+        self, problem: Problem, fine_advected: FloatArray, is_verified: bool = True
+    ) -> Match:
+        """Return the match with new numbers, for its field and the advected source (V, C)."""
         numbers, own = dict[str, float](), self.path[self.step]
         if is_verified:
-            with suppress(AbfmError):  # too fast for flow lines
+            with suppress(AbfmError):  # flow lines that cross too many faces
                 energy = MatchingEnergy(problem)
                 numbers = flow_line_measures(energy, self.fine_velocity / energy.length_scale)
         numbers |= {"held_out": own.held_out, "score": own.score}
-        numbers["mismatch"] = problem.functions.mismatch(carried.T)
-        residual = problem.left(carried.T, self.landmark_errors)
+        numbers["mismatch"] = problem.functions.mismatch(fine_advected.T)
+        residual = problem.residual(fine_advected.T, self.landmark_errors)
         own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **numbers)
         other = replace(
             self,
-            advected=carried[: len(self.mesh.vertices)],
+            advected=fine_advected[: len(self.mesh.vertices)],
             residual=residual,
             verified_residual=own.verified_residual,
             folded=own.folded,
@@ -324,7 +331,7 @@ class Match(Display):
         return other.judged()
 
     def _has_better_verdict(self) -> bool:
-        """Return whether the verdict is better than the residual allows."""
+        """Return whether the stored verdict is better than the residual allows."""
         due = outcome_of(self.worse_residual, self.parameters.goal)
         return self.verdict.kind in (Outcome.MATCHED, Outcome.NEARLY) and (
             due.rank > self.verdict.kind.rank
@@ -347,22 +354,23 @@ class Match(Display):
         )
 
     def judged(self, energies: FloatArray | None = None) -> Match:
-        """Return the match with the verdict of its numbers and, if known, the energies of the last
-        stage's iterates.
+        """Return the match with a verdict by its numbers.
+
+        ``energies`` are those of the iterates of the last stage, if known.
         """
         evidence = replace(self._evidence, energies=energies)
         found = replace(self, verdict=judge(self.problem.functions, evidence, self.parameters))
-        vars(found)["landmark_errors"] = self.landmark_errors  # which take time
+        vars(found)["landmark_errors"] = self.landmark_errors  # as they take time
         return found
 
     @cached_property
     def facts(self) -> Facts:
-        """Outcome, headline, reason, advice, numbers and warnings, as every view shows them."""
+        """Outcome, headline, reason, advice, numbers and warnings of the match."""
         return self.report.facts()
 
     @property
     def report(self) -> Report:
-        """The report that writes the facts."""
+        """The report from which `facts` are made."""
         return Report(
             self.verdict,
             self._evidence,
@@ -376,26 +384,30 @@ class Match(Display):
         )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
-        """The fields (N, 4^k F, 3) as a start with other parameters, scaled to their tau."""
+        """Return the fields (N, 4^k F, 3) as a start for other parameters, scaled to their tau."""
         faster: FloatArray = self.fine_velocity * (self.parameters.tau / parameters.tau)
         return faster
 
     def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
-        """Return the origin of each vertex's value at time ``t``, or the end of each vertex if
-        ``inverse``, by flow lines, see `abfm.Flow.point_map`.
+        """Return the origin of the value of each vertex at time ``t``, along flow lines.
+
+        If ``inverse``, return the destination of each vertex. See `abfm.Flow.point_map`.
         """
         return self.flow.point_map(t, inverse)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
-        """Return the flow in the first k eigenfunctions, see `abfm.Flow.functional_map`."""
+        """Return the flow in the basis of k eigenfunctions, see `abfm.Flow.functional_map`."""
         return self.flow.functional_map(k, t)
 
     def distortion(self, t: float | None = None) -> Distortion:
-        """Measure the distortion of each face, see `abfm.Flow.distortion`."""
+        """Return the distortion of each face, see `abfm.Flow.distortion`."""
         return self.flow.distortion(t)
 
     def verify(self, subdivided: bool = True) -> Verification:
-        """Verify that the fields carry the source to the target, see `abfm.matching.verify`."""
+        """Verify by independent checks that the fields advect the source to the target.
+
+        See `abfm.matching.verify`.
+        """
         return verify(self.problem, self.fine_velocity, subdivided)
 
     def save(self, path: File) -> None:
@@ -406,8 +418,10 @@ class Match(Display):
         results.save_arrays(path, results.made(self._parts()))
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write the valid parts of a match that `save` refuses, at least its field; return the
-        missing ones and why, a line each, or raise ResultError.
+        """Write the valid parts of a match that `save` cannot write, at least its field.
+
+        Return the missing parts with the reasons, one line each. ResultError if the field cannot be
+        written.
         """
         return results.save_parts(path, self._parts(), substitutes(self))
 
@@ -415,15 +429,16 @@ class Match(Display):
         return {"the mesh": partial(results.mesh_arrays, self.mesh), **match_parts(self)}
 
 
-def _carried(problem: Problem, velocity: FloatArray) -> FloatArray:
-    """Return the source of a problem, advected to tau by fields (N, F, 3), (V, C)."""
+def _advected(problem: Problem, velocity: FloatArray) -> FloatArray:
+    """Return the source of a problem at tau, (V, C), advected by fields (N, F, 3)."""
     p = problem.parameters
     return Flow(problem.mesh, velocity, p.tau, p.paper.method).push(problem.source)
 
 
 def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
-    """Return the parts of a match's file except its mesh; any except the fields may fail, and
-    unknown values are left out.
+    """Return functions that make the parts of the file of a match, except its mesh.
+
+    Any part except the fields may fail. Unknown values are omitted.
     """
     problem, remedies, marks = match.problem, match.verdict.remedies, match.problem.landmarks
     grouped = {
@@ -433,11 +448,11 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
         "the functions' texts": tuple(results.SPEC_ENTRIES),
         "the landmarks": (*results.LANDMARK_ENTRIES, "landmark_errors"),
     }
-    left_out = {name for names in grouped.values() for name in names} | {"fine_velocity"}
+    excluded = {name for names in grouped.values() for name in names} | {"fine_velocity"}
     parts: dict[str, Callable[[], Mapping[str, Any]]] = {
         name: partial(_known, match, (name,))
         for name in results.MATCH_ENTRIES
-        if name not in left_out
+        if name not in excluded
     }
     parts |= {
         "parameters": lambda: {"parameters": json.dumps(match.parameters.to_dict())},
@@ -459,15 +474,17 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
 
 
 def substitutes(match: Match) -> dict[str, Any]:
-    """Return arrays in place of those of a match that cannot be saved: recomputed from its field,
-    or unknown. Loading the file recomputes what disagrees with the field.
+    """Return arrays that replace those of a match that cannot be saved.
+
+    They are recomputed from the field, or unknown. Loading the file recomputes arrays that disagree
+    with the field.
     """
     advected, residual = match.source, 0.0
     with suppress(Exception):  # any error of a field that was never checked
         problem = match.problem.refined(match.refined)
-        carried = _carried(problem, match.fine_velocity)
-        advected = carried[: len(match.mesh.vertices)]
-        residual = problem.left(carried.T, match.landmark_errors)
+        fine_advected = _advected(problem, match.fine_velocity)
+        advected = fine_advected[: len(match.mesh.vertices)]
+        residual = problem.residual(fine_advected.T, match.landmark_errors)
     return {
         "advected": advected,
         "energy_history": np.zeros((1, 3)),
@@ -479,7 +496,7 @@ def substitutes(match: Match) -> dict[str, Any]:
 
 
 def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return attributes of a match; unknown values are left out."""
+    """Return attributes of a match by name, without unknown values."""
     values = {name: getattr(match, name) for name in names}
     return {
         name: value
@@ -489,7 +506,7 @@ def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def load_match(path: File) -> Match:
-    """Read a file of `Match.save`; ResultError if it is missing, damaged, or not a result.
+    """Read a file of `Match.save`; ResultError if it is missing, damaged or not a match.
 
     Values that disagree with the field are recomputed, with a warning in ``match.load_warning``.
     """
@@ -501,16 +518,16 @@ def load_match(path: File) -> Match:
 
 
 def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
-    """Return the match of a file's arrays; any error if they do not fit."""
+    """Return the match of the arrays of a file; any error if they are inconsistent."""
     problem, velocity = problem_of(mesh, arrays), arrays["velocity"]
     segments, fine = problem.parameters.solver.segments, arrays.get("fine_velocity", velocity)
     if segments not in (0, len(velocity)):
-        raise ValueError(f"{len(velocity)} fields, but parameters say {segments}")
+        raise ValueError(f"it has {len(velocity)} fields, but its parameters require {segments}")
     times_subdivided(fine.shape[1], mesh)
     fastest = np.abs(fine).max()
     if fastest > results.SIZE_MAX * mesh.length_scale:
         raise ValueError(
-            f"velocity has the value {fastest:.3g}; expected up to {results.SIZE_MAX:g} length "
+            f"velocity has the value {fastest:.3g}; expected at most {results.SIZE_MAX:g} length "
             "scales of the mesh"
         )
     has_path = any(name.startswith("path_") for name in arrays)
@@ -534,7 +551,7 @@ def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
 
 
 def _remedies(text: str) -> tuple[Remedy, ...]:
-    """Return the remedies of `match_parts`."""
+    """Return the remedies that `match_parts` stored as JSON."""
     try:
         found = tuple(Remedy(**remedy) for remedy in from_json(text))
     except AbfmError:
@@ -542,11 +559,11 @@ def _remedies(text: str) -> tuple[Remedy, ...]:
     except (TypeError, ValueError) as error:
         names = ", ".join(field.name for field in fields(Remedy))
         raise ValueError(
-            f"the remedies are {one_line(text, 60)!r}; expected a list in JSON of what has {names}"
+            f"the remedies are {one_line(text, 60)!r}; expected a list with {names}"
         ) from error
     kinds = {"label": str, "words": str, "parameters": dict, "goes_on": bool}
     for remedy in found:
         for name, kind in kinds.items():
             if not isinstance(getattr(remedy, name), kind):
-                raise ValueError(f"the {name} of a remedy is no {kind.__name__}")
+                raise ValueError(f"the {name} of a remedy is not of type {kind.__name__}")
     return found

@@ -1,7 +1,7 @@
-"""What the functions alone say of a match: what no flow can do, or this mesh, and what goes astray.
+"""Properties of functions that prevent or limit a match, and signs of a failing match.
 
-A flow makes no new values, and neither splits nor joins peaks: functions that need this have no
-match. The discrete flow can do both, between vertices, and its own residual does not show it.
+A flow neither makes new values nor splits or joins peaks, so functions that need this have no
+match. The discrete flow can do both between vertices, and its residual does not show it.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -19,124 +19,130 @@ from abfm.mesh.topology import grouped
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
-SHARE = 0.2  # of the range, by which a peak stands out that is counted
-_DIFFERENCE_SHARE = 0.1  # of the range, by which what a flow leaves is beyond doubt
-_ZERO_SHARE = 0.005  # of the range: values nearer to 0 are reported as 0
-_DETAIL_SHARE = 0.02  # of the range, by which what is counted as detail stands out
-# peaks and pits: functions with more are measured, or as hard to match exactly
+# shares of the range of a function
+SHARE = 0.2  # least persistence of a peak that is counted
+_DIFFERENCE_SHARE = 0.1  # difference of values above which functions certainly differ
+_ZERO_SHARE = 0.005  # values closer to 0 are reported as 0
+_DETAIL_SHARE = 0.02  # least persistence of peaks and pits that count as detail
+# functions with more peaks and pits are measured, or as difficult to match exactly
 _EXTREMA_MAX = 20
-# edges per width below which advection over a quarter of a body (half of sqrt(area)) is off by
-# several percent
+# edges per width; with fewer, advection over half of sqrt(area) has errors of several percent
 RESOLUTION_MIN = 5.0
-_VARIATION_SHARE = 0.75  # of the variation lies on edges along which the function changes less
-# of source's and target's deviations: what has vanished has less. Of 18 matches of Gaussians
-# those that ended at a mismatch of 1 had a share below 0.01, all others one above 0.4
+_VARIATION_SHARE = 0.75  # of the variation, on edges with smaller changes of the function
+# of the deviations of source and target; a vanished source has a smaller deviation. Among 18
+# matches of Gaussians, those with a final mismatch of 1 had a share below 0.01, others above 0.4
 _DEVIATION_SHARE = 0.2
-# of what source and target differ by: what moves changes by 0.4 or more within five iterations
+# of the difference of source and target; moving sources change by 0.4 within five iterations
 _STILL_SHARE = 0.1
-_ROUNDING_SHARE = 1e-12  # of the largest value: a function of a smaller range has no peaks
-_CONSTANT_SHARE = 1e-9  # of the largest value: a smaller range is a constant
+_ROUNDING_SHARE = 1e-12  # of the largest value; functions with a smaller range have no peaks
+_CONSTANT_SHARE = 1e-9  # of the largest value; functions with a smaller range are constant
 
 
 def within_range(functions: FunctionTerm) -> FloatArray:
-    """Clip the target (C, V) to the values that the source has: the best that they allow."""
+    """Return the target (C, V), clipped to the range of the source: the best possible match."""
     source = functions.source
     low, high = source.min(axis=1, keepdims=True), source.max(axis=1, keepdims=True)
     return np.asarray(np.clip(functions.target, low, high))
 
 
 def range_bound(functions: FunctionTerm) -> float:
-    """Return the least residual that any flow can leave; 0 if the source has all values:
-    ``|f_tau - g| >= |clip(g, min f, max f) - g|`` everywhere.
+    """Return the least residual of any flow; 0 if the source has all values of the target.
+
+    Everywhere, ``|f_tau - g| >= |clip(g, min f, max f) - g|``.
     """
     return functions.residual(within_range(functions))
 
 
 def value_gap(functions: FunctionTerm) -> float:
-    """Return the larger residual of the values that one of two functions has and the other lacks.
+    """Return the larger residual of the values that only one of the functions has.
 
-    It is the same for the match from g to f: values of the source that the target lacks cannot
-    vanish along a flow either, although their area can.
+    It is the same for the match from g to f. Values that only the source has cannot vanish along a
+    flow either, although their area can become small.
     """
     return max(range_bound(functions), range_bound(functions.reversed()))
 
 
 def worst_channel(functions: FunctionTerm) -> int:
-    """Return the channel in which one of the functions lacks most of the other's values."""
+    """Return the channel in which the ranges of the functions differ most."""
     sides = (functions, functions.reversed())
     gaps = [((within_range(side) - side.target) ** 2) @ side.areas for side in sides]
     return int(np.argmax(np.maximum(*gaps) * functions.weights))
 
 
 def source_is_constant(functions: FunctionTerm) -> bool:
-    """Tell whether every channel that counts has one value all over the surface."""
-    return _constant(functions.source[_counting(functions)])
+    """Return whether the source is constant in every channel with a weight above 0."""
+    return _constant(functions.source[_weighted_channels(functions)])
 
 
 def target_is_constant(functions: FunctionTerm) -> bool:
-    """Tell whether every channel that counts has one value wherever the mask is above 0."""
-    return _constant(functions.target[_counting(functions)][:, functions.areas > 0])
+    """Return whether the target is constant, where channel weights and mask are above 0."""
+    return _constant(functions.target[_weighted_channels(functions)][:, functions.areas > 0])
 
 
 def distance(functions: FunctionTerm) -> float:
-    """Return how far the source has to go straight through space, in sqrt(area), in the channel
-    where it is most: between the centres of what it has too much and too little of, or 0.
+    """Return the straight distance that the source has to move, in sqrt(area); 0 if none.
+
+    The difference of source and target has a positive and a negative part. The distance is that
+    between the centres of both parts, in the channel with the largest one.
     """
-    excess = (functions.source - functions.target)[_counting(functions)] * functions.areas
+    excess = (functions.source - functions.target)[_weighted_channels(functions)] * functions.areas
     more, less = np.maximum(excess, 0), np.maximum(-excess, 0)
     known = (more.sum(axis=1) > 0) & (less.sum(axis=1) > 0)
     if not known.any():
         return 0.0
     mesh = functions.mesh
-    here, there = (
+    start, end = (
         part @ mesh.vertices / part.sum(axis=1)[:, None] for part in (more[known], less[known])
     )
-    return float(np.linalg.norm(here - there, axis=1).max()) / mesh.length_scale
+    return float(np.linalg.norm(start - end, axis=1).max()) / mesh.length_scale
 
 
 def squeezed(functions: FunctionTerm, advected: FloatArray) -> bool:
-    """Tell whether the flow gained more by shrinking the source, to half or less, than by moving.
+    """Return whether shrinking the source to half or less gained more than moving it.
 
-    With ``a`` the advected source (C, V), and all less their means, ``|a - g|^2`` falls by
-    ``|f|^2 - |a|^2``, which is shrinking, and by ``2 <a - f, g>``, which is moving.
+    Let ``a`` be the advected source (C, V), and subtract the mean of each function. Shrinking then
+    lowers ``|a - g|^2`` by ``|f|^2 - |a|^2``, and motion lowers it by ``2 <a - f, g>``.
     """
     size = min(functions.deviation(functions.source), functions.deviation(functions.target)) ** 2
-    left = functions.deviation(advected) ** 2
+    remaining = functions.deviation(advected) ** 2
     moved = 2 * functions.covariance(advected - functions.source, functions.target)
-    return left < size / 2 and size - left > moved
+    return remaining < size / 2 and size - remaining > moved
 
 
 def vanished(functions: FunctionTerm, advected: FloatArray) -> bool:
-    """Tell whether the flow squeezed the source to nothing (C, V) though the target is not flat."""
+    """Return whether the advected source (C, V) is almost constant, but the target is not."""
     least = min(functions.deviation(functions.source), functions.deviation(functions.target))
     return functions.deviation(advected) < _DEVIATION_SHARE * least
 
 
 def stood_still(functions: FunctionTerm, advected: FloatArray) -> bool:
-    """Tell whether the flow left the source where it was, though the target is elsewhere."""
-    apart = functions.norm(functions.source - functions.target)
-    return functions.norm(advected - functions.source) < _STILL_SHARE * apart
+    """Return whether the flow hardly moved the source, but the target is elsewhere."""
+    difference = functions.norm(functions.source - functions.target)
+    return functions.norm(advected - functions.source) < _STILL_SHARE * difference
 
 
 def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
-    """Return how many edges the narrow features of a function (V,) or (V, C) span; of several
-    channels the least, inf for constants.
+    """Return the number of edges that the narrow features of a function (V,) or (V, C) span.
 
-    Half the function's range over its change along an edge: over that which the function exceeds on
-    a quarter of its variation ``int |grad f|^2``. That makes it the width over the edge length, to
-    within 15 percent, of a Gaussian ``exp(-r^2 / (2 width^2))`` on an even mesh, if it is at least
-    one edge wide. A jump spans half an edge. Bumps that are much lower than others do not count.
+    With several channels it is the least number, and inf for constants. It is half the range of the
+    function, divided by the change along an edge that is exceeded on a quarter of the variation
+    ``int |grad f|^2``.
+
+    A Gaussian ``exp(-r^2 / (2 width^2))`` on a regular mesh spans its width divided by the edge
+    length, to within 15%. Its width has to be at least one edge. A jump spans half an edge. Bumps
+    that are much lower than others are ignored.
     """
     return min(_of_channel(mesh, channel) for channel in channels(mesh, f, "f"))
 
 
 def narrowest(functions: FunctionTerm) -> float:
-    """Return `resolution` of source and target, of the channels that count, and of the target where
-    the mask does.
+    """Return the smaller `resolution` of source and target, and of channels with a weight above 0.
+
+    The target is considered only where the mask is above 0.
     """
-    mesh, counting, known = functions.mesh, functions.weights > 0, functions.areas > 0
-    sources = [_of_channel(mesh, f) for f in functions.source[counting]]
-    targets = [_of_channel(mesh, g, known) for g in functions.target[counting]]
+    mesh, weighted, known = functions.mesh, functions.weights > 0, functions.areas > 0
+    sources = [_of_channel(mesh, f) for f in functions.source[weighted]]
+    targets = [_of_channel(mesh, g, known) for g in functions.target[weighted]]
     return min(sources + targets, default=np.inf)
 
 
@@ -156,7 +162,7 @@ def _of_channel(mesh: TriangleMesh, f: FloatArray, known: IndexArray | None = No
     return 0.5 / float(changes[order[np.searchsorted(below, _VARIATION_SHARE * below[-1])]])
 
 
-def _counting(functions: FunctionTerm) -> IntArray:
+def _weighted_channels(functions: FunctionTerm) -> IntArray:
     return np.flatnonzero(functions.weights)
 
 
@@ -164,15 +170,16 @@ def _constant(values: FloatArray) -> bool:
     return bool((np.ptp(values, axis=1) <= _CONSTANT_SHARE * np.abs(values).max(axis=1)).all())
 
 
-# The 0-dimensional persistence of a peak is how far one must go down from it to the pass to a
-# higher one (Edelsbrunner and Harer, Computational Topology, 2010, chapter VII). A flow carries a
-# function along a homeomorphism, so all of its peaks and pits arrive with their values and those of
-# their passes. If two functions differ by at most ``e`` everywhere, their peaks pair up, but for
-# those that stand out by at most ``2 e``, with values and passes that differ by at most ``e``
-# (Cohen-Steiner, Edelsbrunner and Harer 2007).
+# The 0-dimensional persistence of a peak is its height above the pass to a higher peak
+# (Edelsbrunner and Harer, Computational Topology, 2010, chapter VII). A flow advects a function
+# along a homeomorphism, which preserves the values of all peaks, pits and passes. If two functions
+# differ by at most ``e`` everywhere, their peaks of a persistence above ``2 e`` form pairs. Values
+# and passes of a pair differ by at most ``e`` (Cohen-Steiner, Edelsbrunner and Harer 2007).
 
 
 class Extrema(NamedTuple):
+    """Numbers of peaks and pits of a function."""
+
     peaks: int
     pits: int
 
@@ -186,18 +193,23 @@ Difference: TypeAlias = tuple[Counted, Counted]
 
 
 def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Persistence above 0 of each peak of a function (V,), largest first; for pits give ``-f``."""
+    """Return the persistence of each peak of a function (V,), if above 0, the largest first.
+
+    For pits, pass ``-f``.
+    """
     births, deaths = diagram(mesh, f).T
     return np.asarray(births - deaths)
 
 
 def diagram(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Return the value of each peak of a function (V,), and that at which it meets a higher one,
-    (K, 2), where they differ; the peak that stands out most comes first.
+    """Return the persistence diagram of the peaks of a function (V,), as rows of (K, 2).
+
+    A row has the value of a peak and of its pass to a higher peak. Peaks of persistence 0 are
+    omitted, and the peak of the largest persistence is the first one.
     """
     if not np.ptp(f) > _ROUNDING_SHARE * np.abs(f).max():
         return np.empty((0, 2))
-    falling = np.argsort(-f, kind="stable")  # of equal values the first one counts as higher
+    falling = np.argsort(-f, kind="stable")  # the first one of equal values counts as higher
     rank = np.empty(len(f), dtype=np.int64)
     rank[falling] = np.arange(len(f))
     births = f[falling]
@@ -207,92 +219,100 @@ def diagram(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
 
 
 def is_measured(functions: FunctionTerm) -> bool:
-    """Tell whether functions have so much detail that they are taken for measured ones, which match
-    as far as they are alike: the peaks and pits of source or target, in any channel, that stand out
-    by a share of the range that noise of a tenth of a deviation makes, too. Approximate functions
-    are treated alike.
+    """Return whether functions have so much detail that they are treated as measured ones.
+
+    Measured functions match only approximately. They have more than 20 peaks and pits, in source or
+    target and in any channel, with a persistence above 2% of the range. Noise of a tenth of a
+    standard deviation also causes such peaks. Functions declared as approximate are treated alike.
     """
     if functions.approximate and not functions.is_constant:
         return True
     counts = [
         sum(peaks(functions.mesh, f, _DETAIL_SHARE))
         for both in (functions.source, functions.target)
-        for f in both[_counting(functions)]
+        for f in both[_weighted_channels(functions)]
     ]
     return max(counts, default=0) > _EXTREMA_MAX
 
 
 def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
-    """Count peaks and pits of a function (V,) that stand out by a share of its range."""
+    """Count the peaks and pits of a function (V,) with a persistence above a share of its range."""
     return _count(_both(mesh, f), share * float(np.ptp(f)))
 
 
 def extrema_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
-    """Tell what peaks and pits two functions (V,) have, where they differ beyond doubt: one of them
-    has no counterpart whose value and whose pass differ by at most 0.1 of the larger range, and
-    stands out by more than twice that. Then every flow leaves a difference of as much somewhere.
+    """Return the peaks and pits of two functions (V,), if they certainly differ, else None.
 
-    Returned are those by 0.2 of the range, or, of equal numbers, what has no counterpart.
+    They differ if a peak or pit has no counterpart, and a persistence above 0.2 of the larger
+    range. Value and pass of a counterpart differ by at most 0.1 of that range. For every flow, the
+    advected source then differs from the target by at least 0.1 of the range somewhere.
+
+    The result is the number of peaks and pits with a persistence above 0.2 of the range. If these
+    numbers are equal, it is a description of the peaks or pits without a counterpart.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
     counts = tuple(_count(_both(mesh, values), SHARE * scale) for values in (f, g))
     for kind, side, sign in (("peak", "above", 1), ("pit", "below", -1)):
         one, other = (sign * diagram(mesh, sign * values) for values in (f, g))
-        alone = (
-            _alone(one, other, _DIFFERENCE_SHARE * scale),
-            _alone(other, one, _DIFFERENCE_SHARE * scale),
+        unpaired = (
+            _unpaired(one, other, _DIFFERENCE_SHARE * scale),
+            _unpaired(other, one, _DIFFERENCE_SHARE * scale),
         )
-        if not any(map(len, alone)):
+        if not any(map(len, unpaired)):
             continue
         if counts[0] != counts[1]:
             return counts[0], counts[1]
-        least = _ZERO_SHARE * scale
-        here, there = (
+        zero = _ZERO_SHARE * scale
+        of_f, of_g = (
             " ".join(
-                f"{word} {0 if abs(value) < least else value:.2g}"
+                f"{word} {0 if abs(value) < zero else value:.2g}"
                 for word, value in zip((f"a {kind} at", f"{side} a pass at"), rows[0], strict=True)
             )
             if len(rows)
             else f"no such {kind}"
-            for rows in alone
+            for rows in unpaired
         )
-        return here, there
+        return of_f, of_g
     return None
 
 
-def _alone(one: FloatArray, other: FloatArray, most: float) -> FloatArray:
-    """Return which rows of a diagram (K, 2) stand out by more than twice a difference, and go
-    without a counterpart in the other (L, 2) that is within it, as few of them as can be.
+def _unpaired(one: FloatArray, other: FloatArray, difference: float) -> FloatArray:
+    """Return the rows of a diagram (K, 2) without a counterpart in another diagram (L, 2).
+
+    A counterpart differs by at most ``difference``. Only rows with a persistence above twice that
+    are considered, and they are paired so that as few as possible remain.
     """
-    one = one[np.abs(one[:, 0] - one[:, 1]) > 2 * most]
-    near = np.abs(one[:, None] - other[None]).max(axis=-1, initial=0.0) <= most
-    pairs = maximum_bipartite_matching(sparse.csr_array(near), perm_type="column")
-    alone: FloatArray = one[pairs < 0]
-    return alone
+    one = one[np.abs(one[:, 0] - one[:, 1]) > 2 * difference]
+    is_close = np.abs(one[:, None] - other[None]).max(axis=-1, initial=0.0) <= difference
+    pairs = maximum_bipartite_matching(sparse.csr_array(is_close), perm_type="column")
+    unpaired: FloatArray = one[pairs < 0]
+    return unpaired
 
 
 def boundary_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
-    """Tell where the values of two functions (V,) differ most, and by more than 0.1 of the larger
-    range, of the places that a flow leads to themselves: pieces of the boundary, and parts of the
-    surface that touch the rest at pinched vertices.
+    """Return the ranges of two functions (V,) on the invariant part where they differ most.
+
+    A flow maps two kinds of parts to themselves: boundary loops, and parts of the surface that
+    touch the rest only at pinched vertices. None if the ranges differ nowhere by more than 0.1 of
+    the larger range.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
-    most, told, at = _DIFFERENCE_SHARE * scale, None, ""
+    largest, ranges_there, at = _DIFFERENCE_SHARE * scale, None, ""
     parts = grouped(mesh.faces, mesh.parts) if mesh.parts.any() else []
     for name, places in (
         ("a boundary", mesh.boundary_loops),
-        ("a part joined at vertices alone", parts),
+        ("a part joined only at vertices", parts),
     ):
         for place in places:
             ranges = np.array([[h[place].min(), h[place].max()] for h in (f, g)])
-            apart = float(np.abs(ranges[0] - ranges[1]).max())
-            if apart > most:
-                most, told, at = apart, ranges, name
-    if told is None:
+            difference = float(np.abs(ranges[0] - ranges[1]).max())
+            if difference > largest:
+                largest, ranges_there, at = difference, ranges, name
+    if ranges_there is None:
         return None
-    told[np.abs(told) < _ZERO_SHARE * scale] = 0.0
-    here, there = (f"from {low:.2g} to {high:.2g}" for low, high in told)
-    return f"values {here} on {at}", f"{there} there"
+    ranges_there[np.abs(ranges_there) < _ZERO_SHARE * scale] = 0.0
+    of_f, of_g = (f"values from {low:.2g} to {high:.2g}" for low, high in ranges_there)
+    return f"{of_f} on {at}", f"{of_g} there"
 
 
 def first_difference(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
@@ -302,10 +322,10 @@ def first_difference(functions: FunctionTerm) -> tuple[int, Counted, Counted] | 
     masked, since the mask may hide the difference.
     """
     if (functions.areas > 0).all():
-        for channel in _counting(functions):
+        for channel in _weighted_channels(functions):
             f, g = functions.source[channel], functions.target[channel]
-            for apart in (extrema_difference, boundary_difference):
-                found = apart(functions.mesh, f, g)
+            for difference in (extrema_difference, boundary_difference):
+                found = difference(functions.mesh, f, g)
                 if found is not None:
                     return int(channel), *found
     return None
@@ -321,16 +341,17 @@ def _count(persistences: tuple[FloatArray, FloatArray], least: float) -> Extrema
 
 @kernel
 def _deaths(edges: IndexArray, rank: IndexArray) -> IndexArray:
-    """Rank at which the peak at each rank meets a higher one, (V,); rank 0 is the highest vertex.
+    """Return the rank at which the peak of each rank meets a higher peak, (V,).
 
-    Other vertices meet one at their own rank; the highest peak lasts to the end.
+    Rank 0 is the highest vertex. Vertices that are not peaks have their own rank, and the highest
+    peak has the last one.
     """
     size = rank.size
     starts = np.zeros(size + 1, dtype=np.int64)
     for e in range(edges.shape[0]):
         starts[max(rank[edges[e, 0]], rank[edges[e, 1]]) + 1] += 1
     starts = np.cumsum(starts)
-    # the neighbours above each rank, one rank after the other
+    # higher neighbours of all ranks, sorted by rank
     higher = np.empty(edges.shape[0], dtype=np.int64)
     free = starts.copy()
     for e in range(edges.shape[0]):

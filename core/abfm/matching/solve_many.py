@@ -1,4 +1,4 @@
-"""Many problems on any executor: threads, processes, or the machines of a cluster."""
+"""The function `solve_many`, which matches problems in threads, processes or on a cluster."""
 
 from __future__ import annotations
 
@@ -23,30 +23,34 @@ from abfm.workers.control import Control
 from abfm.workers.executor import completed, in_order
 from abfm.workers.messages import Parcel, pack
 
-_CHECK_SECONDS = 0.1  # between two checks whether a match is still wanted
-_MESHES_KEPT = 2  # by a process, with what was computed from them
+_CHECK_SECONDS = 0.1  # between two checks whether a match is still needed
+_MESHES_CACHED_MAX = 2  # in each process, with operators
 
 
 def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Match]:
     """Match many problems on an executor; yield the matches in the order of the problems.
 
-    A process keeps the last meshes, and what was computed from them, for the problems that follow.
-    Matches come back without their meshes: ``match.mesh`` is the problem's own. All begins when the
-    first match is requested. Closing the iterator cancels the other problems, and stops those under
-    way on this machine.
+    Each process caches the last meshes and their operators for the following problems. Matches are
+    returned without meshes, and ``match.mesh`` is the mesh of the problem. The work starts when the
+    first match is requested. Closing the iterator cancels the other problems, and stops running
+    matches on this machine.
 
     Parameters
     ----------
     problems : iterable of Problem
     executor : concurrent.futures.Executor
-        Such as a ``ProcessPoolExecutor``, or ``client.get_executor()`` of ``dask.distributed``.
-        One match takes one core: as many workers as there are cores.
+        For example a ``ProcessPoolExecutor``, or ``client.get_executor()`` of
+        ``dask.distributed``. One match uses one core, so use as many workers as there are cores.
+
+    Yields
+    ------
+    Match
 
     Raises
     ------
     AbfmError
-        In the place of a problem that cannot be solved, as `match` raises it; as other errors, such
-        as of the executor, it ends all.
+        If `match` raises it for a problem. This error, like any error of the executor, ends the
+        iteration.
 
     Examples
     --------
@@ -86,8 +90,9 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
 
 
 class _Task(NamedTuple):
-    """A problem as it is sent, and a file on the disk of the sender's machine that exists while its
-    match is wanted.
+    """A problem to be sent to a worker.
+
+    The file ``wanted`` on the disk of the sending machine exists while the match is needed.
     """
 
     problem: Parcel
@@ -96,9 +101,10 @@ class _Task(NamedTuple):
 
 
 def _disk(folder: Path) -> tuple[str, int, int]:
-    """Return what identifies the folder of temporary files above, also after this one is deleted.
+    """Return an identity of the disk of a temporary folder, also after the folder is deleted.
 
-    Machines with equal disks differ in their names, containers with equal names in their disks.
+    It is the name of the machine, with device and inode of the parent folder. Machines with equal
+    disks have different names, and containers with equal names have different disks.
     """
     try:
         found = folder.parent.stat()
@@ -107,18 +113,18 @@ def _disk(folder: Path) -> tuple[str, int, int]:
     return platform.node(), found.st_dev, found.st_ino
 
 
-@lru_cache(maxsize=_MESHES_KEPT)
+@lru_cache(maxsize=_MESHES_CACHED_MAX)
 def _mesh(content: bytes) -> TriangleMesh:
     mesh: TriangleMesh = pickle.loads(content)
     return mesh
 
 
 def _solve(task: _Task) -> Parcel:
-    """Solve a problem, and return its match without meshes."""
+    """Solve a problem and return its match without meshes."""
     meshes = {name: _mesh(content) for name, content in task.problem.values.items()}
     problem, _ = task.problem._replace(values={}).unpack(meshes)
     control, checked = Control(), time.monotonic()
-    is_here = task.disk == _disk(task.wanted.parent)  # another machine does not see the file
+    is_here = task.disk == _disk(task.wanted.parent)  # another machine cannot read the file
 
     def check(now: Iteration) -> None:
         nonlocal checked

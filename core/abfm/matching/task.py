@@ -68,17 +68,17 @@ MAX_DISTORTION = number_input(
 
 
 def facts_of_file(path: Path) -> Facts:
-    """Return the facts that the file of a match or a registration holds.
+    """Return the facts stored in the file of a match or a registration.
 
     Raises
     ------
     ResultError
-        If the file is missing or damaged, or holds values that no match has.
+        If the file is missing or damaged, or has values that no match can have.
     """
     entries = results.REGISTRATION.entries
     with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
         found = results.check_arrays(archive, {name: entries[name] for name in _ENTRIES_OF_FACTS})
-        # of a registration, which may be worse than that of its match
+        # the verdict of a registration may be worse than that of its match
         verdict = Verdict.of_texts(found.get("registration_verdict", found["verdict"]).tolist())
         numbers = {name: float(found.get(name, math.nan)) for name in _RESIDUALS}
         if "path_steps" in found and "path_step" in found:
@@ -100,7 +100,7 @@ def facts_of_file(path: Path) -> Facts:
 
 
 def preview(path: Path) -> Preview:
-    """Return the first pair of functions of a match, or of the match on B of a registration."""
+    """Return a preview with the first channel of a match, or of the match on B."""
     names = ("source", "advected", "target")
     return preview_of(path, results.RESULT, lambda arrays: [arrays[name][:, 0] for name in names])
 
@@ -149,13 +149,13 @@ The best result is written in all cases except after bad input.
 
 @dataclass(frozen=True)
 class MatchTask(Task):
-    """Find the field whose flow carries a source to a target.
+    """The task of finding the field whose flow advects a source to a target.
 
     Attributes
     ----------
     problem : Problem
     max_distortion : float, optional
-        See `abfm.matching.limit_distortion`.
+        Bound of `abfm.matching.limit_distortion`.
     """
 
     problem: Problem
@@ -176,7 +176,7 @@ class MatchTask(Task):
         mask_input("mask", "weight of the mismatch at each vertex"),
         file_input(
             "start",
-            "start from the field of an earlier result",
+            "initial field, from an earlier result",
             "RESULT.npz",
             group=PARAMETERS,
         ),
@@ -209,10 +209,10 @@ class MatchTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Refuse a match without functions, and parameters that do not fit each other."""
+        """Raise ParameterError for missing functions or inconsistent parameters."""
         Parameters.of(**parameters_in(values))
         if not channels(values)[0]:
-            raise ParameterError("a match needs source and target")
+            raise ParameterError("source and target are missing; give one spec for each")
 
     @classmethod
     def read(cls, given: TaskInputs) -> MatchTask:
@@ -229,13 +229,13 @@ class MatchTask(Task):
             weights=weights,
             start=_start(values.get("start"), mesh.faces, parameters),
         )
-        # results keep functions as they were written
+        # results store the specs as they were written
         problem = problem.with_specs(*channels(given.written)[:2])
         return cls(problem, values.get("max-distortion"))
 
     @property
     def digest(self) -> str:
-        """Name of the result: that of the problem, unless its distortion is bounded."""
+        """Hash that names the result: of the problem and, if given, the bound of distortion."""
         if self.max_distortion is None:
             return self.problem.digest
         named = f"{self.problem.digest} max-distortion {self.max_distortion!r}"
@@ -260,11 +260,11 @@ class MatchTask(Task):
 
 
 class ProblemTask(MatchTask):
-    """Match what `abfm.Problem.save` wrote."""
+    """The task of matching a problem from a file of `abfm.Problem.save`."""
 
     kind: ClassVar = "problem"
     needs: ClassVar = ("problem",)
-    inputs: ClassVar = (file_input("problem", "a file of `abfm.Problem.save`"), MAX_DISTORTION)
+    inputs: ClassVar = (file_input("problem", "file of `abfm.Problem.save`"), MAX_DISTORTION)
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
@@ -282,11 +282,11 @@ def _start(path: str | None, faces: IntArray, parameters: Parameters) -> FloatAr
         return None
     earlier = load_match(path)
     if earlier.load_warning:
-        text = f"{one_line(path)}: its stored values were recomputed: {earlier.load_warning}"
+        text = f"{one_line(path)}: stored values were recomputed, as {earlier.load_warning}"
         warnings.warn(text, AbfmWarning, stacklevel=2)
     if not np.array_equal(earlier.mesh.faces, faces):
         raise ResultError(
-            f"start {one_line(path)} is a result on another mesh; give one on a mesh with the same "
-            "faces"
+            f"start {one_line(path)} is a result on another mesh; use a result on a mesh with the "
+            "same faces"
         )
     return earlier.start_for(parameters)

@@ -13,7 +13,7 @@ from abfm.errors import FunctionError, ParameterError
 from abfm.functions.circular import warn_of_phases
 from abfm.matching.problem import Problem
 from abfm.matching.terms.functions import (
-    CONSTANT,
+    CONSTANT_SHARE,
     FunctionTerm,
     checked_weights,
     mask_from_input,
@@ -61,7 +61,7 @@ class Frames:
         rows = [np.ascontiguousarray(frame.T) for frame in self.values]
         deviations = np.array([term.deviation(row) for row in rows])
         norms = np.array([term.norm(row) for row in rows])
-        deviations[deviations <= CONSTANT * norms] = 0.0
+        deviations[deviations <= CONSTANT_SHARE * norms] = 0.0
         return float(np.sqrt(np.mean(deviations**2))) or 1.0
 
     @cached_property

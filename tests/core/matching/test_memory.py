@@ -56,7 +56,7 @@ def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
         raise MemoryError
 
     for module in (abfm.match.__module__, solve.__module__):
-        monkeypatch.setattr(sys.modules[module], "measured", measured)
+        monkeypatch.setattr(sys.modules[module], "flow_line_measures", measured)
     match = abfm.match(SPHERE, F, G)
     assert match.residual < 0.1
     assert np.isnan(match.verified_residual)

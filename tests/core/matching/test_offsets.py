@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 import abfm
 from abfm import MatchingEnergy, Parameters, Problem
 from abfm.matching.solvability import is_measured, squeezed, stood_still, value_gap
-from abfm.matching.solving.measures import measured
+from abfm.matching.solving.measures import flow_line_measures
 from abfm.outcome import Outcome
 from tests.core.fields import bump
 from tests.shapes import ellipsoid, icosphere
@@ -36,7 +36,7 @@ def measurements(f, g, mask):
         functions.residual(functions.source),
         functions.function_size,
         value_gap(functions),
-        *measured(energy, np.zeros((1, len(SPHERE.faces), 3))).values(),
+        *flow_line_measures(energy, np.zeros((1, len(SPHERE.faces), 3))).values(),
     ]
     decisions = [
         squeezed(functions, carried),

@@ -13,7 +13,7 @@ from abfm.io import load_arrays, save_arrays
 from abfm.matching import PathStep, path_table
 from abfm.matching.path import COLUMNS, as_stored
 from abfm.matching.result import match_of
-from abfm.matching.solving.measures import measured
+from abfm.matching.solving.measures import flow_line_measures
 from tests.core.fields import bump
 from tests.messages import check_message
 from tests.shapes import icosphere, square
@@ -40,11 +40,11 @@ def test_a_rotation_keeps_areas_and_shapes_and_no_flow_leaves_all_and_a_swelling
     sphere = icosphere(4)
     energy = MatchingEnergy(sphere, *(bump(sphere, sphere.vertices[i], 0.3) for i in (0, 1)))
     centres = sphere.normalized().vertices[sphere.faces].mean(axis=1)
-    still = measured(energy, np.zeros((1, len(sphere.faces), 3)))
+    still = flow_line_measures(energy, np.zeros((1, len(sphere.faces), 3)))
     assert still["verified_residual"] == pytest.approx(
         energy.residual(energy.functions.source), rel=1e-6
     )
-    turned = measured(energy, np.cross([0, 0, 1.0], centres)[None])
+    turned = flow_line_measures(energy, np.cross([0, 0, 1.0], centres)[None])
     for said in (still, turned):
         assert said["folded"] == 0
         assert said["log2_area"] < 4e-3
@@ -53,7 +53,7 @@ def test_a_rotation_keeps_areas_and_shapes_and_no_flow_leaves_all_and_a_swelling
     plane = MatchingEnergy(flat, *(bump(flat, flat.vertices[i], 0.3) for i in (130, 140)))
     wide = plane.mesh.vertices[plane.mesh.faces].mean(axis=1)
     outward = wide - plane.mesh.vertices.mean(axis=0)
-    said = measured(plane, 0.5 * outward[None])
+    said = flow_line_measures(plane, 0.5 * outward[None])
     assert said["log2_area"] == pytest.approx(math.log2(math.e), rel=0.03)
     assert said["log2_shape"] < 0.04
 
@@ -119,8 +119,8 @@ def test_any_path_saves_and_loads_equal(seed, found, tmp_path):
 @pytest.mark.parametrize(
     ("damage", "told"),
     [
-        (lambda counts: counts + 1, "step 1 has 3 fields; it has 2"),
-        (lambda counts: counts[::-1], "step 1 has 1 fields; it has 2"),
+        (lambda counts: counts + 1, "3 for step 1, which has 2"),
+        (lambda counts: counts[::-1], "1 for step 1, which has 2"),
         (lambda counts: counts[:1], "path_fields has shape (1,); expected (2)"),
         (lambda counts: np.array([7, 2]), "path_velocity has shape"),
         (lambda counts: 0 * counts, "path_fields has the value 0"),

@@ -1,1 +1,1 @@
-"""What a match is worth: whether it can arrive, whether it did, and in which words."""
+"""Verification, verdicts and facts of a match."""

@@ -1,4 +1,4 @@
-"""Why a match has its outcome: the causes, and the one table of their sentences."""
+"""Causes of the outcome of a match, with their sentences and advice."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Cause(StrEnum):
-    """Why a match, or an interval of a sequence, has its outcome."""
+    """The cause of the outcome of a match or of an interval of a sequence."""
 
     NONE = "none"
     GIVEN = "given"
@@ -46,86 +46,91 @@ class Cause(StrEnum):
 
 SENTENCES: dict[Cause, str] = {
     Cause.NONE: "",
-    Cause.GIVEN: "the field is given, not sought",
-    Cause.BOTH_CONSTANT: "source and target are constant, so no motion can be determined",
-    Cause.SOURCE_CONSTANT: "the source is constant, and no flow changes that",
+    Cause.GIVEN: "the field was given, not computed",
+    Cause.BOTH_CONSTANT: "source and target are constant, so they determine no motion",
+    Cause.SOURCE_CONSTANT: "the source is constant, and every flow leaves it constant",
     Cause.TARGET_CONSTANT: (
-        "the target is constant and the source is not, and a flow keeps every value of the source"
+        "the target is constant but the source is not, and a flow preserves all source values"
     ),
     Cause.VALUES_DIFFER: (
-        "{channel}the source has values from {source}, the target from {target}, and no flow "
-        "changes values: the residual of the values that one of them lacks is {bound}"
+        "{channel}the source has values from {source}, the target from {target}; no flow changes "
+        "values, and their difference causes a residual of {bound}"
     ),
     Cause.EXTREMA_DIFFER: (
-        "{channel}the source has {here}, the target {there}; no flow changes that"
+        "{channel}the source has {here} but the target has {there}, and no flow changes that"
     ),
-    Cause.LANDMARKS_FAR: "{far} of {count} landmarks end farther than {limit} from their targets",
-    Cause.LIMIT_OF_DATA: "a closer match would not hold where it was not fitted",
+    Cause.LANDMARKS_FAR: (
+        "{far} of {count} landmarks end more than {limit} of sqrt(area) from their targets"
+    ),
+    Cause.LIMIT_OF_DATA: "a closer match would fit noise, as held-out patches would not improve",
     Cause.LITTLE_GAINED: (
-        "the residual is not clearly below that without motion, so nothing is registered"
+        "the residual is not clearly below that without motion, so the functions are not registered"
     ),
-    Cause.NOT_HELD_OUT: "held-out patches gain nothing, so the field fits noise",
+    Cause.NOT_HELD_OUT: "the residual of held-out patches does not fall, so the field fits noise",
     Cause.INITIAL_MAP: "{warning}",
     Cause.COMPLETE_MAP: (
         "the complete map from A to B has a residual of {residual}, more than the flow on B"
     ),
     Cause.CHECKS_DISAGREE: (
-        "by flow lines the residual is {verified:.2g}, so the discrete flow is not one here"
+        "the residual along flow lines is {verified:.2g}, so the discrete flow is inaccurate here"
     ),
-    Cause.LESS_CONFIRMED: "the flow lines confirm less than the discrete flow shows",
-    Cause.FOLDED: "{folded} of the faces are folded, which no flow does",
+    Cause.LESS_CONFIRMED: "the residual along flow lines is larger than that of the discrete flow",
+    Cause.FOLDED: "{folded} of the faces are folded, which is impossible for an exact flow",
     Cause.SQUEEZED: "the flow squeezed the source {to_nothing}instead of moving it{why}",
-    Cause.STOOD_STILL: "the source hardly moved, as moving costs more smoothness than it gains",
-    Cause.CANCELLED: "it was cancelled",
-    Cause.OUT_OF_MEMORY: "memory ran out, and the best field so far was kept",
-    Cause.STILL_FALLING: (
-        "it stopped after the {iterations} iterations it was given, still falling"
-    ),
-    Cause.LINE_SEARCH_FAILED: "no step lowers the energy any more, which is often rounding",
+    Cause.STOOD_STILL: "the source hardly moved, as motion costs more smoothness than it gains",
+    Cause.CANCELLED: "the run was cancelled",
+    Cause.OUT_OF_MEMORY: "memory ran out, and this is the best field so far",
+    Cause.STILL_FALLING: "{limit} while the energy still fell",
+    Cause.LINE_SEARCH_FAILED: "no step lowers the energy further, often because of rounding",
     Cause.NEEDS_ROUGHER_FIELD: "the residual cannot be reduced further without a rougher field",
-    Cause.NO_MOTION: "most of what changes is no motion",
+    Cause.NO_MOTION: "most of the change is not explained by motion",
     Cause.NO_MOTION_ON_MESH: (
-        "most of what changes is no motion that the mesh can carry, as it spans {edges:.2g} edges"
+        "most of the change is not explained by motion, as the features span only {edges:.2g} edges"
     ),
-    Cause.NOISE: "nothing but {noise} is there, and no motion can be told",
-    Cause.WITHIN_NOISE: "no more is left than {noise} leaves",
+    Cause.NOISE: "the frames contain nothing but {noise}, which determines no motion",
+    Cause.WITHIN_NOISE: "the residual is not larger than that of {noise}",
     Cause.ONLY_DISCRETE_FLOW: (
-        "flow lines leave most of what changes, so the discrete flow is not one here"
+        "flow lines do not explain most of the change, so the discrete flow is inaccurate here"
     ),
     Cause.ONLY_FLOW_LINES: (
-        "the discrete flow leaves most of what changes, though flow lines do not"
+        "the discrete flow does not explain most of the change, although flow lines do"
     ),
-    Cause.NOT_SOLVED: "it was not solved: cancelled before",
+    Cause.NOT_SOLVED: "the interval was not solved, as the run was cancelled before",
     Cause.UNDETERMINED: (
-        "the frames determine no motion: left-out frames are not where the field leads, as in a "
-        "standing wave or in a field that follows noise"
+        "the frames determine no motion: the field does not predict left-out frames, as in a "
+        "standing wave or in noise"
     ),
-    Cause.STEP_OF_PATH: "a step of the path, with sigma {sigma:.3g}",
+    Cause.STEP_OF_PATH: "this is the step of the continuation with sigma {sigma:.3g}",
     Cause.BOUNDED: (
-        "the distortion is limited to {most:g}: {share:.2f}% of the faces are within it, and "
-        "{percent:g}% within {largest:.2g}"
+        "the distortion is limited to {most:g}; {share:.2f}% of the faces are within the limit "
+        "and {percent:g}% within {largest:.2g}"
     ),
 }
-"""What is written of each cause; the names in braces are details of the decision."""
+"""The sentence of each cause; names in braces are details of the decision."""
 
 ADVICE: dict[Cause, str] = {
-    Cause.BOTH_CONSTANT: "take functions that vary",
-    Cause.NOT_SOLVED: "solve it again",
-    Cause.SOURCE_CONSTANT: "take a source that has the target's values",
-    Cause.TARGET_CONSTANT: "take a target that has the source's values in other places",
+    Cause.BOTH_CONSTANT: "use functions that vary",
+    Cause.NOT_SOLVED: "solve the interval again",
+    Cause.SOURCE_CONSTANT: "use a source with the values of the target",
+    Cause.TARGET_CONSTANT: "use a target with the values of the source at other places",
     Cause.VALUES_DIFFER: "scale or clip one of the functions",
-    Cause.EXTREMA_DIFFER: "smooth the functions, refine the mesh, or expect a match in part",
-    Cause.LITTLE_GAINED: "check that the functions and the initial map belong together",
-    Cause.NOT_HELD_OUT: "smooth the functions, or take a larger sigma",
-    Cause.INITIAL_MAP: "look at the initial map, give landmarks, or give the right map",
-    Cause.COMPLETE_MAP: "smooth A's functions, or refine its mesh",
+    Cause.EXTREMA_DIFFER: "smooth the functions, refine the mesh, or expect a partial match",
+    Cause.LITTLE_GAINED: "check that the functions correspond and that the initial map is correct",
+    Cause.NOT_HELD_OUT: "smooth the functions, or use a larger sigma",
+    Cause.INITIAL_MAP: "inspect the initial map, and give landmarks or another map",
+    Cause.COMPLETE_MAP: "smooth the functions of A, or refine its mesh",
     Cause.SQUEEZED: (
-        "wider functions that overlap, or targets in between, each match from the last one's field"
+        "use wider functions that overlap, or match intermediate targets, each from the last field"
     ),
 }
-"""What to try, if no change of parameters helps."""
+"""Advice for causes that no change of parameters removes."""
+
+
+def limit_sentence(iterations: int) -> str:
+    """Return the sentence of a run that ended at its limit of iterations."""
+    return f"the run stopped at the limit of {iterations} iterations"
 
 
 def sentence_of(cause: Cause, **details: object) -> str:
-    """Return the sentence of a cause."""
+    """Return the sentence of a cause, with these details."""
     return SENTENCES[cause].format(**details)

@@ -1,4 +1,4 @@
-"""What is reported of a match, once for every view."""
+"""Facts of a match: headline, reason, advice, numbers and warnings of all reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from abfm.matching.judging.cause import Cause
+from abfm.matching.judging.cause import Cause, limit_sentence
 from abfm.matching.judging.verdict import Evidence, Verdict, sentence_of_bound
 from abfm.matching.solving.record import StopReason
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
@@ -15,28 +15,26 @@ from abfm.types import FloatArray
 from abfm.wording import counted, factor, share
 
 LOG2_AREA_GOOD = 1.0
-"""Largest 95th percentile of ``|log2 J|`` of a map that is reported without a warning: areas that
-are halved or doubled."""
-_SHARE_COMPLETE = 0.995  # a share that reads as 100%
+"""Largest 95th percentile of ``|log2 J|`` without a warning; 1 is a factor of 2 in area."""
+_SHARE_COMPLETE = 0.995  # larger shares are printed as 100%
 _UNFINISHED_REASONS = {
-    StopReason.CANCELLED: "it was cancelled, and the best field so far was kept",
-    StopReason.OUT_OF_MEMORY: "memory ran out, and the best field so far was kept",
+    StopReason.CANCELLED: "the run was cancelled, and this is the best field so far",
+    StopReason.OUT_OF_MEMORY: "memory ran out, and this is the best field so far",
     StopReason.GIVEN: (
-        "nothing was solved: Play shows its flow, Match looks for a field of its own"
+        "no field was computed yet; Play shows the flow of the given field, Match computes another"
     ),
 }
 _STOP_SENTENCES = {
     StopReason.CONVERGED: "no change of the field lowers the energy further",
     StopReason.GOAL_REACHED: "the residual is below the goal",
     StopReason.NO_PROGRESS: "further iterations no longer improved the match",
-    StopReason.LINE_SEARCH_FAILED: "no step lowers the energy any more, which is often rounding",
-    StopReason.ITERATION_LIMIT: "it stopped after the {iterations} iterations it was given",
+    StopReason.LINE_SEARCH_FAILED: "no step lowers the energy further, often because of rounding",
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A judged match, from which its facts are written."""
+    """A match and its verdict, from which `facts` makes its facts."""
 
     verdict: Verdict
     evidence: Evidence
@@ -46,14 +44,15 @@ class Report:
     is_of_landmarks: bool
     log2_area_95: float = math.nan
     load_warning: str = ""
-    choice: str = ""  # which sigma was chosen, see `abfm.matching.path.choice_text`
+    choice: str = ""  # on the choice of sigma, see `abfm.matching.path.choice_text`
 
     def facts(self) -> Facts:
+        """Return the facts of the match."""
         evidence, verdict = self.evidence, self.verdict
         is_given = evidence.stop_reason is StopReason.GIVEN
         headline, reason, bound = self._headline(), self._reason(), evidence.bound
         if bound is not None and bound.is_kept:
-            headline += f", within distortion {bound.max_distortion:g}"
+            headline += f", distortion within {bound.max_distortion:g}"
             if verdict.cause is not Cause.BOUNDED:
                 reason += f"; {sentence_of_bound(bound)}"
         return Facts(
@@ -77,19 +76,19 @@ class Report:
     def _headline(self) -> str:
         reason, outcome = self.evidence.stop_reason, self.verdict.kind
         if reason is StopReason.GIVEN:
-            return "field given"
+            return "given field"
         if self.is_of_landmarks:
             return f"{reason if reason.is_interrupted else outcome}: {self._landmarks()}"
-        size, left = outcome_of(self._worse, self.parameters.goal), f"{share(self._worse)} left"
-        if size is Outcome.NOT_REACHED:
+        by_size, achieved = outcome_of(self._worse, self.parameters.goal), _residual(self._worse)
+        if by_size is Outcome.NOT_REACHED:
             if self._worse >= _SHARE_COMPLETE * self.initial_residual:
-                left = "nothing gained"
+                achieved = "no improvement"
             elif self._worse >= _SHARE_COMPLETE:
-                left = "little gained"
+                achieved = "little improvement"
         if reason is StopReason.CANCELLED:
-            return f"cancelled: {left}"
-        if outcome is Outcome.NOT_REACHED and outcome is size:
-            return f"{outcome}: {left}"
+            return f"cancelled ({achieved})"
+        if outcome is Outcome.NOT_REACHED and outcome is by_size:
+            return f"{outcome} ({achieved})"
         areas = self._areas() if self._distorts or outcome is Outcome.REGISTERED else ""
         return headline_of(outcome, self._worse, self.parameters.goal) + areas
 
@@ -101,7 +100,7 @@ class Report:
         errors = self._errors
         farthest = float(errors.max())
         if not math.isfinite(farthest):
-            return f"where the flow takes {counted(len(errors), 'landmark')} is unknown"
+            return f"errors of {counted(len(errors), 'landmark')} unknown"
         return f"{counted(len(errors), 'landmark')} within {share(farthest)} of sqrt(area)"
 
     @property
@@ -113,13 +112,14 @@ class Report:
         reason, verdict = self.evidence.stop_reason, self.verdict
         if reason in _UNFINISHED_REASONS:
             return _UNFINISHED_REASONS[reason]
-        ended = _STOP_SENTENCES.get(reason, str(reason))
-        why = verdict.why or ended.format(iterations=self.parameters.solver.iterations)
+        limit = limit_sentence(self.parameters.solver.iterations)
+        stopped = limit if reason is StopReason.ITERATION_LIMIT else _STOP_SENTENCES[reason]
+        why = verdict.why or stopped
         if verdict.kind is Outcome.REGISTERED:
             parts = why, f"the initial residual was {share(self.initial_residual)}", self.choice
             return "; ".join(filter(None, parts))
         if verdict.kind is Outcome.MATCHED and self.is_of_landmarks:
-            return "flow lines bring every landmark to where it belongs"
+            return "flow lines lead every landmark to its target"
         is_known = not math.isnan(self.evidence.verified)
         if verdict.kind is Outcome.MATCHED and is_known and verdict.cause is Cause.NONE:
             goal = share(self.parameters.goal)
@@ -129,7 +129,7 @@ class Report:
     def _advice(self) -> str:
         if self.verdict.advice or not self._distorts:
             return self.verdict.advice
-        return f"limit the distortion, such as to max_distortion {LOG2_AREA_GOOD:g}"
+        return f"limit the distortion, for example with max_distortion {LOG2_AREA_GOOD:g}"
 
     def _numbers(self) -> dict[str, float | None]:
         evidence = self.evidence
@@ -156,26 +156,30 @@ class Report:
     def _warnings(self) -> tuple[str, ...]:
         found = [self.load_warning] if self.load_warning else []
         if (bound := self.evidence.bound) is not None and not bound.is_kept:
-            within = f"{100 * bound.share:.1f}% of the faces are within it"
-            exceeded = f"the distortion exceeds the bound {bound.max_distortion:g}"
+            within = f"{100 * bound.share:.1f}% of the faces are within the bound"
+            exceeded = f"the distortion exceeds the bound of {bound.max_distortion:g}"
             found.append(f"{exceeded}: {within}, {counted(bound.folded, 'face')} folded")
         return (*found, *distortion_warnings(self.verdict.kind, self.log2_area_95))
 
 
 def headline_of(outcome: Outcome, residual: float, goal: float = Parameters.goal) -> str:
-    """Return ``matched to 0.7%``, ``nearly: 8% left``, ``registered: 42% left``; the outcome alone
-    if it is not a good one, or has another cause than the size of the residual.
+    """Return the headline of an outcome, such as ``nearly matched (residual 8%)``.
+
+    It has the residual if the outcome is good and follows from the size of the residual.
     """
+    phrase = "nearly matched" if outcome is Outcome.NEARLY else str(outcome)
     by_size = outcome is Outcome.REGISTERED or outcome is outcome_of(residual, goal)
-    if not (outcome.is_good and by_size):
-        return str(outcome)
-    joined = f" to {share(residual)}" if outcome is Outcome.MATCHED else f": {share(residual)} left"
-    return f"{outcome}{joined}"
+    return f"{phrase} ({_residual(residual)})" if outcome.is_good and by_size else phrase
+
+
+def _residual(residual: float) -> str:
+    return f"residual {share(residual)}"
 
 
 def distortion_warnings(outcome: Outcome, log2_area_95: float) -> tuple[str, ...]:
-    """Return the warning of a good result whose map changes areas a lot, by the 95th percentile of
-    ``|log2 J|``; empty if it does not.
+    """Return the warning of a good result whose map changes areas strongly; empty if there is none.
+
+    It depends on the 95th percentile of ``|log2 J|``.
     """
     if not (outcome.is_good and log2_area_95 > LOG2_AREA_GOOD):
         return ()
@@ -184,7 +188,7 @@ def distortion_warnings(outcome: Outcome, log2_area_95: float) -> tuple[str, ...
 
 
 def known_numbers(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    """Return the numbers of facts; None for those that are not finite."""
+    """Return the numbers of facts, with None for values that are not finite."""
     return {name: finite(number) for name, number in numbers.items()}
 
 

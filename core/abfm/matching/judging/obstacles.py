@@ -1,4 +1,4 @@
-"""What prevents a match and is known of the functions before the first iteration."""
+"""Obstacles to a match that the functions show before the first iteration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from abfm.wording import share, value
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A reason why functions do not match: its outcome, cause and details of the sentence."""
+    """A reason why functions cannot match: its outcome, cause and details of the sentence."""
 
     outcome: Outcome
     cause: Cause
@@ -25,12 +25,12 @@ class Obstacle:
 
 
 def expected_facts(problem: Problem) -> Facts | None:
-    """Return what is known of a match before it is solved.
+    """Return the obstacles to a match that are known before it is solved.
 
-    The outcome is impossible if no flow can match the functions, and nearly if they have other
-    peaks or pits, near which a flow cannot match them. The check is symmetric: exchanging source
-    and target gives the same outcome. None if nothing is in the way, or if the functions agree
-    already within the goal.
+    The outcome is impossible if no flow can match the functions. It is nearly if their peaks or
+    pits differ, as a flow cannot match the functions there. The result does not depend on which
+    function is the source. None if there is no obstacle, or if the functions already agree within
+    the goal.
     """
     functions = problem.functions
     if problem.is_of_landmarks or not functions.weights.any():
@@ -45,7 +45,7 @@ def expected_facts(problem: Problem) -> Facts | None:
         return None
     return Facts(
         found.outcome,
-        "impossible" if found.outcome is Outcome.IMPOSSIBLE else "a part may not match",
+        "impossible" if found.outcome is Outcome.IMPOSSIBLE else "may match only in part",
         sentence_of(found.cause, **found.details),
         ADVICE[found.cause],
         {"initial_residual": initial, "residual_bound": solvability.value_gap(functions)},
@@ -53,19 +53,21 @@ def expected_facts(problem: Problem) -> Facts | None:
 
 
 def obstacle(functions: FunctionTerm) -> Obstacle | None:
-    """Return why no flow can match functions; None if one may."""
-    flat = solvability.source_is_constant(functions)
-    to_flat = solvability.target_is_constant(functions)
-    if flat or to_flat:
-        both = Cause.BOTH_CONSTANT if to_flat else Cause.SOURCE_CONSTANT
-        return Obstacle(Outcome.IMPOSSIBLE, both if flat else Cause.TARGET_CONSTANT, {})
+    """Return the obstacle that makes a match impossible; None if there is none."""
+    is_source_constant = solvability.source_is_constant(functions)
+    is_target_constant = solvability.target_is_constant(functions)
+    if is_source_constant and is_target_constant:
+        return Obstacle(Outcome.IMPOSSIBLE, Cause.BOTH_CONSTANT, {})
+    if is_source_constant or is_target_constant:
+        cause = Cause.SOURCE_CONSTANT if is_source_constant else Cause.TARGET_CONSTANT
+        return Obstacle(Outcome.IMPOSSIBLE, cause, {})
     if solvability.value_gap(functions) > RESIDUAL_NEARLY:
         return missing_values(functions)
     return None
 
 
 def missing_values(functions: FunctionTerm) -> Obstacle:
-    """Return the obstacle that one of the functions has values which the other lacks."""
+    """Return the obstacle that one function has values outside the range of the other."""
     channel = solvability.worst_channel(functions)
     known = functions.areas > 0
     values = [side[channel, known] for side in (functions.source, functions.target)]
@@ -84,7 +86,7 @@ def missing_values(functions: FunctionTerm) -> Obstacle:
 
 
 def differing(functions: FunctionTerm) -> Obstacle | None:
-    """Return the obstacle of peaks, pits and boundary values that differ; None if there is none."""
+    """Return the obstacle of different peaks, pits or boundary values; None if there is none."""
     found = solvability.first_difference(functions)
     if found is None:
         return None

@@ -1,4 +1,4 @@
-"""Changes of parameters that are likely to bring a match closer."""
+"""Changes of parameters that are likely to reduce the residual of a match."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import ALPHA_MAX, COUNT_MAX, REFINE_MAX, VALUE_MIN, Parameters
 
 _DEFAULTS = Parameters()
-_FACTOR = 3.0  # how much larger or smaller a parameter is advised
-_SIGMA_FACTOR = 10.0  # the same of sigma where the source did not go to the target at all
-_MORE_ITERATIONS = 4  # how many times as many iterations
-# what a search for a far target needs besides a reach, as by default
+_PARAMETER_FACTOR = 3.0  # between the present and the suggested value
+_SIGMA_FACTOR = 10.0  # the same for sigma, if the source did not move to the target
+_ITERATIONS_FACTOR = 4
+# besides a reach, the search for a distant target needs the defaults of these parameters
 _CONTINUATION_NAMES = (
     "order",
     "levels",
@@ -27,10 +27,23 @@ _CONTINUATION_NAMES = (
 
 @dataclass(frozen=True)
 class Remedy:
-    """A run that is likely to come closer.
+    """Another run that is likely to have a smaller residual.
 
-    Its ``words`` are the ``label`` as advice, its ``parameters`` those that change, checked; if it
-    ``goes_on`` it starts from the field of the match, not from none.
+    Attributes
+    ----------
+    label : str
+        A short name, as on a button.
+    words : str
+        The advice as an imperative phrase.
+    parameters : dict
+        New values of the parameters that change.
+    goes_on : bool
+        Whether the run starts from the field of the match, instead of without motion.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not allowed.
     """
 
     label: str
@@ -42,53 +55,65 @@ class Remedy:
         Parameters.of(**self.parameters)
 
 
-CONTINUE_REMEDY = Remedy("Continue", "go on from this field", {}, True)
+CONTINUE_REMEDY = Remedy("Continue", "continue from this field", {}, True)
 
 
 class Remedies:
-    """Makes remedies of a match: numbers start from the parameters it had, and the last sigma."""
+    """Remedies of a match, with values relative to its parameters and its last sigma."""
 
     def __init__(self, functions: FunctionTerm, parameters: Parameters, refined: int = 0) -> None:
         self._functions, self._parameters = functions, parameters
         self._refined, self._sigma = refined, parameters.last_sigma
-        # larger than by default, so that a match is worth little
+        # with a larger sigma than the default, the energy gains little by a match
         relative = parameters.paper.sigma_unit == "relative"
         self.has_large_sigma = relative and parameters.last_sigma > _DEFAULTS.last_sigma
 
     @property
     def is_beyond_reach(self) -> bool:
-        """Whether the target is farther, straight through space, than the stages reach."""
+        """Whether the target lies beyond the reach, by the straight distance in space."""
         return self._parameters.solver.reach < solvability.distance(self._functions)
 
     @property
     def has_small_reach(self) -> bool:
-        """Whether they reach less far than by default; on the surface it may be farther."""
+        """Whether the reach is too small for the target, or smaller than the default.
+
+        The distance along the surface may be larger than the straight distance.
+        """
         return self.is_beyond_reach or self._parameters.solver.reach < _DEFAULTS.solver.reach
 
     def more_iterations(self) -> Remedy:
-        """More iterations; those of the defaults at least, as a match ends by itself."""
+        """Return a run with more iterations.
+
+        The number is at least the default, as a match also stops by itself.
+        """
         count = min(
-            max(_MORE_ITERATIONS * self._parameters.solver.iterations, _DEFAULTS.solver.iterations),
+            max(
+                _ITERATIONS_FACTOR * self._parameters.solver.iterations, _DEFAULTS.solver.iterations
+            ),
             COUNT_MAX,
         )
-        return Remedy("More time", f"more iterations, such as {count}", {"iterations": count})
+        return Remedy("More time", f"use more iterations, such as {count}", {"iterations": count})
 
     def larger_reach(self) -> Remedy:
+        """Return a run that searches for the target over a larger distance."""
         p, usual = self._parameters, _DEFAULTS.to_dict()
         needed = _rounded(max(solvability.distance(self._functions), _DEFAULTS.solver.reach))
-        wanted = {name: usual[name] for name in _CONTINUATION_NAMES} if not p.solver.reach else {}
+        values = {name: usual[name] for name in _CONTINUATION_NAMES} if not p.solver.reach else {}
         if p.paper.sigma_unit == "relative" and p.last_sigma < _DEFAULTS.last_sigma:
-            wanted.pop("sigma", None)  # which would undo a closer match
+            values.pop("sigma", None)  # keep a sigma that matches more closely
         changed = self._changes(
-            wanted
+            values
             | {"reach": needed, "iterations": max(p.solver.iterations, _DEFAULTS.solver.iterations)}
         )
-        course = " and the course of the defaults" if len(changed) > 2 else ""
-        words = f"a larger reach, such as {needed:g} of sqrt(area){course}"
+        defaults = " and the default continuation" if len(changed) > 2 else ""
+        words = f"use a larger reach, such as {needed:g} of sqrt(area){defaults}"
         return Remedy("Reach further", words, changed)
 
     def more_consistent(self) -> Remedy | None:
-        """Return what makes flow lines confirm more: what strays goes back to the defaults."""
+        """Return a run whose discrete flow agrees better with flow lines; None if unknown.
+
+        Parameters that let both disagree return to their defaults.
+        """
         p = self._parameters
         if self.is_beyond_reach:
             return self.larger_reach()
@@ -96,45 +121,59 @@ class Remedies:
             alpha = max(p.alpha, _DEFAULTS.alpha)
             changed = self._changes({"order": _DEFAULTS.solver.order, "alpha": alpha})
             values = " and ".join(f"{name} {value:g}" for name, value in changed.items())
-            return Remedy("Smoother", f"a smoother field, by {values}", changed)
+            return Remedy("Smoother", f"use a smoother field, with {values}", changed)
         return self.much_smaller_sigma() if self.has_large_sigma else None
 
     def finer_mesh(self) -> Remedy | None:
-        """Return a finer mesh, unless it is as fine as it may be, or the course has none."""
+        """Return a run on a finer mesh, from the present field.
+
+        None if the mesh is already subdivided `REFINE_MAX` times, or if the method does not refine
+        meshes.
+        """
         finer, p = self._refined + 1, self._parameters
         is_fixed = not p.solver.reach or p.paper.stage_iterations
         if finer > REFINE_MAX or is_fixed or p.paper.method == "linearised":
             return None
-        return Remedy("Refine", "a finer mesh, from this field", {"refine": finer}, True)
+        return Remedy("Refine", "refine the mesh, from this field", {"refine": finer}, True)
 
     def larger_alpha(self) -> Remedy:
-        """A larger alpha, from no motion: near the present field there is no smoother one."""
-        alpha = min(_rounded(_FACTOR * self._parameters.alpha or _DEFAULTS.alpha), ALPHA_MAX)
-        return Remedy("Smoother", f"a larger alpha, such as {alpha:g}", {"alpha": alpha})
+        """Return a run with a larger alpha.
+
+        It starts without motion, because no smoother field is near the present one.
+        """
+        alpha = min(
+            _rounded(_PARAMETER_FACTOR * self._parameters.alpha or _DEFAULTS.alpha), ALPHA_MAX
+        )
+        return Remedy("Smoother", f"use a larger alpha, such as {alpha:g}", {"alpha": alpha})
 
     def smaller_sigma(self) -> Remedy:
-        sigma = max(_rounded(self._sigma / _FACTOR), VALUE_MIN)
-        return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
+        """Return a run with a smaller sigma, from the present field."""
+        sigma = max(_rounded(self._sigma / _PARAMETER_FACTOR), VALUE_MIN)
+        words = f"use a smaller sigma, such as {sigma:g}"
+        return Remedy("Match closer", words, {"sigma": sigma}, True)
 
     def smaller_landmark_sigma(self) -> Remedy | None:
-        """Return a smaller landmark_sigma, unless landmarks alone are matched with the usual one,
-        below which they come no closer.
+        """Return a run with a smaller landmark_sigma.
+
+        None if landmarks alone are matched with at most the default, below which their errors do
+        not fall.
         """
         is_usual = self._parameters.landmark_sigma <= _DEFAULTS.landmark_sigma
         if is_usual and self._functions.is_constant:
             return None
-        sigma = max(_rounded(self._parameters.landmark_sigma / _FACTOR), VALUE_MIN)
-        words = f"a smaller landmark_sigma, such as {sigma:g}"
+        sigma = max(_rounded(self._parameters.landmark_sigma / _PARAMETER_FACTOR), VALUE_MIN)
+        words = f"use a smaller landmark_sigma, such as {sigma:g}"
         return Remedy("Landmarks closer", words, {"landmark_sigma": sigma}, True)
 
     def much_smaller_sigma(self) -> Remedy:
+        """Return a run with a much smaller sigma, which starts without motion."""
         least = _DEFAULTS.last_sigma if self.has_large_sigma else VALUE_MIN
         sigma = max(_rounded(self._sigma / _SIGMA_FACTOR), least)
-        return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma})
+        return Remedy("Match closer", f"use a smaller sigma, such as {sigma:g}", {"sigma": sigma})
 
-    def _changes(self, wanted: dict[str, Any]) -> dict[str, Any]:
+    def _changes(self, values: dict[str, Any]) -> dict[str, Any]:
         present = self._parameters.to_dict()
-        return {name: value for name, value in wanted.items() if value != present[name]}
+        return {name: value for name, value in values.items() if value != present[name]}
 
 
 def _rounded(value: float) -> float:

@@ -1,4 +1,4 @@
-"""The verdict of a match: its outcome and cause, as a sentence, and what to try."""
+"""The verdict of a match: outcome, cause, reason and advice."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from functools import cached_property
 
 from abfm.maps.distortion import BOUNDED_SHARE, Bound
 from abfm.matching import solvability
-from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
+from abfm.matching.judging.cause import ADVICE, Cause, limit_sentence, sentence_of
 from abfm.matching.judging.obstacles import Obstacle, differing, missing_values, obstacle
 from abfm.matching.judging.remedies import CONTINUE_REMEDY, Remedies, Remedy
 from abfm.matching.solving.record import StopReason
@@ -19,14 +19,15 @@ from abfm.types import FloatArray
 from abfm.wording import factor, share
 
 RESIDUAL_REGISTERED = 0.95
-"""Largest residual of functions that are registered: at 1 they have nothing in common."""
+"""Largest residual of registered functions; functions with nothing in common have 1."""
 SHARE_REGISTERED = 0.8
-"""Largest share of the residual without motion, or of the initial map alone, that is left of
-functions that are registered."""
-_LOG2_AREA_MAX = 100.0  # of a change of areas that is written
-# share of the faces beyond which a map is not to be trusted; an exact flow folds none
+"""Largest residual of registered functions, relative to the residual without motion.
+
+For two surfaces, the residual without motion is that of the initial map."""
+_LOG2_AREA_MAX = 100.0  # larger changes of area are not reported
+# with a larger share of folded faces a map is unreliable; an exact flow folds none
 FOLDED_SHARE_MAX = 0.1
-# an energy still falls if it has fallen by this share within so many iterations
+# an energy still falls if it fell by this share within these iterations
 _FALL_SHARE = 0.01
 _FALL_ITERATIONS = 10
 _LIMIT_REASONS = (StopReason.ITERATION_LIMIT, StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
@@ -35,20 +36,31 @@ _USUAL_GOAL = Parameters().goal
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of a match and why; reason and advice are one line each, without a full stop."""
+    """The outcome of a match, with its cause and advice.
 
-    # registered: measured functions, as closely as they allow; impossible: no flow can match them;
-    # not reached: not by this flow, which may still be worth having
+    Attributes
+    ----------
+    kind : Outcome
+        One of `abfm.outcome.VERDICTS`.
+    reason : str
+        The first and the last residual and, after a colon, their interpretation. One line without a
+        full stop.
+    advice : str
+        What to try, in one line without a full stop; empty if nothing is needed.
+    remedies : tuple of Remedy
+        The advice as changes of parameters, the best one first.
+    cause : Cause
+    """
+
     kind: Outcome
-    reason: str  # the first and the last residual, and what they mean after a colon
-    advice: str  # what to try, empty where nothing is needed
-    # the same as parameters, as far as they can do it, best first
+    reason: str
+    advice: str
     remedies: tuple[Remedy, ...] = ()
     cause: Cause = Cause.NONE
 
     @property
     def why(self) -> str:
-        """What the residuals mean; empty if they speak for themselves."""
+        """The interpretation of the residuals; empty if none is needed."""
         return self.reason.partition(": ")[2]
 
     @property
@@ -58,12 +70,12 @@ class Verdict:
 
     @property
     def texts(self) -> tuple[str, str, str, str]:
-        """Outcome, cause, reason and advice, as files hold them."""
+        """Outcome, cause, reason and advice, as stored in files."""
         return self.kind, self.cause, self.reason, self.advice
 
     @classmethod
     def of_texts(cls, texts: Sequence[str], remedies: tuple[Remedy, ...] = ()) -> "Verdict":
-        """Return the verdict of `texts`; ValueError if its words are unknown."""
+        """Return the verdict of stored `texts`; ValueError if outcome or cause are unknown."""
         kind, cause, reason, advice = texts
         if kind not in VERDICTS:
             expected = ", ".join(VERDICTS)
@@ -71,25 +83,25 @@ class Verdict:
         return cls(Outcome(kind), reason, advice, remedies, Cause(cause))
 
     def with_cause(self, kind: Outcome, cause: Cause, **details: object) -> "Verdict":
-        """Return the verdict of the same residuals with another outcome and cause."""
+        """Return a verdict with the same residuals but another outcome and cause."""
         reason = f"{self.change}: {sentence_of(cause, **details)}"
         return Verdict(kind, reason, ADVICE.get(cause, ""), (), cause)
 
     def for_step(self, sigma: float) -> "Verdict":
-        """Return the verdict of a step of a path, without why the match ended and what helps."""
+        """Return the verdict of a single step, without the stop reason and advice of the match."""
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE):
             return self
         return self.with_cause(self.kind, Cause.STEP_OF_PATH, sigma=sigma)
 
-    def within(self, bound: Bound) -> "Verdict":
-        """Return the verdict of a field that a bound of distortion keeps from coming closer."""
+    def with_bound(self, bound: Bound) -> "Verdict":
+        """Return the verdict of a field whose residual is limited by a bound of distortion."""
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE) or not bound.is_kept:
             return self
         return self.with_cause(self.kind, Cause.BOUNDED, **_bound_details(bound))
 
 
 def sentence_of_bound(bound: Bound) -> str:
-    """Return how a map keeps a bound of distortion."""
+    """Return the sentence about a map that satisfies a bound of distortion."""
     return sentence_of(Cause.BOUNDED, **_bound_details(bound))
 
 
@@ -100,33 +112,35 @@ def _bound_details(bound: Bound) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a match is judged by."""
+    """The measurements from which `judge` decides the verdict."""
 
-    advected: FloatArray  # source carried to tau, (C, V)
+    advected: FloatArray  # the source at tau, (C, V)
     residual: float  # of the discrete flow
     stop_reason: StopReason
-    verified: float = math.nan  # residual where flow lines carry the source; NaN if unknown
-    # share of the faces, 0 to 1, that the flow's map turns over; NaN if unknown
+    verified: float = math.nan  # residual along flow lines; NaN if unknown
+    # share of folded faces in the map of the flow, 0 to 1; NaN if unknown
     folded: float = math.nan
-    # (n,), of the last stage's iterates; None counts as still falling
+    # of the iterates of the last stage, (n,); None is treated as still falling
     energies: FloatArray | None = None
-    log2_area: float = math.nan  # mean ``|log2 J|`` of the flow's map; NaN if unknown
-    refined: int = 0  # how often the mesh was subdivided
-    # how far landmarks were and are off, (L,) each, in sqrt(area); None without any
+    log2_area: float = math.nan  # mean ``|log2 J|`` of the map; NaN if unknown
+    refined: int = 0  # number of subdivisions of the mesh
+    # initial and final errors of the landmarks, (L,) each, in sqrt(area); None without landmarks
     landmarks: tuple[FloatArray, FloatArray] | None = None
-    held_out: float = math.nan  # `PathStep.held_out`; NaN if nothing was held out
-    bound: Bound | None = None  # of distortion, within which the field was sought
+    held_out: float = math.nan  # see `PathStep.held_out`; NaN if unknown
+    bound: Bound | None = None  # the bound of distortion of the search, if any
 
 
 def is_registered(residual: float, first: float) -> bool:
-    """Return whether a residual is clearly below that without motion, and below that of functions
-    with nothing in common.
+    """Return whether a residual is small enough for registered functions.
+
+    It has to be clearly smaller than the residual ``first`` without motion, and smaller than that
+    of functions with nothing in common.
     """
     return residual < min(SHARE_REGISTERED * first, RESIDUAL_REGISTERED)
 
 
 def judge(functions: FunctionTerm, evidence: Evidence, parameters: Parameters) -> Verdict:
-    """Return the verdict of a match: what no flow can do comes first."""
+    """Return the verdict of a match by the first rule that applies."""
     case = _Case(functions, evidence, parameters)
     rules = (
         case.impossible,
@@ -140,7 +154,7 @@ def judge(functions: FunctionTerm, evidence: Evidence, parameters: Parameters) -
 
 
 class _Case:
-    """A match under the rules, each of which gives a verdict or None."""
+    """The rules of verdicts for one match; each rule returns a verdict, or None."""
 
     def __init__(self, functions: FunctionTerm, evidence: Evidence, parameters: Parameters) -> None:
         self.functions, self.evidence, self.parameters = functions, evidence, parameters
@@ -148,14 +162,14 @@ class _Case:
         self.residual = max(evidence.residual, self.bound)
         self.outcome = outcome_of(worse_residual(self.residual, evidence.verified), parameters.goal)
         self.first = functions.residual(functions.source)
-        self.first_of_functions = self.first
+        self.initial_of_functions = self.first
         if evidence.landmarks is not None:
             self.first = max(self.first, residual_of_errors(evidence.landmarks[0]))
-        self.known = not math.isnan(evidence.verified)
+        self.is_verified = not math.isnan(evidence.verified)
         self.remedies = Remedies(functions, parameters, evidence.refined)
 
     @cached_property
-    def unmatched(self) -> Obstacle | None:
+    def different_features(self) -> Obstacle | None:
         return differing(self.functions)
 
     @cached_property
@@ -163,10 +177,10 @@ class _Case:
         return solvability.is_measured(self.functions)
 
     @property
-    def gained(self) -> bool:
-        """Whether clearly less is left than without motion, and than functions that differ."""
-        left = worse_residual(self.evidence.residual, self.evidence.verified)
-        return is_registered(left, self.first_of_functions)
+    def has_improved(self) -> bool:
+        """Whether the residual is small enough for registered functions."""
+        worse = worse_residual(self.evidence.residual, self.evidence.verified)
+        return is_registered(worse, self.initial_of_functions)
 
     @property
     def is_narrow(self) -> bool:
@@ -177,7 +191,7 @@ class _Case:
         return solvability.squeezed(self.functions, self.evidence.advected)
 
     def impossible(self) -> Verdict | None:
-        """Values that one of the functions lacks, unless both were alike from the start."""
+        """Decide functions that no flow can match, unless they agreed from the start."""
         found = obstacle(self.functions)
         if found is None or (self.evidence.landmarks is not None and self.functions.is_constant):
             return None
@@ -187,30 +201,30 @@ class _Case:
         return self._verdict(found.outcome, found.cause, **found.details)
 
     def of_landmarks(self) -> Verdict | None:
-        """Landmarks that end farther from their targets than the goal allows."""
+        """Decide matches whose landmarks miss their targets by more than the goal allows."""
         if self.evidence.landmarks is None:
             return None
         goal, errors = self.parameters.goal, self.evidence.landmarks[1]
         outcome = outcome_of(residual_of_errors(errors), goal)
         if outcome is Outcome.MATCHED:
             return None
-        if self.evidence.stop_reason.is_interrupted or self._cut_short():
+        if self.evidence.stop_reason.is_interrupted or self._is_cut_short():
             return self._of_interruption(outcome)
         far = sum(residual_of_errors(errors[[i]]) > goal for i in range(len(errors)))
-        helps = (self.remedies.smaller_landmark_sigma(), self.remedies.finer_mesh())
+        suggestions = (self.remedies.smaller_landmark_sigma(), self.remedies.finer_mesh())
         return self._verdict(
             outcome,
             Cause.LANDMARKS_FAR,
-            *(each for each in helps if each),
+            *(each for each in suggestions if each),
             far=far,
             count=len(errors),
             limit=f"{100 * goal * MATCHED_ERROR / _USUAL_GOAL:.2g}%",
         )
 
     def registered(self) -> Verdict | None:
-        """Measured functions, which match as closely as the data support."""
+        """Decide measured functions that match as closely as the data support."""
         evidence = self.evidence
-        is_sound = self.known and self.gained and not evidence.folded > FOLDED_SHARE_MAX
+        is_sound = self.is_verified and self.has_improved and not evidence.folded > FOLDED_SHARE_MAX
         if self.outcome is Outcome.MATCHED or not is_sound or evidence.stop_reason.is_interrupted:
             return None
         if not self.is_measured or evidence.held_out >= 1:
@@ -219,44 +233,50 @@ class _Case:
         return self._verdict(Outcome.REGISTERED, Cause.LIMIT_OF_DATA if is_chosen else Cause.NONE)
 
     def unconfirmed(self) -> Verdict | None:
-        """A small residual of the discrete flow that is not one of the flow."""
+        """Decide small residuals of the discrete flow that flow lines do not confirm."""
         verified, folded = self.evidence.verified, self.evidence.folded
         if self.residual > RESIDUAL_NEARLY:
             return None
         if self.outcome is Outcome.NOT_REACHED:
-            if self.unmatched:
+            if self.different_features:
                 return self._of_obstacle()
             cause, more_consistent = Cause.CHECKS_DISAGREE, self._more_consistent()
             return self._verdict(Outcome.NOT_REACHED, cause, *more_consistent, verified=verified)
-        if folded > FOLDED_SHARE_MAX and not self.known:
+        if folded > FOLDED_SHARE_MAX and not self.is_verified:
             return self._verdict(
                 Outcome.NOT_REACHED, Cause.FOLDED, *self._more_consistent(), folded=share(folded)
             )
         return None
 
     def by_size(self) -> Verdict | None:
+        """Decide matched and nearly matched functions by the residual."""
         if self.outcome is Outcome.NOT_REACHED:
             return None
         if self.outcome is Outcome.MATCHED:
-            if self.first > self.parameters.goal and not self.known and self.unmatched:
+            if (
+                self.first > self.parameters.goal
+                and not self.is_verified
+                and self.different_features
+            ):
                 return self._of_obstacle(Outcome.NEARLY)
             if self.evidence.folded > FOLDED_SHARE_MAX:
                 folds = f"{share(self.evidence.folded)} of the faces are folded"
                 return self._verdict(
-                    Outcome.MATCHED, advice=f"do not trust its point map, where {folds}"
+                    Outcome.MATCHED, advice=f"do not rely on the point map, as {folds}"
                 )
             return self._verdict(Outcome.MATCHED)
         if self.bound > self.parameters.goal:
             missing = missing_values(self.functions)
             return self._verdict(Outcome.NEARLY, missing.cause, **missing.details)
-        if self._cut_short():
+        if self._is_cut_short():
             return self._of_interruption(Outcome.NEARLY)
         verified = self.evidence.verified
-        if self.known and verified > max(self.parameters.goal, self.evidence.residual):
+        if self.is_verified and verified > max(self.parameters.goal, self.evidence.residual):
             return self._verdict(Outcome.NEARLY, Cause.LESS_CONFIRMED, *self._more_consistent())
         return self._verdict(Outcome.NEARLY, Cause.NONE, self.remedies.smaller_sigma())
 
     def not_reached(self) -> Verdict:
+        """Decide all other matches by the cause of the large residual."""
         evidence, remedies = self.evidence, self.remedies
         hardly_began = (
             evidence.stop_reason is StopReason.ITERATION_LIMIT
@@ -268,22 +288,22 @@ class _Case:
             return self._of_interruption(Outcome.NOT_REACHED)
         if solvability.stood_still(self.functions, evidence.advected) and not hardly_began:
             larger_reach = (remedies.larger_reach(),) if remedies.is_beyond_reach else ()
-            helps = (*larger_reach, remedies.much_smaller_sigma())
-            return self._verdict(Outcome.NOT_REACHED, Cause.STOOD_STILL, *helps)
-        if self.is_measured and not self.gained:
+            suggestions = (*larger_reach, remedies.much_smaller_sigma())
+            return self._verdict(Outcome.NOT_REACHED, Cause.STOOD_STILL, *suggestions)
+        if self.is_measured and not self.has_improved:
             return self._verdict(Outcome.NOT_REACHED, Cause.LITTLE_GAINED)
         if self.is_measured and evidence.held_out >= 1:
             return self._verdict(Outcome.NOT_REACHED, Cause.NOT_HELD_OUT)
-        if self.unmatched:
+        if self.different_features:
             return self._of_obstacle()
-        if self._cut_short():
+        if self._is_cut_short():
             return self._of_interruption(Outcome.NOT_REACHED)
         if evidence.stop_reason is StopReason.LINE_SEARCH_FAILED:
             larger_alpha = remedies.larger_alpha()
             return self._verdict(Outcome.NOT_REACHED, Cause.LINE_SEARCH_FAILED, larger_alpha)
         finer = remedies.finer_mesh() if self.is_narrow else None
-        helps = (finer or remedies.smaller_sigma(),)
-        return self._verdict(Outcome.NOT_REACHED, Cause.NEEDS_ROUGHER_FIELD, *helps)
+        suggestions = (finer or remedies.smaller_sigma(),)
+        return self._verdict(Outcome.NOT_REACHED, Cause.NEEDS_ROUGHER_FIELD, *suggestions)
 
     def _verdict(
         self,
@@ -303,13 +323,13 @@ class _Case:
         return Verdict(outcome, reason, "; or ".join(words), remedies, cause)
 
     def _change(self, outcome: Outcome) -> str:
-        """Return how the residual changed, in words."""
+        """Return the change of the residual as a phrase."""
         residual = self.evidence.residual
         before, after = f"{self.first:.2g}", f"{residual:.2g}"
         moved = f"{'fell' if residual < self.first else 'rose'} from {before} to"
         change = f"the residual {'stayed at' if before == after else moved} {after}"
-        if self.known:
-            change += f" ({self.evidence.verified:.2g} by flow lines)"
+        if self.is_verified:
+            change += f" ({self.evidence.verified:.2g} along flow lines)"
         if self.evidence.landmarks is not None:
             change = self._with_landmarks(change)
         if outcome is Outcome.REGISTERED and self.evidence.log2_area < _LOG2_AREA_MAX:
@@ -317,7 +337,7 @@ class _Case:
         return change
 
     def _with_landmarks(self, change: str) -> str:
-        """Add where the landmarks are, or return that alone if landmarks alone are matched."""
+        """Add the errors of the landmarks; return these alone if only landmarks are matched."""
         assert self.evidence.landmarks is not None
         first, last = (100 * float(errors.max()) for errors in self.evidence.landmarks)
         count = len(self.evidence.landmarks[0])
@@ -327,54 +347,59 @@ class _Case:
         return f"{change}, {words}"
 
     def _of_obstacle(self, outcome: Outcome = Outcome.NOT_REACHED) -> Verdict:
-        assert self.unmatched is not None
-        return self._verdict(outcome, self.unmatched.cause, **self.unmatched.details)
+        assert self.different_features is not None
+        return self._verdict(
+            outcome, self.different_features.cause, **self.different_features.details
+        )
 
     def _of_interruption(self, outcome: Outcome) -> Verdict:
-        """Going on helps a match whose energy still falls where flow lines fall with it."""
+        """Return the verdict of a match that ended early.
+
+        More iterations help if the energy still falls and flow lines confirm the progress.
+        """
         remedies, evidence = self.remedies, self.evidence
         if evidence.stop_reason.is_interrupted:
             return self._verdict(outcome, _CAUSES[evidence.stop_reason])
-        helps = (
+        suggestions = (
             [remedies.larger_reach()] if remedies.is_beyond_reach else [remedies.more_iterations()]
         )
-        confirmed = not self.known or evidence.verified <= 2 * max(
+        confirmed = not self.is_verified or evidence.verified <= 2 * max(
             evidence.residual, self.parameters.goal
         )
         if confirmed and not remedies.is_beyond_reach:
-            helps.append(CONTINUE_REMEDY)
-        iterations = self.parameters.solver.iterations
-        return self._verdict(outcome, Cause.STILL_FALLING, *helps, iterations=iterations)
+            suggestions.append(CONTINUE_REMEDY)
+        limit = limit_sentence(self.parameters.solver.iterations)
+        return self._verdict(outcome, Cause.STILL_FALLING, *suggestions, limit=limit)
 
     def _of_squeezed_source(self) -> Verdict:
-        """The source shrank where it was: nothing led it to the target, or not long enough."""
+        """Return the verdict of a source that shrank instead of moving."""
         remedies, reason = self.remedies, self.evidence.stop_reason
         vanished = solvability.vanished(self.functions, self.evidence.advected)
-        helps: list[Remedy] = []
+        suggestions: list[Remedy] = []
         why, advice = "", ""
         if remedies.has_small_reach:
-            why, helps = ", as nothing led it to the target", [remedies.larger_reach()]
+            why, suggestions = ", as the reach is too small", [remedies.larger_reach()]
         elif reason in _LIMIT_REASONS:
-            early = sentence_of(
-                _CAUSES[reason], iterations=self.parameters.solver.iterations
-            ).removesuffix(", still falling")
-            why, helps = f", and {early}", [remedies.more_iterations()]
+            is_limit = reason is StopReason.ITERATION_LIMIT
+            limit = limit_sentence(self.parameters.solver.iterations)
+            early = limit if is_limit else sentence_of(_CAUSES[reason])
+            why, suggestions = f", and {early}", [remedies.more_iterations()]
         else:
-            helps, advice = (
+            suggestions, advice = (
                 [remedies.much_smaller_sigma()] if remedies.has_large_sigma else [],
                 ADVICE[Cause.SQUEEZED],
             )
         return self._verdict(
             Outcome.NOT_REACHED,
             Cause.SQUEEZED,
-            *helps,
+            *suggestions,
             advice=advice,
             to_nothing="to nothing " * vanished,
             why=why,
         )
 
-    def _cut_short(self) -> bool:
-        """Return whether it ended while the energy still fell, and not by squeezing the source."""
+    def _is_cut_short(self) -> bool:
+        """Return whether the run ended while the energy still fell without squeezing the source."""
         energies, reason = self.evidence.energies, self.evidence.stop_reason
         if reason not in _LIMIT_REASONS or self.squeezed:
             return False
@@ -383,8 +408,10 @@ class _Case:
         return bool(energies[-1] < (1 - _FALL_SHARE) * energies[-1 - _FALL_ITERATIONS])
 
     def _more_consistent(self) -> list[Remedy]:
-        """Return what makes flow lines confirm a match. None of it undoes another: a mesh only gets
-        finer, a field smoother up to the default, sigma smaller.
+        """Return remedies that let flow lines confirm a match.
+
+        No remedy undoes another: meshes get finer, fields smoother up to the default, and sigma
+        smaller.
         """
         return [
             found

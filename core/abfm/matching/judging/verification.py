@@ -1,6 +1,4 @@
-"""Whether fields carry one function to another, by witnesses that know nothing of how they were
-found.
-"""
+"""Independent checks of whether a flow advects the source to the target."""
 
 from dataclasses import dataclass
 
@@ -22,29 +20,29 @@ from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
 SUBDIVIDED_LIMIT = 200_000
-"""Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
-# checks disagree if they differ by more than both, a difference and a ratio
+"""Largest number of vertices of a mesh for the check on its subdivision (four times as many)."""
+# checks disagree if both their difference and their ratio are larger
 _DIFFERENCE_MAX = 0.05
 _RATIO_MAX = 2.0
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What independent witnesses say of fields that are to carry a source to a target.
+    """The results of independent checks of a flow from a source to a target.
 
     Attributes
     ----------
     flow_lines : float
-        ``||f o phi^-1 - g|| / ||g - mean(g)||`` in L2, with phi the flow of the continuous fields
-        to tau.
+        Residual along flow lines: ``||f o phi^-1 - g|| / ||g - mean(g)||`` in L2, where phi is the
+        flow of the continuous fields to tau.
     subdivided : float
-        The same by the exponential of the continuous fields on the midpoint subdivision; inf where
-        it overflows or would take very long, NaN where it was not asked.
+        Residual of the exponential of the continuous fields on the midpoint subdivision. It is inf
+        if the flow overflows or would take very long, and NaN if it was not computed.
     folded, overturned : float
-        Shares of the faces that the inverse flow folds, and whose carried vertices alone look
-        turned over: tens of percent where the field is noise.
+        Shares of the faces that the inverse flow folds, and of the faces that seem overturned by
+        their advected vertices alone. If the field is noise, they are tens of percent.
     resolution : float
-        How many edges the narrow features of both functions span, mask or not.
+        Number of edges that the narrow features of both functions span, masked vertices included.
     """
 
     flow_lines: float
@@ -55,58 +53,63 @@ class Verification:
 
     @property
     def residual(self) -> float:
-        """The verified residual: by flow lines, which no scheme's dispersion touches."""
+        """The verified residual: along flow lines, which have no numerical dispersion."""
         return self.flow_lines
 
     @property
     def checks_disagree(self) -> bool:
-        """Whether the witnesses differ by more than a factor of 2 and 0.05, as fields are rough."""
+        """Whether the checks differ by more than 0.05 and a factor of 2, as for rough fields."""
         least, most = sorted((self.flow_lines, self.subdivided))  # comparisons with NaN are False
         return bool(most - least > _DIFFERENCE_MAX and most > _RATIO_MAX * least)
 
     @property
     def resolved(self) -> bool:
-        """Whether source and target are wide enough for advection on this mesh."""
+        """Whether the features of source and target are wide enough for this mesh."""
         return self.resolution >= RESOLUTION_MIN
 
     def report(self) -> str:
-        """Return the numbers in a line."""
-        parts = [f"verified residual {self.residual:.4f} by flow lines"]
+        """Return the results in one line."""
+        parts = [f"residual {self.residual:.4f} along flow lines"]
         if not np.isnan(self.subdivided):
             parts.append(f"{self.subdivided:.4f} on the subdivided mesh")
-        parts.append(f"{100 * self.folded:.2g} % of the faces folded")
-        parts.append(f"functions {self.resolution:.1f} edges wide")
-        disagree = "; the witnesses disagree" * self.checks_disagree
-        return ", ".join(parts) + disagree + "; too narrow for this mesh" * (not self.resolved)
+        parts.append(f"{100 * self.folded:.2g}% of the faces folded")
+        parts.append(f"features {self.resolution:.1f} edges wide")
+        disagree = "; the checks disagree" * self.checks_disagree
+        return (
+            ", ".join(parts)
+            + disagree
+            + "; features too narrow for this mesh" * (not self.resolved)
+        )
 
 
 def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Verification:
-    """Ask independent witnesses whether fields carry a source to a target, not only their scheme.
+    """Verify by independent checks that fields advect a source to a target.
 
-    Flow lines have no dispersion, and their error falls with the square of the edge length; on the
-    midpoint subdivision the scheme's dispersion is a quarter. Where both agree the mismatch is that
-    of the field.
+    Flow lines have no numerical dispersion, and their error falls with the square of the edge
+    length. On the midpoint subdivision, the discrete flow has a quarter of the dispersion. If both
+    residuals agree, they are properties of the field and not of its discretisation.
 
     Parameters
     ----------
     problem : Problem
-        Its functions, mask and weights, tau and the method.
+        Functions, mask, weights, tau and method.
     velocity : (N, F, 3) or (F, 3) array
-        Tangent fields, each for ``tau / N``, in the mesh's length unit, such as ``match.velocity``;
-        also (N, 4^k F, 3), such as ``match.fine_velocity``: then all is asked on the mesh
-        subdivided k times, with the functions there (`Problem.refined`).
+        Tangent fields, each for ``tau / N``, in the length unit of the mesh, such as
+        ``match.velocity``. Fields (N, 4^k F, 3), such as ``match.fine_velocity``, are verified on
+        the mesh subdivided k times, with its functions (`Problem.refined`).
     subdivided : bool
-        Whether to ask on the subdivided mesh, up to `SUBDIVIDED_LIMIT` vertices: most of the time.
+        Whether to make the check on the subdivided mesh, up to `SUBDIVIDED_LIMIT` vertices. It
+        takes most of the time.
 
     Raises
     ------
     AbfmError
-        If an array does not fit, or the fields lead over too many faces.
+        If an array has a wrong shape or value, or if flow lines cross too many faces.
     """
     fields, k = checked_fields(problem.mesh, velocity)
     problem = problem.refined(k)
     mesh, p = problem.mesh, problem.parameters
-    functions = problem.functions.on(mesh)
+    functions = problem.functions.on_mesh(mesh)
     flow, faces = ContinuousFlow(mesh, fields, p.tau), np.arange(len(mesh.faces))
     lines, places = flow_line_residual(functions, flow, faces)
     folded, overturned = folded_shares(mesh, flow.origins, faces, places, CUT_FACES_MAX)
@@ -119,19 +122,19 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
 def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Parameters) -> float:
     mesh, mask = functions.mesh, functions.mask
     try:
-        fine = subdivided_mesh(mesh)  # not kept: what is made on it takes gigabytes
+        fine = subdivided_mesh(mesh)  # not cached, as its operators take gigabytes
     except MeshError:
         return np.nan
     source, target = (interpolated(mesh, h.T) for h in (functions.source, functions.target))
-    carried, duration = source, parameters.tau / len(fields)
+    advected, duration = source, parameters.tau / len(fields)
     try:
-        for field in fields:  # one by one, as each takes its memory
+        for field in fields:  # one at a time, to save memory
             flow = Flow(fine, field_on_children(mesh, field), duration, parameters.paper.method)
-            carried = flow.push(carried, duration)
+            advected = flow.push(advected, duration)
     except AdvectionError:
         return np.inf
     there = FunctionTerm(fine, source, target, None, functions.weights)
     if mask is not None:
         there = there.with_mask(mask_on_children(mesh, mask))
     with np.errstate(over="ignore"):
-        return there.residual(np.ascontiguousarray(carried.T))
+        return there.residual(np.ascontiguousarray(advected.T))

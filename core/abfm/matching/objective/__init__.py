@@ -1,1 +1,1 @@
-"""What a match minimises: the regularity of the fields plus data terms, with exact gradients."""
+"""The objective of a match: the regularity of the fields plus data terms, with gradients."""

@@ -1,4 +1,4 @@
-"""The matching energy (Eq. 3, discretised in Eq. 6) of a problem, for every stage of a match."""
+"""The matching energy of a problem (Eq. 3, discretised in Eq. 6) and its gradient."""
 
 from __future__ import annotations
 
@@ -34,34 +34,38 @@ from abfm.workers.control import checkpoint
 
 @dataclass(frozen=True)
 class Evaluation:
+    """The value of an objective at some fields, with its terms and its gradient."""
+
     x: FloatArray  # frame coefficients (N, F, 2) of the fields
-    energy: float  # total and its terms; infinite where the flow overflows
+    energy: float  # total; infinite if the flow overflows
     regularity: float
-    shares: tuple[float, ...]  # of the data terms in the mismatch
-    advected: FloatArray  # what the data terms want carried, carried to the end time, (C, V)
-    differentiate: Callable[[], FloatArray]  # faster before than after the next evaluation
-    landmark_errors: FloatArray | None = None  # (L,), see `Landmarks`; None without any, or by inf
+    shares: tuple[float, ...]  # energy of each data term
+    advected: FloatArray  # the sources of all data terms at tau, (C, V)
+    differentiate: Callable[[], FloatArray]  # slower after the next evaluation
+    # (L,), see `Landmarks`; None without landmarks, or if the flow overflows
+    landmark_errors: FloatArray | None = None
 
     @property
     def mismatch(self) -> float:
+        """The energy of all data terms."""
         return float(sum(self.shares))
 
     @cached_property
     def gradient(self) -> FloatArray:
-        """Derivative by the frame coefficients, (N, F, 2), made when asked for."""
+        """The derivative by the frame coefficients, (N, F, 2), computed at the first use."""
         return self.differentiate()
 
 
 @dataclass(frozen=True)
 class Adjoint:
-    """The exact derivative of the discrete flow, by its adjoint."""
+    """The exact derivative of the discrete flow, computed by its adjoint."""
 
     shape: tuple[int, ...]
 
-    def carry(self, flow: Advection, f: FloatArray) -> list[Trajectory]:
+    def advect(self, flow: Advection, f: FloatArray) -> list[Trajectory]:
         return flow.forward(f, keep=True)
 
-    def of_fields(
+    def differentiate_fields(
         self, flow: Advection, trajectories: Sequence[list[Trajectory]], residuals: FloatArray
     ) -> FloatArray:
         gradient = np.zeros(self.shape)
@@ -72,7 +76,9 @@ class Adjoint:
 
 @dataclass(frozen=True, eq=False)
 class Bracket:
-    """The paper's derivative (Eq. 9, and section 7): with ``dt = t / n``, for one field
+    """The derivative of the paper by Lie brackets (Eq. 9 and section 7).
+
+    For one field and ``dt = t / n`` it is
     ``-(dt / (k+1)) sum_s exp(s dt / k ad_v)^T sum_r D̄_{f_(r-1)}^T exp(-(n - r) dt D_v)^T mu``.
     """
 
@@ -81,10 +87,10 @@ class Bracket:
     substeps: int  # n
     quadrature: int  # k
 
-    def carry(self, flow: Advection, f: FloatArray) -> list[Trajectory]:
+    def advect(self, flow: Advection, f: FloatArray) -> list[Trajectory]:
         return flow.forward(f)
 
-    def of_fields(
+    def differentiate_fields(
         self, flow: Advection, trajectories: Sequence[list[Trajectory]], residuals: FloatArray
     ) -> FloatArray:
         gradient = np.empty_like(self.fields)
@@ -104,7 +110,7 @@ class Bracket:
     def _sources(
         self, flow: ExponentialFlow, f: FloatArray, dt: float, mu: FloatArray
     ) -> FloatArray:
-        """Return the sum over r, applied to ``mu`` (V,), (2F,): to be summed over channels."""
+        """Return the sum over r of one channel, applied to ``mu`` (V,), as (2F,)."""
         states = [f]
         for _ in range(self.substeps - 1):
             checkpoint()
@@ -113,13 +119,13 @@ class Bracket:
         total = np.zeros(2 * len(self.mesh.faces))
         for index, state in enumerate(reversed(states)):
             checkpoint()
-            if index or self.substeps == 1:  # Eq. 9 has a factor that the n-step form lacks
+            if index or self.substeps == 1:  # the n-step form lacks a factor of Eq. 9
                 mu = backward.forward(mu, dt).end
             total += dual_directional_derivative(self.mesh, state).T @ mu
         return total
 
     def _integral(self, v: FloatArray, sources: FloatArray, dt: float) -> FloatArray:
-        """Return the derivative by ``v`` (F, 2), for the summed sources, by the trapezium of k."""
+        """Return the derivative by ``v`` (F, 2) of the summed sources, with k intervals in time."""
         bracket = Matrix(lie_bracket(self.mesh, v).T.tocsr())
         total = term = sources
         for _ in range(self.quadrature):
@@ -131,30 +137,34 @@ class Bracket:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """``step/2 sum_j v_j^T R v_j`` plus data terms of what the flow of fields carries (Eq. 6), and
-    of where it takes landmarks.
+    """The function to minimise: ``step/2 sum_j v_j^T R v_j`` plus data terms (Eq. 6).
+
+    The data terms compare the advected functions with targets, and the ends of landmarks with
+    their target points.
     """
 
-    regularity: Regularizer  # ``R``, by ``apply``
-    carried: FloatArray  # functions (C, V) that the data terms want carried
-    # each data term's energy, and the derivative of their sum, by what was carried
+    regularity: Regularizer  # ``R``
+    sources: FloatArray  # the sources of all data terms, (C, V)
+    # energies of the data terms, and the derivative of their sum by the advected functions
     misfit: Callable[[FloatArray], tuple[tuple[float, ...], FloatArray]]
-    advect: Callable[[FloatArray], Advection]  # the flow of frame coefficients (N, F, 2)
+    flow: Callable[[FloatArray], Advection]  # the flow of frame coefficients (N, F, 2)
     tau: float
     gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
-    shift: FloatArray | float = 0.0  # what is taken off what was carried, before it is measured
-    landmarks: Callable[[FloatArray], LandmarkMisfit] | None = None  # what they say of (N, F, 2)
-    is_of_landmarks: bool = False  # whether nothing but them counts
+    shift: FloatArray | float = 0.0  # subtracted from the advected functions
+    # at frame coefficients (N, F, 2)
+    landmarks: Callable[[FloatArray], LandmarkMisfit] | None = None
+    is_of_landmarks: bool = False  # whether only landmarks are matched
 
     def evaluate(self, x: FloatArray) -> Evaluation:
-        with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
+        """Evaluate the objective at frame coefficients (N, F, 2)."""
+        with np.errstate(over="ignore", invalid="ignore"):  # of unstable flows
             momentum = self.tau / len(x) * np.stack([self.regularity.apply(v) for v in x])
             regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(x).ravel())
             try:
                 shares, advected, differentiate = self._mismatch(x)
             except AdvectionError:
                 shares, differentiate = (np.inf,), partial(np.full, x.shape, np.nan)
-                advected = np.full_like(self.carried, np.nan)
+                advected = np.full_like(self.sources, np.nan)
             derivatives, errors = [differentiate], None
             if self.landmarks is not None and np.isfinite(sum(shares)):
                 try:
@@ -175,47 +185,53 @@ class Objective:
         self, x: FloatArray
     ) -> tuple[tuple[float, ...], FloatArray, Callable[[], FloatArray]]:
         if self.is_of_landmarks:
-            shares = self.misfit(self.carried - self.shift)[0]
+            shares = self.misfit(self.sources - self.shift)[0]
             return (
                 shares,
-                advect_functions(self.advect, x, self.carried),
+                advect_functions(self.flow, x, self.sources),
                 partial(np.zeros, x.shape),
             )
-        flow, gradient = self.advect(x), self.gradient(x)
-        trajectories, advected = [], np.empty_like(self.carried)
-        for c, f in enumerate(self.carried):
-            trajectories.append(gradient.carry(flow, f))
+        flow, gradient = self.flow(x), self.gradient(x)
+        trajectories, advected = [], np.empty_like(self.sources)
+        for c, f in enumerate(self.sources):
+            trajectories.append(gradient.advect(flow, f))
             advected[c] = trajectories[c][-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
         shares, residuals = self.misfit(advected - self.shift)
         if not np.isfinite(sum(shares)):
             raise AdvectionError("the mismatch overflows")
-        return shares, advected, partial(gradient.of_fields, flow, trajectories, residuals)
+        return (
+            shares,
+            advected,
+            partial(gradient.differentiate_fields, flow, trajectories, residuals),
+        )
 
 
 def advect_functions(
-    advect: Callable[[FloatArray], Advection], x: FloatArray, functions: FloatArray
+    flow_of: Callable[[FloatArray], Advection], x: FloatArray, functions: FloatArray
 ) -> FloatArray:
-    """Return functions (C, V), carried by the flow of fields; constant ones stay as they are."""
+    """Return functions (C, V) advected by the flow of fields; constant ones do not change."""
     if not np.ptp(functions, axis=1).any():
         return functions
-    flow = advect(x)
+    flow = flow_of(x)
     return np.stack([flow.forward(f)[-1].end for f in functions])
 
 
 class MatchingEnergy:
-    """Regularity of the fields plus mismatch of what they carry, with exact or paper's gradient.
+    """The energy of fields: their regularity plus the mismatch of the advected functions.
 
     ``E(v) = dtau/2 sum_j v_j^T G_F D_alpha v_j + 1/(2 sigma^2) sum_c w_c dg_c^T G_V C_beta dg_c``
-    with ``dg = f_tau - g`` (Eq. 6), on ``mesh``, scaled to unit area by ``length_scale``.
-    A norm of second order has ``D_alpha^2``, one in which the divergence weighs more than the curl
-    that of `Regularizer`, and a relative sigma the unit of the functions.
+    with ``dg = f_tau - g`` (Eq. 6). It refers to ``mesh``, which is scaled to unit area, with
+    lengths divided by ``length_scale``. The norm of second order has ``D_alpha^2`` in place of
+    ``D_alpha``. `Regularizer` describes the weight of the divergence. A relative sigma is
+    multiplied by the size of the functions. The gradient is exact, or that of the paper.
 
     Parameters
     ----------
-    problem : Problem
-        Or what `Problem` takes: mesh, f, g, parameters and, by name, mask and weights.
+    problem : Problem, or a mesh
+        With a mesh, the other arguments are those of `Problem`: f, g, parameters and, by name, mask
+        and weights.
     """
 
     def __init__(self, problem: Problem | MeshLike, *functions: Any, **given: Any) -> None:
@@ -234,20 +250,20 @@ class MatchingEnergy:
         self._measures = {0.0: self.terms.measure(self.parameters, 0.0)}
 
     @property
-    def words(self) -> tuple[str, ...]:
-        """What the shares of the data terms are called."""
-        words = tuple(term.word for term in self.terms.terms)
-        return words if self.landmarks is None else (*words, self.landmarks.word)
+    def term_names(self) -> tuple[str, ...]:
+        """The names of the data terms."""
+        names = tuple(term.name for term in self.terms.terms)
+        return names if self.landmarks is None else (*names, self.landmarks.name)
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Shape (N, F, 2) of the unknowns, the fields' frame coefficients, of the fewest fields."""
+        """The shape (N, F, 2) of the frame coefficients, with the smallest number of fields."""
         return max(1, self.parameters.solver.segments), len(self.mesh.faces), 2
 
     def __call__(self, velocity: ArrayLike) -> tuple[float, FloatArray]:
         """Return the value and the Euclidean gradient (N, F, 3) at fields (N, F, 3) on `mesh`."""
-        given = check_fields(velocity, (*self.shape[:2], 3), "velocity")
-        found = self.objective(self.parameters.last_sigma).evaluate(to_frame(self.mesh, given))
+        fields = check_fields(velocity, (*self.shape[:2], 3), "velocity")
+        found = self.objective(self.parameters.last_sigma).evaluate(to_frame(self.mesh, fields))
         return found.energy, to_ambient(self.mesh, found.gradient)
 
     def objective(
@@ -259,16 +275,24 @@ class MatchingEnergy:
         shift: FloatArray | float = 0.0,
         tolerance: float = TOLERANCE,
     ) -> Objective:
-        """Return what is minimised with a sigma, and an alpha in place of the parameters'.
+        """Return the objective with a sigma.
 
-        A ``reach`` is that of the data terms; a shift (C, V) is taken off what was carried before
-        they measure it; a tolerance truncates the advection, and the gradient is that of the
-        truncated sum.
+        Parameters
+        ----------
+        sigma : float
+        reach : float
+            Reach of the norm of the data terms.
+        alpha : float, optional
+            Replaces alpha of the parameters.
+        shift : (C, V) array, optional
+            Subtracted from the advected functions before they are compared with the target.
+        tolerance : float
+            Truncates the series of the advection. The gradient is that of the truncated series.
         """
         misfit = self.measure(reach).shares_and_residual
         return Objective(
             self.regularizer(alpha),
-            self.terms.carried,
+            self.terms.sources,
             partial(misfit, sigma=sigma),
             partial(self.discretisation.flow, tau=self.parameters.tau, tolerance=tolerance),
             self.parameters.tau,
@@ -283,19 +307,22 @@ class MatchingEnergy:
         return self.discretisation.flow(x, self.parameters.tau)
 
     def clustered(self) -> MatchingEnergy:
-        """Return the energy of functions with one value on each cluster of vertices."""
-        energy = copy(self)  # with the same norms
+        """Return the energy for functions that are constant on each cluster of vertices."""
+        energy = copy(self)  # shares the norms
         energy.discretisation = self.discretisation.clustered()
         return energy
 
     def with_mask(self, mask: FloatArray) -> MatchingEnergy:
         """Return the energy with another mask (V,) of source and target."""
         energy = MatchingEnergy(self.problem.with_mask(mask))
-        energy._regularizers = self._regularizers  # the same norms, factored once for all
+        energy._regularizers = self._regularizers  # share the factorisations
         return energy
 
     def regularizer(self, alpha: float | None = None) -> Regularizer:
-        """Return the norm of fields with an alpha; of others than the parameters' one is kept."""
+        """Return the norm of fields with an alpha.
+
+        The norms of alpha of the parameters and of one other value are cached.
+        """
         known, usual = self._regularizers, self.parameters.alpha
         alpha = usual if alpha is None else alpha
         if alpha not in known:
@@ -306,46 +333,49 @@ class MatchingEnergy:
         return known[alpha]
 
     def measure(self, reach: float) -> Sum:
-        """Return the norm of the data terms, for early stages with a reach."""
+        """Return the norm of the data terms; early stages have a reach."""
         if reach not in self._measures:
             self._measures[reach] = self.terms.measure(self.parameters, reach)
         return self._measures[reach]
 
-    def residual(self, carried: FloatArray) -> float:
-        """Return the residual of functions (C, V), see `FunctionTerm`."""
-        return self.terms.residual(carried)
+    def residual(self, advected: FloatArray) -> float:
+        """Return the residual of the advected sources (C, V) of all data terms."""
+        return self.terms.residual(advected)
 
     def landmark_misfit(self, sigma: float) -> Callable[[FloatArray], LandmarkMisfit] | None:
-        """Return what landmarks say of frame coefficients (N, F, 2), by their own sigma."""
+        """Return the landmark term as a function of frame coefficients (N, F, 2).
+
+        ``sigma`` is that of the landmarks. None without landmarks.
+        """
         if self.landmarks is None:
             return None
         return partial(self.landmarks.misfit, tau=self.parameters.tau, sigma=sigma)
 
-    def left(self, point: Evaluation, shift: FloatArray | float = 0.0) -> float:
-        """Return the residual at an evaluation, of functions or of landmarks: the larger one."""
-        return self._larger(point.advected - shift, point.landmark_errors)
+    def residual_at(self, point: Evaluation, shift: FloatArray | float = 0.0) -> float:
+        """Return the larger residual of functions and landmarks at an evaluation."""
+        return self._worse_residual(point.advected - shift, point.landmark_errors)
 
-    def residual_of(self, x: FloatArray, carried: FloatArray) -> float:
-        """Return the same of fields (N, F, 2), and what they carried (C, V)."""
-        return self._larger(carried, self.landmark_errors(x))
+    def residual_of(self, x: FloatArray, advected: FloatArray) -> float:
+        """Return the larger residual of fields (N, F, 2) with these advected functions (C, V)."""
+        return self._worse_residual(advected, self.landmark_errors(x))
 
     def landmark_errors(self, x: FloatArray) -> FloatArray | None:
-        """Return `Landmarks.errors_along` fields (N, F, 2), (L,); None without landmarks."""
+        """Return `Landmarks.errors_along` of fields (N, F, 2), (L,); None without landmarks."""
         if self.landmarks is None:
             return None
         velocity = to_ambient(self.mesh, x)
         return self.landmarks.errors_along(self.mesh, velocity, self.parameters.tau)
 
-    def _larger(self, carried: FloatArray, errors: FloatArray | None) -> float:
-        of_terms = self.residual(carried)
+    def _worse_residual(self, advected: FloatArray, errors: FloatArray | None) -> float:
+        of_terms = self.residual(advected)
         return of_terms if errors is None else max(of_terms, residual_of_errors(errors))
 
     def advected(self, x: FloatArray) -> FloatArray:
-        """Carry the terms' functions (C, V) by (N, F, 2); not finite where the flow overflows."""
+        """Return the sources (C, V) advected by fields (N, F, 2); NaN if the flow overflows."""
         try:
-            return advect_functions(self.flow, x, self.terms.carried)
+            return advect_functions(self.flow, x, self.terms.sources)
         except AdvectionError:
-            return np.full_like(self.terms.carried, np.nan)
+            return np.full_like(self.terms.sources, np.nan)
 
     def _gradient(self, x: FloatArray) -> Adjoint | Bracket:
         p = self.parameters

@@ -1,14 +1,16 @@
 """The norm ``||v||_alpha`` of fields (section 3) and its exact inverse.
 
-``R = G_F D_alpha = M + M (alpha_1 A G_1^-1 A^T + alpha B G_0^-1 B^T) M`` with ``M = G_F``, the
-gradients ``A`` of edge and ``B`` of (rotated) vertex functions, and their masses; the paper's
-divergence weighs as much as the curl, ``alpha_1 = alpha``, and here it may weigh more. Because
-``A^T M B = 0``, the Woodbury identity splits into two scalar problems,
+``R = G_F D_alpha = M + M (alpha_1 A G_1^-1 A^T + alpha B G_0^-1 B^T) M``, where ``M = G_F``, ``A``
+are gradients of edge functions and ``B`` rotated gradients of vertex functions. ``G_1`` and ``G_0``
+are the masses of these functions. In the paper, divergence and curl have the same weight,
+``alpha_1 = alpha``; here the weight of the divergence may be larger.
+
+Because ``A^T M B = 0``, the Woodbury identity splits into two scalar problems,
 ``R^-1 = M^-1 - alpha_1 A (G_1 + alpha_1 A^T M A)^-1 A^T - alpha B (G_0 + alpha B^T M B)^-1 B^T``.
 
 The norm of second order, ``(id + alpha Delta_H)^2``, is ``R M^-1 R``, with the inverse
-``R^-1 M R^-1``: fields of finite norm are continuous, which those of the first order, the paper's,
-need not be in two dimensions.
+``R^-1 M R^-1``. Fields with a finite norm of second order are continuous. In two dimensions, this
+is not true for the norm of first order, which the paper uses.
 """
 
 from __future__ import annotations
@@ -24,31 +26,32 @@ from abfm.numerics.cholesky import Solve, factor
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
-# Gradients (F, 3, 2) of the corners' hat functions, edges opposite to corners (F, 3), and vertices
-# (F, 3). Edge functions have -2 times the gradient of the corner opposite; gradients of vertex
-# functions are turned by a right angle, so that the two are orthogonal.
+# Gradients (F, 3, 2) of the hat functions of corners, edges opposite the corners (F, 3), and
+# vertices (F, 3). Edge functions have -2 times the gradient of the opposite corner. Gradients of
+# vertex functions are rotated by a right angle, so that both kinds are orthogonal.
 Slopes = tuple[FloatArray, IndexArray, IndexArray]
 
-# mass over stiffness of an edge or a vertex, from which on a factorisation is surely definite
+# least ratio of mass to stiffness of an edge or a vertex, for a definite factorisation
 _MASS_SHARE_MIN = 1e-13
 
 
 class Regularizer:
-    """``R = G_F D_alpha^order`` on coefficients (F, 2) and its inverse; order 1 is the paper's, and
-    so is a divergence that weighs as much as the curl.
+    """The norm ``R = G_F D_alpha^order`` on coefficients (F, 2), and its inverse.
+
+    The paper has order 1 and ``divergence`` 1, its weight relative to the curl.
     """
 
     def __init__(
         self, mesh: TriangleMesh, alpha: float, order: int = 1, divergence: float = 1.0
     ) -> None:
         self.alpha, self.order, self.divergence = alpha, order, divergence
-        # not the mesh, which keeps this object: a cycle would outlive both
+        # no reference to the mesh, whose cache has this object: a cycle would keep both alive
         shapes = mollified_shapes(mesh)
         self._areas, self._gradients = shapes.areas, shapes.gradients
         self._edges, self._vertices = mesh.face_edges, mesh.faces
         self._slopes = self._gradients, self._edges, self._vertices
         self._inner = ~mesh.is_boundary_vertex
-        # times the squares of their functions' gradients over those of hat functions
+        # alpha times the squared ratio of the gradients to those of hat functions
         self._alphas = 4 * divergence * alpha, alpha
         of_edges, of_vertices = self._alphas
         masses = self._definite(shapes.vertex_areas, self._vertices, of_vertices)
@@ -56,10 +59,10 @@ class Regularizer:
             self._definite(shapes.edge_areas, self._edges, of_edges),
             np.where(self._inner, masses, np.inf),
         )
-        self._factors: list[Solve] = []  # one list for all orders
+        self._factors: list[Solve] = []  # shared by all orders
 
     def _definite(self, masses: FloatArray, owners: IntArray, alpha: float) -> FloatArray:
-        """Return the masses, raised where they would be lost in the rounding of the stiffness."""
+        """Return the masses, raised where rounding errors of the stiffness would exceed them."""
         of_corners = np.einsum("fck,fck->fc", self._gradients, self._gradients)
         weights = alpha * self._areas[:, None] * of_corners
         diagonal = np.bincount(owners.ravel(), weights.ravel(), minlength=len(masses))
@@ -79,23 +82,24 @@ class Regularizer:
                 if not inner.all():
                     form = form[inner][:, inner]
                 found.append(factor(Matrix(form + sparse.diags_array(masses[inner]))))
-            self._factors[:] = found  # both at once: other threads may match on this mesh, too
+            self._factors[:] = found  # set both at once, as other threads may use them
         return self._factors
 
     def of_order(self, order: int) -> Regularizer:
-        """Return the same with another order, and shared factors, made or not."""
+        """Return the norm of another order, which shares the factorisations."""
         other = copy(self)
         other.order = order
         return other
 
     def apply(self, v: FloatArray) -> FloatArray:
+        """Return ``R v``."""
         momentum = self._apply_once(v)
         for _ in range(self.order - 1):
             momentum = self._apply_once(momentum / self._areas[:, None])
         return momentum
 
     def inverse(self, momentum: FloatArray) -> FloatArray:
-        """``R^-1 m``: two scalar solves for each order, factored at the first call."""
+        """Return ``R^-1 m`` by two scalar solves for each order; the first call factors."""
         v = self._invert_once(momentum)
         for _ in range(self.order - 1):
             v = self._invert_once(self._areas[:, None] * v)
@@ -132,7 +136,7 @@ class Regularizer:
 def regularizer(
     mesh: TriangleMesh, alpha: float, order: int = 1, divergence: float = 1.0
 ) -> Regularizer:
-    """Return the mesh's norm; the latest one is kept, so that only new weights factor again."""
+    """Return the norm of a mesh; the latest one is cached, so only new weights factor again."""
     latest: Regularizer | None = mesh.cache.get("regularizer")
     if latest is None or (latest.alpha, latest.divergence) != (alpha, divergence):
         latest = mesh.cache["regularizer"] = Regularizer(mesh, alpha, order, divergence)
@@ -143,7 +147,7 @@ def regularizer(
 def add_products(
     slopes: Slopes, v: FloatArray, of_edges: FloatArray, of_vertices: FloatArray
 ) -> None:
-    """Add to edges and vertices the products of a field (F, 2) with their functions' gradients."""
+    """Add the products of a field (F, 2) with the gradients of edge and vertex functions."""
     gradients, edges, vertices = slopes
     for f in range(edges.shape[0]):
         for c in range(3):
@@ -160,7 +164,7 @@ def add_gradients(
     factors: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Add to a field (F, 2) gradients of functions on edges and vertices, times factors (F,)."""
+    """Add gradients of functions on edges and vertices, times factors (F,), to a field (F, 2)."""
     gradients, edges, vertices = slopes
     for f in range(edges.shape[0]):
         first, second = 0.0, 0.0

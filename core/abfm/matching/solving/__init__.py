@@ -1,1 +1,1 @@
-"""The descent: levels, stages, descent, pause and cancel."""
+"""The solver of a match: continuation, schedule, levels, descents and their record."""

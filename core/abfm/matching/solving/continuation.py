@@ -1,14 +1,14 @@
-"""The continuation of a match: steps of falling sigma, from the coarsest mesh to the finest.
+"""The continuation of a match: steps of decreasing sigma, from the coarsest mesh to the finest.
 
-`init` makes the first state, `step` the next one, `terminate` ends it, and `finish` chooses the
-result. A step minimises one sigma, corrects the best one, or plans what is minimised next: the
-`Phase` of a state says what that is.
+`init` makes the first state, `step` the next one, `terminate` ends the continuation, and `finish`
+selects the result. A step minimises one sigma, corrects the best result, or plans the next sweep.
+The `Phase` of a state determines the plan:
 
-1. Search: on the coarsest mesh, sigma falls until both checks confirm the goal, or until
-   held-out patches gain nothing; a second variant follows if the first one fails.
-2. Interpolation: the best sigma of measured functions lies between two steps.
-3. Rise: the best step is continued on the mesh itself, with clusters of its vertices.
-4. Exact: then without clusters, if these change the result.
+1. Search: on the coarsest mesh, sigma falls until both checks confirm the goal, or until held-out
+   patches no longer improve. If the first variant fails, a second one follows.
+2. Interpolation: for measured functions, sigma is interpolated between two steps.
+3. Prolongation: the best step is continued on the mesh itself, with clusters of its vertices.
+4. Exact: the result is continued without clusters, if these change it.
 5. Refinement: the mesh is subdivided, and the continuation returns to 3.
 """
 
@@ -36,7 +36,12 @@ from abfm.matching.solving.measures import advect_along_flow_lines, flow_line_me
 from abfm.matching.solving.record import Record, Score, StepResult, StopReason
 from abfm.matching.solving.schedule import Schedule, Stage, Variant
 from abfm.matching.solving.settings import SETTINGS
-from abfm.matching.solving.start import given, is_lost, on_coarsest, on_finer
+from abfm.matching.solving.start import (
+    initial_fields,
+    misses_target,
+    start_on_coarsest,
+    start_on_finer,
+)
 from abfm.outcome import RESIDUAL_NEARLY
 from abfm.parameters import REFINE_MAX
 from abfm.types import FloatArray
@@ -47,7 +52,7 @@ _NO_FIELDS = np.empty((1, 0, 3))
 
 
 class Phase(Enum):
-    """What is planned when all sigmas of a leg are minimised."""
+    """The phase of a continuation, which determines the next plan."""
 
     SEARCH = auto()
     INTERPOLATION = auto()
@@ -59,12 +64,12 @@ class Phase(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Sigmas that are minimised on one level, one after the other."""
+    """Values of sigma that are minimised consecutively on one level."""
 
     level: int
-    sigmas: tuple[float, ...]  # that remain
+    sigmas: tuple[float, ...]  # remaining values
     at: FloatArray | Evaluation | None = None  # fields (N, F, 2); None for those of the origin
-    origin: StepResult | None = None  # step of a coarser level, whose score the results have
+    origin: StepResult | None = None  # step of a coarser level, with the score of the results
     reach: float = 0.0  # of the next stage; 0 once the target is found
     held_out: HeldOut | None = None
     after: tuple[StepResult, ...] = ()  # steps that follow in the path
@@ -72,13 +77,14 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A continuation under way."""
+    """The state of a continuation."""
 
     levels: Levels
     schedule: Schedule
     record: Record
-    at_rest: tuple[tuple[FloatArray, FloatArray], ...]  # results without an iteration: x, carried
-    variants: tuple[Variant, ...]  # of the search, in the order in which they are tried
+    # results without an iteration: fields (N, F, 2) and advected functions (C, V)
+    at_rest: tuple[tuple[FloatArray, FloatArray], ...]
+    variants: tuple[Variant, ...]  # of the search, in order
     variant: Variant
     phase: Phase
     start: FloatArray  # (N, F, 2), of the search
@@ -104,13 +110,13 @@ class Solution:
     """The result of a continuation."""
 
     path: tuple[PathStep, ...]
-    step: int  # which of them the match is
+    step: int  # index of the step that is the match
     advected: FloatArray  # the source (C, V), on the mesh itself
     reason: StopReason
 
 
 def solve(energy: MatchingEnergy, record: Record) -> Solution:
-    """Run a continuation to its end, also if it is cancelled or if memory runs out."""
+    """Run a continuation; return its best result, also if cancelled or out of memory."""
     state, reason = init(energy, record), None
     try:
         while not terminate(state):
@@ -121,37 +127,37 @@ def solve(energy: MatchingEnergy, record: Record) -> Solution:
         if not record.history or record.is_calling:
             raise
         reason = StopReason.OUT_OF_MEMORY
-    # here, where nothing of what was under way takes memory any more
-    with controlled(Control()):  # the result is kept although it was cancelled
+    # outside of the handlers, so that memory of the interrupted step is free
+    with controlled(Control()):  # finish also if cancelled
         return finish(state, reason)
 
 
 def init(energy: MatchingEnergy, record: Record) -> State:
-    """Return the first state: at the start of the problem if it is of use, else a search."""
-    p, levels, start = energy.parameters, Levels.of_mesh(energy), given(energy)
-    at_rest = [(np.zeros(energy.shape), energy.terms.carried)]
+    """Return the first state: from the start of the problem if it is usable, else a search."""
+    p, levels, start = energy.parameters, Levels.of_mesh(energy), initial_fields(energy)
+    at_rest = [(np.zeros(energy.shape), energy.terms.sources)]
     variant, schedule = Variant(p.alpha, energy.shape[0]), _schedule(levels)
-    finer, lost = None, True
+    finer, is_missed = None, True
     if start is not None:
         at_rest.append((start, energy.advected(start)))
         variant = variant._replace(fields=len(start))
-        finer = on_finer(energy, levels)
-        lost = finer is None and is_lost(energy, *at_rest[-1])
+        finer = start_on_finer(energy, levels)
+        is_missed = finer is None and misses_target(energy, *at_rest[-1])
     if schedule.is_measured and p.solver.iterations:
-        # values that are held out would not be new to a field that was fitted to them
-        start, finer, lost = None, None, True
+        # the start was fitted to the held-out values
+        start, finer, is_missed = None, None, True
     sweep: Sweep | None = None
     variants: tuple[Variant, ...] = (variant,)
     if finer is not None:
         levels, x = finer
         sweep = Sweep(len(levels) - 1, tuple(schedule.sigmas[-1:]), x)
-    elif start is not None and not lost:
+    elif start is not None and not is_missed:
         x = start
         sweep = Sweep(levels.cheapest(levels.mesh_level), tuple(schedule.sigmas[-1:]), x)
     else:
         levels = levels.with_coarser()
         schedule = _schedule(levels)
-        x = on_coarsest(levels, start, not p.solver.iterations)
+        x = start_on_coarsest(levels, start, not p.solver.iterations)
         variants = tuple(schedule.variants(len(x)))
     return State(
         levels,
@@ -173,31 +179,31 @@ def _schedule(levels: Levels) -> Schedule:
 
 
 def terminate(state: State) -> bool:
-    """Return whether nothing is left to be minimised."""
+    """Return whether the continuation has ended."""
     return state.phase is Phase.DONE
 
 
 def step(state: State) -> State:
-    """Minimise the next sigma of the leg, end the leg, or plan the next one."""
+    """Minimise the next sigma of the sweep, end the sweep, or plan the next one."""
     if state.sweep is None:
         return _PLANS[state.phase](state)
     return _minimised(state, state.sweep) if state.sweep.sigmas else _ended(state, state.sweep)
 
 
 def _minimised(state: State, sweep: Sweep) -> State:
-    """Minimise the next sigma of a leg, and add the result to the path."""
+    """Minimise the next sigma of a sweep, and add the result to the path."""
     schedule, levels, record = state.schedule, state.levels, state.record
     sigma, is_search = sweep.sigmas[0], state.phase is Phase.SEARCH
     if is_search:
         is_last = len(state.tried) == len(state.variants) - 1 and sigma == schedule.sigmas[-1]
-        record.is_trying = not (is_last or schedule.is_fixed)
+        record.is_provisional = not (is_last or schedule.is_fixed)
     error = levels.error(sweep.level) if is_search else 0.0
     at, reach, progress, stages = sweep.at, sweep.reach, state.progress, list[Stage]()
     if reach:
         assert at is not None
         stages.append(schedule.stage(sweep.level, sigma, state.variant, reach, error))
         progress = minimise(levels, stages[-1], at, progress, record)
-        is_found = schedule.is_found(levels[sweep.level].energy.left(progress.point))
+        is_found = schedule.is_found(levels[sweep.level].energy.residual_at(progress.point))
         reach = 0.0 if is_found or sigma == schedule.sigmas[-1] else reach
         at = progress.point.x
     if not reach:
@@ -222,7 +228,7 @@ def _minimised(state: State, sweep: Sweep) -> State:
 
 
 def _ended(state: State, sweep: Sweep) -> State:
-    """Correct the best step of a leg, and let what follows be planned."""
+    """End a sweep: correct its best step, so that the next plan follows."""
     state = _corrected(state, sweep.level)
     state = replace(state, sweep=None, path=(*state.path, *sweep.after))
     if state.phase is Phase.SEARCH:
@@ -231,10 +237,11 @@ def _ended(state: State, sweep: Sweep) -> State:
 
 
 def _corrected(state: State, level: int) -> State:
-    """Bring the mean of both checks towards the target, if the larger residual falls.
+    """Apply a defect correction [Stetter 1978] to the best step, if the larger residual falls.
 
-    A descent sees the discrete flow alone. What this advects more than the mean is subtracted, and
-    the rest compared with the target: a defect correction [Stetter 1978].
+    A descent minimises the mismatch of the discrete flow only. The correction replaces the advected
+    functions by the mean of the discrete flow and of flow lines. The difference is constant during
+    the descent.
     """
     there = [i for i, result in enumerate(state.path) if result.stage.level == level]
     if not state.schedule.is_free or not there:
@@ -256,21 +263,21 @@ def _corrected(state: State, level: int) -> State:
 
 
 def _defect(levels: Levels, result: StepResult) -> FloatArray:
-    """Return what a step's level advects more than the mean of its mesh and of flow lines."""
+    """Return the advected functions of a step minus the mean of both checks, (C, V)."""
     energy = levels[result.stage.level].energy
     count = len(energy.functions.source)
-    mean = result.carried.copy()
+    mean = result.advected.copy()
     with progress_step("checking by flow lines", len(energy.mesh.vertices)):
-        mean[:count] += 0.5 * (advect_along_flow_lines(energy, result.x) - result.carried[:count])
+        mean[:count] += 0.5 * (advect_along_flow_lines(energy, result.x) - result.advected[:count])
     return energy.advected(result.x) - mean
 
 
 def _verified(state: State, stage: Stage, point: Evaluation) -> StepResult:
-    """Return the result of a step, by both checks."""
+    """Return the result of a step, measured by both checks."""
     levels, x = state.levels, point.x
     energy = levels.exact_energy(stage.level)
     is_exact = levels.exact(stage.level) == stage.level
-    carried = point.advected if is_exact else energy.advected(x)
+    advected = point.advected if is_exact else energy.advected(x)
     measures = {}
     if not state.schedule.is_fixed and energy.parameters.paper.method != "linearised":
         with (
@@ -278,7 +285,7 @@ def _verified(state: State, stage: Stage, point: Evaluation) -> StepResult:
             progress_step("checking by flow lines", len(energy.mesh.vertices)),
         ):
             measures = flow_line_measures(energy, to_ambient(energy.mesh, x))
-    return StepResult(stage, x, carried, energy.residual_of(x, carried), measures)
+    return StepResult(stage, x, advected, energy.residual_of(x, advected), measures)
 
 
 def _with_path(state: State, path: tuple[StepResult, ...]) -> State:
@@ -299,7 +306,7 @@ def _is_over(state: State) -> bool:
 
 
 def _gains(state: State) -> bool:
-    """Return whether the last step on its mesh improved on the one before, if it has to."""
+    """Return whether to continue: the last step improved on the one before on its mesh."""
     if state.schedule.has_given_end or len(state.path) < 2:
         return True
     before, last = state.path[-2:]
@@ -307,13 +314,13 @@ def _gains(state: State) -> bool:
 
 
 def _best(state: State, path: Sequence[StepResult]) -> int:
-    """Return which step of a path is its result."""
+    """Return the index of the best step of a path."""
     if state.schedule.has_given_end:
         return len(path) - 1
     scores = np.array([_score(state, result) for result in path])
     if not np.isfinite(scores).any():
         return len(path) - 1
-    # a step on a finer mesh has the score with which it was chosen on a coarser one
+    # a step on a finer mesh has the score of the coarser step from which it was continued
     least = np.flatnonzero(scores == np.nanmin(scores)).tolist()
     return max(least, key=lambda index: path[index].stage.level)
 
@@ -321,7 +328,7 @@ def _best(state: State, path: Sequence[StepResult]) -> int:
 def _score(state: State, result: StepResult) -> float:
     if not state.schedule.is_measured:
         return result.worse
-    # without the last weight of landmarks these still come closer, whatever functions show
+    # before the last landmark_sigma, landmarks still improve, whatever the functions do
     return result.score.value if _has_last_landmarks(state, result) else np.inf
 
 
@@ -335,20 +342,20 @@ def _value(state: State, path: Sequence[StepResult]) -> float:
 
 
 def _finest(state: State) -> list[int]:
-    """Return which steps are on the finest mesh so far, the mesh itself at least."""
+    """Return the indices of steps on the finest mesh so far, at least the mesh itself."""
     finest = max((result.stage.level for result in state.path), default=0)
     least = state.levels.cheapest(max(finest, state.levels.mesh_level))
     return [i for i, result in enumerate(state.path) if result.stage.level >= least]
 
 
 def _end(state: State) -> int:
-    """Return which step on the finest mesh is the result."""
+    """Return the index of the best step on the finest mesh."""
     finest = _finest(state)
     return finest[_best(state, [state.path[i] for i in finest])]
 
 
 def _search(state: State) -> State:
-    """Plan the next variant, unless the last one was good enough; then choose the best one."""
+    """Plan the next variant; select the best one if all are tried or the last one suffices."""
     schedule, number, reach = state.schedule, len(state.tried), state.schedule.first_reach
     is_enough = False
     if state.tried:
@@ -366,13 +373,13 @@ def _search(state: State) -> State:
         state.record.begin()
         return replace(state, variant=variant, path=(), progress=Progress(), sweep=sweep)
     best = int(np.argmin([_value(state, path) for path in state.tried]))
-    state.record.is_trying = False
+    state.record.is_provisional = False
     phase = Phase.INTERPOLATION if schedule.is_measured else Phase.PROLONGATION
     return replace(state, variant=state.variants[best], path=state.tried[best], phase=phase)
 
 
 def _interpolation(state: State) -> State:
-    """Minimise a sigma that is interpolated between the best step and its neighbours."""
+    """Minimise the sigma that is interpolated between the best step and its neighbours."""
     state = replace(state, phase=Phase.PROLONGATION)
     index, levels = _best(state, state.path), state.levels
     three = state.path[index - 1 : index + 2] if index else ()
@@ -397,7 +404,7 @@ def _interpolation(state: State) -> State:
 
 
 def _prolongation(state: State) -> State:
-    """Plan the best step and those after it on the mesh, with clusters if these are cheaper."""
+    """Plan the best and later steps on the mesh, with clusters if these are cheaper."""
     state, top = replace(state, phase=Phase.EXACT), state.levels.cheapest(len(state.levels) - 1)
     if state.path[-1].stage.level >= top:
         return state
@@ -408,7 +415,7 @@ def _prolongation(state: State) -> State:
 
 
 def _exact(state: State) -> State:
-    """Plan the result on the mesh without clusters, if it depends on these."""
+    """Plan the result on the mesh without clusters, if clusters affect it."""
     state, result = replace(state, phase=Phase.REFINEMENT), state.path[_end(state)]
     is_corrected = state.schedule.is_free and result.residual <= result.verified_residual
     last = len(state.levels) - 1
@@ -418,15 +425,16 @@ def _exact(state: State) -> State:
 
 
 def _sweep_from(state: State, result: StepResult, level: int) -> Sweep:
-    """Return the leg that continues a step on a finer level."""
+    """Return the sweep that continues a step on a finer level."""
     sigma, schedule = result.stage.sigma, state.schedule
     sigmas = [sigma] if schedule.is_measured else [s for s in schedule.sigmas if s <= sigma]
     return Sweep(level, tuple(sigmas), origin=result)
 
 
 def _refinement(state: State) -> State:
-    """Plan the result on the midpoint subdivision, if a check exceeds the goal and it pays."""
-    done, asked = replace(state, phase=Phase.DONE), state.energy.parameters.refine is not None
+    """Plan the result on the midpoint subdivision, if that may reach the goal in time."""
+    done = replace(state, phase=Phase.DONE)
+    is_requested = state.energy.parameters.refine is not None
     if state.unrefined:
         before = replace(state, path=state.unrefined)
         after = state.path[len(before.path) :]
@@ -437,18 +445,18 @@ def _refinement(state: State) -> State:
         return done
     try:
         levels = state.levels.subdivided()
-    except AbfmError:  # of faces without area, or of a term that has no place there
+    except AbfmError:  # faces without area, or a term that cannot be subdivided
         return done
     coarse, fine = (level.energy.functions for level in levels.all[-2:])
-    if not asked and not narrowest(fine) > narrowest(coarse):  # jumps, which no mesh resolves
+    if not is_requested and not narrowest(fine) > narrowest(coarse):  # jumps are never resolved
         return done
     levels, result = levels.clustered(), state.path[_end(state)]
     progress, first = state.progress, levels.cheapest(len(levels) - 1)
     x = levels.fields_on(first, result.x, result.stage.level)
-    # at least some iterations, and one flow without clusters, which slivers may make expensive
+    # some iterations, and one flow without clusters, which may be expensive due to slivers
     costs = SETTINGS.refinement_iterations_min * levels[first].cost(x), levels[-1].cost(x)
-    most = np.inf if asked else SETTINGS.refinement_effort_max
-    if progress.effort + max(costs) > most:
+    effort_max = np.inf if is_requested else SETTINGS.refinement_effort_max
+    if progress.effort + max(costs) > effort_max:
         return done
     return replace(
         state,
@@ -456,7 +464,7 @@ def _refinement(state: State) -> State:
         phase=Phase.PROLONGATION,
         sweep=_sweep_from(state, result, first),
         unrefined=state.path,
-        progress=replace(progress, effort_max=most),
+        progress=replace(progress, effort_max=effort_max),
     )
 
 
@@ -472,7 +480,7 @@ def _may_refine(state: State) -> bool:
     if p.refine is not None:
         return True
     count = len(finest.mesh.vertices) + len(finest.mesh.edges)
-    # what is nearly matched may be matched by smoother fields
+    # a nearly matched result may be matched by smoother fields
     is_vain = result.worse > RESIDUAL_NEARLY and len(state.record.history) > p.solver.iterations
     is_fine = count > SETTINGS.refined_vertices_max
     ends = schedule.is_measured or schedule.has_given_sigma
@@ -480,7 +488,7 @@ def _may_refine(state: State) -> bool:
 
 
 def _is_resolved(levels: Levels, result: StepResult) -> bool:
-    """Return whether a step has a residual that a finer mesh does not lower."""
+    """Return whether a finer mesh would not lower the residual of a step."""
     functions = levels[result.stage.level].energy.functions
     if not result.worse > RESIDUAL_NEARLY or narrowest(functions) < RESOLUTION_MIN:
         return False
@@ -497,7 +505,10 @@ _PLANS = {
 
 
 def finish(state: State, interruption: StopReason | None = None) -> Solution:
-    """Return the best step, or no motion or the start if none has a smaller residual."""
+    """Return the solution: the best step, or no motion or the start if that is better.
+
+    The residual of the solution is at most the larger one of no motion and the start.
+    """
     if interruption is not None:
         state = replace(state, path=_with_latest(state))
     levels, energy, path = state.levels, state.energy, state.path
@@ -505,30 +516,30 @@ def finish(state: State, interruption: StopReason | None = None) -> Solution:
     if _finest(state):
         number = _end(state)
         residual = path[number].residual
-    rest = [energy.residual_of(x, carried) for x, carried in state.at_rest]
+    rest = [energy.residual_of(x, advected) for x, advected in state.at_rest]
     if not residual <= max(rest):
-        x, carried = state.at_rest[int(np.argmin(rest))]
+        x, advected = state.at_rest[int(np.argmin(rest))]
         if path:
             x = np.repeat(x, len(path[0].x) // len(x), axis=0)
         stage = state.schedule.stage(levels.mesh_level, state.schedule.sigmas[0], state.variant)
-        number, path = 0, (StepResult(stage, x, carried, min(rest)), *path)
+        number, path = 0, (StepResult(stage, x, advected, min(rest)), *path)
     shape = len(energy.functions.source), len(energy.mesh.vertices)
     return Solution(
         tuple(_path_step(levels, result) for result in path),
         number,
-        np.ascontiguousarray(path[number].carried[: shape[0], : shape[1]]),
+        np.ascontiguousarray(path[number].advected[: shape[0], : shape[1]]),
         interruption or state.progress.reason,
     )
 
 
 def _with_latest(state: State) -> tuple[StepResult, ...]:
-    """Return the path of the best step, with the latest iterate if that has a smaller residual."""
+    """Return the path of the best step so far, with the latest iterate if that is better."""
     levels, least, record = state.levels, state.levels.mesh_level, state.record
     paths = [path for path in (*state.tried, state.path) if path]
     results = [result for path in paths for result in path]
     if record.latest is not None:
         level, point = record.latest
-        residual = levels[level].energy.left(point)
+        residual = levels[level].energy.residual_at(point)
         results.append(StepResult(record.schedule[-1], point.x, point.advected, residual))
     if not results:
         return state.path
@@ -538,16 +549,19 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
     if best in path and on_mesh:
         return path
     level = levels.exact(max(best.stage.level, least))
-    x, carried = prolonged_without_gradient(levels, level, best)
-    stage, residual = replace(best.stage, level=level), levels[level].energy.residual_of(x, carried)
-    return (*path, StepResult(stage, x, carried, residual))
+    x, advected = prolonged_without_gradient(levels, level, best)
+    stage, residual = (
+        replace(best.stage, level=level),
+        levels[level].energy.residual_of(x, advected),
+    )
+    return (*path, StepResult(stage, x, advected, residual))
 
 
 def _path_step(levels: Levels, result: StepResult) -> PathStep:
-    """Return a step of the path, on the mesh itself or a finer one, in the input's units."""
+    """Return a step of the path, on the mesh itself or a finer one, in the unit of the input."""
     level = max(result.stage.level, levels.mesh_level)
     mesh, unit = levels[level].energy.mesh, levels[levels.mesh_level].energy.length_scale
     x = levels.fields_on(levels.mesh_level, result.x, result.stage.level)
     functions = levels.exact_energy(result.stage.level).functions
-    mismatch = functions.mismatch(result.carried[: len(functions.source)])
+    mismatch = functions.mismatch(result.advected[: len(functions.source)])
     return result.step(to_ambient(mesh, x) * unit, mismatch)

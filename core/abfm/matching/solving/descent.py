@@ -1,4 +1,4 @@
-"""A descent: the minimisation of one stage on one level, as a state with init, step, terminate."""
+"""A descent: the minimisation of one stage on one level, with `init`, `step`, `terminate`."""
 
 from __future__ import annotations
 
@@ -28,35 +28,36 @@ Search: TypeAlias = GaussNewton | LBFGS[Evaluation]
 
 @dataclass(frozen=True)
 class Progress:
-    """What one descent leaves to the next one."""
+    """The state that one descent passes to the next one."""
 
     best: Evaluation | None = None
-    level: int = 0  # of the best fields
-    before: Stage | None = None  # the latest stage that began to iterate
-    reason: StopReason = StopReason.ITERATION_LIMIT  # why the latest descent ended
-    effort: float = 0.0  # products of rows of all evaluations, counted if their limit is finite
+    level: int = 0  # level of the best fields
+    before: Stage | None = None  # the latest stage with iterations
+    reason: StopReason = StopReason.ITERATION_LIMIT  # of the latest descent
+    # matrix row products of all evaluations, counted if their limit is finite
+    effort: float = 0.0
     effort_max: float = np.inf
 
     @property
     def point(self) -> Evaluation:
-        """The best evaluation; there is one after the first descent."""
+        """The best evaluation, which exists after the first descent."""
         assert self.best is not None
         return self.best
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """A descent under way: what stays the same, then what a step replaces."""
+    """The state of a descent: first the constant fields, then those that a step replaces."""
 
     levels: Levels
     stage: Stage
     record: Record
-    goal: float  # residual at which it ends
-    until: int  # iterations of all stages at which it ends
-    at_limit: StopReason  # why it ends there
+    goal: float  # residual at which the descent ends
+    until: int  # total number of iterations at which it ends
+    at_limit: StopReason  # the stop reason at this number
     search: Search
     current: Any  # iterate of the search
-    learned: Any  # the latest iterate that did not fail, also of the stage before
+    last_iterate: Any  # the latest iterate that did not fail, maybe from the stage before
     progress: Progress
     least: Evaluation  # the iterate of least energy
     energies: tuple[float, ...]
@@ -75,7 +76,7 @@ def minimise(
     before: Progress,
     record: Record,
 ) -> Progress:
-    """Run a stage from fields (N, F, 2), or their evaluation, to its end."""
+    """Run a stage to its end, from fields (N, F, 2) or their evaluation."""
     record.schedule.append(stage)
     energy = levels[stage.level].energy
     search = search_of(energy, stage, record.count)
@@ -84,9 +85,9 @@ def minimise(
         _refuse_overflow(best, levels)
     record.arrive(levels, stage, best)
     if stage.level != before.level:
-        record.learned = None  # which is not valid on this level
+        record.last_iterate = None  # not valid on this level
     progress = replace(before, best=best, level=stage.level)
-    if energy.left(best, stage.shift) <= levels.attainable(stage.goal):
+    if energy.residual_at(best, stage.shift) <= levels.attainable(stage.goal):
         return replace(progress, reason=StopReason.GOAL_REACHED)
     descent = init(levels, stage, record, progress, search)
     while (reason := terminate(descent)) is None:
@@ -99,10 +100,10 @@ def init(
 ) -> Descent:
     """Return the descent of a stage at the best fields so far."""
     before, best, level = progress.before, progress.point, levels[stage.level]
-    # held here alone, as its pairs take memory
-    learned, record.learned = record.learned, None
-    current = _first(search, stage, best, learned, before)
-    limit = len(record.history) - 1 + level.affordable(stage.iterations, best.x)
+    # no other reference, as its pairs take memory
+    last_iterate, record.last_iterate = record.last_iterate, None
+    current = _first(search, stage, best, last_iterate, before)
+    limit = len(record.history) - 1 + level.affordable_iterations(stage.iterations, best.x)
     is_last = stage.until <= limit or stage.fixed
     return Descent(
         levels,
@@ -113,16 +114,16 @@ def init(
         at_limit=StopReason.ITERATION_LIMIT if is_last else StopReason.NO_PROGRESS,
         search=search,
         current=current,
-        learned=learned,
+        last_iterate=last_iterate,
         progress=replace(progress, before=stage),
         least=best,
         energies=(current.point.energy,),
-        residuals=(level.energy.left(best, stage.shift),),
+        residuals=(level.energy.residual_at(best, stage.shift),),
     )
 
 
 def step(descent: Descent) -> Descent:
-    """Do one iteration of the search; one that fails changes only its current iterate."""
+    """Do one iteration of the search; a failed one changes only the current iterate."""
     current, search, stage, record = descent.current, descent.search, descent.stage, descent.record
     energy, progress = descent.level.energy, descent.progress
     has_landmarks = energy.landmarks is not None and not energy.is_of_landmarks
@@ -131,7 +132,7 @@ def step(descent: Descent) -> Descent:
         current = search.init(current.x, current.point)
     counted = record.evaluations
     current = search.step(current)
-    if progress.effort_max < np.inf:  # else nothing depends on it
+    if progress.effort_max < np.inf:  # otherwise it is not needed
         cost = (record.evaluations - counted) * descent.level.cost(progress.point.x)
         progress = replace(progress, effort=progress.effort + cost)
     if current.failed:
@@ -142,11 +143,11 @@ def step(descent: Descent) -> Descent:
         descent,
         search=search,
         current=current,
-        learned=current,
+        last_iterate=current,
         progress=replace(progress, best=best),
         least=best if best.energy <= descent.least.energy else descent.least,
         energies=(*descent.energies, min(descent.energies[-1], best.energy)),
-        residuals=(*descent.residuals, energy.left(best, stage.shift)),
+        residuals=(*descent.residuals, energy.residual_at(best, stage.shift)),
     )
 
 
@@ -164,44 +165,47 @@ def terminate(descent: Descent) -> StopReason | None:
 
 
 def finish(descent: Descent, reason: StopReason) -> Progress:
-    """Return what the descent leaves: the iterate of least energy, as a search for landmarks may
-    also increase it.
+    """Return the progress of a descent, with the iterate of least energy.
+
+    This may not be the last iterate, as a search for landmarks can also raise the energy.
     """
     best, least, record = descent.progress.point, descent.least, descent.record
     best = least if least.energy < best.energy else best
-    record.latest, record.learned = (descent.stage.level, best), descent.learned
+    record.latest, record.last_iterate = (descent.stage.level, best), descent.last_iterate
     return replace(descent.progress, best=best, reason=reason)
 
 
-def _first(search: Any, stage: Stage, point: Evaluation, learned: Any, before: Stage | None) -> Any:
-    """Return the first iterate of a search, with the curvature of a stage before if it is valid."""
+def _first(
+    search: Any, stage: Stage, point: Evaluation, last_iterate: Any, before: Stage | None
+) -> Any:
+    """Return the first iterate of a search, with the curvature of the last stage if valid."""
     if before is None or not stage.continues(before):
         return search.init(point.x, point)
-    return search.init(point.x, point, learned, stage.curvature_ratio(before))
+    return search.init(point.x, point, last_iterate, stage.curvature_ratio(before))
 
 
 def _refuse_overflow(first: Evaluation, levels: Levels) -> None:
     if not np.isfinite([first.energy, levels[-1].energy.functions.function_size]).all():
         raise FunctionError(
-            "the mismatch of source and target overflows; scale both functions down or sigma up"
+            "the mismatch of source and target overflows; use smaller functions or a larger sigma"
         )
 
 
 def prolonged(levels: Levels, stage: Stage, origin: StepResult, record: Record) -> Evaluation:
-    """Return the evaluation, on the level of a stage, of the fields of a coarser level.
+    """Evaluate the fields of a coarser level on the level of a stage.
 
-    Fields of a coarser mesh have kinks over its edges, which make the norm of second order
-    large. Those of a subdivided mesh, or of a given sigma, are smoothed while that lowers the
-    energy.
+    Fields of a coarser mesh have kinks over its edges, which increase the norm of second order.
+    If the finer mesh is a subdivision, or if sigma is given, the fields are smoothed as long as
+    this lowers the energy.
     """
     energy = levels[stage.level].energy
     evaluate = search_of(energy, stage, record.count).evaluate
 
     def measured(fields: FloatArray) -> tuple[Evaluation, float]:
         point = evaluate(fields)
-        return point, energy.left(point)
+        return point, energy.residual_at(point)
 
-    # next to slivers, whose vertices clusters join, the discrete flow alone may leave anything
+    # near slivers, whose vertices form clusters, the discrete residual is unreliable
     residual = float(np.fmin(origin.residual, origin.verified_residual))
     checkpoint()
     x = levels.fields_on(stage.level, origin.x, origin.stage.level)
@@ -220,14 +224,15 @@ def prolonged(levels: Levels, stage: Stage, origin: StepResult, record: Record) 
 def prolonged_without_gradient(
     levels: Levels, level: int, origin: StepResult
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the fields of a coarser level on a finer one, and what they carry: a gradient takes
-    memory.
+    """Return the fields of a coarser level on a finer one, and the advected functions.
+
+    It makes no gradient, which would take memory.
     """
     energy = levels[level].energy
 
     def measured(fields: FloatArray) -> tuple[tuple[FloatArray, FloatArray], float]:
-        carried = energy.advected(fields)
-        return (fields, carried), energy.residual_of(fields, carried)
+        advected = energy.advected(fields)
+        return (fields, advected), energy.residual_of(fields, advected)
 
     checkpoint()
     x = levels.fields_on(level, origin.x, origin.stage.level)
@@ -240,10 +245,10 @@ def search_of(
     count: Callable[[], None] = lambda: None,
     at: FloatArray | None = None,
 ) -> Search:
-    """Return the search of a stage, which counts its evaluations.
+    """Return the search of a stage; ``count`` is called at each evaluation.
 
-    If landmarks are matched next to functions, it is preconditioned by their curvature at fields
-    (N, F, 2), if these are given.
+    If functions and landmarks are matched together, it is preconditioned by the curvature of the
+    landmarks at the fields ``at`` (N, F, 2), if given.
     """
     p = energy.parameters
     objective = energy.objective(
@@ -291,16 +296,16 @@ def search_of(
 
 
 def minimum(
-    energy: MatchingEnergy, stage: Stage, x: FloatArray, learned: Any, before: Stage | None
+    energy: MatchingEnergy, stage: Stage, x: FloatArray, last_iterate: Any, before: Stage | None
 ) -> Any:
-    """Minimise a stage of a fold from fields (N, F, 2), and return the last iterate of the search.
+    """Minimise a stage of a fold from fields (N, F, 2); return the last iterate of the search.
 
-    It uses the pairs that were learned in the stage before, and stops when the energy falls by less
-    than a fifth within four iterations: less exactly than `minimise`, which moves the chosen sigma
-    by a few percent.
+    The search uses the L-BFGS pairs of the stage before. It stops when the energy falls by less
+    than a fifth within four iterations. This is less accurate than `minimise`, and changes the
+    selected sigma by a few percent.
     """
     search: Any = search_of(energy, stage, at=x)
-    current = _first(search, stage, search.evaluate(x), learned, before)
+    current = _first(search, stage, search.evaluate(x), last_iterate, before)
     energies = [current.point.energy]
     fall = SETTINGS.fold_fall_min, SETTINGS.fold_iterations
     while len(energies) <= stage.iterations and falls(energies, *fall):
@@ -317,24 +322,25 @@ def stabilised(
     residual: float,
     evaluate: Callable[[FloatArray], tuple[Point, float]],
 ) -> Point:
-    """Smooth fields (N, F, 2) from a coarser mesh as little as keeps their discrete flow calm.
+    """Smooth fields (N, F, 2) of a coarser mesh until their discrete flow is stable.
 
     ``evaluate`` returns an evaluation and its residual. The result is the first evaluation with
-    about the ``residual`` of the coarser mesh, else the best one; without motion if none is finite.
+    about the ``residual`` of the coarser mesh, or else the best one. If no residual is finite, it
+    is the evaluation without motion.
     """
-    calm, least = None, np.inf
+    best, least = None, np.inf
     for edges in SETTINGS.smoothing_edges:
         point, found = evaluate(smoothed(mesh, x, edges))
         if found < least:
-            calm, least = point, found
+            best, least = point, found
         # false if not finite
         if found <= SETTINGS.stable_factor * residual + SETTINGS.stable_residual:
             break
-    return evaluate(np.zeros_like(x))[0] if calm is None else calm
+    return evaluate(np.zeros_like(x))[0] if best is None else best
 
 
 def smoothed(mesh: TriangleMesh, x: FloatArray, edges: float) -> FloatArray:
-    """Return fields (N, F, 2) smoothed by the norm of first order over a number of edges."""
+    """Return fields (N, F, 2), smoothed by the norm of first order over a number of edges."""
     if not edges:
         return x
     smooth = Regularizer(mesh, edges**2 / len(mesh.vertices))

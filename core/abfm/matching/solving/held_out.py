@@ -1,9 +1,9 @@
-"""Choose sigma for measured functions: cross-validation by patches of the surface.
+"""Selection of sigma for measured functions: cross-validation by patches of the surface.
 
-The surface is divided into patches and the patches into folds. For each fold the same steps are
-minimised without its patches; the residual there measures how well the field predicts values that
-it was not fitted to [Hastie, Tibshirani, Friedman 2009, section 7.10]. Patches are used because
-values at neighbouring vertices are correlated.
+The surface is divided into patches, and the patches into folds. For each fold, the same steps are
+minimised without its patches. The residual on these patches measures how well the field predicts
+values that it was not fitted to [Hastie, Tibshirani, Friedman 2009, section 7.10]. Single vertices
+would not do, because values at neighbouring vertices are correlated.
 """
 
 from collections.abc import Sequence
@@ -22,28 +22,28 @@ from abfm.matching.solving.settings import SETTINGS
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
-_DISTANCE_ROUNDING = 1e-9  # of the surface's size
+_DISTANCE_ROUNDING = 1e-9  # relative to the size of the surface
 
 
 def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArray] | None:
-    """Find the sigma with the least score by a parabola through three steps.
+    """Find the sigma with the smallest score by a parabola through three steps.
 
     Parameters
     ----------
     sigmas, scores : (3,) arrays
-        Steps with falling sigma, the second of which has the least score.
+        Three steps with decreasing sigma; the second one has the smallest score.
 
     Returns
     -------
     (float, (3,) array) or None
-        The minimum in ``log sigma``, and the weights with which values of the three steps are
-        interpolated there. None if a score is not finite or the parabola has no minimum.
+        The minimum in ``log sigma``, and the weights that interpolate values of the three steps
+        there. None if a score is not finite, or if the parabola has no minimum.
 
     Notes
     -----
-    If the scores have an error of e, sigma changes by a factor of about ``exp(e / (2 a h))`` with
-    the curvature ``2 a`` and the distance ``h`` of steps in ``log sigma``; the step with the least
-    score may change by a complete step. Scale and offset of the scores change nothing.
+    An error e of the scores changes sigma by a factor of about ``exp(e / (2 a h))``. Here ``2 a``
+    is the curvature, and ``h`` the distance of steps in ``log sigma``. Without interpolation, sigma
+    would change by a complete step. Scale and offset of the scores have no effect.
     """
     x, y = np.log(np.asarray(sigmas, dtype=np.float64)), np.asarray(scores, dtype=np.float64)
     if not np.isfinite(y).all():
@@ -63,26 +63,27 @@ def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArra
 
 
 def folds(mesh: TriangleMesh) -> IntArray:
-    """Return each vertex's fold, (V,): patches about distant points are dealt to the folds in turn.
+    """Return the fold of each vertex, (V,).
 
-    Of points at the same distance, except for rounding, the first one is the next centre. So the
-    folds of a symmetric surface do not depend on its position and unit.
+    Patches surround points that are far from each other, and are assigned to the folds in turn.
+    Among points at the same distance up to rounding errors, the first one is the next centre. The
+    folds of a symmetric surface therefore do not depend on its position and unit.
     """
     vertices = mesh.vertices
     from_middle = np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)
     rounded = _DISTANCE_ROUNDING * from_middle.max()
     centre = int(np.argmax(from_middle <= from_middle.min() + rounded))
-    away, nearest = np.full(len(vertices), np.inf), np.zeros(len(vertices), dtype=np.int64)
+    distances, nearest = np.full(len(vertices), np.inf), np.zeros(len(vertices), dtype=np.int64)
     for patch in range(SETTINGS.patches):
         distance = np.linalg.norm(vertices - vertices[centre], axis=1)
-        nearest[distance < away - rounded] = patch
-        away = np.minimum(away, distance)
-        centre = int(np.argmax(away >= away.max() - rounded))
+        nearest[distance < distances - rounded] = patch
+        distances = np.minimum(distances, distance)
+        centre = int(np.argmax(distances >= distances.max() - rounded))
     return nearest % SETTINGS.folds
 
 
 def fold_energies(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
-    """Return, for each fold, the energy without its patches, and a mask (V,) of them alone."""
+    """Return the energy without the patches of each fold, and a mask (V,) of these patches."""
     given = energy.functions.mask
     mask = np.ones(len(energy.mesh.vertices)) if given is None else given
     fold, found = folds(energy.mesh), []
@@ -94,28 +95,28 @@ def fold_energies(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArr
 
 
 class Fold(NamedTuple):
-    """The energy without some patches, and how far its descents have come."""
+    """The energy without some patches, and the state of its descents."""
 
     energy: MatchingEnergy
     hidden: FloatArray  # mask (V,) of the patches
     fields: FloatArray  # (N, F, 2)
-    learned: Any = None  # the latest iterate
+    last_iterate: Any = None  # the latest iterate
     before: Stage | None = None
 
     def minimise(self, stages: Sequence[Stage]) -> "Fold":
-        """Return the fold after some stages."""
-        _, _, fields, learned, before = self
+        """Return the fold after minimising some stages."""
+        _, _, fields, last_iterate, before = self
         for stage in stages:
-            learned, before = minimum(self.energy, stage, fields, learned, before), stage
-            fields = learned.point.x
-        return self._replace(fields=fields, learned=learned, before=before)
+            last_iterate, before = minimum(self.energy, stage, fields, last_iterate, before), stage
+            fields = last_iterate.point.x
+        return self._replace(fields=fields, last_iterate=last_iterate, before=before)
 
-    def carried(self) -> FloatArray:
+    def advected(self) -> FloatArray:
         """Return the source (C, V), advected by the discrete flow."""
         return self.energy.advected(self.fields)[: len(self.energy.functions.source)]
 
     def along_flow_lines(self) -> FloatArray:
-        """Return the source (C, V), carried along flow lines to the patches."""
+        """Return the source (C, V), advected along flow lines to the patches."""
         try:
             return advect_along_flow_lines(self.energy, self.fields, self.hidden > 0)
         except ParameterError:  # flow lines that cross too many faces
@@ -130,7 +131,7 @@ class HeldOut(NamedTuple):
 
     @classmethod
     def at(cls, energy: MatchingEnergy, start: FloatArray) -> "HeldOut":
-        """Return it before the first step, at fields (N, F, 2)."""
+        """Return the folds before the first step, at fields (N, F, 2)."""
         return cls(energy, tuple(Fold(*fold, start) for fold in fold_energies(energy)))
 
     @property
@@ -139,26 +140,26 @@ class HeldOut(NamedTuple):
         return self._residual([self.energy.functions.source] * len(self.folds))
 
     def follow(self, stages: Sequence[Stage]) -> "HeldOut":
-        """Minimise the same stages."""
+        """Minimise the stages of a step in all folds."""
         return self._replace(folds=tuple(fold.minimise(stages) for fold in self.folds))
 
     def score(self, log2_area: float) -> Score:
         """Return the score of a step whose map has this mean ``|log2 J|``; smaller is better.
 
-        The discrete flow lags behind, and fields of a small sigma make up for that also where they
-        are not fitted, so by the discrete flow too small a sigma would be chosen. Flow lines have
-        no lag. But they interpolate, which lowers the residual of noise: the discrete flow decides
-        whether a field gains anything.
+        The discrete flow has a lag. Fields of a small sigma compensate for it, also where they are
+        not fitted. The discrete flow would therefore select too small a sigma. Flow lines have no
+        lag, and determine the score. However, they interpolate, which lowers the residual
+        of noise. Whether a field improves anything is therefore decided by the discrete flow.
         """
-        discrete = self._residual([fold.carried() for fold in self.folds])
+        discrete = self._residual([fold.advected() for fold in self.folds])
         flow_lines = self._residual([fold.along_flow_lines() for fold in self.folds])
         return Score(flow_lines + SETTINGS.area_price * log2_area, discrete, self.unmoved)
 
-    def _residual(self, carried: Sequence[FloatArray]) -> float:
-        """Return the residual of the functions (C, V) of each fold, where they are hidden."""
+    def _residual(self, advected: Sequence[FloatArray]) -> float:
+        """Return the residual of functions (C, V) of each fold, on the patches of the folds."""
         functions = self.energy.functions
-        left = [
+        residuals = [
             functions.with_mask(fold.hidden).residual(values)
-            for values, fold in zip(carried, self.folds, strict=True)
+            for values, fold in zip(advected, self.folds, strict=True)
         ]
-        return float(np.sqrt(np.mean(np.square(left)))) if left else np.nan
+        return float(np.sqrt(np.mean(np.square(residuals)))) if residuals else np.nan

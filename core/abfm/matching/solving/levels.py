@@ -1,7 +1,7 @@
-"""The energy on meshes from coarse to fine, and the transfer between them by closest points.
+"""The levels of a match: energies on meshes from coarse to fine, and transfers between them.
 
-If thin triangles would set the cost of an evaluation, the mesh itself has two levels: first with
-clusters of their vertices (`abfm.flow.clusters`), then without.
+Thin triangles can dominate the cost of an evaluation. The mesh itself then has two levels: first
+with clusters of the vertices of these triangles (`abfm.flow.clusters`), then without.
 """
 
 import threading
@@ -30,23 +30,26 @@ from abfm.types import FloatArray, IndexArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_WAIT_SECONDS = 0.05  # between two tests whether another thread has made a mesh
+_WAIT_SECONDS = 0.05  # between two tests whether another thread has finished a mesh
 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """Between a coarse and a fine mesh of one surface, in the same units, by closest points."""
+    """The transfer between a coarse and a fine mesh of one surface by closest points.
+
+    Both meshes have the same unit.
+    """
 
     coarse: TriangleMesh
     fine: TriangleMesh
 
     def prepare(self) -> None:
-        """Find all closest points now, instead of at their first use."""
+        """Find all closest points now instead of at their first use."""
         _ = self.interpolation, self._covered, self._to_coarse
 
     @cached_property
     def interpolation(self) -> Matrix:
-        """Linear interpolation of coarse functions at the fine vertices, (V, V_coarse)."""
+        """The matrix (V, V_coarse) that interpolates coarse functions at the fine vertices."""
         return self._to_fine.to_matrix()
 
     @cached_property
@@ -62,30 +65,30 @@ class Transfer:
         return PointMap.project(self.coarse, self.fine, self.coarse.vertices)
 
     def function_to_coarse(self, f: FloatArray) -> FloatArray:
-        """Return averages of fine functions (..., V) by coarse hat functions, (..., V_coarse)."""
+        """Return averages of fine functions (..., V) over coarse hat functions, (..., V_coarse)."""
         totals = self.interpolation.T @ (vertex_areas(self.fine) * f).T
         averages = (totals.T / np.where(self._covered > 0, self._covered, 1.0)).copy()
-        # no fine vertex near: take the closest point's value
-        alone = np.flatnonzero(self._covered == 0)
-        if len(alone):
+        # without fine vertices nearby, use the value at the closest point
+        uncovered = np.flatnonzero(self._covered == 0)
+        if len(uncovered):
             points = self._to_coarse
-            corners = f[..., self.fine.faces[points.faces[alone]]]
-            averages[..., alone] = (corners * points.barycentric[alone]).sum(axis=-1)
+            corners = f[..., self.fine.faces[points.faces[uncovered]]]
+            averages[..., uncovered] = (corners * points.barycentric[uncovered]).sum(axis=-1)
         return np.asarray(averages)
 
     def function_to_fine(self, f: FloatArray) -> FloatArray:
         return np.ascontiguousarray((self.interpolation @ f.T).T)
 
     def field_to_fine(self, field: FloatArray) -> FloatArray:
-        return _read(field, self._to_fine)
+        return _transferred_field(field, self._to_fine)
 
     def field_to_coarse(self, field: FloatArray) -> FloatArray:
-        return _read(field, self._to_coarse)
+        return _transferred_field(field, self._to_coarse)
 
 
 @dataclass(frozen=True, eq=False)
 class Subdivision:
-    """Between a mesh and its midpoint subdivision, whose first vertices are its own."""
+    """The transfer from a mesh to its midpoint subdivision, with the same first vertices."""
 
     coarse: TriangleMesh
 
@@ -96,16 +99,19 @@ class Subdivision:
         return to_frame(refined(self.coarse, 1), field_on_children(self.coarse, field))
 
 
-def _read(field: FloatArray, points: PointMap) -> FloatArray:
-    """Read the codomain's continuous field at the domain's vertices, turned onto its faces."""
+def _transferred_field(field: FloatArray, points: PointMap) -> FloatArray:
+    """Return the field (F, 2) on the domain of a point map, from a field on its codomain.
+
+    The continuous field is evaluated at the mapped vertices and rotated onto the faces.
+    """
     mesh, other = points.codomain, points.domain
     vectors = (corner_vectors(mesh, field)[points.faces] * points.barycentric).sum(axis=1)
     frames = face_frames(mesh)[points.faces]
     found = vectors.real[:, None] * frames[:, 0] + vectors.imag[:, None] * frames[:, 1]
     normals = face_normals(mesh)[points.faces]
     onto = other.faces, face_normals(other), face_frames(other)
-    carried: FloatArray = rotate_onto_faces(found, normals, *onto)
-    return carried
+    transferred: FloatArray = rotate_onto_faces(found, normals, *onto)
+    return transferred
 
 
 @kernel
@@ -116,7 +122,10 @@ def rotate_onto_faces(
     face_normals: FloatArray,
     frames: FloatArray,
 ) -> FloatArray:
-    """Return means at corners, (F, 2), of vectors (V, 3) turned from their normals to faces'."""
+    """Return means over the corners of faces, (F, 2), of vectors (V, 3) at vertices.
+
+    Each vector is rotated from its own normal (V, 3) to the normal of the face.
+    """
     out = np.zeros((faces.shape[0], 2))
     for f in range(faces.shape[0]):
         n = face_normals[f]
@@ -124,7 +133,7 @@ def rotate_onto_faces(
             v, m = vectors[faces[f, c]], normals[faces[f, c]]
             along = 1.0 + m[0] * n[0] + m[1] * n[1] + m[2] * n[2]
             height = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
-            # where the normals are opposite the vector is projected
+            # with opposite normals, the vector is projected
             share = height / along if along > 1e-3 else 0.0
             for k in range(2):
                 e = frames[f, k]
@@ -137,7 +146,7 @@ def rotate_onto_faces(
 class Level:
     """The energy on one mesh, and the transfer to the next finer one.
 
-    ``cheaper`` is the energy of the level before, if that is the same mesh with clusters.
+    ``cheaper`` is the energy on the same mesh with clusters, if the level before has these.
     """
 
     energy: MatchingEnergy
@@ -145,7 +154,7 @@ class Level:
     cheaper: MatchingEnergy | None = None
 
     def fields_to_finer(self, x: FloatArray) -> FloatArray:
-        """Return frame coefficients (N, F, 2) on the finer mesh, for the same times."""
+        """Return fields as frame coefficients (N, F, 2) on the next finer mesh."""
         if self.to_finer is None:
             return x
         fields = to_ambient(self.energy.mesh, x)
@@ -154,7 +163,7 @@ class Level:
         return np.stack([self.to_finer.field_to_fine(field) for field in fields])
 
     def fields_from_finer(self, fields: FloatArray) -> FloatArray:
-        """Return frame coefficients (N, F, 2) of fields (N, F, 3) on the finer mesh of area 1."""
+        """Return coefficients (N, F, 2) of fields (N, F, 3) on the finer mesh of unit area."""
         if not isinstance(self.to_finer, Transfer):
             return np.stack([to_frame(self.energy.mesh, field) for field in fields])
         found = np.stack([self.to_finer.field_to_coarse(field) for field in fields])
@@ -163,8 +172,11 @@ class Level:
     def functions_to_finer(self, functions: FloatArray) -> FloatArray:
         return functions if self.to_finer is None else self.to_finer.function_to_fine(functions)
 
-    def affordable(self, iterations: int, x: FloatArray) -> int:
-        """Return the number of iterations that cost as much as these do with clusters."""
+    def affordable_iterations(self, iterations: int, x: FloatArray) -> int:
+        """Return the number of iterations that are affordable without clusters.
+
+        They cost at most a constant factor more than ``iterations`` with clusters.
+        """
         if self.cheaper is None:
             return iterations
         ratio = self.cheaper.flow(x).exponent / max(self.energy.flow(x).exponent, 1e-300)
@@ -172,14 +184,15 @@ class Level:
         return max(SETTINGS.exact_iterations_min, int(iterations * share))
 
     def cost(self, x: FloatArray) -> float:
-        """Return about how many products of rows an evaluation at fields (N, F, 2) costs."""
+        """Return the approximate number of matrix row products of an evaluation at (N, F, 2)."""
         return self.energy.discretisation.size * max(self.energy.flow(x).exponent, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """The levels of a match, from coarse to fine; ``mesh_level`` is the last one of the
-    mesh itself, before finer ones.
+    """The levels of a match, from coarse to fine.
+
+    ``mesh_level`` is the last level on the mesh itself. Levels after it are on subdivisions.
     """
 
     all: tuple[Level, ...]
@@ -187,7 +200,7 @@ class Levels:
 
     @classmethod
     def of_mesh(cls, energy: MatchingEnergy) -> "Levels":
-        """Return those of the mesh itself alone."""
+        """Return the levels of the mesh itself."""
         levels = _of_mesh(energy)
         return cls(levels, len(levels) - 1)
 
@@ -198,11 +211,11 @@ class Levels:
         return self.all[level]
 
     def cheapest(self, level: int) -> int:
-        """Return the first level on the same mesh, with clusters if there are some."""
+        """Return the first level on the same mesh, which has clusters if there are any."""
         return level - (self[level].cheaper is not None)
 
     def exact(self, level: int) -> int:
-        """Return the last level on the same mesh, without clusters."""
+        """Return the last level on the same mesh, which has no clusters."""
         is_clustered = level + 1 < len(self) and self[level + 1].cheaper is not None
         return level + is_clustered
 
@@ -211,7 +224,7 @@ class Levels:
         return self[self.exact(level)].energy
 
     def fields_on(self, level: int, x: FloatArray, origin: int) -> FloatArray:
-        """Return frame coefficients (N, F, 2) of one level on a finer one, or the same one."""
+        """Return frame coefficients (N, F, 2) of level ``origin`` on the same or a finer level."""
         for coarser in self.all[origin:level]:
             x = coarser.fields_to_finer(x)
         return x
@@ -219,8 +232,8 @@ class Levels:
     def error(self, level: int) -> float:
         """Return the discretisation error of a level relative to the mesh itself.
 
-        It is the larger residual of source and target after averaging on the level and
-        interpolating back; 0 on the mesh itself.
+        Source and target are averaged on the level and interpolated back. The larger relative
+        difference is the error; it is 0 on the mesh itself.
         """
         if level >= self.mesh_level:
             return 0.0
@@ -233,11 +246,11 @@ class Levels:
         return max(errors)
 
     def attainable(self, goal: float) -> float:
-        """Return a goal, or the least residual that any flow can have, if that is larger."""
+        """Return a goal, or the least residual of any flow if that is larger."""
         return max(goal, range_bound(self[self.mesh_level].energy.functions)) if goal else 0.0
 
     def with_coarser(self) -> "Levels":
-        """Return them with coarser meshes before, as the parameters or the mesh's size require."""
+        """Return the levels with additional coarser meshes, by the parameters or the mesh size."""
         found, first = list(self.all), self[0].energy
         size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min
         counts = _vertex_counts(first.mesh, first.parameters)
@@ -248,7 +261,7 @@ class Levels:
             for count in counts:
                 checkpoint()
                 if edges >= least > edges * np.sqrt(count / size):
-                    # what this mesh resolves and the coarser one does not would be distorted
+                    # the coarser mesh would distort features that this mesh resolves
                     break
                 energy = found[0].energy
                 transfer = _coarser(energy.mesh, count)
@@ -259,42 +272,50 @@ class Levels:
         return Levels(tuple(found), len(found) - 1)
 
     def subdivided(self) -> "Levels":
-        """Return them with the midpoint subdivision of the finest mesh; AbfmError if none."""
+        """Return the levels with the midpoint subdivision of the finest mesh.
+
+        AbfmError if the mesh or a data term cannot be subdivided.
+        """
         last = self.all[-1]
         finer = Level(MatchingEnergy(last.energy.problem.subdivided()))
         coarse = replace(last, to_finer=Subdivision(last.energy.mesh))
         return replace(self, all=(*self.all[:-1], coarse, finer))
 
     def clustered(self) -> "Levels":
-        """Return them with clusters on the finest mesh, if these are cheaper."""
+        """Return the levels with clusters on the finest mesh, if these are cheaper."""
         return replace(self, all=(*self.all[:-1], *_of_mesh(self.all[-1].energy)))
 
 
 def _of_mesh(finest: MatchingEnergy) -> tuple[Level, ...]:
     p = finest.parameters
-    chosen = p.solver.levels == 1 or p.paper.gradient != "adjoint" or p.paper.method != "nonlinear"
-    if chosen or vertex_clusters(finest.mesh) is None:
+    is_plain = (
+        p.solver.levels == 1 or p.paper.gradient != "adjoint" or p.paper.method != "nonlinear"
+    )
+    if is_plain or vertex_clusters(finest.mesh) is None:
         return (Level(finest),)
     clustered = finest.clustered()
     return Level(clustered), Level(finest, cheaper=clustered)
 
 
 def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
-    """Make the coarser meshes in advance; a match in another thread waits for them."""
+    """Make the coarser meshes of a match in advance.
+
+    A match in another thread waits for them.
+    """
     fine = mesh.normalized()
     with step("making coarser meshes", len(fine.vertices)):
         for count in _vertex_counts(fine, parameters):
-            transfer = _coarser(fine, count, ahead=True)
+            transfer = _coarser(fine, count, in_advance=True)
             if transfer is None:
                 return
             fine = transfer.coarse.normalized()
 
 
-def _coarser(fine: TriangleMesh, count: int, ahead: bool = False) -> Transfer | None:
+def _coarser(fine: TriangleMesh, count: int, in_advance: bool = False) -> Transfer | None:
     with _making(fine):
         coarse = coarsened(fine, count)
         transfer = None if coarse is None else _transfer(fine, coarse)
-        if transfer is not None and ahead:
+        if transfer is not None and in_advance:
             transfer.prepare()
     return transfer
 

@@ -1,9 +1,9 @@
-"""Gauss-Newton for landmarks, whose part of the second derivative is known.
+"""Gauss-Newton search for landmarks, whose part of the second derivative is known.
 
-If flow lines pass a vertex on the other side, they may end elsewhere, and the energy jumps. A
-descent would stop at each such jump, even if only one landmark causes it. So the energy may rise
-here, and the caller keeps the best iterate. A landmark that did not move as its derivative
-predicted has less weight in the next step.
+If flow lines pass a vertex on another side, they may end elsewhere, and the energy jumps. A
+descent would stop at each jump, even if only one landmark causes it. The energy may therefore rise
+here, and the caller selects the best iterate. A landmark that did not move as its derivative
+predicted has a smaller weight in the next step.
 """
 
 from collections.abc import Callable
@@ -18,35 +18,38 @@ from abfm.matching.terms.landmarks import LandmarkCurvature
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 
-_DECREASE_SHARE = 1e-4  # of the decrease that the slope predicts, which is sufficient
+_DECREASE_SHARE = 1e-4  # sufficient decrease, relative to the prediction of the slope
 _TRIALS_MAX = 6
-_RISE_SHARE_MAX = 0.5  # by which the energy may rise if no length lowers it
+_RISE_SHARE_MAX = 0.5  # largest rise of the energy, if no step length lowers it
 _ROUNDING_SHARE = 1e-16  # of the energy
-_ERROR_USUAL = 0.01  # usual error of a landmark's predicted place, of sqrt(area)
-_ERROR_SHARE = 0.3  # the same, of its motion
+# usual error of the predicted position of a landmark, in sqrt(area) and relative to its motion
+_ERROR_USUAL = 0.01
+_ERROR_SHARE = 0.3
 
 Inverse = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
 class Iterate:
+    """An iterate of the Gauss-Newton search."""
+
     x: FloatArray
     point: Evaluation
     # (L,), weight of each landmark's derivative, 0 to 1
     trust: FloatArray | float = 1.0
-    promised: float = np.inf  # the decrease that the last step promised
+    predicted: float = np.inf  # decrease that the last step predicted
     failed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class GaussNewton:
-    """Minimise an energy whose second derivative is about ``A + J^T D J``."""
+    """A search for the minimum of an energy with second derivative of about ``A + J^T D J``."""
 
     evaluate: Callable[[FloatArray], Evaluation]
     inverse: Inverse  # of A
     curvature: Callable[[FloatArray], LandmarkCurvature]  # at fields
     size: Callable[[FloatArray], float]  # of a step
-    longest: float  # its limit
+    size_max: float
 
     def init(
         self,
@@ -55,7 +58,7 @@ class GaussNewton:
         before: object = None,
         steeper: float = 1.0,
     ) -> Iterate:
-        """Return the first iterate; the curvature of a search before is not used."""
+        """Return the first iterate; the curvature of an earlier search is not used."""
         point = self.evaluate(x) if point is None else point
         return Iterate(x, point)
 
@@ -68,7 +71,7 @@ class GaussNewton:
         direction = -with_landmarks(self.inverse, jacobian, trusted)(gradient - less)
         moved = (jacobian @ direction.ravel()).reshape(-1, 2)
         slope, full = float((direction * gradient).sum()), self.size(direction)
-        length = min(1.0, self.longest / full) if full > 0 else 1.0
+        length = min(1.0, self.size_max / full) if full > 0 else 1.0
         before, tried = state.point.energy, list[tuple[Evaluation, float]]()
         while len(tried) < _TRIALS_MAX:
             tried.append((self.evaluate(state.x + length * direction), length))
@@ -82,15 +85,17 @@ class GaussNewton:
         return Iterate(point.x, point, trust, abs(slope))
 
     def stop_reason(self, state: Iterate) -> str | None:
-        """Return why to stop at this iterate, or None to continue."""
+        """Return the reason to stop at this iterate, or None to continue."""
         if state.failed:
             return "line search failed"
-        return "converged" if state.promised <= _ROUNDING_SHARE * abs(state.point.energy) else None
+        return "converged" if state.predicted <= _ROUNDING_SHARE * abs(state.point.energy) else None
 
 
 def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArray:
-    """Return the weights (L,) of landmarks by their errors (L,), residuals before (L, 2) and
-    predicted motions.
+    """Return the weights (L,) of landmarks.
+
+    They depend on the errors (L,), the residuals before the step (L, 2) and the predicted motion
+    (L, 2).
     """
     expected = np.linalg.norm(away + moved, axis=1)
     usual = np.maximum(_ERROR_USUAL, _ERROR_SHARE * np.linalg.norm(moved, axis=1))
@@ -98,8 +103,9 @@ def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArra
 
 
 def with_landmarks(inverse: Inverse, jacobian: sparse.csr_array, curvature: FloatArray) -> Inverse:
-    """Return the inverse of ``A + J^T D J`` by that of A, with J (M, n) and the diagonal D (M,): by
-    the Woodbury identity, one inverse for each row.
+    """Return the inverse of ``A + J^T D J`` from that of A, by the Woodbury identity.
+
+    J is (M, n) and D the diagonal (M,). Each row of J takes one application of the inverse of A.
     """
     rows, curvature = jacobian[curvature > 0], curvature[curvature > 0]
     known: list[tuple[FloatArray, tuple[FloatArray, bool]]] = []
@@ -114,8 +120,8 @@ def with_landmarks(inverse: Inverse, jacobian: sparse.csr_array, curvature: Floa
             inner = np.diag(1 / curvature) + rows @ moved.T
             known.append((moved, cho_factor((inner + inner.T) / 2)))
         moved, factor = known[0]
-        off = moved.T @ cho_solve(factor, moved @ gradient.ravel())
-        found: FloatArray = inverse(gradient) - off.reshape(gradient.shape)
+        correction = moved.T @ cho_solve(factor, moved @ gradient.ravel())
+        found: FloatArray = inverse(gradient) - correction.reshape(gradient.shape)
         return found
 
     return applied

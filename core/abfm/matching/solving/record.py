@@ -1,4 +1,4 @@
-"""The record of a match: its stages and iterates, and the results of its steps."""
+"""The record of a match: stages, iterates and results of steps."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -22,35 +22,33 @@ from abfm.types import FloatArray
 
 
 class StopReason(StrEnum):
-    """Why a match stopped; what it achieved is its verdict.
+    """The reason why a match stopped; its verdict is independent of it.
 
-    As text it reads like its value: ``match.stop_reason == "cancelled"``.
+    Members are strings: ``match.stop_reason == "cancelled"``.
     """
 
-    CONVERGED = "converged"  # the gradient is within the tolerance, or within rounding
+    CONVERGED = "converged"  # the gradient is within the tolerance or rounding errors
     GOAL_REACHED = "goal reached"  # the residual is well below the goal
-    NO_PROGRESS = "no progress"  # the energy fell too little to continue
+    NO_PROGRESS = "no progress"  # the energy fell too little
     ITERATION_LIMIT = "iteration limit"
-    LINE_SEARCH_FAILED = "line search failed"  # no step lowers the energy: often rounding
+    LINE_SEARCH_FAILED = "line search failed"  # often because of rounding
     CANCELLED = "cancelled"
     OUT_OF_MEMORY = "out of memory"  # the best field so far is the result
-    GIVEN = "given"  # the field was not solved for
+    GIVEN = "given"  # the field was not computed
 
     @property
     def is_interrupted(self) -> bool:
-        """Whether it was interrupted, so that more iterations may find more."""
+        """Whether the run was interrupted, so that more iterations may improve the match."""
         return self in (StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
 
 
 def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int) -> str | None:
-    """Return a warning while a match runs, in one line without a full stop; None if there is
-    none.
-    """
+    """Return a warning about a running match, in one line without a full stop, or None."""
     if functions.residual(advected) <= RESIDUAL_NEARLY:
         return None
     if vanished(functions, advected):
         return (
-            "the source is being squeezed to nothing instead of moved: it may be too far from the "
+            "the source is being squeezed to nothing instead of moving: it may be too far from the "
             "target"
         )
     if iteration >= SETTINGS.warning_iterations_min and stood_still(functions, advected):
@@ -59,7 +57,7 @@ def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int)
 
 
 class View(Protocol):
-    """An iterate on the mesh itself."""
+    """Fields and advected functions of an iterate, on the mesh itself."""
 
     @property
     def velocity(self) -> FloatArray: ...
@@ -70,31 +68,31 @@ class View(Protocol):
 
 
 class Score(NamedTuple):
-    """The score of a step by held-out patches, see `held_out`; NaN if nothing is held out."""
+    """The score of a step by held-out patches (see `held_out`); NaN without them."""
 
-    value: float = math.nan  # by which a step is chosen
+    value: float = math.nan  # smaller is better
     held_out: float = math.nan  # residual of the patches
-    unmoved: float = math.nan  # their residual without motion
+    unmoved: float = math.nan  # residual of the patches without motion
 
     @property
     def gain(self) -> float:
-        """The residual relative to that without motion."""
+        """The residual of the patches, relative to that without motion."""
         return self.held_out / self.unmoved if self.unmoved > 0 else math.nan
 
 
 @dataclass(frozen=True, eq=False)
 class StepResult:
-    """The result of a step of the path, on the mesh of its level."""
+    """The result of one step of the continuation, on the mesh of its level."""
 
     stage: Stage
     x: FloatArray  # frame coefficients (N, F, 2)
-    carried: FloatArray  # the advected functions of all terms, (C, V)
+    advected: FloatArray  # the advected functions of all terms, (C, V)
     residual: float
     measures: Mapping[str, float] = field(default_factory=dict)  # along flow lines, see `measured`
     score: Score = Score()
 
     def step(self, velocity: FloatArray, mismatch: float = math.nan) -> PathStep:
-        """Return the step of a path with these fields (N, 4^k F, 3)."""
+        """Return the `PathStep` with these fields (N, 4^k F, 3)."""
         return PathStep(
             self.stage.sigma,
             self.stage.alpha,
@@ -120,24 +118,24 @@ class StepResult:
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """One iterate; its fields and functions on the mesh are computed at their first use."""
+    """One iterate; its fields and functions on the mesh are computed at the first use."""
 
-    iteration: int  # number of iterations of all stages so far, 0 at the start
+    iteration: int  # total number of iterations so far, 0 at the start
     stage: int  # from 0
-    level: int  # number of the mesh, from 0, the coarsest; the last one is the mesh itself
-    levels: int  # their number; a mesh with thin triangles counts twice, first with clusters
-    vertices: int  # of the level's mesh; clusters of them (`abfm.flow.clusters`) if it has some
-    reach: float  # values in this stage
+    level: int  # number of the mesh, from 0 for the coarsest one
+    levels: int  # number of levels; a mesh with thin triangles counts twice, first with clusters
+    vertices: int  # of the mesh of the level, or their clusters (`abfm.flow.clusters`)
+    reach: float  # in this stage
     sigma: float
     alpha: float
-    energy: float  # total and its terms, on the mesh of this level scaled to unit area
+    energy: float  # on the mesh of this level, scaled to unit area
     regularity: float
     mismatch_energy: float
-    shares: dict[str, float]  # of that, the data terms' by their names
+    shares: dict[str, float]  # parts of the mismatch energy by name of the data term
     residual: float  # on the mesh of this level
-    evaluations: int  # of energy and gradient so far
+    evaluations: int  # number of evaluations of the energy so far
     view: View
-    path: tuple[PathStep, ...] = ()  # the steps so far, still without fields
+    path: tuple[PathStep, ...] = ()  # the steps so far, without fields
     fields: int = 1  # number of consecutive fields, N
 
     @property
@@ -152,20 +150,20 @@ class Iteration:
 
     @property
     def warning(self) -> str | None:
-        """A warning so far, in one line; None if there is none."""
+        """A warning about the run so far, in one line, or None."""
         return self.view.warning
 
 
 @dataclass(frozen=True, eq=False)
 class IterateView:
-    """An iterate of some level on the mesh itself."""
+    """The view of an iterate of any level on the mesh itself."""
 
     x: FloatArray  # frame coefficients (N, F, 2)
-    carried: FloatArray  # the advected source, (C, V)
-    levels: tuple[Level, ...]  # from that of the iterate to the mesh itself; a finer one alone
-    mesh: TriangleMesh  # itself, of area 1
+    level_advected: FloatArray  # the advected source on the mesh of the level, (C, V)
+    levels: tuple[Level, ...]  # from the iterate to the mesh itself; only one if it is finer
+    mesh: TriangleMesh  # the mesh itself, scaled to unit area
     iteration: int
-    is_trying: bool  # whether other variants or smaller sigmas follow
+    is_provisional: bool  # whether other variants or smaller sigmas follow
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -177,45 +175,45 @@ class IterateView:
 
     @cached_property
     def advected(self) -> FloatArray:
-        functions = self.carried
+        functions = self.level_advected
         for level in self.levels[:-1]:
             functions = level.functions_to_finer(functions)
         return functions[:, : len(self.mesh.vertices)].T.copy()
 
     @cached_property
     def warning(self) -> str | None:
-        if self.is_trying:
+        if self.is_provisional:
             return None
-        return early_warning(self.levels[0].energy.functions, self.carried, self.iteration)
+        return early_warning(self.levels[0].energy.functions, self.level_advected, self.iteration)
 
 
 class Record:
-    """The log of a match, which a callback receives."""
+    """The history of a match; each iterate is passed to a callback."""
 
     def __init__(self, on_iteration: Callable[[Iteration], object] | None) -> None:
         self.history: list[tuple[float, float, float]] = []
         self.stage_of: list[int] = []
         self.schedule: list[Stage] = []
         self.evaluations = 0
-        # level and evaluation of the latest fields of the present variant
+        # level and evaluation of the latest fields of this variant
         self.latest: tuple[int, Evaluation] | None = None
-        self.learned: Any = None  # the latest iterate of a search, whose pairs hold the curvature
-        self.path: tuple[PathStep, ...] = ()  # the steps of the present variant so far
-        self.is_trying = False  # whether other variants or smaller sigmas follow
+        self.last_iterate: Any = None  # of a search, with its L-BFGS pairs
+        self.path: tuple[PathStep, ...] = ()  # the steps of this variant so far
+        self.is_provisional = False  # whether other variants or smaller sigmas follow
         self.is_calling = False  # whether the callback runs, or has raised an error
         self._level: int | None = None  # of the latest iterate
         self._on_iteration = on_iteration
 
     def begin(self) -> None:
-        """Forget the latest fields, and the curvature: a variant begins."""
-        self.latest = self.learned = None
+        """Begin a variant: discard the latest fields and the curvature."""
+        self.latest = self.last_iterate = None
 
     def count(self) -> None:
         """Count an evaluation."""
         self.evaluations += 1
 
     def arrive(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
-        """Note the first fields of a stage, which are an iterate if a level begins."""
+        """Record the first fields of a stage; on a new level they are an iterate."""
         self.latest = stage.level, point
         iterations, is_new = len(self.history), self._level != stage.level
         if not iterations or (
@@ -224,7 +222,7 @@ class Record:
             self.add(levels, stage, point)
 
     def add(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
-        """Add an iterate."""
+        """Record an iterate and call the callback."""
         self.latest, self._level = (stage.level, point), stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)
@@ -236,10 +234,10 @@ class Record:
 
     def _iteration(self, levels: Levels, stage: Stage, point: Evaluation) -> Iteration:
         energy, number = levels[stage.level].energy, len(self.history) - 1
-        carried = point.advected[: len(energy.functions.source)]
+        advected = point.advected[: len(energy.functions.source)]
         shares: dict[str, float] = {}
-        for word, share in zip(energy.words, point.shares, strict=True):
-            shares[word] = shares.get(word, 0.0) + share
+        for name, share in zip(energy.term_names, point.shares, strict=True):
+            shares[name] = shares.get(name, 0.0) + share
         between = levels.all[stage.level : max(levels.mesh_level, stage.level) + 1]
         mesh = levels[levels.mesh_level].energy.mesh
         return Iteration(
@@ -255,9 +253,9 @@ class Record:
             regularity=point.regularity,
             mismatch_energy=point.mismatch,
             shares=shares,
-            residual=energy.left(point),
+            residual=energy.residual_at(point),
             evaluations=self.evaluations,
-            view=IterateView(point.x, carried, between, mesh, number, self.is_trying),
+            view=IterateView(point.x, advected, between, mesh, number, self.is_provisional),
             path=self.path,
             fields=len(point.x),
         )

@@ -1,4 +1,4 @@
-"""The schedule of a match: the steps of falling sigma, and when each of them ends."""
+"""The schedule of a match: its values of sigma, and the limits of each stage."""
 
 import math
 from collections.abc import Sequence
@@ -15,50 +15,51 @@ _STEP_ROUNDING = 1e-9  # of a number of steps
 
 
 class Variant(NamedTuple):
-    """What all steps of a path have in common."""
+    """Values that all steps of a path share."""
 
     alpha: float
-    fields: int  # consecutive ones
+    fields: int  # number of consecutive fields
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A minimisation of one objective on one level; reach is 0 for the parameters' own norm."""
+    """A minimisation of one objective on one level; reach 0 is the norm of the parameters."""
 
-    level: int  # number of the mesh, from 0, the coarsest
-    fields: int  # consecutive ones
+    level: int  # number of the mesh, from 0 for the coarsest one
+    fields: int  # number of consecutive fields
     sigma: float
     alpha: float
     reach: float
-    iterations: int  # limit of its own
+    iterations: int  # limit of this stage
     until: int  # limit of all stages together
-    fixed: bool  # whether it uses all its iterations
-    goal: float  # residual at which it ends
+    fixed: bool  # whether the stage uses all its iterations
+    goal: float  # residual at which the stage ends
     landmark_sigma: float = Parameters.landmark_sigma
-    # whether it also ends if the residual stalls, once the target is found
+    # whether the stage also ends if the residual stalls, once the target is found
     is_search: bool = False
     # (C, V), subtracted from the advected functions before they are compared with the target
     shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
 
     def continues(self, before: "Stage") -> bool:
-        """Return whether the curvature of the stage before is still valid; if fixed, only with the
-        same sigma.
+        """Return whether the curvature of the stage before is still valid.
+
+        In a fixed stage, it is valid only for the same sigma.
         """
         names = "level", "fields", "reach", "alpha"
         same = all(getattr(before, name) == getattr(self, name) for name in names)
         return same and not (self.fixed and before.sigma != self.sigma)
 
     def curvature_ratio(self, before: "Stage") -> float:
-        """Return the curvature of the energy relative to the stage before."""
+        """Return the curvature of the energy, relative to the stage before."""
         if self.sigma == before.sigma:
             return (before.landmark_sigma / self.landmark_sigma) ** 2
         return (before.sigma / self.sigma) ** 2
 
     def is_worthwhile(self, energies: Sequence[float], residuals: Sequence[float] = ()) -> bool:
-        """Return whether another iteration pays, after these energies and residuals of iterates.
+        """Return whether to continue after these energies and residuals of iterates.
 
-        The energy has to fall. In a search the residual has to fall as well once the target is
-        found, as the norm of the search is then no longer the one that matters.
+        The energy has to fall. In a search, the residual also has to fall once the target is found,
+        because the norm of the search no longer matters then.
         """
         if self.fixed:
             return True
@@ -71,63 +72,66 @@ def falls(
     by: float = SETTINGS.fall_min,
     within: int = SETTINGS.fall_iterations,
 ) -> bool:
-    """Return whether values fell by a share within the last iterations, or are fewer than these."""
+    """Return whether values fell by a share within the last iterations, or are fewer than that."""
     early = len(values) <= within
     return early or values[-1] < (1 - by) * values[-1 - within]
 
 
 class Schedule:
-    """The steps of a match by its parameters, on a number of meshes, and what ends them.
+    """The steps of a match, from its parameters, its functions and the number of meshes.
 
-    A given sigma is that of the last step. Without it, functions of little detail are taken to
-    match exactly, and the path ends where both checks confirm the goal. Others are measured, and
-    the path ends where held-out patches gain nothing (`held_out`).
+    A given sigma is that of the last step. Otherwise, functions with little detail are treated as
+    exact, and the path ends when both checks confirm the goal. Other functions are measured ones,
+    and the path ends when held-out patches no longer improve (`held_out`).
     """
 
     def __init__(
         self, p: Parameters, functions: FunctionTerm, meshes: int, has_landmarks: bool = False
     ) -> None:
         self._p, self._meshes, self._has_landmarks = p, meshes, has_landmarks
-        # landmarks alone, which need no sigma but their own, and no reach
+        # landmarks alone need only landmark_sigma and no reach
         self._has_landmarks_only = has_landmarks and functions.is_constant
         self.has_given_sigma = p.sigma is not None
         self._has_detail = is_measured(functions)
-        # as in the paper: every step uses all its iterations
+        # as in the paper, every step uses all its iterations
         self.is_fixed = p.paper.stage_iterations > 0 or (p.solver.reach == 0 and meshes == 1)
         self.is_measured = self._has_detail and not (self.has_given_sigma or self.is_fixed)
-        # ends where flow lines confirm the goal
+        # ends when flow lines confirm the goal
         self.is_free = not (self.has_given_sigma or self.is_fixed or self.is_measured)
         self.unit = 1.0 if p.paper.sigma_unit == "relative" else functions.function_size
         self.sigmas = self._sigmas()
 
     @property
     def has_given_end(self) -> bool:
-        """Whether the last step is the result, whatever its residual is."""
+        """Whether the last step is the result, regardless of its residual."""
         return self.has_given_sigma or self.is_fixed
 
     def variants(self, fields: int) -> list[Variant]:
         """Return the variants of the path that are tried on the first mesh.
 
-        Measured functions have a second one with a smaller alpha, except in the norm of first
-        order, whose fields follow small scales anyway: a third of alpha found no more on 21 of 22
-        problems. Other functions have a second one with two consecutive fields: a flow along one
-        field keeps the value wherever the field is zero, and one along two does not.
+        Measured functions have a second variant with a smaller alpha, except with the norm of first
+        order. Fields of that norm follow small scales anyway: a third of alpha was not better on 21
+        of 22 problems.
+
+        Other functions have a second variant with two consecutive fields. The flow of one field
+        preserves values at its zeros, whereas the flow of two fields does not.
         """
         p, first = self._p, Variant(self._p.alpha, fields)
         if self.is_fixed or not p.solver.reach:
             return [first]
         if self._has_detail:
-            less = first._replace(alpha=SETTINGS.second_alpha_share * p.alpha)
+            second = first._replace(alpha=SETTINGS.second_alpha_share * p.alpha)
             is_smooth = p.alpha > 0 and p.solver.order > 1
-            return [first, less] if self.is_measured and is_smooth else [first]
+            return [first, second] if self.is_measured and is_smooth else [first]
         return [first] if p.solver.segments or fields > 1 else [first, first._replace(fields=2)]
 
     def reach(self, residual: float) -> float:
-        """Return the reach of a variant after one with this residual: the largest one, if that did
-        not find the target.
+        """Return the reach of the variant after one with this residual.
+
+        It is the largest reach if the variant did not find the target.
         """
-        lost = self.is_free and not self.is_found(residual) and not self._has_landmarks_only
-        return REACH_MAX if lost else self.first_reach
+        is_missed = self.is_free and not self.is_found(residual) and not self._has_landmarks_only
+        return REACH_MAX if is_missed else self.first_reach
 
     @property
     def first_reach(self) -> float:
@@ -139,9 +143,9 @@ class Schedule:
     ) -> Stage:
         """Return the stage of a sigma on a level with this discretisation error (residual).
 
-        On a coarse level the result of the given sigma is only a start for the mesh itself. The
-        stage then ends at the discretisation error, as a smaller residual on the coarse mesh means
-        nothing on the mesh itself, and a search where the residual stalls.
+        On a coarse level, the result of a given sigma is only a start for the mesh itself. The
+        stage then ends at the discretisation error, because a smaller residual on the coarse mesh
+        has no meaning on the mesh itself. A search also ends if the residual stalls.
         """
         p, alpha, is_last = self._p, variant.alpha, level >= self._meshes - 1
         if self.is_free and not self._has_landmarks_only:
@@ -172,7 +176,7 @@ class Schedule:
         )
 
     def landmark_sigma(self, sigma: float) -> float:
-        """Return that of landmarks for a sigma: it falls faster, so that landmarks lead."""
+        """Return the sigma of landmarks; it falls faster, so that landmarks are matched first."""
         first, last = self.sigmas[0], self.sigmas[-1]
         if not self._has_landmarks:
             return self._p.landmark_sigma
@@ -190,12 +194,13 @@ class Schedule:
         if self._has_landmarks_only:
             return [last * times for times in SETTINGS.landmark_sigma_factors]
         ratio = math.sqrt(p.paper.cooling_factor) if self.is_measured else p.paper.cooling_factor
-        warmest = self.unit * FIRST_SIGMA_MAX
-        count = max(0, math.floor(math.log(warmest / last, ratio) + _STEP_ROUNDING))
+        largest = self.unit * FIRST_SIGMA_MAX
+        count = max(0, math.floor(math.log(largest / last, ratio) + _STEP_ROUNDING))
         if p.sigma is None:
-            return [warmest / ratio**step for step in range(count + 1)]
-        return [last * ratio**left for left in reversed(range(count + 1))]
+            return [largest / ratio**step for step in range(count + 1)]
+        return [last * ratio**step for step in reversed(range(count + 1))]
 
     @staticmethod
     def is_found(residual: float) -> bool:
+        """Return whether the search found the target."""
         return residual <= SETTINGS.found_residual

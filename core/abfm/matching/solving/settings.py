@@ -1,7 +1,7 @@
-"""The constants of the continuation, each with its evidence.
+"""Constants of the continuation, each with its evidence.
 
-Sections in quotation marks are those of docs/convergence.md; "41 problems" are those of its table
-"What each part is worth", each of which both checks confirm with the values below.
+Titles in quotation marks are sections of docs/convergence.md. "41 problems" are those of its table
+"What each part is worth". With the values below, both checks confirm all of them.
 """
 
 from dataclasses import dataclass
@@ -9,96 +9,96 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ContinuationSettings:
-    """What steers the continuation and is no parameter of the user."""
+    """Constants of the continuation that are not parameters."""
 
-    # residual at which the norm of the search has found the target: "A norm that reaches far"
+    # residual at which the search has found the target: "A norm that reaches far"
     found_residual: float = 0.75
-    # of alpha, in the second variant of measured functions: with an earlier choice of sigma, a
-    # cortex correlates to 0.923 with this variant, to 0.905 without it
+    # alpha of the second variant of measured functions, relative to the parameter. With an earlier
+    # selection of sigma, a cortex correlates to 0.923 with this variant and to 0.905 without it
     second_alpha_share: float = 1 / 3
-    # times the user's sigma, where landmarks alone are matched: they need no search
+    # factors of the given sigma if only landmarks are matched, which need no search
     landmark_sigma_factors: tuple[float, ...] = (100.0, 10.0, 1.0)
-    # times the last landmark_sigma that a path begins with, and the power of sigma with which it
-    # falls: faster than sigma, so that landmarks lead
+    # ratio of the first to the last landmark_sigma of a path
     landmark_factor_max: float = 100.0
+    # landmark_sigma falls with this power of sigma, so that landmarks are matched first
     landmark_power: float = 2.0
 
-    # a step ends when the energy falls by less than this share within so many iterations: with 1%
-    # 39 of 41 problems are confirmed, with 12 iterations 40 in 1.4 times the time
+    # a step ends when the energy falls by less than fall_min within fall_iterations. With 1%, 39 of
+    # 41 problems are confirmed. With 12 iterations, 40 are confirmed in 1.4 times the time
     fall_min: float = 0.03
     fall_iterations: int = 6
-    # sigma below which alpha falls as its square: if it never falls, 39 of 41 problems are
-    # confirmed, in 1.6 times the time
+    # below this sigma, alpha falls as the square of sigma. With a constant alpha, 39 of 41 problems
+    # are confirmed, in 1.6 times the time
     stiff_sigma: float = 0.05
-    # of the goal, at which a step ends, as flow lines seldom confirm as much: with 1 (and no bound
-    # of the work of finer meshes) 41 problems take 1.4 times the time
+    # a step ends at this share of the goal, as flow lines usually have a larger residual. With 1
+    # and no effort limit of finer meshes, 41 problems take 1.4 times the time
     goal_share: float = 0.8
-    # of all iterations, before the mesh itself: nothing is lost on 67 problems, and runs of few
-    # iterations reach their mesh
+    # share of all iterations on meshes before the mesh itself; nothing is lost on 67 problems, and
+    # runs with few iterations reach their mesh
     coarse_iteration_share: float = 0.75
-    # times the goal by the discrete flow, up to which a correction gains: without this bound a body
-    # takes 781 iterations, not 641, to the same end
+    # a correction needs a discrete residual of at most this multiple of the goal. Without the
+    # limit, a human body takes 781 iterations instead of 641, with the same result
     correction_factor_max: float = 1.6
 
-    # vertices of the coarsest mesh, and the ratio of vertices of consecutive meshes: "From coarse
-    # to fine"
+    # vertices of the coarsest mesh, and ratio of vertices of consecutive meshes: "From coarse to
+    # fine"
     coarsest_vertices: int = 2500
     level_ratio: float = 4.0
-    # times the coarsest mesh's vertices, below which a mesh is solved on itself alone: 7,500
+    # a mesh has coarser ones if its vertices exceed this multiple of coarsest_vertices (7,500)
     coarsening_factor_min: float = 3.0
-    # edges that features of functions span at least on a coarser mesh: what it does not resolve
-    # would come back distorted
+    # least number of edges that features span on a coarser mesh, which would distort narrower ones
     feature_edges_min: float = 3.0
-    # of all iterations without clusters, in iterations with clusters: "Thin triangles"
+    # cost of iterations without clusters, relative to those with clusters: "Thin triangles"
     cluster_cost_max: float = 2.0
-    # iterations without clusters that are always spent
+    # least number of iterations without clusters
     exact_iterations_min: int = 2
-    # a field of a coarser mesh is calm if it leaves no more than so many times the residual there
-    # plus so much: more is not the field's doing
+    # a field of a coarser mesh is stable if its residual is at most stable_factor times that on the
+    # coarser mesh plus stable_residual
     stable_factor: float = 2.0
     stable_residual: float = 0.4
-    # edges over which fields are smoothed until they are calm, and while that lowers the energy:
-    # their kinks over coarse edges multiply the energy in the norm of second order by hundreds
+    # numbers of edges over which fields of a coarser mesh are smoothed until they are stable, and
+    # while that lowers the energy. Their kinks multiply the norm of second order by hundreds
     smoothing_edges: tuple[float, ...] = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
 
-    # vertices of the finest mesh, and products of rows on all finer meshes, about a minute, unless
-    # the user asks for them: "Finer meshes"
+    # limits of refinement unless the user requests it: "Finer meshes". They are the vertices of
+    # the finest mesh, and the matrix row products on all finer meshes (about a minute)
     refined_vertices_max: int = 60_000
     refinement_effort_max: float = 5e9
-    # iterations on a finer mesh that have to be within that effort
+    # iterations on a finer mesh that this effort has to allow
     refinement_iterations_min: int = 20
 
-    # residual of a start beyond which the target is searched again
-    lost_residual: float = 0.3
-    # times the residual without motion, beyond which no search begins at a start
-    astray_factor: float = 3.0
-    # times the source's values, beyond which squares round off what the target is
+    # a start with a larger residual misses the target, so that a search begins
+    missed_residual: float = 0.3
+    # a start whose residual is larger than this multiple of that without motion is not used
+    diverged_factor: float = 3.0
+    # values larger than this multiple of the source make the target vanish in rounding errors
     unstable_factor: float = 1e8
 
-    # of advection in a descent, which sees no more; the gradient is exact for any tolerance
+    # truncation of the advection in a descent, which is not sensitive to smaller errors; the
+    # gradient is exact for any value
     advection_tolerance: float = 1e-7
-    # iterations after which the curvature of landmarks is computed again, next to functions
+    # number of iterations between two computations of the curvature of landmarks
     curvature_iterations: int = 10
-    # numbers kept of that curvature: memory
+    # largest number of stored values of that curvature, because of memory
     curvature_size_max: float = 5e7
 
-    # patches and folds of the surface: 40 patches have errors that are 1.10 times as large
+    # patches and folds of the surface; with 40 patches, errors are 1.10 times as large
     patches: int = 150
     folds: int = 3
-    # weight of the mean ``|log2 J|`` in the score of a step, relative to the held-out residual:
-    # of 32 known flows the errors are 1.10 times the least, with 0.3 and 0.2 by the discrete flow
-    # 1.19 and 1.23 times
+    # weight of the mean ``|log2 J|`` in the score of a step, relative to the held-out residual. For
+    # 32 known flows, the errors are 1.10 times the smallest ones. By the discrete flow, they are
+    # 1.19 times the smallest ones with weight 0.3, and 1.23 times with weight 0.2
     area_price: float = 0.25
-    # a fold goes on while its energy falls by this share within so many iterations: all folds take
-    # 1.5 times the evaluations of the steps, and the chosen sigma moves by 1 to 2% on a cortex
+    # a fold continues while its energy falls by fold_fall_min within fold_iterations. All folds
+    # take 1.5 times the evaluations of the steps, and sigma changes by 1% to 2% on a cortex
     fold_fall_min: float = 0.2
     fold_iterations: int = 4
 
-    # vertices from which flow lines start, of evenly chosen faces: "Flows that hold"
+    # vertices of evenly spaced faces from which flow lines start: "Flows that hold"
     flow_line_vertices_max: int = 20_000
-    # faces that are cut into parts to look for folds: fewer than before, as nothing was lost
+    # faces that are cut into parts to search for folds; larger numbers find no more
     cut_faces_max: int = 64
-    # iterations after which whatever moves has moved: no warning before
+    # no warning before this iteration, by which a moving source has moved
     warning_iterations_min: int = 10
 
 

@@ -1,4 +1,4 @@
-"""The start of a match: fields on the mesh itself, on a finer or on the coarsest one."""
+"""Initial fields of a match, on the mesh itself, on a finer or on the coarsest one."""
 
 import numpy as np
 
@@ -11,40 +11,44 @@ from abfm.mesh.subdivision import times_subdivided
 from abfm.types import FloatArray
 
 
-def given(energy: MatchingEnergy) -> FloatArray | None:
-    """Return a problem's start as frame coefficients (N, F, 2) on its mesh; None for none."""
-    start, wanted = energy.problem.start, energy.parameters.solver.segments
+def initial_fields(energy: MatchingEnergy) -> FloatArray | None:
+    """Return the start of a problem as frame coefficients (N, F, 2); None if it has none."""
+    start, segments = energy.problem.start, energy.parameters.solver.segments
     if start is None:
         return None
-    count, wanted = len(start), wanted or len(start)
-    begins, others = np.arange(wanted)[:, None] * count, np.arange(count) * wanted
-    overlaps = np.minimum(begins + count, others + wanted) - np.maximum(begins, others)
+    count, segments = len(start), segments or len(start)
+    begins, others = np.arange(segments)[:, None] * count, np.arange(count) * segments
+    overlaps = np.minimum(begins + count, others + segments) - np.maximum(begins, others)
     averages = np.maximum(overlaps, 0) / count
     return to_frame(energy.mesh, np.tensordot(averages, start / energy.length_scale, 1))
 
 
-def is_lost(energy: MatchingEnergy, start: FloatArray, advected: FloatArray) -> bool:
-    """Return whether the target has to be searched, as a start (N, F, 2) advects the source (C, V)
-    elsewhere; ParameterError if its flow overflows.
+def misses_target(energy: MatchingEnergy, start: FloatArray, advected: FloatArray) -> bool:
+    """Return whether a start (N, F, 2) misses the target, so that a search is needed.
+
+    ``advected`` (C, V) is the source, advected by the start. ParameterError if this flow overflows
+    or is unstable.
     """
     if not np.isfinite(advected).all():
         raise ParameterError(
-            "start: the flow of these fields overflows; start from slower ones or from none"
+            "the flow of the start overflows; use a start with slower fields, or none"
         )
     if energy.parameters.solver.reach:
-        return energy.residual_of(start, advected) > SETTINGS.lost_residual
-    largest, grown = float(np.abs(energy.terms.carried).max()), float(np.abs(advected).max())
+        return energy.residual_of(start, advected) > SETTINGS.missed_residual
+    largest, grown = float(np.abs(energy.terms.sources).max()), float(np.abs(advected).max())
     if grown > SETTINGS.unstable_factor * largest:
         raise ParameterError(
-            "start: the discrete flow of these fields is unstable, as it makes values of up "
-            f"to {grown:.3g} of those of up to {largest:.3g}; start from slower fields or from none"
+            f"the discrete flow of the start is unstable: values up to {largest:.3g} grow to "
+            f"{grown:.3g}; use a start with slower fields, or none"
         )
     return False
 
 
-def on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, FloatArray] | None:
-    """Return the levels up to the finer mesh of a start, and its coefficients there; None if there
-    is none, if it may not be used, or if the start leads astray.
+def start_on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, FloatArray] | None:
+    """Return the levels up to the finer mesh of a start, and its coefficients there.
+
+    None if the start is not on a finer mesh, if this mesh is not allowed, or if the start misses
+    the target.
     """
     p, start = energy.parameters, energy.problem.fine_start
     times = 0 if start is None else times_subdivided(start.shape[1], energy.problem.mesh)
@@ -56,13 +60,15 @@ def on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, FloatArray
         levels = levels.subdivided()
     finest = levels[-1].energy
     x = to_frame(finest.mesh, start / energy.length_scale)
-    is_near = finest.residual_of(x, finest.advected(x)) <= SETTINGS.lost_residual
-    return (levels, x) if is_near else None
+    is_close = finest.residual_of(x, finest.advected(x)) <= SETTINGS.missed_residual
+    return (levels, x) if is_close else None
 
 
-def on_coarsest(levels: Levels, start: FloatArray | None, is_kept: bool) -> FloatArray:
-    """Return the fields (N, F, 2) at which the search on the coarsest level begins, for a start on
-    the finest one: zero if there is none or it leads astray, unless it ``is_kept`` anyway.
+def start_on_coarsest(levels: Levels, start: FloatArray | None, is_required: bool) -> FloatArray:
+    """Return the initial fields (N, F, 2) on the coarsest level, from a start on the finest one.
+
+    They are zero without a start. They are also zero if the start is much worse than no motion,
+    unless it ``is_required``.
     """
     energy = levels[0].energy
     rest = np.zeros(energy.shape)
@@ -70,6 +76,6 @@ def on_coarsest(levels: Levels, start: FloatArray | None, is_kept: bool) -> Floa
         return rest
     for coarser, finer in zip(levels.all[-2::-1], levels.all[:0:-1], strict=True):
         start = coarser.fields_from_finer(to_ambient(finer.energy.mesh, start))
-    at_rest = energy.residual_of(rest, energy.terms.carried)
+    at_rest = energy.residual_of(rest, energy.terms.sources)
     residual = energy.residual_of(start, energy.advected(start))
-    return start if is_kept or residual <= SETTINGS.astray_factor * at_rest else rest
+    return start if is_required or residual <= SETTINGS.diverged_factor * at_rest else rest

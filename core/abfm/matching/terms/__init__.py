@@ -1,1 +1,1 @@
-"""What a match is to bring together: data terms, one kind a file."""
+"""The data terms of a match: functions, landmarks and their protocol."""

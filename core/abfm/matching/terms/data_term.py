@@ -1,4 +1,4 @@
-"""The contract of a data term: what the flow is to carry, and what is left of it to match."""
+"""The protocol of data terms, and sums of several terms."""
 
 from __future__ import annotations
 
@@ -16,90 +16,96 @@ from abfm.types import FloatArray
 
 
 class Restriction(Protocol):
-    """From a mesh to a coarser one of the same surface, in the same units, or a finer one."""
+    """The transfer of functions from a mesh to a coarser or finer one of the same surface.
+
+    Both meshes have the same unit.
+    """
 
     @property
     def coarse(self) -> TriangleMesh: ...
 
     def function_to_coarse(self, f: FloatArray) -> FloatArray:
-        """Average functions (..., V) on the coarser mesh, or interpolate them on the finer one."""
+        """Average functions (..., V) on a coarser mesh, or interpolate them on a finer one."""
         ...
 
 
 class Measure(Protocol):
-    """The norm of what is left of the functions (C, V) that a term wants carried."""
+    """The energy of a data term with a norm, as a function of the advected sources (C, V)."""
 
-    def value_and_residual(self, carried: FloatArray, sigma: float) -> tuple[float, FloatArray]:
-        """Return the energy, and its derivative (C, V)."""
+    def value_and_residual(self, advected: FloatArray, sigma: float) -> tuple[float, FloatArray]:
+        """Return the energy and its derivative (C, V)."""
         ...
 
 
 class DataTerm(Protocol):
-    """What is to be matched, on a mesh of unit area; immutable.
+    """A term of the energy that compares advected functions with targets.
 
-    Its ``word`` is what displays call its share of the energy.
+    It refers to a mesh of unit area and is immutable. Plots of the energy show its ``name``.
     """
 
-    word: str
+    name: str
 
     @property
-    def carried(self) -> FloatArray:
-        """Functions (C, V) that the flow is to carry."""
+    def sources(self) -> FloatArray:
+        """The functions (C, V) that the flow advects."""
         ...
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
-        """Make the norm of what is left; a reach above 0 is felt so far, in sqrt(area)."""
+        """Return the energy with the norm of a reach, in sqrt(area).
+
+        The norm of a reach above 0 compares functions over this distance.
+        """
         ...
 
-    def residual(self, carried: FloatArray) -> float:
-        """Return the relative residual, 0 for a match and about 1 before anything moved."""
+    def residual(self, advected: FloatArray) -> float:
+        """Return the relative residual: 0 for a match, and about 1 without motion."""
         ...
 
     def restricted(self, restriction: Restriction) -> DataTerm | None:
-        """Return the term on that mesh scaled to unit area; None if it has no place there."""
+        """Return the term on the other mesh, scaled to unit area; None if it is undefined there."""
         ...
 
     def arrays(self) -> Mapping[str, NDArray[Any]]:
-        """Return everything that it is made of but the mesh, for files and digests."""
+        """Return the complete content except the mesh, for files and digests."""
         ...
 
 
 class DataTerms:
-    """A sum of data terms on one mesh, whose functions (C, V) are carried together."""
+    """A sum of data terms on one mesh, whose sources (C, V) are advected together."""
 
     def __init__(self, terms: Sequence[DataTerm]) -> None:
         self.terms = tuple(terms)
-        self.carried: FloatArray = np.concatenate([term.carried for term in terms])
+        self.sources: FloatArray = np.concatenate([term.sources for term in terms])
 
-    def residual(self, carried: FloatArray) -> float:
-        """Return the root of the sum of the terms' squares."""
-        pairs = zip(self.terms, self.split(carried), strict=True)
+    def residual(self, advected: FloatArray) -> float:
+        """Return the square root of the sum of the squared residuals."""
+        pairs = zip(self.terms, self.split(advected), strict=True)
         return math.hypot(*(term.residual(own) for term, own in pairs))
 
     def measure(self, parameters: Parameters, reach: float) -> Sum:
-        """Make the sum of the terms' norms."""
+        """Return the sum of the energies with the norm of a reach."""
         return Sum(self.split, [term.measure(parameters, reach) for term in self.terms])
 
     def split(self, functions: FloatArray) -> list[FloatArray]:
-        """Return each term's own of functions (C, V)."""
-        ends = np.cumsum([len(term.carried) for term in self.terms])
+        """Return the functions (C, V) of each term."""
+        ends = np.cumsum([len(term.sources) for term in self.terms])
         return np.split(functions, ends[:-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Sum:
-    """The norms of several terms."""
+    """The energies of several terms."""
 
     split: Callable[[FloatArray], list[FloatArray]]
     measures: Sequence[Measure]
 
     def shares_and_residual(
-        self, carried: FloatArray, sigma: float
+        self, advected: FloatArray, sigma: float
     ) -> tuple[tuple[float, ...], FloatArray]:
-        """Return each term's energy, and the derivative (C, V) of their sum."""
+        """Return the energy of each term, and the derivative (C, V) of their sum."""
         parts = [
             measure.value_and_residual(own, sigma)
-            for measure, own in zip(self.measures, self.split(carried), strict=True)
+            for measure, own in zip(self.measures, self.split(advected), strict=True)
         ]
         shares, residuals = zip(*parts, strict=True)
         return shares, np.concatenate(residuals)

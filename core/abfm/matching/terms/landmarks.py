@@ -1,4 +1,4 @@
-"""Points that the flow is to take to other points: a data term of the flow's own map."""
+"""Landmarks: points that the map of the flow should take to target points."""
 
 from __future__ import annotations
 
@@ -22,35 +22,37 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IntArray
 
 MATCHED_ERROR = 0.005
-"""Of sqrt(area): landmarks that are left no farther than this count as matched, with the usual goal
-of a mismatch."""
+"""Largest error of matched landmarks with the default goal, as a fraction of sqrt(area)."""
 _USUAL_GOAL = 0.05
 
 
 class LandmarkMisfit(NamedTuple):
-    """What the landmarks say of fields."""
+    """The landmark term at some fields."""
 
-    share: float  # of the energy
+    share: float  # its energy
     errors: FloatArray  # (L,), see `Landmarks.errors`
     differentiate: Callable[[], FloatArray]  # by the fields, (N, F, 2)
 
 
 class LandmarkCurvature(NamedTuple):
-    """The energy's derivative ``J^T D r`` by the fields, and about its second one, ``J^T D J``."""
+    """Factors of the derivative ``J^T D r`` of the landmark energy by the fields.
 
-    jacobian: sparse.csr_array  # (2 L, N F 2), of the landmarks' ends by the fields
+    The second derivative is about ``J^T D J``.
+    """
+
+    jacobian: sparse.csr_array  # (2 L, N F 2), J, of the ends of the landmarks by the fields
     weights: FloatArray  # (2 L,), D
-    residuals: FloatArray  # (2 L,), of each landmark a vector as long as its error
+    residuals: FloatArray  # (2 L,), r, for each landmark a vector with the length of its error
 
 
 class Landmarks:
-    """L points of a mesh of unit area, and where the flow is to take them; immutable.
+    """Pairs of landmarks and target points on a mesh of unit area; immutable.
 
-    ``faces`` (L, 2) and ``barycentric`` (L, 2, 3) hold each landmark and the place wanted for it;
-    ``weights`` are (L,).
+    ``faces`` (L, 2) and ``barycentric`` (L, 2, 3) define each landmark and its target. ``weights``
+    are (L,).
     """
 
-    word = "landmarks"
+    name = "landmarks"
 
     def __init__(
         self, mesh: TriangleMesh, faces: IntArray, barycentric: FloatArray, weights: FloatArray
@@ -61,21 +63,22 @@ class Landmarks:
         return len(self.faces)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what another process needs besides the mesh, see `Problem`."""
-        kept = ("faces", "barycentric", "weights")
-        return {name: self.__dict__[name] for name in kept}
+        """Return the state without the mesh, which `Problem` sets again."""
+        return {name: self.__dict__[name] for name in ("faces", "barycentric", "weights")}
 
     def points(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
-        """Return the landmarks, on the same mesh in other units if it is given."""
+        """Return the landmarks; ``mesh`` may be the same mesh in another unit."""
         return SurfacePoints(mesh or self.mesh, self.faces[:, 0], self.barycentric[:, 0])
 
     def targets(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
-        """Return where they are wanted."""
+        """Return the targets; ``mesh`` may be the same mesh in another unit."""
         return SurfacePoints(mesh or self.mesh, self.faces[:, 1], self.barycentric[:, 1])
 
     def misfit(self, x: FloatArray, tau: float, sigma: float) -> LandmarkMisfit:
-        """Return ``1/(2 sigma^2) sum_i w_i d(phi(p_i), q_i)^2`` for the flow phi of fields
-        (N, F, 2) to tau, and its derivative; AdvectionError if they lead over too many faces.
+        """Return ``1/(2 sigma^2) sum_i w_i d(phi(p_i), q_i)^2`` and its derivative.
+
+        Here phi is the flow of fields (N, F, 2) to tau. AdvectionError if flow lines cross too many
+        faces.
         """
         lines = self._lines(tau)
         walk = lines.walk(x)
@@ -85,22 +88,22 @@ class Landmarks:
         return LandmarkMisfit(float(weights @ squares / 2), _roots(squares), slopes)
 
     def curvature(self, x: FloatArray, tau: float, sigma: float) -> LandmarkCurvature:
-        """Return how the energy bends at fields, but for how the flow itself bends."""
+        """Return the curvature of the energy, without the second derivative of the flow."""
         lines = self._lines(tau)
         walk = lines.walk(x)
         away = self._distances.slopes(walk.points).ravel() / 2
         return LandmarkCurvature(lines.jacobian(walk), np.repeat(self.weights / sigma**2, 2), away)
 
     def errors(self, points: SurfacePoints) -> FloatArray:
-        """Return how far points (L,) are along the surface from where they are wanted, (L,)."""
+        """Return the distances along the surface of points (L,) to the targets, (L,)."""
         return _roots(self._distances.at(points))
 
     def errors_along(self, mesh: TriangleMesh, velocity: FloatArray, tau: float) -> FloatArray:
-        """Return how far the flow lines of fields (N, 4^k F, 3) leave the landmarks, (L,), which
-        every residual and report uses; infinite if they cross too many faces.
+        """Return the errors (L,) of the landmarks along flow lines of fields (N, 4^k F, 3).
 
-        The mesh may be the same in another unit, which is then that of the fields. The objective
-        has steps of its own, which it can differentiate, and its errors differ by theirs.
+        They are infinite if flow lines cross too many faces. All residuals and reports use these
+        errors. The objective has slightly different ones, as its flow lines have differentiable
+        steps. The mesh may be the same in another unit, which is then the unit of the fields.
         """
         try:
             flow = ContinuousFlow(mesh, velocity, tau)
@@ -110,11 +113,11 @@ class Landmarks:
 
     @cached_property
     def initial_errors(self) -> FloatArray:
-        """How far the landmarks themselves are from where they are wanted, (L,)."""
+        """The errors of the landmarks without motion, (L,)."""
         return self.errors(self.points())
 
     def restricted(self, coarse: TriangleMesh) -> Landmarks:
-        """Return the landmarks on a coarser mesh of the same surface, in the same units."""
+        """Return the landmarks on a coarser mesh of the same surface, in the same unit."""
         faces, barycentric = self.faces.copy(), self.barycentric.copy()
         for k, points in enumerate((self.points(), self.targets())):
             found = project_onto_surface(coarse, points.positions)
@@ -122,12 +125,12 @@ class Landmarks:
         return Landmarks(coarse.normalized(), faces, barycentric, self.weights)
 
     def subdivided(self, fine: TriangleMesh) -> Landmarks:
-        """Return the same landmarks on the midpoint subdivision of their mesh, of unit area."""
+        """Return the landmarks on the midpoint subdivision of their mesh, of unit area."""
         faces, barycentric = to_children(self.faces.ravel(), self.barycentric.reshape(-1, 3))
         return Landmarks(fine, faces.reshape(-1, 2), barycentric.reshape(-1, 2, 3), self.weights)
 
     def arrays(self) -> Mapping[str, NDArray[Any]]:
-        """Return everything that it is made of but the mesh, for files and digests."""
+        """Return the complete content except the mesh, for files and digests."""
         return {
             "landmark_faces": self.faces,
             "landmark_barycentric": self.barycentric,
@@ -151,19 +154,19 @@ class Landmarks:
 def landmarks_of(
     mesh: TriangleMesh, given: Any, weights: ArrayLike | None, as_file: bool = False
 ) -> Landmarks | None:
-    """Check landmarks as users give them: vertices (L, 2), from and to, or two SurfacePoints; or
-    None.
+    """Return landmarks from the input of a user: vertices (L, 2) or two SurfacePoints, or None.
 
-    Vertices are rows of the mesh, or numbers ``as_file``, which also counts those without faces.
+    Vertices are rows of the mesh. If ``as_file``, they are numbers of the file, which also counts
+    vertices without faces.
 
     Raises
     ------
     ParameterError
-        If they do not fit the mesh, or each other.
+        If they do not fit the mesh, or if their numbers differ.
     """
     if given is None:
         if weights is not None:
-            raise ParameterError("landmark_weights without landmarks: give both")
+            raise ParameterError("landmark_weights have no landmarks; give landmarks as well")
         return None
     unit = mesh.normalized()
     if isinstance(given, tuple | list) and any(isinstance(p, SurfacePoints) for p in given):
@@ -171,52 +174,53 @@ def landmarks_of(
         if len(pair) != 2 or len(pair[0].faces) != len(pair[1].faces):
             counts = " and ".join(str(len(points.faces)) for points in pair)
             raise ParameterError(
-                f"landmarks are {counts} points; expected a pair of as many SurfacePoints each"
+                f"landmarks are {counts} points; expected a pair of SurfacePoints of equal numbers"
             )
     else:
         vertices = real_numbers(given, "landmarks", ParameterError)
         if vertices.ndim != 2 or vertices.shape[1] != 2:
             raise ParameterError(
-                f"landmarks have shape {vertices.shape}; expected (L, 2) vertices, from and to, "
-                "or a pair of SurfacePoints"
+                f"landmarks have shape {vertices.shape}; expected (L, 2), a vertex and a target in "
+                "each row, or a pair of SurfacePoints"
             )
         count = len(mesh.vertices)
         rows = mesh.local_vertices(vertices) if as_file else vertices
         wrong = vertices[~np.isin(rows, np.arange(count))]
         if wrong.size:
-            most = (mesh.file_vertex_count if as_file else count) - 1
+            largest = (mesh.file_vertex_count if as_file else count) - 1
             raise ParameterError(
-                f"landmarks name vertex {wrong[0]:g}; expected vertices 0 to {most} that are in "
-                "a face"
+                f"landmarks contain vertex {wrong[0]:g}; expected vertices 0 to {largest} that "
+                "belong to a face"
             )
         pair = [vertex_points(mesh, column) for column in rows.astype(np.int64).T]
     size = len(pair[0].faces)
     if not size:
-        raise ParameterError("landmarks are empty; give one pair at least, or None")
-    heavy = checked_weights(weights, size, "landmark_weights", "landmark")
+        raise ParameterError("landmarks are empty; give at least one pair, or None")
+    checked = checked_weights(weights, size, "landmark_weights", "landmark")
     faces = np.stack([points.faces for points in pair], axis=1)
-    return Landmarks(unit, faces, np.stack([p.barycentric for p in pair], axis=1), heavy)
+    return Landmarks(unit, faces, np.stack([p.barycentric for p in pair], axis=1), checked)
 
 
 def residual_of_errors(errors: FloatArray) -> float:
-    """Return the largest of errors (L,) in the scale of residuals: `MATCHED_ERROR` as the usual
-    goal.
+    """Return the largest error of landmarks (L,) as a residual.
+
+    `MATCHED_ERROR` has the residual of the default goal.
     """
     return float(errors.max()) * (_USUAL_GOAL / MATCHED_ERROR)
 
 
 def error_of(residual: float) -> float:
-    """Return the error that has such a residual, of sqrt(area)."""
+    """Return the landmark error of a residual, as a fraction of sqrt(area)."""
     return residual * (MATCHED_ERROR / _USUAL_GOAL)
 
 
 def _on_mesh(mesh: TriangleMesh, points: Any) -> SurfacePoints:
     if not isinstance(points, SurfacePoints):
-        raise ParameterError(f"landmarks have {brief(points)}; expected a pair of SurfacePoints")
+        raise ParameterError(f"landmarks contain {brief(points)}; expected a pair of SurfacePoints")
     if not np.array_equal(points.mesh.faces, mesh.faces):
         raise ParameterError(
-            f"landmarks are on a mesh of {len(points.mesh.faces)} faces; expected points of the "
-            f"problem's own mesh, of {len(mesh.faces)}"
+            f"landmarks are on a mesh with {len(points.mesh.faces)} faces, but the problem has "
+            f"{len(mesh.faces)}; use points of its mesh"
         )
     return points
 

@@ -285,4 +285,4 @@ class SequenceSolver:
             checks = flow_line_measures(energy, to_ambient(energy.mesh, field)[None])
             self.flow_line_checks[i] = [checks.get(name, np.nan) for name in _CHECK_NAMES]
         known = zip(_CHECK_NAMES, self.flow_line_checks[i].tolist(), strict=True)
-        return IntervalMeasures(at.advected, energies, energy.left(at), **dict(known))
+        return IntervalMeasures(at.advected, energies, energy.residual_at(at), **dict(known))

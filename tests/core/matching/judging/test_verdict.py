@@ -412,7 +412,8 @@ def test_a_remedy_with_wrong_parameters_is_refused(wrong):
 def test_parameters_at_their_ends_cost_no_result(extreme, size):
     parameters, (x, y, _) = Parameters.of(**extreme), EGG.vertices.T
     made = Remedies(FunctionTerm(EGG, size * x, size * y), parameters)
-    for name in ("more_time", "smoother", "closer", "colder", "further", "refine"):
+    names = "more_iterations larger_alpha smaller_sigma much_smaller_sigma larger_reach finer_mesh"
+    for name in names.split():
         parameters.with_values(**getattr(made, name)().parameters)
 
 

@@ -161,7 +161,7 @@ def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(monkeypatch
 
 
 @pytest.mark.parametrize(
-    ("flow_lines", "subdivided", "doubtful"),
+    ("flow_lines", "subdivided", "checks_disagree"),
     [
         (0.01, 0.05, False),  # far below what anyone sees
         (0.10, 0.19, False),

@@ -14,7 +14,7 @@ from abfm.flow import ContinuousFlow
 from abfm.matching.solving import continuation, descent, held_out
 from abfm.matching.solving.held_out import best_between
 from abfm.matching.solving.levels import Levels
-from abfm.matching.solving.measures import measured
+from abfm.matching.solving.measures import flow_line_measures
 from abfm.matching.solving.record import StepResult
 from abfm.matching.solving.schedule import Schedule, Variant
 from abfm.mesh.subdivision import mean_of_children, refined
@@ -290,7 +290,7 @@ def test_steps_are_what_they_say(found):
         for name in NUMBERS[:3]:
             assert getattr(there, name) == getattr(step, name)
         assert_array_equal(there.fine_velocity, step.velocity)
-        said = measured(energy, step.velocity / energy.length_scale)
+        said = flow_line_measures(energy, step.velocity / energy.length_scale)
         for name in NUMBERS[1:]:
             assert said[name] == pytest.approx(getattr(step, name), abs=1e-9)
     assert match.path[match.step].velocity is match.fine_velocity

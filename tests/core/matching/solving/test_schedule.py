@@ -58,7 +58,7 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count
         assert [stage.iterations for stage in stages] == p.stage_limits()
         for stage in stages:
             assert (stage.reach, stage.goal, stage.until, stage.fixed) == (0, 0, iterations, True)
-            assert stage.pays([1.0] * 1000)
+            assert stage.is_worthwhile([1.0] * 1000)
 
 
 def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
@@ -144,24 +144,24 @@ def test_search_pays_while_the_residual_falls():
     stage = Stage(0, 1, 1.0, 1.0, 1.0, 100, 100, fixed=False, goal=0.0)
     search = replace(stage, is_search=True)
     falling = [0.9**k for k in range(40)]
-    for residual, pays in ((0.8, True), (0.6, False)):
-        assert search.pays(falling, [residual] * 40) == pays
-        assert search.pays(falling[:5], [residual] * 5)
-        assert stage.pays(falling, [residual] * 40)
-        assert replace(search, fixed=True).pays(falling, [residual] * 40)
-    assert search.pays(falling, falling)
-    assert not search.pays([1.0] * 40, falling)
+    for residual, is_worthwhile in ((0.8, True), (0.6, False)):
+        assert search.is_worthwhile(falling, [residual] * 40) == is_worthwhile
+        assert search.is_worthwhile(falling[:5], [residual] * 5)
+        assert stage.is_worthwhile(falling, [residual] * 40)
+        assert replace(search, fixed=True).is_worthwhile(falling, [residual] * 40)
+    assert search.is_worthwhile(falling, falling)
+    assert not search.is_worthwhile([1.0] * 40, falling)
 
 
 def test_a_stage_pays_while_its_energy_falls():
     stage = Stage(0, 1, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
     falling, still = [0.99**k for k in range(40)], [1.0] * 40
-    assert stage.pays(falling)
-    assert not stage.pays([0.998**k for k in range(40)])
-    assert not stage.pays(still)
-    assert stage.pays(still[:5])  # too early to tell
-    assert replace(stage, fixed=True).pays(still)
-    assert not stage.pays([math.inf] * 40)
+    assert stage.is_worthwhile(falling)
+    assert not stage.is_worthwhile([0.998**k for k in range(40)])
+    assert not stage.is_worthwhile(still)
+    assert stage.is_worthwhile(still[:5])  # too early to tell
+    assert replace(stage, fixed=True).is_worthwhile(still)
+    assert not stage.is_worthwhile([math.inf] * 40)
 
 
 def test_what_was_learned_serves_the_same_norm_on_the_same_mesh():

@@ -30,11 +30,11 @@ FIELD = 0.2 * wavy_field(MESH, 1)[None]
 class Places:
     """Where vertices come from: ``|x o phi^-1 - p|^2 / 2`` at some of them."""
 
-    word = "places"
+    name = "places"
 
     def __init__(self, mesh, vertices, places):
         self.mesh, self.vertices, self.places = mesh, vertices, places
-        self.carried = np.ascontiguousarray(mesh.vertices.T)
+        self.sources = np.ascontiguousarray(mesh.vertices.T)
 
     def measure(self, parameters, reach):
         return self
@@ -47,7 +47,7 @@ class Places:
 
     def residual(self, carried):
         misfit = carried[:, self.vertices] - self.places.T
-        before = self.carried[:, self.vertices] - self.places.T
+        before = self.sources[:, self.vertices] - self.places.T
         return float(np.linalg.norm(misfit) / np.linalg.norm(before))
 
     def restricted(self, restriction):
@@ -86,10 +86,10 @@ def test_a_residual_is_the_derivative_of_the_value(sigma, reach):
     )
     for term in terms:
         measure, rng = term.measure(P, reach), np.random.default_rng(0)
-        step = 1e-5 * rng.normal(size=term.carried.shape)
+        step = 1e-5 * rng.normal(size=term.sources.shape)
         value_and_residual = partial(measure.value_and_residual, sigma=sigma)
-        ahead, back = (value_and_residual(term.carried + s * step)[0] for s in (1, -1))
-        _, residual = value_and_residual(term.carried)
+        ahead, back = (value_and_residual(term.sources + s * step)[0] for s in (1, -1))
+        _, residual = value_and_residual(term.sources)
         assert ahead - back == pytest.approx(2 * float((residual * step).sum()), rel=1e-6)
 
 
@@ -110,7 +110,7 @@ def test_terms_add_up_and_are_carried_together():
     assert np.array_equal(residual, np.concatenate([of_term for _, of_term in own]))
     assert terms.residual(functions) == 1
     at_rest = np.hypot(first.residual(F[None]), 1)
-    assert terms.residual(terms.carried) == pytest.approx(at_rest)
+    assert terms.residual(terms.sources) == pytest.approx(at_rest)
 
 
 def test_a_second_term_has_an_exact_gradient_and_is_matched():

@@ -61,7 +61,7 @@ def test_the_whole_objective_with_functions_has_its_exact_derivative():
     field, step = (to_ambient(UNIT, fields(UNIT, 1, seed)) for seed in (2, 40))
     assert taylor_order(energy, field, 1e-4 * step) > 1.9
     found = energy.objective(0.2).evaluate(to_frame(UNIT, field))
-    assert energy.words == ("closeness", "landmarks")
+    assert energy.term_names == ("closeness", "landmarks")
     assert found.energy == pytest.approx(found.regularity + sum(found.shares))
     lone = MatchingEnergy(abfm.Problem(SPHERE, f, g, problem.parameters))
     without = lone.objective(0.2).evaluate(to_frame(UNIT, field))
@@ -69,7 +69,7 @@ def test_the_whole_objective_with_functions_has_its_exact_derivative():
     misfit = problem.landmarks.misfit(to_frame(UNIT, field), 1.0, 0.1)
     assert_allclose(found.gradient, without.gradient + misfit.differentiate(), atol=1e-12)
     of_functions = problem.functions.residual(found.advected)
-    assert energy.left(found) == max(of_functions, residual_of_errors(misfit.errors))
+    assert energy.residual_at(found) == max(of_functions, residual_of_errors(misfit.errors))
 
 
 def test_a_rotation_takes_landmarks_where_it_turns_them():
@@ -197,7 +197,7 @@ def test_flow_lines_over_too_many_faces_are_an_infinite_energy():
     energy = MatchingEnergy(abfm.Problem(SPHERE, None, None, landmarks=PAIRS))
     x = 1e6 * fields(UNIT, 1, 1)
     assert energy.objective(0.1).evaluate(x).energy == np.inf
-    assert energy.residual_of(x, energy.terms.carried) == np.inf
+    assert energy.residual_of(x, energy.terms.sources) == np.inf
 
 
 def test_a_mesh_that_is_scaled_is_the_same_mesh():
