@@ -16,7 +16,7 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.document.document import Document
 from abfm_viewer.pictures.canvas import Pixels, canvas, drawn, letter
-from abfm_viewer.scene.annotations import Pen, bar_room, laid_out, name_height
+from abfm_viewer.scene.annotations import Pen, annotation_parts, bars_height, name_height
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown
@@ -82,7 +82,9 @@ class DocumentRenderer:
             self._scene = Scene(self._shown, self._options.turns)
             self._scene.pixels = self._pen.scale
             self._scene.name_height = name_height(self._pen) if self._options.labels else 0.0
-            self._scene.room_below = bar_room(self._pen, self._size[1]) if self._color_bar else 0.0
+            self._scene.bars_height = (
+                bars_height(self._pen, self._size[1]) if self._color_bar else 0.0
+            )
             self._scene.update(self._rect)
             self._open = opened.pop_all()
         return self
@@ -103,7 +105,9 @@ class DocumentRenderer:
             raise AbfmError(f"no picture of time {time:g}: {problem}")
         self._scene.turn(degrees)
         picture = Image.fromarray(drawn(self._options.transparent))
-        parts = laid_out(self._scene, self._rect, self._pen, self._color_bar, self._options.labels)
+        parts = annotation_parts(
+            self._scene, self._rect, self._pen, self._color_bar, self._options.labels
+        )
         letter(picture, parts, self._pen, self._font)
         return picture
 

@@ -17,7 +17,7 @@ from abfm.streaks.line_integral import line_integral_convolution
 from abfm.types import FloatArray
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.scene import opengl, overlays
-from abfm_viewer.scene.surfaces import Camera, fitted, look, register, show
+from abfm_viewer.scene.surfaces import Camera, fitted, register, set_camera, show
 from abfm_viewer.shown.arrows import ArrowStyle, arrow_spacing, arrows_of
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.paint import Paint, PaintKind
@@ -105,7 +105,7 @@ def _show(
     """Draw a panel, so many pixels high."""
     mesh = panel.mesh
     opengl.clear()
-    look(view, mesh)
+    set_camera(view, mesh)
     surface = register("surface", mesh)
     show(surface, mesh, _paint(panel, ranges), square=_SQUARE_SIZE)
     if panel.arrows is not None:
@@ -117,9 +117,9 @@ def _show(
         )
         if len(arrows.spines):
             overlays.draw_arrows("arrows", arrows, _INK, _RIM)
-            overlays.see_arrows("arrows", arrows, eye, arrows.hidden(eye))
+            overlays.show_visible_arrows("arrows", arrows, eye, arrows.hidden(eye))
     if panel.lines:
-        courses = [overlays.course_through(mesh, line) for line in panel.lines]
+        courses = [overlays.path_through(mesh, line) for line in panel.lines]
         overlays.draw_ribbons("lines", mesh, overlays.line_ribbons(courses, _LINE), _INK)
     marked = zip(() if panel.points is None else panel.points, cycle(POINT_COLORS))
     for number, (point, color) in enumerate(marked):

@@ -1,1 +1,1 @@
-"""The surfaces and what lies on them, in polyscope."""
+"""Drawing of the surfaces, and of everything on and over them, with polyscope."""

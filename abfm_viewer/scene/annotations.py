@@ -1,4 +1,4 @@
-"""What is written over the surfaces: names, colour bars, rings around Gaussians."""
+"""Annotations over the surfaces: names, colour bars, landmarks and rings around Gaussians."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,15 +20,15 @@ from abfm_viewer.appearance.theme import LANDMARKS, ON_LANDMARKS, Color, Palette
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
-from abfm_viewer.scene.scene import MARK_RADIUS, NO_VALUE, DrawnMark, Scene
+from abfm_viewer.scene.scene import LANDMARK_RADIUS, NO_VALUE, DrawnLandmark, Scene
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import COMPUTING_SUFFIX
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
-_STEPS = 64
-# Lengths in pixels at a scale of 1.
+_STEPS = 64  # colours of a bar
+# The following lengths are in pixels at a scale of 1.
 _GAP = 3  # between a bar and its texts
 _BAR_WIDTH = 200
 _BAR_HEIGHT = 12
@@ -36,23 +36,23 @@ _BAR_GAP = 48
 _MARGIN = 18
 _GAP_BELOW = 14
 _GAP_ABOVE = 10
-# strip in a line, what a line is longer where there is room, and between lines
-_STRIP_LENGTH_MIN = 30
+_STRIP_LENGTH_MIN = 30  # of a bar in one line of text
 _STRIP_GROWTH_MAX = 300
-_LINE_GAP = 16
-_LINK = 1.2
-_DOT = 5.0
-# of rings
-_RADIUS = 9.0
-_LINE = 2.0
-_BAR_HEIGHT_SHARE_MAX = 0.25  # of the height: where bars would take more, each is one line
-_VEIL = 0.6  # opacity
+_LINE_GAP = 16  # between such bars
+_LINK_WIDTH = 1.2
+_DOT_RADIUS = 5.0
+_RING_RADIUS = 9.0
+_RING_WIDTH = 2.0
+_BAR_HEIGHT_SHARE_MAX = 0.25  # of the height; in less space each bar is one line of text
+_VEIL_OPACITY = 0.6
 _GREY = NO_VALUES ** (1 / 2.2)
 _LEGEND = {**CRITICAL_COLORS, NO_VALUE: (_GREY, _GREY, _GREY, 1.0)}
 
 
 @dataclass(frozen=True)
 class Text:
+    """A text in one line."""
+
     left: float
     top: float
     text: str
@@ -61,16 +61,18 @@ class Text:
 
 @dataclass(frozen=True)
 class Strip:
-    """A rectangle with the colours of a map from left to right, or upwards."""
+    """A rectangle with the colours of a map, from left to right or upwards."""
 
     rect: Rect
     colormap: str
     upright: bool = False
-    title: str = ""  # if there is no room to write it whole
+    title: str = ""  # full title, if the written one is abbreviated
 
 
 @dataclass(frozen=True)
 class Line:
+    """A polygonal line."""
+
     points: tuple[tuple[float, float], ...]
     color: Color
     width: float
@@ -78,17 +80,17 @@ class Line:
 
 @dataclass(frozen=True)
 class Disc:
-    """A disc, or a ring around a hole."""
+    """A disc, or a ring if the radius of its hole is not 0."""
 
     center: tuple[float, float]
     radius: float
     color: Color
-    hole: float = 0.0  # radius
+    hole: float = 0.0
 
 
 @dataclass(frozen=True)
 class Veil:
-    """A rectangle that dims what is below it."""
+    """A rectangle that dims everything below it."""
 
     rect: Rect
     color: Color
@@ -99,23 +101,26 @@ Part = Text | Strip | Line | Disc | Veil
 
 @dataclass(frozen=True)
 class Pen:
-    """How things are written; only with ticks bars are outlined and have round numbers."""
+    """Sizes and colours of annotations.
 
-    scale: float  # of all lengths but the text's
+    Bars with ticks have an outline and round numbers.
+    """
+
+    scale: float  # of all lengths except those of text
     line: float  # height of a line of text
     width: Callable[[str], float]  # of a text
     inks: Palette
-    tick: float = 0.0  # length
+    tick: float = 0.0  # length of a tick; 0 for none
 
 
 def bar_parts(
     title: str, colors: ColorRange, rect: Rect, pen: Pen, upright: bool = False
 ) -> list[Part]:
-    """Lay out a bar in a rectangle, its title above, its numbers below or to its right."""
+    """Lay out a colour bar, with its title above and its numbers below or at the right."""
     left, top, right, bottom = rect
     gap, inks = _GAP * pen.scale, pen.inks
-    is_cut = not upright and pen.width(title) > right - left
-    found: list[Part] = [Strip(rect, colors.colormap, upright, title if is_cut else "")]
+    is_abbreviated = not upright and pen.width(title) > right - left
+    found: list[Part] = [Strip(rect, colors.colormap, upright, title if is_abbreviated else "")]
     if pen.tick:
         outline = ((left, top), (right, top), (right, bottom), (left, bottom), (left, top))
         found.append(Line(outline, inks.ink, pen.scale))
@@ -141,41 +146,41 @@ def bar_parts(
     return found
 
 
-def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> list[Part]:
-    """Lay out bars as high as a line; in little room with shorter titles or none."""
+def bars_in_one_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> list[Part]:
+    """Lay out bars as high as a line of text; if they do not fit, with shorter titles or none."""
     left, top, right, bottom = rect
-    gap, apart, thin = 2 * _GAP * pen.scale, _LINE_GAP * pen.scale, pen.line / 4
-    inks, wholes, count = pen.inks, list(ranges), len(ranges)
+    gap, separation, thin = 2 * _GAP * pen.scale, _LINE_GAP * pen.scale, pen.line / 4
+    inks, full_titles, count = pen.inks, list(ranges), len(ranges)
     ends = [(f"{colors.low:.3g}", f"{colors.high:.3g}") for colors in ranges.values()]
     shortest = _STRIP_LENGTH_MIN * pen.scale
-    least = [shortest + pen.width(low) + pen.width(high) + 2 * gap for low, high in ends]
-    room = right - left - max(count - 1, 0) * apart
-    short = [title.split(",")[0] for title in wholes]
-    for titles in (wholes, *(short[:k] + [""] * (count - k) for k in range(count, -1, -1))):
+    lengths_min = [shortest + pen.width(low) + pen.width(high) + 2 * gap for low, high in ends]
+    available = right - left - max(count - 1, 0) * separation
+    short = [title.split(",")[0] for title in full_titles]
+    for titles in (full_titles, *(short[:k] + [""] * (count - k) for k in range(count, -1, -1))):
         starts = [pen.width(title) + 2 * gap if title else 0.0 for title in titles]
-        needed = list(map(sum, zip(least, starts, strict=True)))
-        if sum(needed) <= room:
+        needed = list(map(sum, zip(lengths_min, starts, strict=True)))
+        if sum(needed) <= available:
             break
-    spare = min((room - sum(needed)) / max(count, 1), _STRIP_GROWTH_MAX * pen.scale)
+    growth = min((available - sum(needed)) / max(count, 1), _STRIP_GROWTH_MAX * pen.scale)
     found: list[Part] = []
-    for (whole, colors), title, (low, high), before, length in zip(
+    for (full_title, colors), title, (low, high), before, length in zip(
         ranges.items(), titles, ends, starts, needed, strict=True
     ):
-        begin, stop = left + before, left + length + spare
+        begin, stop = left + before, left + length + growth
         start, end = begin + pen.width(low) + gap, stop - pen.width(high) - gap
         strip = (start, top + thin, max(end, start), bottom - thin)
         found += [
             Text(left, top, title, inks.muted),
             Text(begin, top, low, inks.ink),
-            Strip(strip, colors.colormap, title="" if title == whole else whole),
+            Strip(strip, colors.colormap, title="" if title == full_title else full_title),
             Text(stop - pen.width(high), top, high, inks.ink),
         ]
-        left = stop + apart
+        left = stop + separation
     return found
 
 
 def _numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list[float]:
-    """Choose numbers that stand apart: round ones if there are ticks, else ends and middle."""
+    """Return numbers that do not overlap: round ones for ticks, otherwise ends and middle."""
     low, high = colors.low, colors.high
     if pen.tick:
         values = ticks(low, high)
@@ -192,7 +197,7 @@ def _numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Three to seven round numbers between two values."""
+    """Return three to seven round numbers between two values."""
     rough = (high - low) / 6
     power = 10 ** math.floor(math.log10(rough))
     step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= rough)
@@ -200,30 +205,33 @@ def ticks(low: float, high: float) -> list[float]:
     return [step * k for k in range(first, last + 1)]
 
 
-def bar_room(pen: Pen, height: float) -> float:
-    room = 2 * pen.line + pen.scale * (_GAP_ABOVE + _BAR_HEIGHT + 2 * _GAP + _GAP_BELOW)
-    return room if room <= _BAR_HEIGHT_SHARE_MAX * height else name_height(pen)
+def bars_height(pen: Pen, height: float) -> float:
+    """Return the height of the colour bars with titles and numbers, in a scene of a height."""
+    bars = 2 * pen.line + pen.scale * (_GAP_ABOVE + _BAR_HEIGHT + 2 * _GAP + _GAP_BELOW)
+    return bars if bars <= _BAR_HEIGHT_SHARE_MAX * height else name_height(pen)
 
 
 def name_height(pen: Pen) -> float:
+    """Return the height of the name of a surface, with margins."""
     return pen.line + 4 * _GAP * pen.scale
 
 
-def laid_out(
+def annotation_parts(
     scene: Scene, rect: Rect, pen: Pen, color_bar: bool = True, labels: bool = True
 ) -> list[Part]:
+    """Lay out all annotations of a scene in a rectangle."""
     borders = scene.view.borders() if scene.shown else []
-    behind, veil = scene.behind, (*pen.inks.ground[:3], _VEIL)
-    found: list[Part] = [Veil(scene.view.slots[name].rect, veil) for name in behind]
+    outdated, veil = scene.outdated, (*pen.inks.ground[:3], _VEIL_OPACITY)
+    found: list[Part] = [Veil(scene.view.slots[name].rect, veil) for name in outdated]
     found += [Line(ends, pen.inks.border, pen.scale) for ends in borders]
     for place, other, color in scene.links():
-        found.append(Line((place, other), (*triple(color), 1.0), _LINK * pen.scale))
+        found.append(Line((place, other), (*triple(color), 1.0), _LINK_WIDTH * pen.scale))
     found += landmark_parts(scene.landmarks(), pen)
-    # names are in the middle above the surfaces, or end at their left
+    # names are centred above the surfaces, or aligned at their left
     for name, title, (left, top, right, bottom) in _titles(scene) if labels else ():
         title = abbreviated(title, right - left - 4 * pen.scale, pen.width)
         length = pen.width(title)
-        start = right - length if scene.view.is_of_document else (left + right - length) / 2
+        start = right - length if scene.view.has_names_at_left else (left + right - length) / 2
         ink = {"source": pen.inks.source, "target": pen.inks.target}.get(name, pen.inks.ink)
         found.append(Text(start, (top + bottom - pen.line) / 2, title, ink))
     if color_bar:
@@ -233,19 +241,20 @@ def laid_out(
 
 
 def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
-    """Return where the last of some strips and texts ends."""
+    """Return the right end of strips and texts, or the left side of the rectangle."""
     ends = [one.rect[2] for one in parts if isinstance(one, Strip)]
     ends += [one.left + pen.width(one.text) for one in parts if isinstance(one, Text)]
     return max(ends, default=rect[0])
 
 
 def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
-    """Lay out what colours of critical points, and grey, mean, at the right below the surfaces, if
-    there is room after what ends before.
+    """Lay out the legend of critical points and missing values, at the right below the surfaces.
+
+    It is empty if it does not fit to the right of ``begin``.
     """
     found: list[Part] = []
-    radius, right = _DOT * pen.scale, rect[2] - _MARGIN * pen.scale
-    top = rect[3] - (bar_room(pen, rect[3] - rect[1]) + pen.line) / 2
+    radius, right = _DOT_RADIUS * pen.scale, rect[2] - _MARGIN * pen.scale
+    top = rect[3] - (bars_height(pen, rect[3] - rect[1]) + pen.line) / 2
     for kind in reversed(kinds):
         right -= pen.width(kind)
         found.append(Text(right, top, kind, pen.inks.ink))
@@ -255,17 +264,17 @@ def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Pa
     return found if right > begin else []
 
 
-def landmark_parts(marks: Sequence[DrawnMark], pen: Pen) -> list[Part]:
-    """Lay out landmarks: numbered discs, and rings where one is wanted, both of its colour."""
+def landmark_parts(landmarks: Sequence[DrawnLandmark], pen: Pen) -> list[Part]:
+    """Lay out landmarks as numbered discs, and their goals as rings of the same colour."""
     found: list[Part] = []
-    radius, line = MARK_RADIUS * pen.scale, 1.5 * pen.scale
-    for mark in sorted(marks, key=lambda mark: not mark.is_goal):  # rings below
-        color, at = LANDMARKS[mark.number % len(LANDMARKS)], mark.place
-        if mark.is_goal:
+    radius, line = LANDMARK_RADIUS * pen.scale, 1.5 * pen.scale
+    for landmark in sorted(landmarks, key=lambda each: not each.is_goal):  # rings below discs
+        color, at = LANDMARKS[landmark.number % len(LANDMARKS)], landmark.place
+        if landmark.is_goal:
             found.append(Disc(at, radius + line, pen.inks.ground, radius - 2 * line))
             found.append(Disc(at, radius, color, radius - line))
             continue
-        text = str(mark.number + 1)
+        text = str(landmark.number + 1)
         found.append(Disc(at, radius + line, ON_LANDMARKS))
         found.append(Disc(at, radius, color))
         corner = at[0] - pen.width(text) / 2, at[1] - pen.line / 2
@@ -274,11 +283,12 @@ def landmark_parts(marks: Sequence[DrawnMark], pen: Pen) -> list[Part]:
 
 
 def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
-    behind = scene.behind
+    """Yield the name of each surface, its title and the rectangle of the title."""
+    outdated = scene.outdated
     for name in scene.shown:
         paint = scene.paints.get(name)
         title = paint.title if paint else name
-        if paint is None or name in behind:
+        if paint is None or name in outdated:
             title = f"{title.partition(': ')[0]}{COMPUTING_SUFFIX}"
         yield name, title, scene.view_of(name).label(name)
 
@@ -286,33 +296,35 @@ def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
 def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
     paints = [scene.paints[name] for name in scene.shown if name in scene.paints]
     ranges = {paint.bar: paint.colors for paint in paints if paint.colors is not None}
-    left, apart, count = rect[0] + _MARGIN * pen.scale, _BAR_GAP * pen.scale, max(len(ranges), 1)
-    room = (rect[2] - _MARGIN * pen.scale - left - (count - 1) * apart) / count
+    left, gap, count = rect[0] + _MARGIN * pen.scale, _BAR_GAP * pen.scale, max(len(ranges), 1)
+    width_max = (rect[2] - _MARGIN * pen.scale - left - (count - 1) * gap) / count
     bottom = rect[3] - (_GAP_BELOW + _GAP) * pen.scale - pen.line
-    covered = bar_room(pen, rect[3] - rect[1])
+    covered = bars_height(pen, rect[3] - rect[1])
     if covered < 2 * pen.line:
         top = rect[3] - (covered + pen.line) / 2
         line = (left, top, rect[2] - _MARGIN * pen.scale / 2, top + pen.line)
-        return bars_in_a_line(ranges, line, pen)
+        return bars_in_one_line(ranges, line, pen)
     found: list[Part] = []
     top = bottom - _BAR_HEIGHT * pen.scale
     for title, colors in ranges.items():
-        right = left + min(max(_BAR_WIDTH * pen.scale, pen.width(title)), max(room, apart))
+        right = left + min(max(_BAR_WIDTH * pen.scale, pen.width(title)), max(width_max, gap))
         found += bar_parts(title, colors, (left, top, right, bottom), pen)
-        left = right + apart
+        left = right + gap
     return found
 
 
 def window_pen(ui: Ui) -> Pen:
+    """Return the pen of the window, in its font and scale."""
     line = imgui.GetTextLineHeight()
     return Pen(ui.scale, line, lambda text: float(imgui.CalcTextSize(text)[0]), ui.colors)
 
 
 def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
+    """Draw the annotations of a scene in the window, and the tooltips of abbreviated titles."""
     canvas = imgui.GetBackgroundDrawList()
     pen = window_pen(ui)
-    parts = laid_out(scene, rect, pen, color_bar)
-    tell_what_is_cut(scene, parts, pen)
+    parts = annotation_parts(scene, rect, pen, color_bar)
+    show_full_title(scene, parts, pen)
     for one in parts:
         if isinstance(one, Veil):
             canvas.AddRectFilled(one.rect[:2], one.rect[2:], _u32(one.color))
@@ -333,8 +345,8 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
                 canvas.AddRectFilled((start, top), (end + 0.5, bottom), color)
 
 
-def tell_what_is_cut(scene: Scene, parts: Sequence[Part], pen: Pen) -> None:
-    """Show the whole name of a surface or title of a bar where the mouse is at one that is cut."""
+def show_full_title(scene: Scene, parts: Sequence[Part], pen: Pen) -> None:
+    """Show a tooltip with the full title if the mouse is over an abbreviated one."""
     if imgui.GetIO().WantCaptureMouse:
         return
     x, y = imgui.GetMousePos()
@@ -359,11 +371,16 @@ def _u32(color: Color) -> int:
     return int(imgui.GetColorU32(color))
 
 
-Centre = tuple[FloatArray, FloatArray]  # a place and a normal
+Centre = tuple[FloatArray, FloatArray]
+"""A point (3,) and the normal (3,) of the surface there."""
 
 
 class GaussianMarkers:
-    """Rings while Shift is held over the surfaces, and where a side has several Gaussians."""
+    """Rings around active Gaussians.
+
+    They are shown while the user holds Shift over the surfaces, and always for a side with several
+    Gaussians.
+    """
 
     def __init__(self) -> None:
         self._centres = {side: Memo[Centre | None]() for side in SIDES}
@@ -372,25 +389,26 @@ class GaussianMarkers:
         if session.values("source") is None and session.values("target") is None:
             return
         x, y = imgui.GetIO().MousePos
-        wanted = imgui.GetIO().KeyShift and rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
+        has_shift = imgui.GetIO().KeyShift and rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
         canvas = imgui.GetBackgroundDrawList()
         for side in SIDES:
-            if side not in scene.shown or not (found := self._centre(session, side, wanted)):
+            if side not in scene.shown or not (found := self._centre(session, side, has_shift)):
                 continue
             place, normal = found
             x, y, _ = scene.projected(side, place)[0]
             left, top, right, bottom = scene.view.slots[side].rect
             is_in_front = scene.view_of(side).rotation[2] @ normal > 0
             if is_in_front and left <= x <= right and top <= y <= bottom:
-                for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
-                    canvas.AddCircle((x, y), ui.px(_RADIUS), _u32(color), 0, ui.px(width))
+                rings = (2 * _RING_WIDTH, ui.colors.ground), (_RING_WIDTH, ui.colors.ink)
+                for width, color in rings:
+                    canvas.AddCircle((x, y), ui.px(_RING_RADIUS), _u32(color), 0, ui.px(width))
 
-    def _centre(self, session: Session, side: Side, wanted: bool) -> Centre | None:
+    def _centre(self, session: Session, side: Side, has_shift: bool) -> Centre | None:
         chosen, mesh = active_gaussian(session, side), session.surface(side).mesh
         if chosen is None or session.active is None:
             return None
         spec = session.active.spec(side)
-        if gaussians.is_mapped(spec) or not (wanted or len(gaussians.gaussians(spec)) > 1):
+        if gaussians.is_mapped(spec) or not (has_shift or len(gaussians.gaussians(spec)) > 1):
             return None
 
         def centre() -> Centre | None:

@@ -1,6 +1,7 @@
-"""The one door to polyscope, which would crash without libEGL and not be imported without libX11.
+"""The only module that imports polyscope, and its start.
 
-Where the machine cannot draw, importing this file or starting it is a `DrawingError` of one line.
+Without libX11 the import of polyscope fails, and without libEGL it crashes. On a machine that
+cannot draw, importing this module or calling `start` raises a `DrawingError` of one line.
 """
 
 import ctypes
@@ -23,7 +24,7 @@ if sys.platform == "linux":
             ctypes.CDLL(_library)
     except OSError as _error:
         raise DrawingError(
-            f"cannot draw without OpenGL ({_error}); type: sudo apt-get install libegl1 libgl1"
+            f"cannot draw without OpenGL ({_error}); run: sudo apt-get install libegl1 libgl1"
         ) from None
 import polyscope
 
@@ -32,22 +33,29 @@ Backend = Literal["auto", "openGL3_glfw", "openGL3_egl", "openGL_mock"]
 WINDOW: Backend = "openGL3_glfw"
 OFFSCREEN_BACKEND: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"
 MATERIAL = "abfm"
-"""Has no colour of its own: colours on a surface are those of the colour bar. Materials that come
-with polyscope tint highlights, which turns dark red into purple.
+"""Material without a tint, so that colours on a surface are those of the colour bar.
+
+The materials of polyscope tint highlights, which turns dark red into purple.
 """
 _LIGHT = np.array([-0.35, 0.55, 0.76])
 _BALL = 256
 
 
-def spare_a_core() -> None:
-    """Let Mesa leave a core to the solver, else stopped at every frame; call before `start`."""
+def reserve_core_for_solver() -> None:
+    """Make Mesa use one core less, or it would stop the solver at every frame.
+
+    Call this before `start`.
+    """
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
     os.environ.setdefault("LP_NUM_THREADS", str(max(cores - 2, 0)))
 
 
 def start(backend: Backend, width: int, height: int, title: str = "abfm") -> None:
-    """Start polyscope, or change its size in pixels; a `DrawingError` says why it cannot draw."""
-    # GLFW waits for ever for no change
+    """Start polyscope, or change its size in pixels.
+
+    Raises `DrawingError` with the reason if the machine cannot draw.
+    """
+    # setting the same size again would block GLFW for ever
     if not ps.is_initialized() or tuple(ps.get_window_size()) != (width, height):
         ps.set_window_size(width, height)
     if ps.is_initialized():
@@ -55,7 +63,7 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
     has_screen = sys.platform != "linux" or {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
     if backend == WINDOW and not has_screen:
         raise DrawingError(
-            "no screen to open a window on; without one use `abfm match` and `abfm render`"
+            "there is no screen for a window; use `abfm match` and `abfm render` instead"
         )
     ps.set_verbosity(0)
     ps.set_use_prefs_file(False)
@@ -64,11 +72,11 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
     try:
         ps.init(backend)
     except RuntimeError as error:
-        # polyscope fails once more when Python exits unless something is running
+        # without a running backend polyscope fails again when Python exits
         ps.init("openGL_mock")
         reason = re.sub(r"\[polyscope\]|\[EXCEPTION\]|ERROR:", "", str(error)).strip()
         raise DrawingError(
-            f"OpenGL did not start ({reason}); check the screen and the graphics driver"
+            f"OpenGL could not be started ({reason}); check the screen and the graphics driver"
         ) from None
     with temporary_folder() as folder:
         for name, pixels in colormaps.pictures().items():
@@ -81,7 +89,10 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
 
 
 def material_pictures() -> NDArray[np.uint8]:
-    """Draw a lit ball, four times to blend; 0.9 at most, as polyscope's tone mapping brightens."""
+    """Return four pictures of a lit ball, (4, H, W, 3), which polyscope blends.
+
+    Their brightness is at most 0.9 because polyscope's tone mapping brightens them.
+    """
     x, y = np.meshgrid(np.linspace(-1, 1, _BALL), np.linspace(1, -1, _BALL))
     radius = np.maximum(np.hypot(x, y), 1)
     x, y = x / radius, y / radius
@@ -95,7 +106,7 @@ def material_pictures() -> NDArray[np.uint8]:
 
 
 def clear() -> None:
-    """Leave nothing of what was drawn before, nor of how it was seen."""
+    """Remove all structures and reset the view and the transparency."""
     ps.remove_all_structures()
     ps.remove_all_slice_planes()
     ps.set_ground_plane_mode("none")
@@ -105,8 +116,8 @@ def clear() -> None:
 
 
 def draw_transparency(is_needed: bool) -> None:
-    """Draw transparent structures as such, only while there are some: a frame then takes 8 passes.
+    """Turn the drawing of transparency on or off; with it a frame takes 8 passes.
 
-    polyscope begins with it by itself, and does not end it.
+    polyscope turns it on automatically, but never off.
     """
     ps.set_transparency_mode("pretty" if is_needed else "none")

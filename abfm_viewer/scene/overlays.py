@@ -1,4 +1,4 @@
-"""What is drawn over the surfaces: arrows of the field, flow lines, points and isolines."""
+"""Structures drawn over the surfaces: arrows, flow lines, paths, points and isolines."""
 
 from __future__ import annotations
 
@@ -28,76 +28,77 @@ from abfm_viewer.shown.tracks import KINDS
 
 _ARROWS = "arrows"
 _LINES = "flow lines"
-_PATHS = "ways of points"
-_INK = "ink"  # names of arrows' quantities
+_PATHS = "paths of points"
+# quantities of arrows
+_INK = "ink"
 _OPACITY = "opacity"
-_ISOLINES = "isolines of "  # and the surface's name
+_ISOLINES = "isolines of "  # followed by the name of the surface
 _TRACKS = {kind: f"tracks of each {kind}" for kind in KINDS}
 _POINT_NAMES = {kind: f"each {kind} now" for kind in KINDS}
 _POINTS_NOW = "followed points"
 _STARTS = "starts of points"
 _POINTS = (_POINTS_NOW, _STARTS, *_POINT_NAMES.values())
-_LIFT = 0.0025  # of sqrt(area): a flat strip is hidden by the surface where that bends
+_LIFT = 0.0025  # height above the curved surface, which would hide a flat strip, in sqrt(area)
 # in half widths of the shaft
 _HEAD_WIDTH = 2.6
 _HEAD_LENGTH = 7.5
-_LONGEST_HEAD = 0.55  # of a line
+_HEAD_LENGTH_SHARE_MAX = 0.55  # of the longest smooth section of a line
 _HEAD_NODES = 4
-_TURN_COSINE_MIN = 0.7  # cosine of a turn that a strip would break at
-# corners of a disc, and what is along no normal
+_TURN_COSINE_MIN = 0.7  # a strip ends at sharper turns
 _DISC_CORNERS = 12
-_OFF_NORMAL = (0.1, 0.2, 0.3)
-# of sqrt(area): heads along a line, and the nodes of its ribbon
-_HEAD_DISTANCE = 0.16
-_NODE_DISTANCE = 0.008
-_CUBE = 0.15  # of the grid over which faces are spread
-# half widths of lines, radii of points
+_OFF_NORMAL = (0.1, 0.2, 0.3)  # makes a vector differ from the normal
+# The following lengths are in sqrt(area).
+_HEAD_DISTANCE = 0.16  # between heads of a line
+_NODE_DISTANCE = 0.008  # between nodes of a ribbon
+_CUBE = 0.15  # side of the grid from which evenly spread faces are chosen
 _LINE_HALF_WIDTH = 0.0025
 _ISOLINE_HALF_WIDTH = 0.0016
 _POINT_RADIUS = 0.014
-# the same of tracks and of critical points now
 _TRACK_HALF_WIDTH = 0.005
 _CRITICAL_POINT_RADIUS = 0.02
 
 Rgb = Sequence[float]
 Meshes = Mapping[str, TriangleMesh]
-Placed = tuple[str, str, Any]  # a structure's surface, its own name, and polyscope's handle
+PlacedStructure = tuple[str, str, Any]
+"""The surface of a structure, its name, and polyscope's handle."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePath:
-    """A way on a surface: places (K, 3) in units of sqrt(area), and unit normals there."""
+    """A curve on a surface, as a polygonal line."""
 
-    places: FloatArray
-    normals: FloatArray
+    places: FloatArray  # (K, 3), in sqrt(area)
+    normals: FloatArray  # (K, 3), unit normals of the surface
 
     @property
     def lengths(self) -> FloatArray:
-        """Measure how far each place is from the start, along the way, (K,)."""
+        """Distances from the start along the curve, (K,)."""
         steps = np.linalg.norm(np.diff(self.places, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def at(self, lengths: FloatArray) -> SurfacePath:
-        own = self.lengths
+        """Return the curve through the points at distances from the start (N,)."""
+        nodes = self.lengths
         places, normals = (
-            np.stack([np.interp(lengths, own, values[:, x]) for x in range(3)], axis=1)
+            np.stack([np.interp(lengths, nodes, values[:, x]) for x in range(3)], axis=1)
             for values in (self.places, self.normals)
         )
         return SurfacePath(places, unit(normals))
 
 
-def course_of(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> SurfacePath:
-    """Return the way of a flow line in the flow's direction, however it was walked."""
+def path_of_line(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> SurfacePath:
+    """Return a flow line as a path in the direction of the flow."""
     order = slice(None) if line.times[-1] >= 0 else slice(None, None, -1)
     normals = normals_at(mesh, line.faces, line.barycentric)
     return SurfacePath(line.positions[order] / mesh.length_scale, normals[order])
 
 
-def course_through(mesh: TriangleMesh, places: FloatArray) -> SurfacePath:
-    return _course_at(mesh, places, abfm.maps.project_onto_surface(mesh, places))
+def path_through(mesh: TriangleMesh, places: FloatArray) -> SurfacePath:
+    """Return the path through places (K, 3) near a surface."""
+    return _path_at(mesh, places, abfm.maps.project_onto_surface(mesh, places))
 
 
-def _course_at(
+def _path_at(
     mesh: TriangleMesh, places: FloatArray, points: abfm.maps.SurfacePoints
 ) -> SurfacePath:
     return SurfacePath(
@@ -107,56 +108,56 @@ def _course_at(
 
 @per_mesh
 def evenly_spread(mesh: TriangleMesh) -> IntArray:
-    """Find the largest face in each cube of a grid."""
+    """Return the largest face in each cube of a grid."""
     centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
     by_size = np.argsort(-abfm.calculus.face_areas(mesh), kind="stable")
     cells = np.floor(centers[by_size] / _CUBE).astype(np.int64)
     return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
 
 
-def line_ribbons(courses: Iterable[SurfacePath], half_width: float) -> Triangles:
-    """A line along each way, round at sharp turns, with heads that say which way it goes."""
+def line_ribbons(paths: Iterable[SurfacePath], half_width: float) -> Triangles:
+    """Return a ribbon along each path, rounded at sharp turns, with heads for its direction."""
     parts: list[Triangles] = []
     shares = np.linspace(0, 1, _HEAD_NODES)
-    for course in courses:
-        length, ends = float(course.lengths[-1]), _straight(course)
+    for path in paths:
+        length, ends = float(path.lengths[-1]), _smooth_sections(path)
         for start, end in pairwise(ends):
-            nodes = course.at(
+            nodes = path.at(
                 np.linspace(start, end, max(int(np.ceil((end - start) / _NODE_DISTANCE)), 1) + 1)
             )
             half_widths = np.full((1, len(nodes.places)), half_width)
             parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
-        parts.append(_discs(course.at(ends[1:-1]), half_width))
-        head = min(_HEAD_LENGTH * half_width, _LONGEST_HEAD * float(np.diff(ends).max()))
+        parts.append(_discs(path.at(ends[1:-1]), half_width))
+        head = min(_HEAD_LENGTH * half_width, _HEAD_LENGTH_SHARE_MAX * float(np.diff(ends).max()))
         widest = _HEAD_WIDTH * head / _HEAD_LENGTH
         count = max(round(length / _HEAD_DISTANCE), 1)
         for middle in (np.arange(count) + 0.5) * length / count:
-            start = _with_room(ends, float(middle) - head / 2, head)
-            nodes = course.at(start + head * shares)
+            start = _fitting_start(ends, float(middle) - head / 2, head)
+            nodes = path.at(start + head * shares)
             half_widths = widest * (1 - shares)[None]
             parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
     return _joined(parts)
 
 
-def _straight(course: SurfacePath) -> FloatArray:
-    """Return lengths between which a course nowhere turns sharply, from 0 to all of it."""
-    lengths = course.lengths
+def _smooth_sections(path: SurfacePath) -> FloatArray:
+    """Return the distances of the start, the sharp turns and the end of a path from its start."""
+    lengths = path.lengths
     moved = np.flatnonzero(np.diff(lengths, prepend=-1.0) > 0)
-    along = unit(np.diff(course.places[moved], axis=0))
+    along = unit(np.diff(path.places[moved], axis=0))
     turns = (along[1:] * along[:-1]).sum(axis=1) < _TURN_COSINE_MIN
     return np.concatenate([[0.0], lengths[moved[1:-1][turns]], lengths[-1:]])
 
 
-def _with_room(ends: FloatArray, start: float, length: float) -> float:
-    """Return the place nearest to a start from which a part of a length has no sharp turn."""
+def _fitting_start(ends: FloatArray, start: float, length: float) -> float:
+    """Return the start of a part without a sharp turn that is nearest to the given start."""
     first, last = ends[:-1], ends[1:] - length
-    room = last >= first - 1e-12
-    places = np.clip(start, first[room], np.maximum(last, first)[room])
+    fits = last >= first - 1e-12
+    places = np.clip(start, first[fits], np.maximum(last, first)[fits])
     return float(places[np.argmin(np.abs(places - start))])
 
 
 def _discs(nodes: SurfacePath, radius: float) -> Triangles:
-    """Fans about places, flat on the surface."""
+    """Return flat discs on the surface."""
     one = unit(np.cross(nodes.normals, np.roll(nodes.normals, 1, axis=1) + _OFF_NORMAL))
     other = np.cross(nodes.normals, one)
     angles = 2 * np.pi * np.arange(_DISC_CORNERS) / _DISC_CORNERS
@@ -172,7 +173,7 @@ def _discs(nodes: SurfacePath, radius: float) -> Triangles:
 def isoline_ribbons(
     mesh: TriangleMesh, values: FloatArray, levels: Sequence[float] | FloatArray, half_width: float
 ) -> Triangles:
-    """Strips in triangles where a function (V,) has values; none where it is constant."""
+    """Return strips along the level sets of a function (V,); none where it is constant."""
     corners, at_corners = mesh.vertices[mesh.faces] / mesh.length_scale, values[mesh.faces]
     normals = outward(mesh) * abfm.calculus.face_normals(mesh)
     low, high = at_corners.min(axis=1), at_corners.max(axis=1)
@@ -183,14 +184,14 @@ def isoline_ribbons(
             continue
         f, triangles, rows = at_corners[crossed], corners[crossed], np.arange(len(crossed))
         above = f >= level
-        alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
-        start, ends = triangles[rows, alone], []
-        for other in ((alone + 1) % 3, (alone + 2) % 3):
-            share = (level - f[rows, alone]) / (f[rows, other] - f[rows, alone])
+        single = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
+        start, ends = triangles[rows, single], []
+        for other in ((single + 1) % 3, (single + 2) % 3):
+            share = (level - f[rows, single]) / (f[rows, other] - f[rows, single])
             ends.append(start + share[:, None] * (triangles[rows, other] - start))
         along, normal = unit(ends[1] - ends[0]), normals[crossed]
         side, lift = half_width * np.cross(normal, along), _LIFT * normal
-        # else a gap would show between two strips
+        # longer than the level set, so that there are no gaps between strips
         first, last = ends[0] - half_width / 2 * along, ends[1] + half_width / 2 * along
         around = first - side, last - side, last + side, first + side
         vertices = np.stack([corner + lift for corner in around], axis=1)
@@ -212,11 +213,11 @@ def _joined(parts: list[Triangles]) -> Triangles:
 
 
 def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
-    """Draw arrows, dark in a light rim or light in a dark one; `see_arrows` says which are seen."""
+    """Draw arrows with rims; `show_visible_arrows` then hides the invisible ones."""
     vertices = arrows.vertices.reshape(-1, 3)
     places = viewport(arrows.mesh).drawn(arrows.mesh.length_scale * vertices)
-    look = {"smooth_shade": False, "material": MATERIAL}
-    drawn = ps.register_surface_mesh(name, places, arrows.faces, **look)
+    options = {"smooth_shade": False, "material": MATERIAL}
+    drawn = ps.register_surface_mesh(name, places, arrows.faces, **options)
     drawn.reset_transform()
     colors = np.where(arrows.rims[:, None], np.array(rim[:3]), np.array(ink[:3]))
     drawn.add_color_quantity(_INK, colors, defined_on="faces", enabled=True)
@@ -228,25 +229,27 @@ def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
         drawn.set_transparency_quantity(_OPACITY)
 
 
-def see_arrows(name: str, arrows: Arrows, eye: Eye, hidden: BoolArray | None) -> None:
-    """Show of arrows what an eye sees whole."""
+def show_visible_arrows(name: str, arrows: Arrows, eye: Eye, hidden: BoolArray | None) -> None:
+    """Show only the arrows that are completely visible from an eye."""
     vertices = arrows.mesh.length_scale * arrows.seen(eye, hidden)
     ps.get_surface_mesh(name).update_vertex_positions(viewport(arrows.mesh).drawn(vertices))
 
 
 def draw_ribbons(name: str, mesh: TriangleMesh, triangles: Triangles, color: Rgb) -> None:
+    """Draw triangles over a surface in one colour."""
     vertices, faces = triangles
     places = viewport(mesh).drawn(mesh.length_scale * vertices)
-    look = {"smooth_shade": False, "material": MATERIAL, "color": color[:3]}
-    # none peeps over an edge
-    drawn = ps.register_surface_mesh(name, places, faces, back_face_policy="cull", **look)
-    # polyscope remembers that of earlier structures of this name; likewise below
+    options = {"smooth_shade": False, "material": MATERIAL, "color": color[:3]}
+    # backs are culled, so that no ribbon is visible beyond an outline
+    drawn = ps.register_surface_mesh(name, places, faces, back_face_policy="cull", **options)
+    # polyscope reuses the transform of an earlier structure of the same name; also below
     drawn.reset_transform()
 
 
 def draw_points(
     name: str, mesh: TriangleMesh, positions: FloatArray, color: Rgb, radius: float
 ) -> None:
+    """Draw points (P, 3) of a surface as balls; the radius is in sqrt(area)."""
     places = viewport(mesh).drawn(positions)
     cloud = ps.register_point_cloud(name, places, color=color[:3], material=MATERIAL)
     cloud.reset_transform()
@@ -254,21 +257,26 @@ def draw_points(
 
 
 class Overlays:
-    """polyscope's structures besides the surfaces, made anew when what they show changes."""
+    """All structures of polyscope except the surfaces; they are redrawn when their inputs change.
 
-    def __init__(self, shown: Shown, tell: Callable[[str], object]) -> None:
-        self._shown, self._tell = shown, tell  # what is drawn anew
-        self._drawn: dict[str, tuple[str, tuple[object, ...]]] = {}  # on what, and made of what
+    ``on_redraw`` is called with the name of each redrawn structure.
+    """
+
+    def __init__(self, shown: Shown, on_redraw: Callable[[str], object]) -> None:
+        self._shown, self._on_redraw = shown, on_redraw
+        # name: surface and inputs
+        self._drawn: dict[str, tuple[str, tuple[object, ...]]] = {}
         self._eye = Memo[Eye]()
-        self._arrows_seen: object = None  # how they were seen
-        self._field: Field | None = None  # whose arrows are shown
+        self._visible_arrows: object = None  # inputs of the last choice of visible arrows
+        self._field: Field | None = None  # of the shown arrows
         self._scale = 1.0
 
     def update(
         self, meshes: Meshes, paints: Mapping[str, Paint], of_flow: bool, scale: float
     ) -> None:
-        """Show what is asked for on surfaces by name, with so many pixels for a length of 1; of
-        the flow only if so told.
+        """Draw the structures that the view shows on surfaces, by name.
+
+        Those of the flow are drawn only if ``of_flow``. ``scale`` is pixels per unit length.
         """
         self._scale = scale
         for name, mesh in meshes.items():
@@ -277,8 +285,8 @@ class Overlays:
             mesh = self._shown.session.surface("advected").mesh
             self._draw_of_flow(mesh, of_flow, "source" in meshes)
 
-    def look(self, axes: FloatArray) -> None:
-        """Show the arrows that are seen whole, by axes (3, 3) to the right, up, and towards."""
+    def update_arrows(self, axes: FloatArray) -> None:
+        """Show the completely visible arrows; ``axes`` (3, 3) point right, up, to the viewer."""
         quantities, view = self._shown.quantities, self._shown.session.view
         eye = self._eye.get((axes.tobytes(),), lambda: Eye(axes))
         field = self._field
@@ -290,15 +298,15 @@ class Overlays:
         if self._is_new("advected", _ARROWS, (arrows, view.theme)):
             colors = theme.palette(view.theme)
             draw_arrows(_ARROWS, arrows, theme.linear(colors.ink), theme.linear(colors.ground))
-            self._arrows_seen = None
+            self._visible_arrows = None
         hidden = quantities.hidden_arrows(arrows, eye)
-        seen = arrows, hidden, axes.tobytes()
-        if not same(seen, self._arrows_seen):
-            self._arrows_seen = seen
-            see_arrows(_ARROWS, arrows, eye, hidden)
+        inputs = arrows, hidden, axes.tobytes()
+        if not same(inputs, self._visible_arrows):
+            self._visible_arrows = inputs
+            show_visible_arrows(_ARROWS, arrows, eye, hidden)
 
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
-        """Show equal values, but not the range's ends and middle, where it may be constant."""
+        """Draw level sets, not at the ends and the middle of the range, which are often constant."""
         view, name = self._shown.session.view, _ISOLINES + surface
         colors = paint.colors if paint and paint.kind == "vertex values" else None
         if not view.isolines or surface == "error" or paint is None or colors is None:
@@ -307,7 +315,7 @@ class Overlays:
             shares = (np.arange(view.isoline_count) + 0.5) / view.isoline_count
             levels = colors.low + (colors.high - colors.low) * shares
             values = np.asarray(paint.values, dtype=np.float64)
-            if paint.unknown is not None:  # nothing crosses what is no number
+            if paint.unknown is not None:  # NaN has no level sets
                 values = np.where(paint.unknown, np.nan, values)
             lines = isoline_ribbons(mesh, values, levels, _ISOLINE_HALF_WIDTH)
             draw_ribbons(name, mesh, lines, theme.linear(theme.palette(view.theme).ink))
@@ -321,41 +329,42 @@ class Overlays:
         lines = tuple(quantities.lines()) if of_flow else ()
         for name, curves in ((_LINES, lines), (_PATHS, paths)):
             if self._is_new("advected", name, (curves, view.theme) if curves else None):
-                courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
-                draw_ribbons(name, mesh, line_ribbons(courses, _LINE_HALF_WIDTH), marker)
+                drawn = [path_of_line(mesh, line) for line in curves if len(line.times) > 1]
+                draw_ribbons(name, mesh, line_ribbons(drawn, _LINE_HALF_WIDTH), marker)
         self._draw_tracks(mesh)
         time = quantities.path_time
         if self._is_new("advected", _POINTS_NOW, (paths, time, view.theme) if paths else None):
             places = np.array([path.at(time) for path in paths])
             draw_points(_POINTS_NOW, mesh, places, marker, _POINT_RADIUS)
         if self._is_new("source", _STARTS, (paths, view.theme) if paths and has_source else None):
-            on = self._shown.session.surface("source").mesh
-            draw_points(_STARTS, on, quantities.starts(paths), marker, _POINT_RADIUS)
+            source_mesh = self._shown.session.surface("source").mesh
+            draw_points(_STARTS, source_mesh, quantities.starts(paths), marker, _POINT_RADIUS)
 
     def _draw_tracks(self, mesh: TriangleMesh) -> None:
-        """Show where a film's critical points go, and where they are now."""
-        ways, now = self._shown.tracks.paths(), self._shown.tracks.now()
+        """Draw the tracks of critical points of a sequence, and their present positions."""
+        tracks, now = self._shown.tracks.paths(), self._shown.tracks.now()
         time = self._shown.session.document.time
         for kind in KINDS:
-            own = tuple(way for way in ways if way.kind == kind)
+            of_kind = tuple(track for track in tracks if track.kind == kind)
             color = theme.linear(CRITICAL_COLORS[kind])
             name = _TRACKS[kind]
-            if self._is_new("advected", name, (ways,) if own else None):
-                courses = [_course_at(mesh, way.points.positions, way.points) for way in own]
-                moved = [course for course in courses if course.lengths[-1] > 0]
+            if self._is_new("advected", name, (tracks,) if of_kind else None):
+                paths = [_path_at(mesh, each.points.positions, each.points) for each in of_kind]
+                moved = [path for path in paths if path.lengths[-1] > 0]
                 draw_ribbons(name, mesh, line_ribbons(moved, _TRACK_HALF_WIDTH), color)
             name = _POINT_NAMES[kind]
-            if self._is_new("advected", name, (ways, time) if kind in now else None):
+            if self._is_new("advected", name, (tracks, time) if kind in now else None):
                 draw_points(name, mesh, now[kind], color, _CRITICAL_POINT_RADIUS)
 
-    def structures(self) -> Iterator[Placed]:
+    def structures(self) -> Iterator[PlacedStructure]:
+        """Yield all drawn structures."""
         for name, (surface, _) in self._drawn.items():
             get = ps.get_point_cloud if name in _POINTS else ps.get_surface_mesh
             yield surface, name, get(name)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
-        """Nothing of it is in the way of a pick in the block."""
+        """Hide all structures in the block, so that a pick hits a surface."""
         structures = [structure for *_, structure in self.structures() if structure.is_enabled()]
         for structure in structures:
             structure.set_enabled(False)
@@ -369,15 +378,18 @@ class Overlays:
         for name in list(self._drawn):
             self._remove(name)
 
-    def _is_new(self, surface: str, name: str, made_of: tuple[object, ...] | None) -> bool:
-        """Return whether a structure is to be drawn anew, and remove what is outdated."""
-        if name in self._drawn and same(self._drawn[name][1], made_of):
+    def _is_new(self, surface: str, name: str, inputs: tuple[object, ...] | None) -> bool:
+        """Return whether a structure must be drawn, and remove an outdated one.
+
+        No structure is drawn if ``inputs`` is None.
+        """
+        if name in self._drawn and same(self._drawn[name][1], inputs):
             return False
         self._remove(name)
-        if made_of is not None:
-            self._drawn[name] = surface, made_of
-            self._tell(name)
-        return made_of is not None
+        if inputs is not None:
+            self._drawn[name] = surface, inputs
+            self._on_redraw(name)
+        return inputs is not None
 
     def _remove(self, name: str) -> None:
         if self._drawn.pop(name, None) is not None:

@@ -1,7 +1,7 @@
-"""Which frames draw the surfaces anew, and how smoothly.
+"""Choice of the frames that redraw the surfaces, and of the samples per pixel.
 
-Where drawing takes longer than a frame, what follows a run or moves waits, so that the window
-answers in the others. While nothing moves, one frame has several samples a pixel.
+If drawing takes longer than a frame, the pictures of a run and moving streaks wait, so that the
+window responds in the frames between. While nothing moves, one frame has several samples per pixel.
 """
 
 import time as clock
@@ -11,20 +11,20 @@ from abfm_viewer.session.session import Session
 
 _SLOW_REDRAW = 0.025
 _FRAMES_PER_SLOW_REDRAW = 30
-_FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
-_FIRST_COUNT = 3  # pictures of a run that do not wait: the start, and that something moves
-_SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks
+_FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 frames per second, drawing takes a fifth of the time
+_FIRST_COUNT = 3  # pictures of a run that do not wait: its start and first motion
+_TEXTURE_WAIT_RATIO = 2.0  # wait between textures of moving streaks, in times of a redraw
 STILL_SECONDS = 0.2
-"""Seconds without motion after which the surfaces are drawn once more."""
-# samples along a side of a pixel, pixels of the window at most, and seconds to draw it
+"""Seconds without motion after which the surfaces are drawn with more samples."""
+# samples along a side of a pixel, maximum of pixels of the window, maximum of seconds to draw it
 _SAMPLING_LIMITS = ((3, 2.5e6, 0.1), (2, 1e7, 0.8))
 
 
 class Pacing:
-    """Counts frames, and the pictures of a run."""
+    """Frame counts that decide which surfaces are redrawn in a frame."""
 
     def __init__(self, session: Session) -> None:
-        self.redraw_seconds = 0.0  # how long it took to draw the surfaces lately
+        self.redraw_seconds = 0.0  # duration of a recent redraw of the surfaces
         self._session = session
         self._frames_behind = 0
         self._run = 0
@@ -36,19 +36,22 @@ class Pacing:
         return self.redraw_seconds <= _SLOW_REDRAW
 
     @property
-    def begins(self) -> bool:
-        """Return whether a run shows its first pictures, slowly: what shows its flow waits."""
+    def is_beginning(self) -> bool:
+        """Whether a run is showing its first pictures, slowly; its flow is then not drawn."""
         session = self._session
         is_early = session.solver.started != self._run or self._pictures_of_run <= _FIRST_COUNT
         return session.matching.running and is_early and not self.draws_quickly
 
     def waits(self, name: str, is_first: bool) -> bool:
-        """Return whether a surface keeps its colours for this frame; ask once a frame, in order."""
+        """Return whether a surface is not repainted in this frame.
+
+        Call this once a frame for each surface, in order.
+        """
         session, solver, seconds = self._session, self._session.solver, self.redraw_seconds
         if self.draws_quickly:
             return False
         if session.view.animate and name == "advected":
-            return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * seconds
+            return clock.perf_counter() < self._textured_at + _TEXTURE_WAIT_RATIO * seconds
         if (
             not session.matching.running
             or solver.started != self._run
@@ -61,7 +64,7 @@ class Pacing:
         return self._frames_behind != 0 and not session.dragging
 
     def count(self, is_new: bool, is_texture: bool) -> None:
-        """Take in that the advected surface was drawn, with other colours than before or not."""
+        """Record that the advected surface was drawn, ``is_new`` if with other colours."""
         if is_new and is_texture:
             self._textured_at = clock.perf_counter()
         started = self._session.solver.started
@@ -70,8 +73,8 @@ class Pacing:
         self._pictures_of_run += is_new
 
 
-class Resting:
-    """Decides how many `samples` along a side of a pixel a window's frame has."""
+class Supersampling:
+    """Choice of `samples`, the number of samples along a side of a pixel in the window."""
 
     def __init__(self, session: Session, is_real: bool) -> None:
         self.samples = 1
@@ -79,7 +82,10 @@ class Resting:
         self._moved_at = clock.perf_counter()
 
     def update(self, moves: bool, seconds: float) -> None:
-        """Take in whether the coming frame differs, and the seconds of a single sample."""
+        """Choose the samples of the next frame.
+
+        ``moves`` is whether it differs from this one, ``seconds`` the time to draw one sample.
+        """
         if not self._is_real:
             return
         now, samples = clock.perf_counter(), self.samples
@@ -89,10 +95,10 @@ class Resting:
             width, height = ps.get_window_size()
             fitting = [
                 side
-                for side, most, longest in _SAMPLING_LIMITS
-                if width * height <= most and seconds * side**2 <= longest
+                for side, pixels_max, seconds_max in _SAMPLING_LIMITS
+                if width * height <= pixels_max and seconds * side**2 <= seconds_max
             ]
             samples = max(fitting, default=1)
         if samples != self.samples:
-            ps.set_SSAA_factor(samples)  # polyscope takes it in when it draws
+            ps.set_SSAA_factor(samples)  # used by polyscope in its next drawing
             self.samples = samples

@@ -1,4 +1,4 @@
-"""The surfaces in the window, each in its slot: draws what is shown of a session."""
+"""The scene: the surfaces of a session, each drawn in its slot of the window."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.document import SIDES, Document, Point, Side, Viewpoint
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.overlays import Overlays, Placed, evenly_spread
+from abfm_viewer.scene.overlays import Overlays, PlacedStructure, evenly_spread
 from abfm_viewer.scene.pacing import Pacing
 from abfm_viewer.scene.slots import Fit, Place, SlotView, rotation, slots
 from abfm_viewer.scene.surfaces import Viewport, viewport
@@ -29,81 +29,88 @@ from abfm_viewer.shown.ribbons import unit, vertex_normals
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
 
-# the viewer, in radii of a surface, of which a part may be two radii before its slot's middle
+# Distance of the viewer, in radii of a surface; parts of it may be two radii in front of its slot.
 _VIEWER_DISTANCE = 4.0
-_POINTS_OF_A_RIM = 32
-MARK_RADIUS = 9.0
-"""Of landmarks, in pixels at a scale of 1."""
+_RIM_POINTS = 32
+LANDMARK_RADIUS = 9.0
+"""Radius of landmarks, in pixels at a scale of 1."""
 NO_VALUE = "no value"
-"""What grey means, in the legend."""
+"""Text for grey in the legend."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hit:
+    """A picked point of a surface, and the nearest vertex of its face."""
+
     surface: str
     point: Point
     vertex: int
 
 
 class Scene:
-    """Surfaces in slots: `names` are those that exist, `shown` those that have room."""
+    """The surfaces in their slots.
+
+    `names` are all surfaces, `shown` those that have a slot. With ``turns`` the surfaces are small
+    enough to turn about their upright axes within their slots.
+    """
 
     def __init__(self, shown: Shown, turns: bool = False) -> None:
         self._shown, self._session = shown, shown.session
-        self._turns = turns  # the surfaces get room to turn in
-        # another where nothing is drawn
+        self._turns = turns
+        # replaced if the backend cannot pick
         self.pick: Callable[[Place], Hit | None] = self._picked
-        self.view: SlotView  # known once there are names
+        self.view: SlotView  # set as soon as there are names
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
         self._links = Memo[Links]()
         self._placing = Placing()
         self.overlays = Overlays(shown, self._placing.placed.discard)
         self.pacing = Pacing(shown.session)
-        # pixels of names, in each slot, of colour bars below all, and of a length at a scale of 1
-        self.name_height = self.room_below = 0.0
-        self.pixels = 1.0
+        self.name_height = 0.0  # in each slot, in pixels
+        self.bars_height = 0.0  # of the colour bars below all slots, in pixels
+        self.pixels = 1.0  # per pixel at a scale of 1
         self._meshes: dict[str, TriangleMesh] = {}
-        self._fits: dict[str, Fitted] = {}  # by surfaces' names
+        self._fits: dict[str, Fitted] = {}  # by the name of the surface
         self._views: dict[str, SlotView] = {}
         self._style: object = None
         self._document: Document | None = None
-        self._changed = False  # it was, by the user, and that is still to be seen
+        self._changed = False  # whether a change by the user is not yet drawn
         self._degrees = 0.0
         opengl.clear()
 
     def update(self, rect: Rect) -> None:
+        """Update all structures of polyscope for the next frame, in a rectangle of the window."""
         session, view = self._session, self._session.view
         session.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
         ps.set_background_color([*theme.linear(ground), 1.0])
         fronts = [self._front(slot) for slot in ("advected", "source")]
-        is_seen = all(front is not None for front in fronts)
-        # nothing is shown that would turn as soon as the front is known
-        names = view.shown_surfaces if is_seen else ()
+        has_fronts = all(front is not None for front in fronts)
+        # without a front nothing is shown, because the surfaces would turn when it is known
+        names = view.shown_surfaces if has_fronts else ()
         self._register({name: self.mesh(name) for name in names})
-        if not is_seen:
+        if not has_fronts:
             return
-        self._look(rect)
+        self._update_views(rect)
         self._restyle()
         overlays_wait = self._paint()
         earlier, self._document = self._document, session.document
-        # what the user changes is seen at once, or as soon as it is known
+        # changes by the user are drawn without a wait
         self._changed = self._changed or earlier is not session.document
         if self._changed or not overlays_wait:
-            of_flow = earlier is None or earlier.view is not view or not self.pacing.begins
+            of_flow = earlier is None or earlier.view is not view or not self.pacing.is_beginning
             scale = self.view.scale / self.pixels
             self.overlays.update(self._meshes, self.paints, of_flow, scale)
             self._changed = False
         self._place()
 
     def mesh(self, name: str) -> TriangleMesh:
-        """Return what a surface is drawn on: its own mesh, or a finer one that has its values."""
+        """Return the mesh on which a surface is drawn: its own, or the finer one of its values."""
         paint = self.painter.paint(name)
         return (paint and paint.mesh) or self._session.surface(name).mesh
 
     def _paint(self) -> bool:
-        """Show the surfaces' paints; whether the advected one waits."""
+        """Paint the surfaces; return whether the advected one waits."""
         advected_waits = False
         for name in self.shown:
             paint, before = self.painter.paint(name), self.paints.get(name)
@@ -123,35 +130,35 @@ class Scene:
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """Return those that got a slot in this frame: all, or the one that is shown large."""
+        """Surfaces with a slot in this frame: all, or only the enlarged one."""
         return tuple(name for name in self.names if name in self.view.slots)
 
     @property
-    def behind(self) -> tuple[str, ...]:
-        """Return the shown surfaces that still have an earlier result."""
+    def outdated(self) -> tuple[str, ...]:
+        """Shown surfaces that still have an earlier result."""
         is_behind = self._shown.is_behind
         return tuple(name for name in self.shown if is_behind and name in ("advected", "error"))
 
     @property
     def viewpoint(self) -> Viewpoint | None:
-        """Return how the surfaces are seen now; None before they are."""
+        """The present viewpoint; None before there is a front."""
         if viewpoint := self._session.view.viewpoint:
             return viewpoint
         return Viewpoint(front) if (front := self._front("advected")) else None
 
     def turn(self, degrees: float) -> None:
-        """Turn all about their upright axes; picks are wrong then."""
+        """Turn all surfaces about their upright axes, which makes picks wrong."""
         self._degrees = degrees
         self._place()
 
-    def see(self, view: SlotView) -> None:
-        """Look at the surfaces as the mouse wants it, which is no step of undo."""
+    def set_view(self, view: SlotView) -> None:
+        """Set the view, without a step of undo."""
         before = self.viewpoint
         assert before is not None
         target = before.target
         if view.target is not self.view.target:
-            is_home = np.allclose(view.target, view.home, rtol=0, atol=1e-9 * view.radius)
-            target = None if is_home else triple(self._viewport.undrawn(view.target))
+            is_centered = np.allclose(view.target, view.center, rtol=0, atol=1e-9 * view.radius)
+            target = None if is_centered else triple(self._viewport.undrawn(view.target))
         viewpoint = Viewpoint(
             Front(triple(view.rotation[2]), triple(view.rotation[1])), view.zoom, target
         )
@@ -159,23 +166,20 @@ class Scene:
             self._session.editor.amend(view=replace(self._session.view, viewpoint=viewpoint))
 
     def look_at(self, name: str, viewpoint: Viewpoint) -> Viewpoint:
-        """Return how all are seen where one surface is seen by a look of its own."""
+        """Return the common viewpoint at which one surface is seen from its own viewpoint."""
         if name not in self._views:
             return viewpoint
-        own, all_of_them = self._fitted("source"), self._fitted("advected")
-        drawn = (
-            None
-            if viewpoint.target is None
-            else viewport(own.mesh).drawn(np.array(viewpoint.target))
-        )
-        seen = own.fit.view(self.view.slots, viewpoint.front, viewpoint.zoom, drawn)
-        view = seen.seen_alike(own.front, all_of_them.fit, all_of_them.front)
+        source, common, target = self._fitted("source"), self._fitted("advected"), viewpoint.target
+        drawn = None if target is None else viewport(source.mesh).drawn(np.array(target))
+        of_source = source.fit.view(self.view.slots, viewpoint.front, viewpoint.zoom, drawn)
+        view = of_source.transferred(source.front, common.fit, common.front)
         front = Front(triple(view.rotation[2]), triple(view.rotation[1]))
         return Viewpoint(front, view.zoom, triple(self._viewport.undrawn(view.target)))
 
     def links(self) -> list[Link]:
-        """Return lines from points of surface A to where they are on B at the shown time, as far as
-        both are in view.
+        """Return lines from points of surface A to their positions on B at the shown time.
+
+        Only lines with both ends in view are returned.
         """
         session, ends = self._session, ("source", "advected")
         if not session.view.links or self._has_one_surface:
@@ -202,60 +206,60 @@ class Scene:
         ]
 
     def legend(self) -> tuple[str, ...]:
-        """Return the kinds of critical points whose ways are drawn, and `NO_VALUE` where some are
-        missing.
-        """
+        """Return the kinds of drawn tracks, and `NO_VALUE` if a function has missing values."""
         kinds = tuple(self._shown.tracks.counts()) if "advected" in self.shown else ()
         paints = [self.paints[name] for name in self.shown if name in self.paints]
         is_missing = any(paint.unknown is not None for paint in paints)
         return (*kinds, NO_VALUE) if is_missing else kinds
 
-    def landmarks(self) -> list[DrawnMark]:
-        """Return the landmarks that are in view, where they are in the window."""
-        found: list[DrawnMark] = []
+    def landmarks(self) -> list[DrawnLandmark]:
+        """Return the visible landmarks, with their places in the window."""
+        found: list[DrawnLandmark] = []
         for name in self.shown:
             side: Side = "source" if name == "source" else "target"
             is_placed = name in SIDES
-            found += self._drawn(name, side, self._shown.landmarks.placed(side), not is_placed)
+            placed = self._shown.landmarks.placed(side)
+            found += self._drawn_landmarks(name, side, placed, not is_placed)
             if name == "advected":
-                found += self._drawn(name, None, self._shown.landmarks.moved(), False)
+                moved = self._shown.landmarks.moved()
+                found += self._drawn_landmarks(name, None, moved, False)
         return found
 
-    def landmark_at(self, place: Place) -> DrawnMark | None:
-        """Return the landmark that a place of the window is on, and that can be moved there."""
-        reach = MARK_RADIUS * self.pixels
+    def landmark_at(self, place: Place) -> DrawnLandmark | None:
+        """Return the movable landmark at a place of the window, or None."""
+        reach = LANDMARK_RADIUS * self.pixels
         near = [
-            (math.dist(mark.place, place), mark)
-            for mark in self.landmarks()
-            if mark.side is not None and math.dist(mark.place, place) <= reach
+            (math.dist(landmark.place, place), landmark)
+            for landmark in self.landmarks()
+            if landmark.side is not None and math.dist(landmark.place, place) <= reach
         ]
         return min(near, key=lambda one: one[0])[1] if near else None
 
-    def _drawn(
-        self, name: str, side: Side | None, marks: LandmarkPoints | None, is_goal: bool
-    ) -> list[DrawnMark]:
-        if marks is None or self._session.surface(name).mesh is not marks.mesh:
+    def _drawn_landmarks(
+        self, name: str, side: Side | None, points: LandmarkPoints | None, is_goal: bool
+    ) -> list[DrawnLandmark]:
+        if points is None or self._session.surface(name).mesh is not points.mesh:
             return []
-        at, axes = self.projected(name, marks.places)[:, :2], self.view_of(name).rotation
-        hidden = self._shown.landmarks.hidden(name, side, marks, axes)
-        seen = _inside(at, self.view.slots[name].rect) & ~hidden
+        at, axes = self.projected(name, points.places)[:, :2], self.view_of(name).rotation
+        hidden = self._shown.landmarks.hidden(name, side, points, axes)
+        visible = _inside(at, self.view.slots[name].rect) & ~hidden
         return [
-            DrawnMark(name, side, number, (float(x), float(y)), is_goal)
-            for number, (x, y), is_seen in zip(marks.numbers, at, seen, strict=True)
-            if is_seen
+            DrawnLandmark(name, side, number, (float(x), float(y)), is_goal)
+            for number, (x, y), is_visible in zip(points.numbers, at, visible, strict=True)
+            if is_visible
         ]
 
     def projected(self, name: str, points: FloatArray) -> FloatArray:
-        """Return places in the window and depths (P, 3) of points (P, 3) of a shown surface."""
+        """Return the places in the window and the depths of points (P, 3) of a surface, (P, 3)."""
         drawn = viewport(self._meshes[name]).drawn(np.atleast_2d(points))
         return self.view_of(name).projected(name, drawn)
 
     def view_of(self, name: str) -> SlotView:
-        """Return how a surface is seen: as all are, from a front of its own."""
+        """Return the view of a surface: the common one, from the front of the surface."""
         return self._views.get(name, self.view)
 
     def covers(self, name: str, place: Place) -> bool:
-        """Return whether a shown surface is drawn at a place of the window, without drawing it."""
+        """Return whether a surface covers a place of the window, by computation."""
         mesh = self._meshes[name]
         corners = self.projected(name, mesh.vertices)[mesh.faces, :2] - place
         x, y = np.moveaxis(corners, -1, 0)
@@ -271,7 +275,7 @@ class Scene:
         if not hit.is_hit or name not in self.shown:
             return None
         mesh, drawn = self._session.surface(name).mesh, self._meshes[name]
-        # a finer one has the children of each face side by side
+        # a finer mesh has the children of each face one after another
         face = int(hit.structure_data["index"]) * len(mesh.faces) // len(drawn.faces)
         matrix = self.view_of(name).matrix(name, ps.get_window_size(), self.view.scale)
         away: FloatArray = np.asarray(hit.position) - matrix[:3, 3]
@@ -282,6 +286,7 @@ class Scene:
         return self._hit(name, face, inside / inside.sum())
 
     def nearest(self, name: str, position: FloatArray) -> Hit:
+        """Return the point of a surface that is nearest to a position (3,)."""
         mesh = self._session.surface(name).mesh
         found = abfm.maps.project_onto_surface(mesh, position[None])
         return self._hit(name, int(found.faces[0]), found.barycentric[0])
@@ -291,12 +296,15 @@ class Scene:
         return Hit(name, Point(face, triple(weights)), vertex)
 
     def _front(self, slot: str) -> Front | None:
-        """Choose the front when functions are known, or without any if there will be none."""
+        """Return the front of a surface; None before its functions are known.
+
+        The front is chosen and stored when the functions are known, or cannot be evaluated.
+        """
         session, surface = self._session, self._session.surface(slot)
         if surface.front is not None:
             return surface.front
-        on_it = (side for side in SIDES if session.surface(side) is surface)
-        functions = [session.values(side) for side in on_it]
+        sides = (side for side in SIDES if session.surface(side) is surface)
+        functions = [session.values(side) for side in sides]
         known = [values for values in functions if values is not None]
         if len(known) < len(functions):
             if session.channels and not session.work.blocking_problem:
@@ -309,15 +317,15 @@ class Scene:
     def _register(self, meshes: dict[str, TriangleMesh]) -> None:
         if meshes == self._meshes and [*meshes] == [*self._meshes]:
             return
-        gone = [name for name, mesh in self._meshes.items() if meshes.get(name) is not mesh]
-        for name in gone:
+        removed = [name for name, mesh in self._meshes.items() if meshes.get(name) is not mesh]
+        for name in removed:
             ps.remove_surface_mesh(name)
             self.paints.pop(name, None)
-        if gone:
+        if removed:
             self.overlays.clear()
         for name, mesh in meshes.items():
-            if name in gone or name not in self._meshes:
-                # else a pick near a vertex or an edge has no face
+            if name in removed or name not in self._meshes:
+                # by default a pick near a vertex or an edge has no face
                 surfaces.register(name, mesh).set_selection_mode("faces_only")
         self._meshes, self._style = meshes, None
         self._placing.placed.clear()
@@ -350,11 +358,11 @@ class Scene:
             known = self._fits[slot] = Fitted(surface.mesh, surface.front, self._turns)
         return known
 
-    def _look(self, rect: Rect) -> None:
+    def _update_views(self, rect: Rect) -> None:
         view, viewpoint, fitted = self._session.view, self.viewpoint, self._fitted("advected")
         assert viewpoint is not None
         left, top, right, bottom = rect
-        free = (left, top, right, max(bottom - self.room_below, top + 1))
+        free = (left, top, right, max(bottom - self.bars_height, top + 1))
         names = (view.enlarged,) if view.enlarged in self.names else self.names
         other = self._fitted("source")
         width, height = np.maximum(fitted.fit.shape, other.fit.shape).tolist()
@@ -365,7 +373,7 @@ class Scene:
         drawn = None if target is None else self._viewport.drawn(np.array(target))
         self.view, self._views = fitted.fit.view(places, viewpoint.front, zoom, drawn), {}
         if not self._has_one_surface:
-            self._views["source"] = self.view.seen_alike(fitted.front, other.fit, other.front)
+            self._views["source"] = self.view.transferred(fitted.front, other.fit, other.front)
 
     def _place(self) -> None:
         if not self.names:
@@ -378,44 +386,40 @@ class Scene:
                 transform[:3, :3] @= rotation(axis, np.radians(self._degrees))
             transforms[name] = transform
         if "advected" in transforms:
-            self.overlays.look(unit(transforms["advected"][:3, :3]))
+            self.overlays.update_arrows(unit(transforms["advected"][:3, :3]))
         placed = [(name, name, ps.get_surface_mesh(name)) for name in self.names]
         self._placing.place(self.view, transforms, [*placed, *self.overlays.structures()])
 
 
 @dataclass(frozen=True)
-class DrawnMark:
-    """A landmark in the window: as it was placed on a side, and can be moved, or where a flow has
-    brought it. A goal is drawn as a ring, which leaves room for what comes there.
-    """
+class DrawnLandmark:
+    """A point of a landmark in the window."""
 
     surface: str
-    side: Side | None
+    side: Side | None  # of a placed point, which can be moved; None for one moved by the flow
     number: int  # from 0
     place: Place
-    is_goal: bool
+    is_goal: bool  # drawn as a ring, around the point that the flow should move there
 
 
 Link = tuple[Place, Place, FloatArray]
-"""Both ends in the window, and a colour (3,)."""
+"""Both ends of a line in the window, and its colour (3,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Points of A, where they are on B, the normals there, and colours by where they start, each
-    (P, 3).
-    """
+    """Corresponding points of two surfaces, each array (P, 3)."""
 
-    starts: FloatArray
-    ends: FloatArray
-    normals: FloatArray
-    colors: FloatArray
+    starts: FloatArray  # on A
+    ends: FloatArray  # on B
+    normals: FloatArray  # of B at the ends
+    colors: FloatArray  # by the position of the starts
 
     @classmethod
     def between(cls, a: TriangleMesh, b: TriangleMesh, origins: FloatArray) -> Links:
-        """Choose vertices of B evenly; their origins (V_B, 3) are on A."""
+        """Return links to evenly spread vertices of B, whose origins (V_B, 3) are on A."""
         chosen = np.unique(b.faces[evenly_spread(b)][:, 0])
-        colors = place_colors(a.vertices, origins[chosen]) ** (1 / 2.2)  # as screens have them
+        colors = place_colors(a.vertices, origins[chosen]) ** (1 / 2.2)  # sRGB
         return cls(origins[chosen], b.vertices[chosen], vertex_normals(b)[chosen], colors)
 
 
@@ -426,7 +430,7 @@ def _inside(places: FloatArray, rect: Rect) -> NDArray[np.bool_]:
 
 
 class Fitted:
-    """How large a mesh is from its front, and the axis about which it turns upright."""
+    """The extent of a mesh seen from its front, and the upright axis about which it turns."""
 
     def __init__(self, mesh: TriangleMesh, front: Front, turns: bool) -> None:
         self.mesh, self.front = mesh, front
@@ -438,43 +442,47 @@ class Fitted:
 
 
 def _rims(mesh: TriangleMesh, axis: FloatArray) -> FloatArray:
-    """Points (2 n, 3) of both rims of the cylinder in which a mesh turns about an axis."""
+    """Return points (2 n, 3) of both rims of the cylinder in which a mesh turns about an axis."""
     middle = viewport(mesh).center
     along = (mesh.vertices - middle) @ axis
     radius = np.linalg.norm(mesh.vertices - middle - along[:, None] * axis, axis=1).max()
     first = np.roll(axis, 1)
-    angles = np.linspace(0, 2 * np.pi, _POINTS_OF_A_RIM, endpoint=False)[:, None]
+    angles = np.linspace(0, 2 * np.pi, _RIM_POINTS, endpoint=False)[:, None]
     circle = radius * (np.cos(angles) * first + np.sin(angles) * np.cross(axis, first))
     return np.concatenate([middle + circle + end * axis for end in (along.min(), along.max())])
 
 
-_Side = tuple[int, float, int]  # across x or y (0, 1), at pixels, and which side of it is kept
+_Side = tuple[int, float, int]
+"""A side of a slot: axis (0 or 1), position in pixels, and sign of the direction inwards."""
 
 
 class Placing:
-    """Gives structures the transform of their slot, and planes at its sides if clipped."""
+    """Transforms of structures to their slots, and slice planes at the sides of the slots."""
 
     def __init__(self) -> None:
-        # names: a handle that outlives its plane spoils later ones at its address
+        # names, because a handle that outlives its plane damages later ones at its address
         self._planes: list[str] = []
         self._sides: list[_Side] = []
-        self._seen: object = None
-        self.placed: set[str] = set()  # structures that need not be told again
+        self._inputs: object = None
+        self.placed: set[str] = set()  # names of structures with an up-to-date transform
 
     def place(
-        self, view: SlotView, transforms: Mapping[str, FloatArray], structures: Iterable[Placed]
+        self,
+        view: SlotView,
+        transforms: Mapping[str, FloatArray],
+        structures: Iterable[PlacedStructure],
     ) -> None:
-        """Give each structure the transform (4, 4) of its surface."""
+        """Set the transform of each structure to that of its surface, (4, 4)."""
         window = ps.get_window_size()
         arrays = (view.rotation, view.target, *transforms.values())
-        seen = (window, view.scale, *view.slots.items(), *(array.tobytes() for array in arrays))
-        if seen != self._seen:
-            self._seen = seen
+        inputs = (window, view.scale, *view.slots.items(), *(array.tobytes() for array in arrays))
+        if inputs != self._inputs:
+            self._inputs = inputs
             self.placed.clear()
-            # in parallel projection along z, the window's middle at 0
+            # parallel projection along z, with the origin in the middle of the window
             half, radius = window[1] / (2 * view.scale), view.radius
             ps.set_view_projection_mode("orthographic")
-            ps.set_length_scale(radius)  # it sees 20 times as far, and twice as high
+            ps.set_length_scale(radius)  # visible: depths of 20 times, heights of twice this
             ps.set_vertical_fov_degrees(float(np.degrees(2 * np.arctan(half / (2 * radius)))))
             ps.look_at_dir((0.0, 0.0, _VIEWER_DISTANCE * radius), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
             self._place_planes(view, window)
@@ -486,9 +494,9 @@ class Placing:
             if surface not in view.slots:
                 continue
             structure.set_transform(transforms[surface])
-            kept = _sides(view, surface)
+            clipping = _sides(view, surface)
             for plane, side in zip(self._planes, self._sides, strict=False):
-                ignored = side not in kept
+                ignored = side not in clipping
                 if structure.get_ignore_slice_plane(plane) != ignored:
                     structure.set_ignore_slice_plane(plane, ignored)
 

@@ -1,4 +1,4 @@
-"""Where surfaces stand in the window, how they are seen there, and what turns and moves them."""
+"""Slots of surfaces in the window, their views, and changes of the views by the mouse."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ from abfm.types import FloatArray
 from abfm_viewer.document.document import ZOOM_MAX, ZOOM_MIN, Layout
 from abfm_viewer.widgets.widget_record import Rect
 
-_MARGIN = 0.04  # of the smaller side, free on each side of a surface that fits
-# what the front counts, and that no place stays empty
+_MARGIN = 0.04  # on each side of a surface, relative to the smaller side of the slot
+# weights, as exponents, of the size from the front and of the share of used places
 _FRONT_POWER = 0.8
 _FILL_POWER = 0.5
-_SURFACE_PIXELS_MIN = 8.0  # pixels that a surface has however little room there is
-# name's share of a low slot's height; width of a wide one; name's share of that
-_NAME_HEIGHT_SHARE = 0.25
-_WIDTH_RATIO_MIN = 2.0
-_NAME_WIDTH_SHARE = 0.35
-_BALL = 0.8  # of the surface's radius: the ball that the mouse turns
-_TOP = math.pi / 2  # how far the turntable tilts
+_SURFACE_PIXELS_MIN = 8.0  # height of a surface in any window
+# A wide slot that is too low for a name above the surface has it at the left.
+_NAME_HEIGHT_SHARE = 0.25  # of the height of the slot, maximum for a name above
+_WIDTH_RATIO_MIN = 2.0  # width over height of a wide slot
+_NAME_WIDTH_SHARE = 0.35  # of the width of the slot, for a name at the left
+_BALL = 0.8  # radius of the ball that the mouse turns, relative to that of the surface
+_TILT_MAX = math.pi / 2
 
 Place = tuple[float, float]
+"""A point of the window, in pixels."""
 
 
 @dataclass(frozen=True)
 class Slot:
-    """What a surface is clipped to, and where its name is, above or beside it."""
+    """The rectangle of a surface, which is clipped to it, and that of its name."""
 
     rect: Rect
-    name: Rect
+    name: Rect  # above or at the left
 
     @property
     def middle(self) -> Place:
@@ -43,7 +44,7 @@ class Slot:
 
     @property
     def half(self) -> tuple[float, float]:
-        """From the middle to the sides, less the margins."""
+        """Half the width and height, less the margins."""
         left, top, right, bottom = self.rect
         width, height = right - left, bottom - top
         margin = _MARGIN * min(width, height)
@@ -56,11 +57,14 @@ Slots = Mapping[str, Slot]
 def slots(
     names: Sequence[str], rect: Rect, shape: tuple[float, float], layout: Layout, name_height: float
 ) -> dict[str, Slot]:
-    """Divide a rectangle by rows into slots for surfaces of a shape, large if automatic."""
+    """Divide a rectangle into rows of slots for surfaces of a shape (width, height).
+
+    The automatic layout makes the surfaces large.
+    """
     count = len(names)
 
     def goodness(columns: int) -> float:
-        """Rate how large surfaces are from the front, and a little from any side."""
+        """Rate the size of surfaces, mainly from the front."""
         half = next(_grid(columns, count, rect, name_height)).half
         filled = count / (columns * math.ceil(count / columns))
         return float(
@@ -74,8 +78,8 @@ def slots(
 
 
 def fitting(half: tuple[float, float], shape: tuple[float, float]) -> float:
-    """Return how much a shape (width, height) can be scaled to fit into half a width and height."""
-    return min(2 * room / max(length, 1e-12) for room, length in zip(half, shape, strict=True))
+    """Return the scale at which a shape (width, height) fits a slot of half a width and height."""
+    return min(2 * space / max(length, 1e-12) for space, length in zip(half, shape, strict=True))
 
 
 def _grid(columns: int, count: int, rect: Rect, name_height: float) -> Iterator[Slot]:
@@ -97,29 +101,32 @@ def _grid(columns: int, count: int, rect: Rect, name_height: float) -> Iterator[
 
 @dataclass(frozen=True, eq=False)
 class SlotView:
-    """One look at surfaces in slots, all the same, in parallel projection; places are pixels of the
-    window, points those of the surface as it is drawn. What the mouse does gives another view.
+    """The view of surfaces in their slots, in parallel projection.
+
+    Places are pixels of the window; points are in the coordinates in which a surface is drawn. The
+    actions of the mouse return another view.
     """
 
     slots: Slots
-    rotation: FloatArray  # (3, 3): rows are what is to the right, up, and towards the viewer
-    target: FloatArray  # (3,): in the slots' middle
-    home: FloatArray  # (3,): where a target is when nothing was moved
-    upright: FloatArray  # (3,): the axis that points up from the surface's front
+    rotation: FloatArray  # (3, 3): its rows point right, up, and towards the viewer
+    target: FloatArray  # (3,): the point in the middle of the slots
+    center: FloatArray  # (3,): the target if the surfaces are not moved
+    upright: FloatArray  # (3,): the axis that points up in the front view
     zoom: float
-    scale: float  # pixels of a length of 1
-    radius: float  # of the surface, about home
-    above: float  # how far it goes up from there, now
+    scale: float  # pixels per unit length
+    radius: float  # of the surface, about the center
+    above: float  # extent of the surface upwards from the center in this view
 
     def projected(self, name: str, points: FloatArray) -> FloatArray:
-        """Places and depths (P, 3) of points (P, 3) of a surface; what is nearer has less depth."""
+        """Return places and depths (P, 3) of points (P, 3); a nearer point has less depth."""
         x, y, z = ((np.atleast_2d(points) - self.target) @ self.rotation.T).T
         middle = self.slots[name].middle
         return np.stack([middle[0] + self.scale * x, middle[1] - self.scale * y, -z], axis=1)
 
     def matrix(self, name: str, window: tuple[int, int], scale: float) -> FloatArray:
-        """Return what (4, 4) puts a surface into its slot, for a viewer along z to whom a length of
-        1 has a scale in pixels.
+        """Return the transform (4, 4) that puts a surface into its slot.
+
+        The viewer looks along z, at ``scale`` pixels per unit length.
         """
         matrix, share = np.eye(4), self.scale / scale
         matrix[:3, :3], matrix[:3, 3] = self.rotation, -self.rotation @ self.target
@@ -128,27 +135,31 @@ class SlotView:
         return matrix
 
     def drawn(self, place: Place, window: tuple[int, int]) -> FloatArray:
+        """Return a place relative to the middle of the window, in units of length, (2,)."""
         return np.array([place[0] - window[0] / 2, window[1] / 2 - place[1]]) / self.scale
 
     @property
     def is_clipped(self) -> bool:
-        return self.zoom > 1 or bool(np.abs(self.target - self.home).max() > 1e-9 * self.radius)
+        """Whether the surfaces may exceed their slots."""
+        return self.zoom > 1 or bool(np.abs(self.target - self.center).max() > 1e-9 * self.radius)
 
     @property
-    def is_of_document(self) -> bool:
+    def has_names_at_left(self) -> bool:
+        """Whether names are at the left of surfaces, not above them."""
         slot = next(iter(self.slots.values()))
         return slot.name[3] > slot.rect[1] + 1
 
     def label(self, name: str) -> Rect:
-        """Return where a surface's name is written: close above or before it, in its slot."""
-        slot, (x, y, _) = self.slots[name], self.projected(name, self.home)[0].tolist()
+        """Return the rectangle of a surface's name in its slot, close to the surface."""
+        slot, (x, y, _) = self.slots[name], self.projected(name, self.center)[0].tolist()
         left, top, right, bottom = slot.name
-        if self.is_of_document:
+        if self.has_names_at_left:
             return left, top, min(max(x - self.scale * self.radius, right), slot.rect[2]), bottom
         end = min(max(y - self.scale * self.above, bottom), slot.rect[3])
         return left, end - (bottom - top), right, end
 
     def borders(self) -> list[tuple[Place, Place]]:
+        """Return the lines between the slots of clipped surfaces."""
         if not self.is_clipped:
             return []
         rects = [(*slot.name[:2], *slot.rect[2:]) for slot in self.slots.values()]
@@ -160,16 +171,17 @@ class SlotView:
         return [*down, *(((start, top), (end, top)) for top in tops)]
 
     def slot_at(self, place: Place) -> str:
-        """The surface in whose slot a place is, or that is nearest to it."""
+        """Return the surface whose slot contains a place, or is nearest to it."""
 
         def distance(name: str) -> float:
             left, top, right, bottom = self.slots[name].rect
-            beside = max(left - place[0], 0, place[0] - right)
-            return math.hypot(beside, max(top - place[1], 0, place[1] - bottom))
+            horizontal = max(left - place[0], 0, place[0] - right)
+            return math.hypot(horizontal, max(top - place[1], 0, place[1] - bottom))
 
         return min(self.slots, key=distance)
 
     def turned(self, name: str, start: Place, end: Place) -> Self:
+        """Return the view after the mouse turned the ball of a surface from place to place."""
         one, other = (self._on_ball(name, place) for place in (start, end))
         axis = np.cross(one, other)
         sine = float(np.linalg.norm(axis))
@@ -179,46 +191,54 @@ class SlotView:
         return replace(self, rotation=_orthonormal(turn @ self.rotation))
 
     def orbited(self, delta: Place) -> Self:
-        """After the mouse dragged a turntable: sideways it turns, up and down it tilts."""
+        """Return the view after a drag of the turntable by pixels.
+
+        A horizontal drag turns it, a vertical one tilts it.
+        """
         radian = _BALL * self.radius * self.scale / self.zoom
         _, up, towards = self.rotation @ self.upright
         before = math.atan2(towards, up)
         after = before + delta[1] / radian
-        if abs(before) <= _TOP + 1e-6:  # else it was turned over by hand
-            after = min(max(after, -_TOP), _TOP)
+        if abs(before) <= _TILT_MAX + 1e-6:  # the user may have turned it upside down before
+            after = min(max(after, -_TILT_MAX), _TILT_MAX)
         around = rotation(self.rotation @ self.upright, delta[0] / radian)
         tilt = rotation(np.array([1.0, 0.0, 0.0]), after - before)
         return replace(self, rotation=_orthonormal(tilt @ around @ self.rotation))
 
     def moved(self, delta: Place) -> Self:
-        """After the mouse moved the surfaces by pixels, which cannot be lost."""
+        """Return the view after a move by pixels; the surfaces stay in the window."""
         shift = np.array([-delta[0], delta[1], 0.0]) / self.scale
-        away = self.target + shift @ self.rotation - self.home
+        away = self.target + shift @ self.rotation - self.center
         share = min(1.0, self.radius / max(float(np.linalg.norm(away)), 1e-12))
-        return replace(self, target=self.home + away * share)
+        return replace(self, target=self.center + away * share)
 
     def zoomed(self, name: str, place: Place, factor: float) -> Self:
-        """Come nearer to what is under the mouse; going farther leads back home."""
+        """Return the view zoomed by a factor about a place of the window.
+
+        Zooming out also moves the target back to the center.
+        """
         zoom = min(max(self.zoom * factor, ZOOM_MIN), ZOOM_MAX)
         if zoom < self.zoom:
             share = max(0.0, 1 - 1 / zoom) / (1 - 1 / self.zoom) if self.zoom > 1 else 1.0
-            return replace(self, zoom=zoom, target=self.home + share * (self.target - self.home))
+            target = self.center + share * (self.target - self.center)
+            return replace(self, zoom=zoom, target=target)
         middle = self.slots[name].middle
         away = np.array([place[0] - middle[0], middle[1] - place[1], 0.0]) / self.scale
         target = self.target + (1 - self.zoom / zoom) * away @ self.rotation
         return replace(self, zoom=zoom, target=target)
 
-    def seen_alike(self, front: Front, fit: Fit, other: Front) -> SlotView:
-        """Return the view of another surface, with a fit and a front of its own, that is turned,
-        zoomed and moved as this one is from its front.
+    def transferred(self, front: Front, fit: Fit, other: Front) -> SlotView:
+        """Return the corresponding view of another surface.
+
+        It is turned, zoomed and moved from the ``other`` front as this one is from ``front``.
         """
         axes = self.rotation @ front.axes.T @ other.axes
-        seen = fit.view(self.slots, Front(triple(axes[2]), triple(axes[1])), self.zoom, None)
-        moved = front.axes @ (self.target - self.home) * (self.scale / seen.scale)
-        return replace(seen, target=seen.home + moved @ other.axes)
+        view = fit.view(self.slots, Front(triple(axes[2]), triple(axes[1])), self.zoom, None)
+        moved = front.axes @ (self.target - self.center) * (self.scale / view.scale)
+        return replace(view, target=view.center + moved @ other.axes)
 
     def _on_ball(self, name: str, place: Place) -> FloatArray:
-        """A unit vector to where a place is on the ball, or on the hyperboloid around it."""
+        """Return the unit vector (3,) to a place on the ball, or on the hyperboloid around it."""
         middle, radius = self.slots[name].middle, _BALL * self.radius * self.scale
         x, y = (place[0] - middle[0]) / radius, (middle[1] - place[1]) / radius
         square = x * x + y * y
@@ -236,34 +256,36 @@ def rotation(axis: FloatArray, angle: float) -> FloatArray:
 
 
 def _orthonormal(rotation: FloatArray) -> FloatArray:
-    """Return a rotation (3, 3) without what rounding has added to it."""
+    """Return a rotation (3, 3) without its rounding errors."""
     direction, right = rotation[2], np.cross(rotation[1], rotation[2])
     direction, right = direction / np.linalg.norm(direction), right / np.linalg.norm(right)
     return np.stack([right, np.cross(direction, right), direction])
 
 
 class Fit:
-    """How large a surface with these points (P, 3) can be without standing out of a slot."""
+    """The extent of points (P, 3) of a surface, which gives the scale at which it fits a slot."""
 
     def __init__(self, points: FloatArray, front: Front) -> None:
         axes = front.axes
         low, high = (points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0)
         self.shape: tuple[float, float] = (float(high[0] - low[0]), float(high[1] - low[1]))
-        self._home: FloatArray = (low + high) / 2 @ axes
+        self._center: FloatArray = (low + high) / 2 @ axes
         self._upright = axes[1]
-        self._around = points - self._home
+        self._around = points - self._center
         self._radius = float(np.linalg.norm(self._around, axis=1).max())
-        self._seen: tuple[Front, FloatArray, tuple[float, float], float] | None = None
+        self._last: tuple[Front, FloatArray, tuple[float, float], float] | None = None
 
     def view(self, slots: Slots, front: Front, zoom: float, target: FloatArray | None) -> SlotView:
-        if self._seen is None or self._seen[0] != front:  # most frames look from where one did
+        """Return the view from a front; the default target is the center of the surface."""
+        if self._last is None or self._last[0] != front:  # most frames have the same front
             axes = front.axes
             across, upwards = (self._around @ axes[:2].T).T
             size = 2 * float(np.abs(across).max()), 2 * float(np.abs(upwards).max())
-            self._seen = front, axes, size, float(upwards.max())
-        _, axes, size, above = self._seen
+            self._last = front, axes, size, float(upwards.max())
+        _, axes, size, above = self._last
         half = next(iter(slots.values())).half
         scale = zoom * min(fitting(half, self.shape), fitting(half, size))
-        home = self._home
-        target = home if target is None else target
-        return SlotView(slots, axes, target, home, self._upright, zoom, scale, self._radius, above)
+        center = self._center
+        target = center if target is None else target
+        sizes = zoom, scale, self._radius, above
+        return SlotView(slots, axes, target, center, self._upright, *sizes)

@@ -1,4 +1,4 @@
-"""Meshes as polyscope draws them: coordinates, creases, styles, paints, and cameras of sheets."""
+"""Meshes in polyscope: coordinates, creases, styles, paints, and cameras of sheets."""
 
 import math
 from dataclasses import dataclass
@@ -25,14 +25,16 @@ from abfm_viewer.shown.paint import Paint
 _PLAIN_COLORS = {"light": (0.8, 0.81, 0.83), "dark": (0.3, 0.3, 0.32)}
 _CORNERS = "texture corners"
 _OF_FUNCTIONS = "vertex values", "face values"
-_EDGE = 1.0  # polyscope's unit: about a pixel
-# pixels of an edge that is drawn in full width; share of it
-_FULL_WIDTH_EDGE_PIXELS = 12.0
+_EDGE_WIDTH = 1.0  # in polyscope's unit, about a pixel
+_FULL_WIDTH_EDGE_PIXELS = 12.0  # length of an edge that is drawn in full width
 _EDGE_WIDTH_SHARE_MIN = 0.3
 
 
 class Viewport:
-    """Coordinates about a mesh's middle, in sqrt(area): graphics cards have 7 digits."""
+    """Coordinates relative to the middle of a mesh, in sqrt(area).
+
+    Graphics cards have only 7 digits.
+    """
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self.center: FloatArray = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
@@ -50,6 +52,7 @@ viewport = per_mesh(Viewport)
 
 
 def register(name: str, mesh: TriangleMesh) -> Any:
+    """Add a mesh to polyscope, and return its structure."""
     split = drawn_mesh(mesh)
     return ps.register_surface_mesh(
         name,
@@ -63,18 +66,20 @@ def register(name: str, mesh: TriangleMesh) -> Any:
 
 
 def back_faces(mesh: TriangleMesh) -> str:
-    """Return how faces are drawn from behind: not where only a closed inside is there."""
+    """Return polyscope's policy for the backs of faces, which are hidden inside closed surfaces."""
     return "cull" if mesh.is_closed and not mesh.is_inside_out else "identical"
 
 
 def edge_width(faces: int, scale: float) -> float:
-    """Of a wireframe: thin where edges are short, or they would hide the colours."""
+    """Return the width of edges of a wireframe, thinner where short edges would hide colours."""
     length = scale * math.sqrt(4 / (math.sqrt(3) * faces))  # in pixels, of equal triangles
-    return _EDGE * min(max(round(length / _FULL_WIDTH_EDGE_PIXELS, 1), _EDGE_WIDTH_SHARE_MIN), 1.0)
+    return _EDGE_WIDTH * min(
+        max(round(length / _FULL_WIDTH_EDGE_PIXELS, 1), _EDGE_WIDTH_SHARE_MIN), 1.0
+    )
 
 
 def set_style(name: str, edges: float, flat: bool, theme: Theme) -> None:
-    """Show edges in a width, 0 for none, and faces each in one shade or smoothly."""
+    """Set the width of edges, 0 for none, and flat or smooth shading of faces."""
     surface = ps.get_surface_mesh(name)
     surface.set_color(_PLAIN_COLORS[theme])
     surface.set_edge_color(linear(palette(theme).ink)[:3])
@@ -83,7 +88,7 @@ def set_style(name: str, edges: float, flat: bool, theme: Theme) -> None:
 
 
 def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None) -> None:
-    """Show a paint on a surface, with as little work as what it showed allows."""
+    """Show a paint on a surface; only the differences from the paint before are updated."""
     surface, kind = ps.get_surface_mesh(name), paint.kind
     if before is not None and before.kind == kind:
         same_colors, same_ground = before.colors == paint.colors, before.is_dark == paint.is_dark
@@ -95,7 +100,7 @@ def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None
             surface.get_quantity_buffer(kind, buffer).update_data(_drawn_values(mesh, paint))
             return
         if kind == "texture" and before.corners is paint.corners:
-            # cheaper than anew
+            # cheaper than a new quantity
             surface.get_quantity_buffer(kind, "colors").update_data(paint.values.reshape(-1, 3))
             return
     show(surface, mesh, paint)
@@ -110,42 +115,45 @@ def _drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
 
 
 def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) -> None:
-    """Show a paint as a quantity of its kind's name; `square` is a checkerboard's unit."""
+    """Show a paint as a quantity named after its kind.
+
+    ``square`` is the side of the squares of a checkerboard.
+    """
     kind, values = paint.kind, _drawn_values(mesh, paint)
-    look: dict[str, Any] = {"enabled": True}
+    options: dict[str, Any] = {"enabled": True}
     if kind == "colors":
-        surface.add_color_quantity(kind, values, **look)
+        surface.add_color_quantity(kind, values, **options)
     elif kind == "checker":
         colors = DARK_CHECKER_COLORS if paint.is_dark else CHECKER_COLORS
-        look |= {"viz_style": "checker", "checker_size": square, "checker_colors": colors}
-        surface.add_parameterization_quantity(kind, values, coords_type="unit", **look)
+        options |= {"viz_style": "checker", "checker_size": square, "checker_colors": colors}
+        surface.add_parameterization_quantity(kind, values, coords_type="unit", **options)
     elif kind == "texture":
         surface.add_parameterization_quantity(_CORNERS, paint.corners, defined_on="corners")
-        look |= {"defined_on": "texture", "param_name": _CORNERS, "image_origin": "lower_left"}
-        surface.add_color_quantity(kind, values, filter_mode="linear", **look)
+        options |= {"defined_on": "texture", "param_name": _CORNERS, "image_origin": "lower_left"}
+        surface.add_color_quantity(kind, values, filter_mode="linear", **options)
     elif paint.colors is not None:
-        look |= {"defined_on": "faces" if kind == "face values" else "vertices"}
+        options |= {"defined_on": "faces" if kind == "face values" else "vertices"}
         if paint.unknown is not None:
-            surface.add_color_quantity(kind, values, **look)
+            surface.add_color_quantity(kind, values, **options)
             return
-        look |= {"cmap": loaded_name(paint.colors.colormap)}
+        options |= {"cmap": loaded_name(paint.colors.colormap)}
         ends = paint.colors.low, paint.colors.high
-        surface.add_scalar_quantity(kind, values, vminmax=ends, **look)
+        surface.add_scalar_quantity(kind, values, vminmax=ends, **options)
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where it is, what it looks at, its vertical angle in degrees, width over height."""
+    """A perspective camera."""
 
     position: Triple
     target: Triple
     front: Front
-    angle: float
-    aspect: float
+    angle: float  # vertical, in degrees
+    aspect: float  # width over height
 
     @property
     def height(self) -> float:
-        """How much it sees from below to above, where it looks at."""
+        """Height of the visible region at the distance of the target."""
         distance = math.dist(self.position, self.target)
         return 2 * distance * math.tan(math.radians(self.angle / 2))
 
@@ -157,9 +165,10 @@ def fitted(
     angle: float = 18.0,
     margin: float = 0.04,
 ) -> Camera:
-    """Find the nearest camera that sees all vertices (V, 3), in the aspect of what it sees unless
-    one is given. The angle, in degrees, is so narrow that shapes are hardly distorted; the margin
-    is a share of the surface.
+    """Return the nearest camera that sees all vertices (V, 3).
+
+    The default aspect is that of the vertices. The angle, in degrees, is so small that the
+    perspective hardly distorts shapes. The margin is a share of the surface.
     """
     x, y, z = front.axes @ vertices.T
     middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
@@ -173,7 +182,8 @@ def fitted(
     return Camera(triple(position), triple(target), front, angle, aspect)
 
 
-def look(camera: Camera, mesh: TriangleMesh) -> None:
+def set_camera(camera: Camera, mesh: TriangleMesh) -> None:
+    """Make polyscope draw a mesh as a camera sees it."""
     places = viewport(mesh).drawn(mesh.vertices)
     low, high = places.min(axis=0), places.max(axis=0)
     ps.set_bounding_box(low, high)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import polyscope.imgui as imgui
 
 from abfm_viewer.document.document import SIDES, Landmark, Side
-from abfm_viewer.scene.scene import DrawnMark, Scene
+from abfm_viewer.scene.scene import DrawnLandmark, Scene
 from abfm_viewer.scene.slots import Place
 from abfm_viewer.session import active_gaussian
 from abfm_viewer.session.session import Session
@@ -36,7 +36,7 @@ class Mouse:
     def __init__(self) -> None:
         self.over = ""
         self._edited: Side | None = None
-        self._dragged: DrawnMark | None = None
+        self._dragged: DrawnLandmark | None = None
         self._landmarks: tuple[Landmark, ...] = ()  # as the drag has left them
         self._wheel_until = 0.0
         self._pressed_at: Place | None = None
@@ -73,7 +73,7 @@ class Mouse:
             self._enlarge(session, scene, place, over)
             self._move(scene, over, free)
             if over and io.MouseWheel:
-                scene.see(scene.view.zoomed(self.over, place, _ZOOM_FACTOR**io.MouseWheel))
+                scene.set_view(scene.view.zoomed(self.over, place, _ZOOM_FACTOR**io.MouseWheel))
         self._place_point(session, scene, place, over and not ours)
 
     def _turn(self, scene: Scene, place: Place, over: bool) -> None:
@@ -85,9 +85,9 @@ class Mouse:
             return
         if turned.orbits:
             delta = (place[0] - turned.place[0], place[1] - turned.place[1])
-            scene.see(scene.view.orbited(delta))
+            scene.set_view(scene.view.orbited(delta))
         else:
-            scene.see(scene.view.turned(turned.surface, turned.place, place))
+            scene.set_view(scene.view.turned(turned.surface, turned.place, place))
         self._turned = replace(turned, place=place)
 
     def _enlarge(self, session: Session, scene: Scene, place: Place, over: bool) -> None:
@@ -104,7 +104,7 @@ class Mouse:
         delta = tuple(imgui.GetIO().MouseDelta)
         held = free and any(imgui.IsMouseDown(button) for button in _MOVING_BUTTONS)
         if self._moves and held and delta != (0, 0):
-            scene.see(scene.view.moved(delta))
+            scene.set_view(scene.view.moved(delta))
         begins = over and any(imgui.IsMouseClicked(button) for button in _MOVING_BUTTONS)
         self._moves = held and (self._moves or begins)
 

@@ -29,13 +29,13 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import (
     GaussianMarkers,
-    bar_room,
+    bars_height,
     draw_annotations,
     name_height,
     window_pen,
 )
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.pacing import Resting
+from abfm_viewer.scene.pacing import Supersampling
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_NAME, find_first, open_session, session_of
@@ -170,7 +170,7 @@ class Window(Context):
         self._document: object = None
         self._style: tuple[Theme, float] = ("light", 0.0)  # none yet
         limit_pools()
-        opengl.spare_a_core()
+        opengl.reserve_core_for_solver()
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)
         ps.set_open_imgui_window_for_user_callback(False)
@@ -182,7 +182,7 @@ class Window(Context):
         ps.set_do_default_mouse_interaction(False)
         ps.set_user_callback(self._callback)
         self.scene = Scene(self.shown)
-        self.resting = Resting(session, backend == opengl.WINDOW)
+        self.supersampling = Supersampling(session, backend == opengl.WINDOW)
         self.mouse = Mouse()
         self.title = WindowTitle()
         self.sample_textures = SampleTextures()
@@ -271,7 +271,7 @@ class Window(Context):
         start = time.perf_counter()
         self._draw()
         self._redraws = bool(ps.get_redraw_requested())
-        self.resting.update(self._redraws, self.scene.pacing.redraw_seconds)
+        self.supersampling.update(self._redraws, self.scene.pacing.redraw_seconds)
         self._panel_seconds = time.perf_counter() - start
 
     def _draw(self) -> None:
@@ -316,7 +316,7 @@ class Window(Context):
         self.exporter.window_size = (round(right - left), round(bottom - top))
         pen, has_bar = window_pen(ui), session.view.color_bar
         scene.pixels, scene.name_height = pen.scale, name_height(pen)
-        scene.room_below = bar_room(pen, bottom - top) if has_bar else 0.0
+        scene.bars_height = bars_height(pen, bottom - top) if has_bar else 0.0
         self.guarded("scene", scene.update, rect)
         if is_live:
             self.guarded("mouse", self.mouse.update, session, scene, rect, not self.dialogs.is_open)

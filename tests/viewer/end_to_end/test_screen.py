@@ -112,7 +112,7 @@ def test_the_mouse_leaves_every_surface_in_its_slot(size):
             gui.frames(2)
             slots, area = gui.window.scene.view.slots, gui.window.parts.scene
             (x, y), (width, height) = slots["advected"].middle, slots["advected"].half
-            lowest = area[3] - gui.window.scene.room_below + 1e-6
+            lowest = area[3] - gui.window.scene.bars_height + 1e-6
             for slot in slots.values():
                 assert area[0] <= slot.rect[0] < slot.rect[2] <= area[2]
                 assert area[1] <= slot.name[1] < slot.rect[3] <= lowest

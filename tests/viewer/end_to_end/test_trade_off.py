@@ -76,7 +76,7 @@ def dim_the_surface_until_the_step_is_shown(walked, monkeypatch, owner, name):
     walked.session.set_time(0.5 * walked.session.document.tau)
     walked.wait(lambda _: not walked.window.shown.busy and walked.window.shown.flow.settled)
     walked.frames(2)
-    assert scene.behind == ()
+    assert scene.outdated == ()
     compute = getattr(owner, name)
     monkeypatch.setattr(owner, name, lambda *given: may_end.wait(30) and compute(*given))
     before = walked.window.shown.flow.advected()
@@ -87,7 +87,7 @@ def dim_the_surface_until_the_step_is_shown(walked, monkeypatch, owner, name):
     places = tabs()
     walked.click("step 1")
     walked.frames(3)
-    assert scene.behind == ("advected",)
+    assert scene.outdated == ("advected",)
     assert titles(walked)["advected"] == "advected: computing"
     assert tabs() == places or walked.session.steps.shown == walked.session.result.step
     if owner is FlowState:  # the step arrives, and moves what is below its verdict
@@ -96,7 +96,7 @@ def dim_the_surface_until_the_step_is_shown(walked, monkeypatch, owner, name):
     walked.click("step 2")  # the later one wins
     may_end.set()
     walked.wait(lambda s: s.result.step == 1 and not walked.window.shown.busy)
-    walked.wait(lambda _: walked.window.shown.flow.settled and not scene.behind)
+    walked.wait(lambda _: walked.window.shown.flow.settled and not scene.outdated)
     assert "computing" not in titles(walked)["advected"]
     now = walked.window.shown.flow.advected()
     assert not np.array_equal(now, before)

@@ -74,8 +74,8 @@ def test_a_picture_shows_what_the_window_shows(document):
         window.tick()
         left, top, right, bottom = map(round, window.parts.scene)
         # as the user does with the mouse
-        window.scene.see(window.scene.view.turned("source", (100, 200), (140, 210)))
-        window.scene.see(window.scene.view.zoomed("source", (150, 200), 1.3))
+        window.scene.set_view(window.scene.view.turned("source", (100, 200), (140, 210)))
+        window.scene.set_view(window.scene.view.zoomed("source", (150, 200), 1.3))
         window.tick()
         window.tick()
         shown = ps.screenshot_to_buffer(transparent_bg=False).astype(int)

@@ -12,7 +12,16 @@ from abfm.pages.colormaps import ColorRange
 from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.theme import palette
 from abfm_viewer.scene import annotations
-from abfm_viewer.scene.annotations import Disc, Line, Pen, Strip, Text, bar_parts, bar_room, ticks
+from abfm_viewer.scene.annotations import (
+    Disc,
+    Line,
+    Pen,
+    Strip,
+    Text,
+    bar_parts,
+    bars_height,
+    ticks,
+)
 from abfm_viewer.shown.paint import Paint
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
@@ -34,10 +43,10 @@ def scene(right, columns=5):
     bars = dict.fromkeys(NAMES, ("function", RANGE)) | {"error": ERROR}
     places = {name: (i % columns * room, 50.0 * (i // columns)) for i, name in enumerate(NAMES)}
     labels = {name: (x, y, x + room, y + 20) for name, (x, y) in places.items()}
-    view = SimpleNamespace(is_of_document=False, borders=list, label=labels.get)
+    view = SimpleNamespace(has_names_at_left=False, borders=list, label=labels.get)
     return SimpleNamespace(
         shown=NAMES,
-        behind=(),
+        outdated=(),
         view=view,
         view_of=lambda _: view,
         links=list,
@@ -70,7 +79,7 @@ def strips(parts):
 @pytest.mark.parametrize("right", [240, 320, 480, 1000])
 @pytest.mark.parametrize("columns", [1, 3, 5])
 def test_nothing_lies_over_something_else_or_beyond_the_edge(right, columns):
-    found = annotations.laid_out(scene(right, columns=columns), (0, 0, right, 600), PEN)
+    found = annotations.annotation_parts(scene(right, columns=columns), (0, 0, right, 600), PEN)
     discs = [one for one in found if isinstance(one, Disc)]
     assert len(discs) == (2 if right == 1000 else 0)
     rects = [rect_of(one) for one in found if not isinstance(one, Text) or one.text]
@@ -92,7 +101,7 @@ def told(monkeypatch):
         io.WantCaptureMouse = captures
         monkeypatch.setattr(annotations.imgui, "GetMousePos", lambda: place)
         found.clear()
-        annotations.tell_what_is_cut(what, parts, PEN)
+        annotations.show_full_title(what, parts, PEN)
         return list(found)
 
     return at
@@ -103,7 +112,7 @@ def test_the_mouse_tells_a_name_and_a_title_that_are_cut(told):
     names = scene(300, columns=5)
     assert [told((x, 10), names) for x in (25, 75, 125)] == [[], ["advected"], ["linear blend"]]
     assert told((125, 10), names, captures=True) == []
-    nothing = SimpleNamespace(shown=(), behind=())
+    nothing = SimpleNamespace(shown=(), outdated=())
     long, short = (bar_parts(title, RANGE, (0, 0, 60, 20), PEN) for title in ("a long one", "bar"))
     assert told((30, 10), nothing, long) == ["a long one"]
     assert told((30, -100), nothing, long) == told((30, 10), nothing, short) == []
@@ -112,15 +121,15 @@ def test_the_mouse_tells_a_name_and_a_title_that_are_cut(told):
 @pytest.mark.parametrize("right", [240, 480, 1000])
 def test_in_a_low_window_bars_are_a_line_and_leave_the_surfaces_most_of_the_height(right):
     height = 320
-    found = annotations.laid_out(
+    found = annotations.annotation_parts(
         scene(right, columns=5), (0, 0, right, height), LARGE, labels=False
     )
     bars, written = strips(found), {one.text for one in texts(found)}
     assert len(bars) == 2
     rects = [rect_of(one, LARGE.line) for one in found]
     assert max(rect[3] for rect in rects) <= height
-    assert min(rect[1] for rect in rects) >= height - bar_room(LARGE, height)
-    assert bar_room(LARGE, height) < 0.2 * height < bar_room(LARGE, 10 * height)
+    assert min(rect[1] for rect in rects) >= height - bars_height(LARGE, height)
+    assert bars_height(LARGE, height) < 0.2 * height < bars_height(LARGE, 10 * height)
     assert {bar.title for bar in bars if bar.title} == {"function", ERROR[0]} - written
     if right == 1000:
         assert {"function", "0", "1", "0.0423"} <= written
@@ -133,7 +142,7 @@ def test_in_a_low_window_bars_are_a_line_and_leave_the_surfaces_most_of_the_heig
 )
 def test_titles_of_bars_in_a_line_are_whole_or_up_to_a_comma_or_not_there(right, expected):
     whole = "|t - a|, at most 0.0423, and whatever else there may be to say of a mere bar"
-    found = annotations.bars_in_a_line(
+    found = annotations.bars_in_one_line(
         {"function": RANGE, whole: ERROR[1]}, (0, 0, right, 32), LARGE
     )
     assert [one.text for one in texts(found)][::3] == expected

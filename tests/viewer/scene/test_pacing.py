@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from abfm_viewer.scene import pacing
-from abfm_viewer.scene.pacing import STILL_SECONDS, Pacing, Resting
+from abfm_viewer.scene.pacing import STILL_SECONDS, Pacing, Supersampling
 
 FAST, SLOW, STUCK = 0.005, 0.1, 1.0
 
@@ -41,20 +41,20 @@ def test_a_machine_that_draws_slowly_shows_the_start_at_once_and_then_a_picture_
 
 def test_the_field_of_a_run_waits_until_its_first_pictures_are_drawn(paced):
     session = paced._session
-    assert paced.begins
+    assert paced.is_beginning
     drawn(paced, 3)
-    assert paced.begins
+    assert paced.is_beginning
     drawn(paced, 40)
-    assert not paced.begins
+    assert not paced.is_beginning
     session.solver.started += 1
-    assert paced.begins
+    assert paced.is_beginning
     session.matching.running = False
-    assert not paced.begins
+    assert not paced.is_beginning
 
 
 def test_where_surfaces_are_drawn_within_a_frame_nothing_waits(paced):
     paced.redraw_seconds = 0.01
-    assert not paced.begins
+    assert not paced.is_beginning
     assert drawn(paced, 10) == list(range(10))
 
 
@@ -67,11 +67,11 @@ def window(monkeypatch):
     fake = SimpleNamespace(set_SSAA_factor=found.samples.append, get_window_size=lambda: found.size)
     monkeypatch.setattr(pacing, "ps", fake)
     monkeypatch.setattr(pacing, "clock", SimpleNamespace(perf_counter=lambda: found.time))
-    found.resting = Resting(session, True)
+    found.supersampling = Supersampling(session, True)
 
     def frame(after, moves=False, seconds=FAST):
         found.time += after
-        found.resting.update(moves, seconds)
+        found.supersampling.update(moves, seconds)
         return found.samples
 
     found.frame = frame
@@ -114,7 +114,7 @@ def test_fewer_samples_where_drawing_takes_long_and_in_large_windows(
 
 
 def test_off_the_screen_nothing_rests(window):
-    hidden = Resting(window.session, False)
+    hidden = Supersampling(window.session, False)
     window.time = 10 * STILL_SECONDS
     hidden.update(False, FAST)
     assert window.samples == []

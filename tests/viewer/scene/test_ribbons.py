@@ -29,11 +29,11 @@ def angles(places):
 
 @pytest.mark.parametrize("duration", [1.0, -1.0])
 def test_a_course_goes_with_the_flow_also_where_it_was_walked_against_it(duration):
-    course = overlays.course_of(SPHERE, around(duration))
+    course = overlays.path_of_line(SPHERE, around(duration))
     assert angles(course.places)[-1] > angles(course.places)[0]
     np.testing.assert_allclose(np.linalg.norm(course.normals, axis=1), 1)
     np.testing.assert_allclose(course.normals, UNIT * course.places, atol=0.05)
-    through = overlays.course_through(SPHERE, UNIT * course.places)
+    through = overlays.path_through(SPHERE, UNIT * course.places)
     np.testing.assert_allclose(through.normals, course.normals, atol=1e-6)
     np.testing.assert_allclose(through.lengths, course.lengths)
 
@@ -43,7 +43,7 @@ def test_lines_along_nothing_are_nothing():
 
 
 def test_a_line_has_heads_along_it():
-    course = overlays.course_of(SPHERE, around(3.0))
+    course = overlays.path_of_line(SPHERE, around(3.0))
     vertices, faces = overlays.line_ribbons([course], HALF)
     assert faces.max() == len(vertices) - 1
     height = np.interp(angles(vertices), angles(course.places), course.places[:, 2])
@@ -72,7 +72,7 @@ def test_isolines_are_where_the_function_has_their_values_and_not_where_it_is_co
 
 def test_lines_lie_outside_a_surface_that_is_inside_out():
     inside_out = TriangleMesh(SPHERE.vertices, SPHERE.faces[:, ::-1])
-    course = overlays.course_through(inside_out, SPHERE.vertices[[0, 20, 40]])
+    course = overlays.path_through(inside_out, SPHERE.vertices[[0, 20, 40]])
     assert (course.normals * course.places).sum(axis=1).min() > 0
     lowest = [
         np.linalg.norm(overlays.isoline_ribbons(mesh, z, [0.0, 0.5], HALF)[0], axis=1).min()
@@ -94,7 +94,7 @@ def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge()
     centers = COARSE.vertices[COARSE.faces].mean(axis=1)
     starts = SurfacePoints(COARSE, np.arange(0, 1280, 40), np.full((32, 3), 1 / 3))
     lines = flow_lines(COARSE, np.cross([0, 0, 1.0], centers), starts, 0.3)
-    courses = [overlays.course_of(COARSE, line) for line in lines]
+    courses = [overlays.path_of_line(COARSE, line) for line in lines]
     levels = np.linspace(-0.5, 0.5, 5)
     for vertices, faces in (
         overlays.line_ribbons(courses, 0.005),

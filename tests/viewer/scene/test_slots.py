@@ -155,7 +155,7 @@ def test_another_surface_is_seen_alike_from_its_own_front(zoom):
     others = 30 * POINTS @ lies.T + np.array([5.0, 1.0, -2.0])
     front = Front(triple(lies[:, 2]), triple(lies[:, 1]))
     seen = view(zoom, np.array([0.5, 0.1, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
-    other = seen.seen_alike(FRONT, Fit(others, front), front)
+    other = seen.transferred(FRONT, Fit(others, front), front)
     places = seen.projected("source", POINTS), other.projected("source", others)
     np.testing.assert_allclose(places[1][:, :2], places[0][:, :2], atol=1e-6)
     matrix = other.matrix("source", WINDOW, seen.scale)  # as the other one's camera sees it
@@ -179,7 +179,7 @@ def test_going_back_is_the_same_way(place, factor):
     np.testing.assert_allclose(half_way.projected("advected", point)[0, :2], place, atol=1e-6)
     back = nearer.zoomed("source", (0, 0), 1 / factor)
     assert back.zoom == pytest.approx(1)
-    np.testing.assert_allclose(back.target, seen.home, atol=1e-9)
+    np.testing.assert_allclose(back.target, seen.center, atol=1e-9)
 
 
 @given(delta=st.tuples(st.floats(-60, 60), st.floats(-60, 60)))
@@ -196,7 +196,7 @@ def test_the_surface_under_the_mouse_is_the_nearest_slot_and_none_can_be_lost():
     assert seen.slot_at((890, 250)) == "target"
     for _ in range(50):
         seen = again(seen.moved((500.0, -300.0)))
-    assert np.linalg.norm(seen.target - seen.home) <= seen.radius * (1 + 1e-9)
+    assert np.linalg.norm(seen.target - seen.center) <= seen.radius * (1 + 1e-9)
 
 
 @given(start=in_slot, end=in_slot)
@@ -255,7 +255,7 @@ def test_a_name_stays_in_its_slot_when_its_surface_leaves_it(away):
 def test_a_name_beside_its_surface_ends_where_that_begins_from_its_widest_side_but_in_its_slot():
     low = slots(NAMES, (0, 0, 900, 150), (2.0, 1.4), "column", 20.0)
     seen = view(9.0, places=low)
-    assert seen.is_of_document
+    assert seen.has_names_at_left
     assert all(seen.label(name) == slot.name for name, slot in low.items())
     low = slots(NAMES, (0, 0, 2000, 150), (2.0, 1.4), "column", 20.0)
     for rotation in rotations(20):
@@ -316,7 +316,7 @@ def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, lay
     view = replace(session.view, layout=layout, blend=six, transport=six, error=six, viewpoint=None)
     session.editor.amend(view=view)
     rect = tuple(end / SMALLER for end in areas(size, MENU * scale, scale).scene)
-    scene.name_height, scene.room_below = NAME * scale / SMALLER, BARS * scale / SMALLER
+    scene.name_height, scene.bars_height = NAME * scale / SMALLER, BARS * scale / SMALLER
     ps.set_window_size(*(length // SMALLER for length in size))
     for rotation in rotations(12):
         session.editor.amend(view=replace(view, viewpoint=Viewpoint(front(rotation))))
@@ -329,7 +329,7 @@ def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, lay
             assert inside.any()
             inside[:] = False
         assert not drawn.any()
-    end = rect[3] - scene.room_below + 1e-6
+    end = rect[3] - scene.bars_height + 1e-6
     for slot in scene.view.slots.values():
         assert rect[0] <= slot.rect[0] < slot.rect[2] <= rect[2]
         assert rect[1] <= slot.name[1] <= slot.rect[1] < slot.rect[3] <= end
