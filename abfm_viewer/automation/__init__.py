@@ -1,4 +1,4 @@
-"""Drive the app by the labels of its widgets, with or without a screen."""
+"""Automation of the app by the labels of its widgets, with or without a screen."""
 
 from abfm_viewer.errors import app_room
 

@@ -1,6 +1,6 @@
-"""`Driver`: drives the running app by widget label, as a user would, for tests and scripts.
+"""`Driver`, which operates the app by the labels of its widgets, for tests and scripts.
 
-Every action is made of a mouse's and a keyboard's events, with frames drawn between them.
+Each action consists of events of a mouse and a keyboard, with frames drawn between them.
 """
 
 import tempfile
@@ -26,36 +26,36 @@ from abfm_viewer.scene.opengl import OFFSCREEN_BACKEND, Backend, ps
 from abfm_viewer.scene.scene import Hit
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import KINDS, Widget, WidgetKind
-from abfm_viewer.window.window import What, open_window
+from abfm_viewer.window.window import Openable, open_window
 
 _CLICKABLE_KINDS: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind != "plot")
-_SECONDS_TO_OPEN = 120.0
-_OVERSHOOT_PIXELS = 10.0  # pixels
-_FRAMES_TO_A_TOOLTIP = 30
-_GRAB_PADDING = 2.0  # pixels, ImGui's own
-_ZOOMS = (1.0, 4.0)  # at which to look for a vertex
-_REACH = 12.0  # pixels from a vertex within which it is found where nothing is drawn
+_OPEN_SECONDS_MAX = 120.0
+_OVERSHOOT_PIXELS = 10.0  # beyond the end of a slider
+_TOOLTIP_FRAMES = 30  # until a tooltip is shown
+_GRAB_PADDING_PIXELS = 2.0  # of ImGui
+_ZOOMS = (1.0, 4.0)  # tried to make a vertex visible
+_PICK_PIXELS_MAX = 12.0  # from a vertex, for a pick in a backend that draws nothing
 _SHIFT = ("shift",)
 
 
 class Driver:
-    """The app with a mouse and a keyboard of ours; a context manager.
+    """The app with a simulated mouse and keyboard; a context manager.
 
-    It closes without asking, also after an exception. Labels are exactly what the user reads on a
-    widget. Its `session` is the document and the solver, `input` the mouse and the keyboard.
+    It closes without a question, also after an exception. Labels are the texts that the user reads
+    on the widgets. `session` is the document and the solver, `input` the mouse and the keyboard.
 
     Parameters
     ----------
     mesh : str, Path, TriangleMesh, pair of str or Path, or None
-        A mesh, project or result file, a mesh, or mesh files of surfaces A and B; by default a
-        bundled mesh.
+        A mesh, project or result file, a mesh object, or mesh files of surfaces A and B; by default
+        a bundled mesh.
     backend : str
-        "openGL3_egl" (no screen), "openGL3_glfw" (a window) or "openGL_mock" (draws nothing; there
-        a vertex is picked though it is hidden). A process can have only one, any number of times.
+        "openGL3_egl" (no screen), "openGL3_glfw" (a window) or "openGL_mock". The last one draws
+        nothing, and picks also hidden vertices. All drivers of a process must use the same one.
     size : (int, int)
-        Of the window, in pixels.
+        Width and height of the window, in pixels.
     state : Path or None
-        The folder of preferences, recent files and unsaved work; by default an empty one.
+        Folder of preferences, recent files and unsaved work; by default a new, empty one.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class Driver:
 
     def __init__(
         self,
-        mesh: What = None,
+        mesh: Openable = None,
         backend: Backend = OFFSCREEN_BACKEND,
         size: tuple[int, int] = (1600, 1000),
         state: Path | None = None,
@@ -85,20 +85,22 @@ class Driver:
     def __enter__(self) -> Self:
         running = ps.get_render_engine_backend_name() if ps.is_initialized() else self._backend
         if running != self._backend:
-            what = f"this process draws with {running}, not {self._backend}"
-            raise DriverError(f"{what}: use one backend per process")
+            raise DriverError(
+                f"this process already draws with {running}, so it cannot use {self._backend}; use "
+                "one backend per process"
+            )
         folder = self._state
         if folder is None:
             folder = Path(self._closing.enter_context(tempfile.TemporaryDirectory()))
         try:
             self.window = open_window(self._mesh, self._backend, self._size, folder)
-            self._closing.callback(self.input.let_go)
+            self._closing.callback(self.input.release_all)
             self._closing.callback(self.window.close)
             if self._backend == "openGL_mock":
                 self.window.scene.pick = self._nearest_vertex
             self.session = self.window.session
             self.search = WidgetSearch(self.window, self.input)
-            self.wait(lambda s: all(s.values(side) is not None for side in SIDES), _SECONDS_TO_OPEN)
+            self.wait(_has_values, _OPEN_SECONDS_MAX)
         except BaseException:
             self._closing.close()
             raise
@@ -110,19 +112,23 @@ class Driver:
     # Frames
 
     def frames(self, count: int = 1) -> None:
+        """Draw frames without a pause."""
         for _ in range(count):
             self.window.tick()
 
     def wait(self, condition: Callable[[Session], object], seconds: float = 60) -> None:
-        """Draw frames until a condition on the session holds, and two more; else a DriverError."""
+        """Draw frames until a condition on the session holds, and two more.
+
+        Raises `DriverError` if it does not hold within the given time.
+        """
         end = time.monotonic() + seconds
         while not condition(self.session):
             if time.monotonic() > end:
                 session, busy = self.session, self.window.shown.busy
                 raise DriverError(
-                    f"waited {seconds:g} s in vain; solver: {session.solver.state.name.lower()}, "
-                    f"busy: {busy or 'no'}, status line: {session.notices.latest.text or 'empty'}, "
-                    f"errors: {self.errors}"
+                    f"the condition was not met within {seconds:g} s; solver: "
+                    f"{session.solver.state.name.lower()}, busy: {busy or 'no'}, status line: "
+                    f"{session.notices.latest.text or 'empty'}, errors: {self.errors}"
                 )
             self.window.frame()
         self.frames(2)
@@ -131,22 +137,25 @@ class Driver:
 
     @property
     def errors(self) -> dict[str, str]:
+        """Messages of the parts of the window that raised an error in the latest frame."""
         return dict(self.window.errors)
 
     def labels(self) -> list[str]:
+        """Return the labels of all drawn widgets."""
         self.frames(1)
         return list(dict.fromkeys(widget.label for widget in self.window.ui.widgets))
 
     def is_enabled(self, label: str, within: str = "") -> bool:
+        """Return whether a widget is enabled."""
         return self.search.find(label, within, must_be_enabled=False).enabled
 
     def text_of(self, label: str, within: str = "", kind: WidgetKind | None = None) -> str:
-        """Return what a box, combo, slider, checkbox ("on", "off") or section ("open") shows."""
+        """Return the text of a box, combo, slider, checkbox ("on", "off") or section ("open")."""
         kinds = (kind,) if kind else None
         return self.search.find(label, within, kinds, must_be_enabled=False).text
 
     def screenshot(self, path: str | Path) -> None:
-        """Write a picture (PNG) of the whole window, panels included."""
+        """Write a PNG picture of the complete window, including panels."""
         self.frames(2)
         self.window.screenshot(Path(path))
         self.frames(1)
@@ -154,21 +163,22 @@ class Driver:
     # Widgets
 
     def click(self, label: str, within: str = "") -> None:
-        """Click on a widget, or on an entry of a menu, which is opened before.
+        """Click on a widget, or on an entry of a menu, which is opened first.
 
-        The label is what the user reads, or a parameter's name in files; `within` names the
-        section, group, menu or dialog. DriverError, as for all that takes a label, if there is no
-        such widget, it is grey, or the label ambiguous.
+        The label is the text that the user reads, or the name of a parameter in files. ``within``
+        is the name of the section, group, menu or dialog. All methods with a label raise
+        `DriverError` if there is no such widget, it is disabled, or the label is ambiguous.
         """
         self._click(label, within, _CLICKABLE_KINDS)
 
     def double_click(self, label: str, within: str = "") -> None:
+        """Click on a widget twice."""
         self._click(label, within, _CLICKABLE_KINDS, count=2)
 
     def hover(self, label: str, within: str = "") -> None:
-        """Hold the mouse over a widget until its tooltip is there."""
+        """Hold the mouse over a widget until its tooltip is shown."""
         self.search.point_at(self.search.find(label, within, must_be_enabled=False), middle)
-        self.frames(_FRAMES_TO_A_TOOLTIP)
+        self.frames(_TOOLTIP_FRAMES)
 
     def menu(self, *labels: str) -> None:
         """Open menus and click on the last label: `menu("View", "Layout", "column")`."""
@@ -176,7 +186,7 @@ class Driver:
             self._click(label, within, ("menu", "item"))
 
     def type(self, label: str, text: str, within: str = "", enter: bool = True) -> None:
-        """Replace the text of a box, and press Enter unless told not to."""
+        """Replace the text of a box, and press Enter if ``enter``."""
         self._click(label, within, ("box",))
         self.input.key("ctrl+a")
         self.input.write(text) if text else self.input.key("backspace")
@@ -184,29 +194,39 @@ class Driver:
             self.input.key("enter")
 
     def drag(self, label: str, value: float, within: str = "") -> None:
-        """Drag a slider to a value in its own units; DriverError if it does not reach so far."""
+        """Drag a slider to a value in its units.
+
+        Raises `DriverError` if the value is outside the range of the slider.
+        """
         widget = self.search.find(label, within, ("slider",))
         ends = widget.ends
         if ends.nearest(value) != value:
-            raise DriverError(f"{label} goes from {ends.low:g} to {ends.high:g}, not to {value:g}")
+            raise DriverError(
+                f"{label} cannot be {value:g}; expected {ends.low:g} to {ends.high:g}"
+            )
         now = ends.nearest(float(widget.text))
         x, y = _on_slider(widget, value)
-        # an end is reached for sure
+        # beyond an end, so that rounding cannot miss it
         x += {ends.low: -_OVERSHOOT_PIXELS, ends.high: _OVERSHOOT_PIXELS}.get(value, 0)
         self.search.point_at(widget, partial(_on_slider, value=now))
         self.input.drag(self.input.place, (x, y))
 
     def choose(self, label: str, choice: str, within: str = "") -> None:
+        """Select an entry of a combo."""
         combo = self._click(label, within, ("combo",))
         self._click(choice, combo.name or combo.label, ("choice",))
 
     def check(self, label: str, on: bool = True, within: str = "") -> None:
+        """Switch a checkbox on or off."""
         widget = self.search.find(label, within, ("checkbox",))
         if (widget.text == "on") != on:
             self._click_on(widget)
 
     def key(self, chord: str) -> None:
-        """Press a key: "space", "ctrl+z", "f1", "a", ...; DriverError if there is no such key."""
+        """Press a key such as "space", "ctrl+z", "f1" or "a".
+
+        Raises `DriverError` if there is no such key.
+        """
         self.input.key(chord)
 
     def _click(
@@ -218,7 +238,7 @@ class Driver:
 
     def _click_on(self, widget: Widget, count: int = 1) -> None:
         def handle(widget: Widget) -> Place:
-            # rectangles of some kinds hold labels, whose end may be out of view
+            # some rectangles include the label, whose end may be out of view
             left, top, _, bottom = widget.rect
             if widget.kind == "checkbox":
                 return left + (bottom - top) / 2, (top + bottom) / 2
@@ -232,14 +252,15 @@ class Driver:
     def pick(self, vertex: int, surface: str = "source", modifiers: Sequence[str] = _SHIFT) -> None:
         """Click on a vertex, numbered as in the mesh file; with Shift this moves a Gaussian.
 
-        A vertex that cannot be seen is turned to the front; DriverError if every side hides it.
+        The surfaces turn so that the vertex is visible. Raises `DriverError` if it is hidden from
+        all sides.
         """
         self.drag_on_surface([vertex], surface, modifiers)
 
     def drag_on_surface(
         self, vertices: Sequence[int], surface: str = "source", modifiers: Sequence[str] = _SHIFT
     ) -> None:
-        """Press the mouse on the first vertex, as `pick` does, and drag it over the others."""
+        """Press the mouse on the first vertex, like `pick`, and drag it over the others."""
         with self._aimed(vertices, surface, modifiers) as places:
             self.input.drag(*places)
 
@@ -252,7 +273,7 @@ class Driver:
             self.input.wheel(turns)
 
     def place(self, vertex: int, surface: str) -> Place:
-        """Return where a vertex, numbered as in the mesh file, is in the window."""
+        """Return the place in the window of a vertex, numbered as in the mesh file."""
         x, y, _ = self.window.scene.projected(surface, self._position(vertex, surface))[0]
         return float(x), float(y)
 
@@ -260,22 +281,22 @@ class Driver:
     def _aimed(
         self, vertices: Sequence[int], surface: str, modifiers: Sequence[str]
     ) -> Iterator[list[Place]]:
-        """Hold modifiers and give places of vertices, the first one turned to the front."""
+        """Press modifiers, make the first vertex visible, and yield the places of all vertices."""
         self.window.tick()
         before = self.session.view.viewpoint
-        turned = self._turn_to(vertices[0], surface)
+        turned = self._make_visible(vertices[0], surface)
         try:
             places = [self.place(vertex, surface) for vertex in vertices]
             with self.input.holding(modifiers):
                 yield places
         finally:
             if turned:
-                self._look(before)
+                self._set_viewpoint(before)
         self.window.tick()
 
-    def _turn_to(self, vertex: int, surface: str) -> bool:
-        """Turn the surfaces so that a vertex can be clicked on; whether that was needed."""
-        if self._sees(vertex, surface):
+    def _make_visible(self, vertex: int, surface: str) -> bool:
+        """Turn the surfaces so that a vertex is visible; return whether they were turned."""
+        if self._is_visible(vertex, surface):
             return False
         mesh, before = self.session.surface(surface).mesh, self.session.view.viewpoint
         target = triple(self._position(vertex, surface))
@@ -284,27 +305,29 @@ class Driver:
             up = axis - (axis @ direction) * direction
             up /= np.linalg.norm(up)
             for zoom in _ZOOMS:
-                own = Viewpoint(Front(triple(direction), triple(up)), zoom, target)
-                self._look(self.window.scene.look_at(surface, own))
+                of_surface = Viewpoint(Front(triple(direction), triple(up)), zoom, target)
+                self._set_viewpoint(self.window.scene.common_viewpoint(surface, of_surface))
                 self.window.tick()
-                if self._sees(vertex, surface):
+                if self._is_visible(vertex, surface):
                     return True
-        self._look(before)
+        self._set_viewpoint(before)
         raise DriverError(
-            f"vertex {vertex} of the {surface} is hidden from all sides: pick another"
+            f"vertex {vertex} of the {surface} is hidden from all sides; pick another vertex"
         )
 
-    def _look(self, viewpoint: Viewpoint | None) -> None:
+    def _set_viewpoint(self, viewpoint: Viewpoint | None) -> None:
         self.session.editor.amend(view=replace(self.session.view, viewpoint=viewpoint))
 
     def _position(self, vertex: int, surface: str) -> FloatArray:
         shown, mesh = self.window.scene.shown, self.session.surface(surface).mesh
         if surface not in shown:
-            raise DriverError(f"there is no surface {surface!r}; surfaces are {', '.join(shown)}")
+            raise DriverError(
+                f"there is no surface {surface!r}; the surfaces are {', '.join(shown)}"
+            )
         position: FloatArray = mesh.vertices[mesh.local_vertex(vertex)]
         return position
 
-    def _sees(self, vertex: int, surface: str) -> bool:
+    def _is_visible(self, vertex: int, surface: str) -> bool:
         x, y = self.place(vertex, surface)
         left, top, right, bottom = self.window.scene.view.slots[surface].rect
         if not (left < x < right and top < y < bottom):
@@ -314,29 +337,34 @@ class Driver:
         return hit is not None and (hit.surface, hit.vertex) == (surface, local)
 
     def _nearest_vertex(self, position: Place) -> Hit | None:
-        """Return the vertex drawn nearest to a place: for backends that draw nothing to pick."""
+        """Return the vertex nearest to a place, for a backend that draws nothing to pick."""
         scene, hits = self.window.scene, []
         for surface in scene.shown:
             mesh = self.session.surface(surface).mesh
             x, y, depth = scene.projected(surface, mesh.vertices).T
             distances = np.hypot(x - position[0], y - position[1])
-            near = np.flatnonzero((distances <= max(distances.min(), 1)) & (distances < _REACH))
+            is_near = (distances <= max(distances.min(), 1)) & (distances < _PICK_PIXELS_MAX)
+            near = np.flatnonzero(is_near)
             if len(near):
                 vertex = near[np.argmin(depth[near])]
                 hits.append((distances[vertex], scene.nearest(surface, mesh.vertices[vertex])))
         return min(hits, key=lambda hit: hit[0])[1] if hits else None
 
 
+def _has_values(session: Session) -> bool:
+    return all(session.values(side) is not None for side in SIDES)
+
+
 def _on_slider(widget: Widget, value: float) -> Place:
-    """Return where on a slider a value is; ImGui leaves half the grab free at both ends."""
+    """Return the place of a value on a slider, which excludes half the grab at both ends."""
     left, _, right, _ = widget.rect
-    inset = widget.grab / 2 + _GRAB_PADDING
+    inset = widget.grab / 2 + _GRAB_PADDING_PIXELS
     along = widget.ends.share_of(value) * (right - left - 2 * inset)
     return left + inset + along, middle(widget)[1]
 
 
 def _directions(mesh: TriangleMesh, vertex: int) -> FloatArray:
-    """Return unit vectors to look from at a vertex: its normal first, and others around it."""
+    """Return unit vectors (D, 3) from which to look at a vertex, beginning with its normal."""
     corners = mesh.vertices[mesh.faces[(mesh.faces == vertex).any(axis=1)]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
     normal /= max(float(np.linalg.norm(normal)), 1e-300)

@@ -1,4 +1,4 @@
-"""Finds widgets by label as a user would: opens tabs, sections and menus, and scrolls."""
+"""Search of widgets by label, which opens tabs, sections and menus, and scrolls."""
 
 import math
 import time
@@ -12,14 +12,14 @@ from abfm_viewer.errors import DriverError
 from abfm_viewer.widgets.widget_record import Widget, WidgetKind
 from abfm_viewer.window.window import Window
 
-_TURNS_MAX = 40
-_CHASES_MAX = 5
+_TURNS_MAX = 40  # of the wheel, to scroll a widget into view
+_TRIES_MAX = 5  # to point at a moving widget
 _PIXELS_PER_TURN = 100.0
-_SECONDS_TO_READ_A_FOLDER = 1.0
+_FOLDER_SECONDS = 1.0  # to read a folder for a file dialog
 
 
 class WidgetSearch:
-    """Looks for widgets in a window; `found` are all that were asked for, as they were then."""
+    """Search of widgets in a window; `found` are all results, in the state of that time."""
 
     def __init__(self, window: Window, input: InputEvents) -> None:
         self._window = window
@@ -33,20 +33,24 @@ class WidgetSearch:
         kinds: Sequence[WidgetKind] | None = None,
         must_be_enabled: bool = True,
     ) -> Widget:
-        """Return a widget in view; DriverError if it is grey, or none or several are there."""
+        """Return a widget, scrolled into view.
+
+        Raises `DriverError` if there is no such widget, there are several, or it is disabled.
+        """
         self._window.tick()
-        widget = self._sought(label, within, kinds)
+        widget = self._after_opening(label, within, kinds)
         if must_be_enabled and not widget.enabled:
-            raise DriverError(f"{label!r} is grey now: it cannot be used")
+            raise DriverError(f"{label!r} is disabled at present, so it cannot be used")
         widget = self._scrolled_to(widget)
         self.found.append(widget)
         return widget
 
     def point_at(self, widget: Widget, place: Callable[[Widget], Place]) -> None:
-        """Move the mouse to a place of a widget, which may move, also out of view, as things above
-        it change.
+        """Move the mouse to a place of a widget.
+
+        The widget may move, also out of view, when the layout above it changes.
         """
-        for _ in range(_CHASES_MAX):
+        for _ in range(_TRIES_MAX):
             self._input.move(*place(widget))
             before, widget = widget, self._again(widget) or widget
             if widget.rect == before.rect:
@@ -54,7 +58,11 @@ class WidgetSearch:
             widget = self._scrolled_to(widget)
 
     def _named(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget | None:
-        """Return the widget of a label, which means no tab and nothing grey if there is another."""
+        """Return the drawn widget of a label, or None.
+
+        Tabs and disabled widgets are considered only if no other widget has the label. Raises
+        `DriverError` if several widgets have it.
+        """
         found = [
             widget
             for widget in self._drawn()
@@ -67,39 +75,40 @@ class WidgetSearch:
         if not usable:
             return None
         if len({widget.section for widget in usable}) > 1:
-            hint = "say within= which"
+            hint = "pass one of them as within="
         elif len(usable) > 1 and sorted(widget.kind for widget in usable) != ["box", "slider"]:
-            hint = "labels must differ there"
+            hint = "the labels in one section must differ"
         else:
             return max(usable, key=lambda widget: widget.kind == "box")
         sections = ", ".join(map(repr, dict.fromkeys(widget.section for widget in usable)))
-        raise DriverError(f"{label!r} is there {len(usable)} times, in {sections}: {hint}")
+        raise DriverError(f"there are {len(usable)} widgets {label!r}, in {sections}: {hint}")
 
     def _drawn(self, kind: WidgetKind | None = None) -> list[Widget]:
         widgets = self._window.ui.widgets
         return [widget for widget in widgets if kind in (None, widget.kind)]
 
-    def _sought(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
-        seen: dict[str, None] = {}  # labels, in their order
+    def _after_opening(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
+        """Return a widget, and open tabs, sections and menus until it is found."""
+        labels: dict[str, None] = {}  # ordered
         for _ in chain([None], self._frames_of_a_dialog(), self._openings(within, kinds)):
             if (widget := self._named(label, within, kinds)) is not None:
                 return widget
             for widget in self._drawn():
-                seen |= dict.fromkeys(filter(None, (widget.label, widget.name)))
-        hint = f"labels are {', '.join(seen)}"
-        if nearest := get_close_matches(label, seen, n=3):
+                labels |= dict.fromkeys(filter(None, (widget.label, widget.name)))
+        hint = f"the labels are {', '.join(labels)}"
+        if nearest := get_close_matches(label, labels, n=3):
             hint = f"did you mean {' or '.join(map(repr, nearest))}"
         where = f" in {within!r}" if within else ""
-        raise DriverError(f"there is no {label!r}{where} in the window; {hint}")
+        raise DriverError(f"the window has no widget {label!r}{where}; {hint}")
 
     def _frames_of_a_dialog(self) -> Iterator[None]:
-        end = time.monotonic() + _SECONDS_TO_READ_A_FOLDER
+        end = time.monotonic() + _FOLDER_SECONDS
         while self._window.dialogs.is_open and time.monotonic() < end:
             self._window.frame()
             yield
 
     def _openings(self, within: str, kinds: Sequence[WidgetKind] | None) -> Iterator[None]:
-        """Open and close one thing after the other, the one asked for first."""
+        """Open and close sections, tabs and menus in turn, beginning with ``within``."""
         of_menus = kinds is not None and set(kinds) <= {"menu", "item"}
         if of_menus or within in [menu.label for menu in self._drawn("menu")]:
             yield from self._open_menus()
@@ -153,12 +162,12 @@ class WidgetSearch:
         self._input.click()
 
     def _again(self, widget: Widget) -> Widget | None:
-        same = (widget.path, widget.name)  # boxes beside sliders share the word "auto"
+        same = (widget.path, widget.name)  # several boxes have the same label "auto"
         found = (one for one in self._drawn(widget.kind) if (one.path, one.name) == same)
         return next(found, None)
 
     def _scrolled_to(self, widget: Widget) -> Widget:
-        """Return the widget after the part of the window that it is in was scrolled to show it."""
+        """Return the widget after its part of the window was scrolled to show it."""
         for turn in range(_TURNS_MAX):
             left, top, right, bottom = widget.area
             _, upper, _, lower = widget.rect
@@ -173,10 +182,10 @@ class WidgetSearch:
             if again is None or (turn > 3 and again.rect == widget.rect):
                 break
             widget = again
-        raise DriverError(f"{widget.label!r} cannot be scrolled into view")
+        raise DriverError(f"the widget {widget.label!r} cannot be scrolled into view")
 
 
 def middle(widget: Widget, share: float = 0.5) -> Place:
-    """Return a point at half a widget's height, and at a share of its width."""
+    """Return the point at half the height of a widget, and at a share of its width."""
     left, top, right, bottom = widget.rect
     return left + share * (right - left), (top + bottom) / 2

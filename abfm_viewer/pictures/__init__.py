@@ -1,4 +1,4 @@
-"""Pictures off the screen: of documents, sheets, movies, figures."""
+"""Off-screen pictures of documents, sheets, figures and results, and movies."""
 
 from abfm_viewer.errors import app_room
 

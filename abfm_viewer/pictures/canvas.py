@@ -1,4 +1,4 @@
-"""Pictures of any size off the screen, every pixel a mean of samples, and their letters."""
+"""Off-screen drawing in any size with antialiasing, and annotations of pictures."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -19,11 +19,11 @@ from abfm_viewer.scene.opengl import ps
 Pixels = NDArray[np.uint8]
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
-# samples along a side of a pixel, and the most of them in a picture
+# samples along a side of a pixel, and the maximum of samples in a picture
 _SAMPLES_MAX = {4: 40e6, 3: 80e6, 2: 140e6}
-_SIDE_SAMPLES_MAX = 16384  # in samples: what graphics cards take
+_SIDE_SAMPLES_MAX = 16384  # along a side of a picture, a limit of graphics cards
 _START_SIZE = 64
-_SUPERSAMPLING = 4  # than pixels, along a side, are discs drawn
+_DISC_SAMPLES = 4  # along a side of a pixel of a disc
 # polyscope's tone mapping
 _GAMMA = 2.2
 _WHITE = 0.75
@@ -32,10 +32,14 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @contextmanager
 def canvas(width: int, height: int) -> Iterator[None]:
-    """Make polyscope draw pictures of a size in the block; a `DrawingError` if it cannot."""
+    """Make polyscope draw pictures of a size in pixels in the block.
+
+    Raises `DrawingError` if the machine cannot.
+    """
     opengl.start(opengl.OFFSCREEN_BACKEND, _START_SIZE, _START_SIZE)
     opengl.clear()
-    allowed = [side for side, most in _SAMPLES_MAX.items() if width * height * side**2 <= most]
+    limits = _SAMPLES_MAX.items()
+    allowed = [side for side, samples in limits if width * height * side**2 <= samples]
     side = next((side for side in allowed if max(width, height) * side <= _SIDE_SAMPLES_MAX), 1)
     try:
         _resize(width, height, side)
@@ -44,15 +48,15 @@ def canvas(width: int, height: int) -> Iterator[None]:
         if "OpenGl error" not in str(error):
             raise
         raise DrawingError(
-            f"OpenGL cannot draw a picture of {width} x {height} pixels; choose a smaller one"
+            f"OpenGL cannot draw a picture of {width} x {height} pixels; choose a smaller size"
         ) from None
     finally:
         with suppress(RuntimeError):
             _resize(_START_SIZE, _START_SIZE, 1)
 
 
-def drawn(transparent: bool) -> Pixels:
-    """Return what polyscope shows, (H, W, 3) on its background, or (H, W, 4) without."""
+def rendered(transparent: bool) -> Pixels:
+    """Return the picture of polyscope, (H, W, 3), or (H, W, 4) with a transparent background."""
     if not transparent:
         return np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3])
     ps.set_background_color((0.0, 0.0, 0.0, 0.0))
@@ -65,20 +69,20 @@ def drawn(transparent: bool) -> Pixels:
 def _resize(width: int, height: int, side: int) -> None:
     ps.set_window_size(_START_SIZE, _START_SIZE)
     ps.set_SSAA_factor(side)
-    ps.screenshot_to_buffer()  # polyscope takes the factor in when it draws,
-    ps.set_window_size(width, height)  # and off the screen makes its buffers anew only here
+    ps.screenshot_to_buffer()  # polyscope applies the factor when it draws
+    ps.set_window_size(width, height)  # creates new off-screen buffers
 
 
 def _without_black(colors: Pixels, alpha: Pixels) -> Pixels:
-    """Take the black out of colours (n, 3) at an edge, mixed before their tones were mapped."""
+    """Return colours (n, 3) at edges without the black that was mixed in before tone mapping."""
     share = alpha / 255
     light = (np.maximum(colors, 1) / 255) ** _GAMMA
     mapped = light @ _LUMINANCE[:, None]
     # the inverse of the extended Reinhard curve that `_mapped` is
     b = 1 - mapped
     luminance = _WHITE**2 / 2 * (np.sqrt(b**2 + 4 * mapped / _WHITE**2) - b)
-    whole = luminance / share
-    encoded = np.clip(light / mapped * _mapped(whole), 0, 1) ** (1 / _GAMMA)
+    unmixed = luminance / share
+    encoded = np.clip(light / mapped * _mapped(unmixed), 0, 1) ** (1 / _GAMMA)
     return np.asarray(np.round(255 * encoded), dtype=np.uint8)
 
 
@@ -86,8 +90,8 @@ def _mapped(luminance: FloatArray) -> FloatArray:
     return luminance * (1 + luminance / _WHITE**2) / (1 + luminance)
 
 
-def letter(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font) -> None:
-    """Write texts and draw colour bars, as they were laid out for a pen of a font."""
+def draw_parts(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font) -> None:
+    """Draw annotations that were laid out for a pen with a font."""
     for part in parts:
         if isinstance(part, Text):
             _write(picture, part, pen, font)
@@ -97,26 +101,26 @@ def letter(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font) ->
         elif isinstance(part, Disc):
             _draw_disc(picture, part)
         elif isinstance(part, Strip):
-            _color(picture, part)
+            _draw_strip(picture, part)
 
 
 def _draw_disc(picture: Image.Image, disc: Disc) -> None:
-    """Draw a disc finer than pixels, and make it smaller."""
+    """Draw a disc with antialiasing."""
     left, top = (math.floor(middle - disc.radius) for middle in disc.center)
     side = math.ceil(2 * disc.radius) + 2
-    middle = [_SUPERSAMPLING * (at - low) for at, low in zip(disc.center, (left, top), strict=True)]
-    mask = Image.new("L", (_SUPERSAMPLING * side, _SUPERSAMPLING * side), 0)
+    middle = [_DISC_SAMPLES * (at - low) for at, low in zip(disc.center, (left, top), strict=True)]
+    mask = Image.new("L", (_DISC_SAMPLES * side, _DISC_SAMPLES * side), 0)
     for radius, shade in ((disc.radius, 255), *([(disc.hole, 0)] if disc.hole else [])):
-        box = [at + sign * _SUPERSAMPLING * radius for sign in (-1, 1) for at in middle]
+        box = [at + sign * _DISC_SAMPLES * radius for sign in (-1, 1) for at in middle]
         ImageDraw.Draw(mask).ellipse(box, fill=shade)
     mask = mask.resize((side, side), Image.Resampling.BOX)
     layer = Image.new("RGBA", mask.size, (*rgb(disc.color), 0))
     layer.putalpha(mask)
-    _lay(picture, layer, left, top)
+    _composite(picture, layer, left, top)
 
 
-def _lay(picture: Image.Image, layer: Image.Image, left: int, top: int) -> None:
-    """Lay a layer on a picture, which it may stand out of."""
+def _composite(picture: Image.Image, layer: Image.Image, left: int, top: int) -> None:
+    """Draw a layer on a picture; parts outside the picture are ignored."""
     if picture.mode == "RGBA":
         hidden = min(max(-left, 0), layer.width), min(max(-top, 0), layer.height)
         picture.alpha_composite(layer, (max(left, 0), max(top, 0)), hidden)
@@ -124,7 +128,7 @@ def _lay(picture: Image.Image, layer: Image.Image, left: int, top: int) -> None:
         picture.paste(layer, (left, top), layer)
 
 
-def _color(picture: Image.Image, strip: Strip) -> None:
+def _draw_strip(picture: Image.Image, strip: Strip) -> None:
     left, top, right, bottom = map(round, strip.rect)
     length, across = (bottom - top, right - left) if strip.upright else (right - left, bottom - top)
     row = np.round(255 * table(strip.colormap, max(length, 2))).astype(np.uint8)
@@ -135,15 +139,15 @@ def _color(picture: Image.Image, strip: Strip) -> None:
 
 
 def _write(picture: Image.Image, text: Text, pen: Pen, font: Font) -> None:
-    """Write a text on a layer of its colour, so that its edges fade to nothing else."""
+    """Write a text on a transparent layer of its colour, which keeps its edges clean."""
     left, top, color = round(text.left), round(text.top), rgb(text.color)
     size = round(pen.width(text.text)) + 2, round(pen.line) + 2
     layer = Image.new("RGBA", size, (*color, 0))
     ImageDraw.Draw(layer).text((0, 0), text.text, fill=(*color, 255), font=font, anchor="la")
-    _lay(picture, layer, left, top)
+    _composite(picture, layer, left, top)
 
 
 def rgb(color: Color) -> tuple[int, int, int]:
-    """A colour of the theme as pictures have it, without alpha."""
+    """Return a colour of the theme as integers from 0 to 255, without alpha."""
     red, green, blue, _ = (round(255 * channel) for channel in color)
     return red, green, blue

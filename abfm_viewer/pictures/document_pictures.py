@@ -1,6 +1,6 @@
-"""Pictures of a document as its window shows it, off the screen: of any size, at any time.
+"""Off-screen pictures of a document as its window shows it, in any size and at any time.
 
-Everything is computed when it is drawn. A process draws either windows or these.
+All values are computed in the caller's thread. A process can draw either windows or these pictures.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from abfm import AbfmError, FunctionError, ParameterError
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.document.document import Document
-from abfm_viewer.pictures.canvas import Pixels, canvas, drawn, letter
+from abfm_viewer.pictures.canvas import Pixels, canvas, draw_parts, rendered
 from abfm_viewer.scene.annotations import Pen, annotation_parts, bars_height, name_height
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
@@ -23,18 +23,19 @@ from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
 
 SIDE_MAX = 8192  # pixels along a side
-# of the shorter side; pixels; pixels at a scale of 1
-_TEXT = 1 / 42
-_TEXT_SIZE_MIN = 11.0
-_WINDOW_TEXT = 16.0
+_TEXT_SHARE = 1 / 42  # of the shorter side
+_TEXT_PIXELS_MIN = 11.0
+_WINDOW_TEXT_PIXELS = 16.0  # at a scale of 1
 
 
 @dataclass(frozen=True)
 class PictureOptions:
-    transparent: bool = False  # no ground
-    color_bar: bool = True  # unless the document's view hides it
-    labels: bool = True  # the surfaces' names
-    # the surfaces get room to turn in; the document's look then gives only the direction
+    """Options of a picture of a document."""
+
+    transparent: bool = False  # without a background
+    color_bar: bool = True  # unless the view of the document hides it
+    labels: bool = True  # names of the surfaces
+    # surfaces are small enough to turn in their slots; only the direction of the view is used
     turns: bool = False
 
 
@@ -42,10 +43,10 @@ _DEFAULT_OPTIONS = PictureOptions()
 
 
 class DocumentRenderer:
-    """Draws a document, with values (V,) of its functions from files, in a size in pixels.
+    """Off-screen drawing of a document in a size in pixels; a context manager.
 
-    An `AbfmError` says that the size is out of range, a function cannot be evaluated, or the
-    machine cannot draw.
+    ``known`` has the values (V,) of functions from files, by spec. Raises `AbfmError` if the size
+    is out of range, a function cannot be evaluated, or the machine cannot draw.
     """
 
     def __init__(
@@ -62,10 +63,10 @@ class DocumentRenderer:
         self._document, self._known, self._size, self._options = document, known, size, options
         self._rect: Rect = (0.0, 0.0, float(size[0]), float(size[1]))
         self._color_bar = options.color_bar and document.view.color_bar
-        height = max(_TEXT_SIZE_MIN, min(size) * _TEXT)
+        height = max(_TEXT_PIXELS_MIN, min(size) * _TEXT_SHARE)
         self._font = ImageFont.load_default(height)
         inks = theme.palette(document.view.theme)
-        self._pen = Pen(height / _WINDOW_TEXT, 1.2 * height, self._font.getlength, inks)
+        self._pen = Pen(height / _WINDOW_TEXT_PIXELS, 1.2 * height, self._font.getlength, inks)
 
     def __enter__(self) -> Self:
         with ExitStack() as opened:
@@ -82,9 +83,8 @@ class DocumentRenderer:
             self._scene = Scene(self._shown, self._options.turns)
             self._scene.pixels = self._pen.scale
             self._scene.name_height = name_height(self._pen) if self._options.labels else 0.0
-            self._scene.bars_height = (
-                bars_height(self._pen, self._size[1]) if self._color_bar else 0.0
-            )
+            bars = bars_height(self._pen, self._size[1]) if self._color_bar else 0.0
+            self._scene.bars_height = bars
             self._scene.update(self._rect)
             self._open = opened.pop_all()
         return self
@@ -93,30 +93,31 @@ class DocumentRenderer:
         self._open.__exit__(*error)
 
     def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:
-        """The document at a time, turned by an angle, with moving streaks at a phase, 0 to 1.
+        """Return the picture at a time, turned by an angle, with streaks at a phase from 0 to 1.
 
-        It is RGB, or RGBA if it is transparent. An `AbfmError` says that the time is outside 0 to 2
-        tau, or the flow cannot be followed so far.
+        It is RGB, or RGBA if transparent. Raises `AbfmError` if the time is outside the time bar,
+        or the flow cannot be computed to this time.
         """
         self._go_to(time)
         self._session.player.phase = phase
         self._scene.update(self._rect)
         if problem := self._shown.flow.problem or self._shown.quantities.error:
-            raise AbfmError(f"no picture of time {time:g}: {problem}")
+            raise AbfmError(f"the picture of time {time:g} cannot be drawn: {problem}")
         self._scene.turn(degrees)
-        picture = Image.fromarray(drawn(self._options.transparent))
+        picture = Image.fromarray(rendered(self._options.transparent))
         parts = annotation_parts(
             self._scene, self._rect, self._pen, self._color_bar, self._options.labels
         )
-        letter(picture, parts, self._pen, self._font)
+        draw_parts(picture, parts, self._pen, self._font)
         return picture
 
     def frames(
         self, start: float, end: float, count: int, turntable: float, cycles: int = 1
     ) -> Iterator[Pixels]:
-        """Frames (H, W, 3) of a movie between two times, while the surfaces turn by an angle.
+        """Yield the frames (H, W, 3) of a movie between two times.
 
-        Streaks go through their phases ``cycles`` times, and the first frame follows the last.
+        Meanwhile the surfaces turn by an angle of ``turntable`` degrees, and streaks repeat their
+        phases ``cycles`` times. The movie can be repeated without a jump of the streaks.
         """
         if self._document.view.error:
             self._scene.painter.largest_error = max(map(self._error, (start, end)))
@@ -128,8 +129,8 @@ class DocumentRenderer:
     def _go_to(self, time: float) -> None:
         session, document = self._session, self._session.document
         start, end = document.start, document.end
-        near = 1e-9 * (end - start)
-        if not start - near <= time <= end + near:
+        tolerance = 1e-9 * (end - start)
+        if not start - tolerance <= time <= end + tolerance:
             raise ParameterError(f"time is {time:g}; expected {document.time_range_text}")
         session.editor.amend(time=min(max(time, start), end))
         session.update()

@@ -1,4 +1,4 @@
-"""Frames become an MP4 or GIF file, in memory that does not grow with their number."""
+"""Movies as MP4 or GIF files, written with bounded memory."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -31,31 +31,34 @@ def write_movie(
     count: int,
     on_frame: Callable[[int], None] | None = None,
 ) -> None:
-    """Write an MP4 (H.264, 4:2:0, BT.709) or GIF (one palette, endless), whole or not at all.
+    """Write an MP4 (H.264, 4:2:0, BT.709) or an endless GIF with one palette.
 
-    An MP4 loses the last row or column of a picture of odd size, which the format cannot hold. A
-    GIF counts time in hundredths of a second: frames differ by one where they must.
+    The file is written completely or not at all. The format MP4 needs even sizes, so the last row
+    or column of a picture of odd size is dropped. A GIF counts time in hundredths of a second, so
+    the durations of its frames may differ by one.
 
     Parameters
     ----------
-    frames, count : iterable of (H, W, 3) arrays of uint8, int
-        sRGB, all of one size; asked for one by one, and how many will come.
+    frames : iterable of (H, W, 3) arrays of uint8
+        sRGB pictures, all of one size; read one by one.
     fps : float
         Frames per second, 0.1 to 120, for a GIF to 50.
+    count : int
+        Number of frames.
     on_frame : callable, optional
-        Called with the number of frames that were taken; what it raises ends the movie.
+        Called with the number of written frames; an exception that it raises ends the movie.
 
     Raises
     ------
     ResultError
-        If frames, ``fps`` or the name's ending do not fit, or the file cannot be written.
+        If the frames, ``fps`` or the suffix are invalid, or the file cannot be written.
     """
     if path.suffix not in FPS_MAX:
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(FPS_MAX)}")
-    fastest = FPS_MAX[path.suffix]
-    if not FPS_MIN <= fps <= fastest:
+    fps_max = FPS_MAX[path.suffix]
+    if not FPS_MIN <= fps <= fps_max:
         raise ResultError(
-            f"cannot write {path} with {fps:g} frames a second; expected {FPS_MIN} to {fastest:g}"
+            f"cannot write {path} with {fps:g} frames per second; expected {FPS_MIN} to {fps_max:g}"
         )
     if count < 1:
         raise ResultError(f"cannot write {path} with {count} frames; a movie needs at least one")
@@ -65,10 +68,10 @@ def write_movie(
             rate = Fraction(fps).limit_denominator(1001)
             write(temporary, _checked(frames, count, on_frame), rate, count)
         except av.FFmpegError as error:
-            reason = f"{error.strerror or error}; choose another place or a smaller size"
+            reason = f"{error.strerror or error}; choose another folder or a smaller size"
             raise ResultError(f"cannot write {path}: {reason}") from error
         except UnknownCodecError as error:
-            reason = f"FFmpeg here has no {error}; install av by pip"
+            reason = f"the installed FFmpeg has no {error}; run: pip install av"
             raise ResultError(f"cannot write {path}: {reason}") from error
 
 
@@ -87,7 +90,7 @@ def _checked(
         if on_frame is not None:
             on_frame(number)
     if number != count:
-        raise ResultError(f"the movie got {number} frames; expected {count}")
+        raise ResultError(f"the movie has {number} frames; expected {count}")
 
 
 def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
@@ -102,15 +105,15 @@ def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) 
 
 
 def _write_gif(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
-    """Write a GIF; all frames wait for the palette in a file, compressed without loss."""
+    """Write a GIF; a temporary file has all frames, without loss, until the palette is known."""
     ticks, ticks_before = (
         math.floor(100 * number / rate + Fraction(1, 2)) for number in (count, count - 1)
     )
     with temporary_folder() as folder:
-        waiting = folder / "frames.mkv"
-        with av.open(str(waiting), "w", "matroska") as file:
+        lossless = folder / "frames.mkv"
+        with av.open(str(lossless), "w", "matroska") as file:
             _encode(file, file.add_stream("ffv1", rate), rate, "bgr0", map(_picture, frames))
-        pictures = _in_palette(waiting, _palette(waiting))
+        pictures = _in_palette(lossless, _palette(lossless))
         delay = {"final_delay": str(ticks - ticks_before)}
         with av.open(str(path), "w", "gif", options=delay) as file:
             _encode(file, file.add_stream("gif", rate, options={}), rate, "pal8", pictures)
@@ -137,7 +140,7 @@ def _encode(
 
 
 def _palette(movie: Path) -> av.VideoFrame:
-    """The 256 colours that are nearest to all colours of a movie."""
+    """Return the palette of 256 colours that fits the colours of a movie best."""
     with av.open(str(movie)) as file:
         graph = Graph()
         source = graph.add_buffer(template=file.streams.video[0])
@@ -151,7 +154,7 @@ def _palette(movie: Path) -> av.VideoFrame:
 
 
 def _in_palette(movie: Path, palette: av.VideoFrame) -> Iterator[av.VideoFrame]:
-    """Draw frames in the nearest colours of a palette; without dithering, which would flicker."""
+    """Yield frames in the nearest colours of a palette, without dithering, which would flicker."""
     with av.open(str(movie)) as file:
         graph = Graph()
         source = graph.add_buffer(template=file.streams.video[0])

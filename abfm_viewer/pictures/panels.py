@@ -1,4 +1,4 @@
-"""Panels of a sheet: the ranges of their colours, their cameras and their pictures."""
+"""Panels of a sheet: colour ranges, cameras and pictures."""
 
 import math
 from collections import defaultdict
@@ -15,7 +15,7 @@ from abfm.pages.colormaps import ColorRange, color_range, place_colors
 from abfm.pages.front import Front, best_front, triple
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm.types import FloatArray
-from abfm_viewer.pictures.canvas import canvas, drawn
+from abfm_viewer.pictures.canvas import canvas, rendered
 from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.surfaces import Camera, fitted, register, set_camera, show
 from abfm_viewer.shown.arrows import ArrowStyle, arrow_spacing, arrows_of
@@ -25,7 +25,7 @@ from abfm_viewer.shown.ribbons import unit
 from abfm_viewer.shown.streak_texture import streak_texture
 
 _INK = (0.1, 0.1, 0.12)
-# of marked points, in linear light
+# in linear light
 POINT_COLORS = (
     (1.0, 0.45, 0.0),
     (0.45, 0.1, 0.75),
@@ -34,24 +34,26 @@ POINT_COLORS = (
     (0.0, 0.4, 0.8),
 )
 _RIM = (1.0, 1.0, 1.0)
-# the longest, of sqrt(area), and how many
-_ARROW = 0.12
-_DENSITY = 0.15
-# radii, of sqrt(area)
-_POINT = 0.022
-_LINE = 0.005
+_ARROW_LENGTH_MAX = 0.12  # in sqrt(area)
+_ARROW_DENSITY = 0.15
+_POINT_RADIUS = 0.022  # in sqrt(area)
+_LINE_HALF_WIDTH = 0.005  # in sqrt(area)
 _TEXELS = 2048
 _SQUARE_SIZE = 0.5  # of a checkerboard, in its coordinates
 CLAMP_SHARE = 0.1
-"""How far values may lie beyond the colours, as a share of their range, before a sheet says so:
-advection overshoots by a few per cent even where it is right, which nobody sees in a colour.
+"""Share of a colour range by which values may exceed it before a caption notes it.
+
+Advection overshoots by a few percent even if it is correct, which is not visible in the colours.
 """
 
 
 def cameras(
     sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)
 ) -> dict[TriangleMesh, Camera]:
-    """Return a camera for each mesh, of its own aspect or within these, for sources and targets."""
+    """Return a camera for each mesh that shows its sources and targets.
+
+    Its aspect is that of the mesh, limited to the minimum and maximum ``aspects``.
+    """
     fronts: dict[TriangleMesh, Front] = {}
     for panel in _panels(sheet):
         if fronts and sheet.one_view:
@@ -60,9 +62,9 @@ def cameras(
             ends = [one for one in _panels(sheet) if one.frame in ("source", "target")]
             functions = [_function(one)[1] for one in ends if one.mesh is panel.mesh]
             count = len(panel.mesh.vertices)
-            remarkable = [f for f in functions if f is not None and len(f) == count]
-            seen = sheet.seen if not fronts and sheet.seen else remarkable
-            fronts[panel.mesh] = best_front(panel.mesh, *seen, up=sheet.up)
+            on_vertices = [f for f in functions if f is not None and len(f) == count]
+            shown = sheet.seen if not fronts and sheet.seen else on_vertices
+            fronts[panel.mesh] = best_front(panel.mesh, *shown, up=sheet.up)
     found = {}
     for mesh, front in fronts.items():
         free = fitted(mesh.vertices, front)
@@ -77,20 +79,23 @@ def panel_pictures(
     ranges: Mapping[str, ColorRange],
     views: Mapping[TriangleMesh, Camera],
 ) -> list[Image.Image]:
-    """Draw all panels of a sheet, in sizes (width, height) in pixels, on a transparent ground."""
+    """Return the pictures of all panels of a sheet, on a transparent background.
+
+    ``sizes`` (width, height) are in pixels.
+    """
     pictures: dict[int, Image.Image] = {}
-    fast = _fast(sheet)
-    for size in dict.fromkeys(sizes):  # the canvas is made once for each size
+    fast = _fast_speeds(sheet)
+    for size in dict.fromkeys(sizes):  # one canvas for each size
         with canvas(*size):
             for number, panel in enumerate(_panels(sheet)):
                 if sizes[number] == size:
-                    _show(panel, ranges, views[panel.mesh], size[1], fast.get(panel.mesh, 0.0))
-                    pictures[number] = Image.fromarray(drawn(transparent=True))
+                    _draw(panel, ranges, views[panel.mesh], size[1], fast.get(panel.mesh, 0.0))
+                    pictures[number] = Image.fromarray(rendered(transparent=True))
     return [pictures[number] for number in range(len(sizes))]
 
 
-def _fast(sheet: Sheet) -> dict[TriangleMesh, float]:
-    """Return what counts as fast on each mesh: lengths of arrows compare from panel to panel."""
+def _fast_speeds(sheet: Sheet) -> dict[TriangleMesh, float]:
+    """Return the fast speed of each mesh, so that arrows of all its panels have the same scale."""
     found = defaultdict[TriangleMesh, float](float)
     for panel in _panels(sheet):
         if panel.arrows is not None:
@@ -99,10 +104,10 @@ def _fast(sheet: Sheet) -> dict[TriangleMesh, float]:
     return found
 
 
-def _show(
+def _draw(
     panel: Panel, ranges: Mapping[str, ColorRange], view: Camera, height: int, fast: float
 ) -> None:
-    """Draw a panel, so many pixels high."""
+    """Draw a panel of a height in pixels."""
     mesh = panel.mesh
     opengl.clear()
     set_camera(view, mesh)
@@ -111,19 +116,19 @@ def _show(
     if panel.arrows is not None:
         eye = _eye(view, mesh)
         scale = mesh.length_scale * height / view.height
-        spacing = arrow_spacing(_DENSITY, scale)
-        arrows = arrows_of(
-            mesh, panel.arrows, ArrowStyle(_ARROW, spacing, fast), eye, panel.determined
-        )
+        spacing = arrow_spacing(_ARROW_DENSITY, scale)
+        style = ArrowStyle(_ARROW_LENGTH_MAX, spacing, fast)
+        arrows = arrows_of(mesh, panel.arrows, style, eye, panel.determined)
         if len(arrows.spines):
             overlays.draw_arrows("arrows", arrows, _INK, _RIM)
             overlays.show_visible_arrows("arrows", arrows, eye, arrows.hidden(eye))
     if panel.lines:
-        courses = [overlays.path_through(mesh, line) for line in panel.lines]
-        overlays.draw_ribbons("lines", mesh, overlays.line_ribbons(courses, _LINE), _INK)
-    marked = zip(() if panel.points is None else panel.points, cycle(POINT_COLORS))
-    for number, (point, color) in enumerate(marked):
-        overlays.draw_points(f"point {number}", mesh, point[None], color, _POINT)
+        paths = [overlays.path_through(mesh, line) for line in panel.lines]
+        ribbons = overlays.line_ribbons(paths, _LINE_HALF_WIDTH)
+        overlays.draw_ribbons("lines", mesh, ribbons, _INK)
+    points = zip(() if panel.points is None else panel.points, cycle(POINT_COLORS))
+    for number, (point, color) in enumerate(points):
+        overlays.draw_points(f"point {number}", mesh, point[None], color, _POINT_RADIUS)
 
 
 def _eye(view: Camera, mesh: TriangleMesh) -> Eye:
@@ -152,9 +157,10 @@ def _panels(sheet: Sheet) -> list[Panel]:
 
 
 def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
-    """Return the range of each colour bar, by its title, in the order of their first use.
+    """Return the range of each colour bar, by title, in the order of their first use.
 
-    It is that of the sources and targets, if any: what overshoots them has the end's colour.
+    It is the range of sources and targets, if there are any. Values outside it have the colour of
+    its end.
     """
     every: dict[str, list[FloatArray]] = defaultdict(list)
     ends: dict[str, list[FloatArray]] = defaultdict(list)
@@ -168,38 +174,39 @@ def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
 
 
 def captions(sheet: Sheet) -> list[str]:
-    """Return the sheet's notes, and how far each panel goes of which colours hide too much."""
-    ranges, said = color_ranges(sheet), list(sheet.notes)
+    """Return the notes of a sheet, and notes on panels that exceed the range of the colours."""
+    ranges, texts = color_ranges(sheet), list(sheet.notes)
     for panel in _panels(sheet):
         bar, values = _function(panel)
         if values is not None:
             colors, low, high = ranges[bar], float(values.min()), float(values.max())
             if max(colors.low - low, high - colors.high) > CLAMP_SHARE * (colors.high - colors.low):
                 of_bar = "" if bar in ("function", panel.label) else f" ({bar})"
-                said.append(
-                    f"Beyond the colours: '{panel.label}'{of_bar} goes from {low:,.4g} to "
+                texts.append(
+                    f"Beyond the colours: '{panel.label}'{of_bar} ranges from {low:,.4g} to "
                     f"{high:,.4g}, the colours from {colors.low:,.4g} to {colors.high:,.4g}."
                 )
         elif isinstance(panel.paint, Coordinates):
             beyond = _outside(panel.mesh.vertices, panel.paint.positions)
             if beyond > CLAMP_SHARE:
-                said.append(
-                    f"Beyond the colours: the places of '{panel.label}' lie up to {beyond:,.3g} "
-                    "times the bounding box's extent outside it."
+                texts.append(
+                    f"Beyond the colours: positions of '{panel.label}' lie outside the bounding "
+                    f"box, by up to {beyond:,.3g} times its extent."
                 )
-    return said
+    return texts
 
 
 def _function(panel: Panel) -> tuple[str, FloatArray | None]:
-    """Return the colour bar's title and the values of a panel; None where it has none."""
+    """Return the title of the colour bar and the values of a panel, or an empty title and None."""
     paint = panel.paint
     return (paint.bar, paint.values) if isinstance(paint, Values | Streaks) else ("", None)
 
 
 def _outside(vertices: FloatArray, positions: FloatArray) -> float:
-    """Return how far places (V, 3) lie outside the vertices' bounding box, over its extent there.
+    """Return the largest distance of positions (V, 3) outside the vertices' bounding box.
 
-    A direction in which it is flat counts as a hundredth of its largest extent wide.
+    It is relative to the extent of the box in this direction, or at least to a hundredth of its
+    largest extent.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = np.maximum(high - low, 0.01 * (high - low).max())

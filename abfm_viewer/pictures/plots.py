@@ -1,4 +1,4 @@
-"""Plots of sheets and of reports, and the font of figures, by matplotlib."""
+"""Plots of sheets and reports, and the font of figures, with matplotlib."""
 
 import io
 import math
@@ -16,25 +16,25 @@ from abfm.io.sheets import Plot
 from abfm.types import FloatArray
 
 CURVE_COLORS = ("#111111", "#2455c3", "#c62828", "#1b7a43", "#b26a00", "#6b3fa0")
-_FAINT_COLOR = "#8a909c"  # the colour of all faint curves, which differ in style
+_FAINT_COLOR = "#8a909c"  # of all faint curves, which have different styles
 _STYLES = ("--", ":", "-.", (0, (8, 3)), (0, (5, 2, 1, 2, 1, 2)))
 _DPI = 100
-_TEXT_SHARE = 0.027  # of a report's plot, of its width
+_TEXT_SHARE = 0.027  # height of text in a plot of a report, relative to the width
 _BINS = 60
-_AXIS_RATIO = 1.5
+_AXIS_RATIO = 1.5  # end of the axis of a histogram, relative to its largest vertical line
 _AXIS_LENGTH_MIN = 0.25
-_MARKS = ("--", ":")
+_LINE_STYLES = ("--", ":")
 _BAR_COLOR = "#7d93c9"
 _CHOSEN_COLOR = CURVE_COLORS[2]
 
 
 def plot_font(pixels: float) -> ImageFont.FreeTypeFont:
-    """The font of plots in another size: it has the paper's Greek letters."""
+    """Return the font of plots, which has Greek letters, in a size."""
     return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), pixels)
 
 
 def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
-    """Draw a plot in a size (width, height) and with a height of text in pixels, on white."""
+    """Return a plot on white in a size (width, height) and a height of text, all in pixels."""
     (figure, axes), points = _new_axes(size), _points_of(text)
     colors, styles = cycle(CURVE_COLORS), cycle(_STYLES)
     for curve in plot.curves:
@@ -53,36 +53,38 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
         legend = axes.legend(**small)
         figure.draw_without_rendering()
         if _covers_curves(legend, axes):
-            beside = max(int(0.9 * size[0] / legend.get_window_extent().width), 1)
-            columns = math.ceil(len(plot.curves) / math.ceil(len(plot.curves) / beside))
+            columns_max = max(int(0.9 * size[0] / legend.get_window_extent().width), 1)
+            columns = math.ceil(len(plot.curves) / math.ceil(len(plot.curves) / columns_max))
             legend.remove()
             figure.legend(loc="outside upper center", ncols=columns, **small)
     figure.draw_without_rendering()
     title = axes.yaxis.label.get_window_extent()
-    room = 2 * min((title.y0 + title.y1) / 2, size[1] - (title.y0 + title.y1) / 2)
-    # in a low plot it would be cut off
-    axes.yaxis.label.set_fontsize(points * min(1, room / max(title.height, 1)))
-    return _drawn(figure)
+    space = 2 * min((title.y0 + title.y1) / 2, size[1] - (title.y0 + title.y1) / 2)
+    # smaller in a low plot, where the title would be clipped
+    axes.yaxis.label.set_fontsize(points * min(1, space / max(title.height, 1)))
+    return _rendered(figure)
 
 
 def histogram_picture(
     values: FloatArray,
     areas: FloatArray,
-    marks: Mapping[str, Sequence[float]],
+    vertical_lines: Mapping[str, Sequence[float]],
     title: str,
     size: tuple[int, int],
 ) -> Image.Image:
-    """Draw how much area has which value (F,), in percent, to half as far again as the marks, which
-    are upright lines by name; what lies beyond is in the outermost bins.
+    """Return a histogram of values (F,), weighted by areas (F,), in percent.
+
+    ``vertical_lines`` are positions by name. The axis ends at 1.5 times the outermost line; values
+    beyond it are in the outermost bins.
     """
-    places = np.concatenate([*marks.values()])
+    places = np.concatenate([*vertical_lines.values()])
     end = max(_AXIS_RATIO * places.max(), _AXIS_LENGTH_MIN)
     ends = (-end if places.min() < 0 else 0.0, end)
     figure, axes = _new_axes(size)
     weights = 100 * areas / areas.sum()
     heights, edges = np.histogram(np.clip(values, *ends), _BINS, ends, weights=weights)
     axes.stairs(heights, edges, fill=True, color=_BAR_COLOR)
-    for (name, lines), style in zip(marks.items(), _MARKS, strict=False):
+    for (name, lines), style in zip(vertical_lines.items(), _LINE_STYLES, strict=False):
         for number, place in enumerate(lines):
             label = None if number else name
             axes.axvline(place, color=CURVE_COLORS[0], linestyle=style, linewidth=1.5, label=label)
@@ -91,14 +93,14 @@ def histogram_picture(
 
 
 def path_picture(
-    cost: FloatArray, left: FloatArray, chosen: int, size: tuple[int, int]
+    area_change: FloatArray, residuals: FloatArray, chosen: int, size: tuple[int, int]
 ) -> Image.Image:
-    """Draw what steps (S,) of a path leave in percent against how much they change areas."""
+    """Return a plot of the residual of steps (S,) of a path, in percent, by their area change."""
     figure, axes = _new_axes(size)
-    axes.plot(cost, 100 * left, "o-", color=_BAR_COLOR, markersize=6, linewidth=1.5)
-    one, other = cost[chosen], 100 * left[chosen]
+    axes.plot(area_change, 100 * residuals, "o-", color=_BAR_COLOR, markersize=6, linewidth=1.5)
+    one, other = area_change[chosen], 100 * residuals[chosen]
     axes.plot([one], [other], "o", color=_CHOSEN_COLOR, markersize=9, label="chosen")
-    axes.set_ylim(0, 112 * left.max())
+    axes.set_ylim(0, 112 * residuals.max())
     title = "mean |log2 J| of the flow"
     return _finished(figure, axes, title, "residual, %", size)
 
@@ -109,22 +111,22 @@ def _finished(
     points = _points_of(_TEXT_SHARE * size[0])
     _name_axes(axes, x_title, y_title, points)
     axes.legend(fontsize=0.9 * points, frameon=False)
-    return _drawn(figure)
+    return _rendered(figure)
 
 
 def _new_axes(size: tuple[int, int]) -> tuple[Figure, Axes]:
-    """Begin a plot of a size (width, height) in pixels."""
+    """Return a new plot of a size (width, height) in pixels."""
     figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
     return figure, figure.add_subplot()
 
 
 def _points_of(text: float) -> float:
-    """Return the size of a font, in points, that has a height of text in pixels."""
+    """Return the font size in points for a height of text in pixels."""
     return text * 72 / _DPI
 
 
 def _name_axes(axes: Axes, x_title: str, y_title: str, points: float) -> None:
-    """Write the titles of axes, and draw a grid below the curves."""
+    """Set the titles of axes, and draw a grid below the curves."""
     axes.set_xlabel(x_title, fontsize=points)
     axes.set_ylabel(y_title, fontsize=points)
     axes.tick_params(which="both", labelsize=0.9 * points)
@@ -133,14 +135,14 @@ def _name_axes(axes: Axes, x_title: str, y_title: str, points: float) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _drawn(figure: Figure) -> Image.Image:
+def _rendered(figure: Figure) -> Image.Image:
     stream = io.BytesIO()
     figure.savefig(stream, format="png")
     return Image.open(stream).convert("RGB")
 
 
 def _covers_curves(legend: Legend, axes: Axes) -> bool:
-    """Return whether a curve runs through the legend where it is least in the way."""
+    """Return whether a curve crosses the legend at its best place."""
     box = legend.get_window_extent()
     for line in axes.get_lines():
         corners = line.get_transform().transform(line.get_xydata())

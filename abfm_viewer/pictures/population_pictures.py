@@ -1,5 +1,6 @@
-"""Pictures of a population on its template, from two opposite sides: means, deviations, areas, and
-who does not fit.
+"""Pictures of a population on its template, from two opposite sides.
+
+They show means, deviations, changes of areas, and outliers.
 """
 
 from __future__ import annotations
@@ -17,21 +18,20 @@ from abfm.pages.colormaps import ColorRange, typical_range, without_extremes
 from abfm.pages.front import best_front
 from abfm.pages.registered import MOST_CHANNELS
 from abfm.types import FloatArray
-from abfm_viewer.pictures.rows import Row, drawn, panels_of
+from abfm_viewer.pictures.rows import Row, draw_rows, panels_of
 
 _OUTLIERS_DRAWN_MAX = 4
-"""Outliers with a row of pictures of their own."""
-_SHOWN_FACES = 98  # percent whose areas are between the ends of the colours: tiny faces vary most
-_RANGE_MIN = 0.25  # a smaller one shows hardly any colour elsewhere
+_RANGE_PERCENTILE = 98  # of the changes of faces, as tiny faces vary most
+_RANGE_MIN = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class PopulationPictures:
-    """All that a page draws."""
+    """All pictures of the page of a population."""
 
     channels: tuple[Row, ...]
     areas: Row
-    misfits: tuple[Row, ...]  # titled by their names
+    outliers: tuple[Row, ...]  # titled by the names of the subjects
 
 
 def population_pictures(
@@ -40,23 +40,23 @@ def population_pictures(
     up: Up | None = None,
     report: Callable[[str, float], None] = lambda text, share: None,
 ) -> PopulationPictures:
-    """Draw a population, in pictures of a width in pixels.
+    """Return the pictures of a population, of a width in pixels.
 
-    ``report`` is called with what is drawn and the share that is behind. A `DrawingError` says why
-    the machine cannot draw.
+    ``report`` is called with the name of the next picture and the share that is done. Raises
+    `DrawingError` if the machine cannot draw.
     """
     mesh, shown = found.template, _known(found.mean(found.main_channel))
     channels = [_channel(found, c) for c in range(min(len(found.channels), MOST_CHANNELS))]
-    tried = (_misfit(found, i) for i in found.worst_first() if not found.fits[i])
-    misfits = [row for row in tried if row is not None][:_OUTLIERS_DRAWN_MAX]
-    planned = [*channels, _areas(found), *misfits]
-    rows = drawn(planned, {mesh: best_front(mesh, shown, up=up)}, width, report)
+    possible = (_outlier(found, i) for i in found.worst_first() if not found.fits[i])
+    outliers = [row for row in possible if row is not None][:_OUTLIERS_DRAWN_MAX]
+    planned = [*channels, _areas(found), *outliers]
+    rows = draw_rows(planned, {mesh: best_front(mesh, shown, up=up)}, width, report)
     count = len(channels)
     return PopulationPictures(tuple(rows[:count]), rows[count], tuple(rows[count + 1 :]))
 
 
 def _channel(found: Population, c: int) -> Row:
-    """Plan the mean of a channel by the initial maps, registered, and the deviation."""
+    """Return the row of a channel: the means before and after registration, and the deviation."""
     name = found.channels[c].name
     spread = f"deviation of {name}"
     means = {
@@ -83,7 +83,7 @@ def _areas(found: Population) -> Row:
         deviation: np.nan_to_num(found.log2_area_deviation),
     }
     ends = {
-        name: max(math.ceil(4 * float(np.percentile(np.abs(each), _SHOWN_FACES))) / 4, _RANGE_MIN)
+        name: max(math.ceil(4 * _typical(np.abs(each))) / 4, _RANGE_MIN)
         for name, each in values.items()
     }
     panels = (panels_of(found.template, name, {name: each}) for name, each in values.items())
@@ -94,9 +94,14 @@ def _areas(found: Population) -> Row:
     return Row("areas", tuple(chain.from_iterable(panels)), ranges)
 
 
-def _misfit(found: Population, i: int) -> Row | None:
-    """Plan a subject next to the mean of the others, by the first channel that it was registered
-    by; None if it has no map.
+def _typical(values: FloatArray) -> float:
+    return float(np.percentile(values, _RANGE_PERCENTILE))
+
+
+def _outlier(found: Population, i: int) -> Row | None:
+    """Return the row of a subject and the mean of the others, by the main channel.
+
+    None if the subject has no map.
     """
     c = found.main_channel
     if not np.isfinite(found.values[i, :, c]).any():
@@ -112,6 +117,6 @@ def _misfit(found: Population, i: int) -> Row | None:
 
 
 def _known(values: FloatArray) -> FloatArray:
-    """Return values (V,) with those that are unknown in the middle of the others."""
+    """Return values (V,) with the mean of the known values in place of unknown ones."""
     known = np.isfinite(values)
     return np.where(known, values, np.mean(values[known]) if known.any() else 0.0)

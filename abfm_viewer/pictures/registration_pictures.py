@@ -1,5 +1,6 @@
-"""Pictures of a registration from two opposite sides: its functions, the map itself as a
-checkerboard, and what it does to areas and shapes.
+"""Pictures of a registration from two opposite sides.
+
+They show its functions, the map as a checkerboard, and the distortion of areas and shapes.
 """
 
 from __future__ import annotations
@@ -26,23 +27,23 @@ from abfm.pages.registered import (
 )
 from abfm.types import FloatArray
 from abfm_viewer.pictures.plots import histogram_picture, path_picture
-from abfm_viewer.pictures.rows import Row, drawn, panels_of
+from abfm_viewer.pictures.rows import Row, draw_rows, panels_of
 
 _LOG2 = "log2 J and log2 R"
 _ON_B = ("A on B, at first", "registered", "B")
-_FIELDS = 16  # of the checkerboard, along A's larger side
-_STRETCH_MIN = 1e-6  # of a stretch, as `Distortion.log2_area` has it
-_RANGE_MIN = 0.5  # a smaller one shows hardly any colour elsewhere
+_SQUARES = 16  # of the checkerboard, along the larger side of A
+_STRETCH_MIN = 1e-6  # smaller stretches count as this, as in `Distortion.log2_area`
+_RANGE_MIN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class RegistrationPictures:
-    """All that a report draws."""
+    """All pictures of the report of a registration."""
 
-    functions: tuple[Row, ...]  # one a channel, of a registration
-    map: Row  # a checkerboard on A and on B, and logarithms of areas and shapes on B
+    functions: tuple[Row, ...]  # one row for each channel; empty for a map
+    map: Row  # a checkerboard on A and on B, and the distortion of areas and shapes on B
     histograms: tuple[Image.Image, Image.Image]  # of areas and shapes
-    path: Image.Image | None  # where it has several steps whose distortion is known
+    path: Image.Image | None  # if several steps of the match have a known distortion
 
 
 def registration_pictures(
@@ -52,23 +53,24 @@ def registration_pictures(
     up: Up | None = None,
     report: Callable[[str, float], None] = lambda text, share: None,
 ) -> RegistrationPictures:
-    """Draw a registration, or a map without functions, in pictures of a width in pixels.
+    """Return the pictures of a registration, or of a map without functions.
 
-    ``distortion`` is the map's, and ``report`` is called with what is drawn and the share that is
-    done. A `DrawingError` says why the machine cannot draw.
+    The width is in pixels. ``distortion`` is that of the map. ``report`` is called with the name
+    of the next picture and the share that is done. Raises `DrawingError` if the machine cannot
+    draw.
     """
     front_of_a, front_of_b = fronts(found, up)
-    seen_from = {found.a: front_of_a, found.b: front_of_b}
+    front_of = {found.a: front_of_a, found.b: front_of_b}
     functions = _functions(found) if isinstance(found, Registration) else []
-    planned = [*functions, _map(found, distortion, seen_from[found.a])]
-    rows = drawn(planned, seen_from, width, report)
+    planned = [*functions, _map(found, distortion, front_of[found.a])]
+    rows = draw_rows(planned, front_of, width, report)
     report("drawing plots", 1.0)
     path = _path(found.match, width) if isinstance(found, Registration) else None
     return RegistrationPictures(tuple(rows[:-1]), rows[-1], _histograms(distortion, width), path)
 
 
 def log2_of(ratios: FloatArray) -> FloatArray:
-    """Return logarithms to base 2 of areas or shapes (F,), those of none as of a millionth."""
+    """Return the logarithms to base 2 of ratios (F,), which are clipped at a millionth."""
     return np.asarray(np.log2(np.clip(ratios, _STRETCH_MIN, 1 / _STRETCH_MIN)))
 
 
@@ -85,43 +87,45 @@ def _functions(found: Registration) -> list[Row]:
         match.target.T,
         strict=False,
     )
-    names = ("source", "carried", "target") if is_one_surface else _ON_B
-    for c, own, *on_b in channels:
-        bar, off = f"function {c + 1}", f"difference {c + 1}"
+    names = ("source", "advected", "target") if is_one_surface else _ON_B
+    for c, on_a, *on_b in channels:
+        bar, difference = f"function {c + 1}", f"difference {c + 1}"
         colors = compared_colors(match, c)
         half = (colors.high - colors.low) / 2
         _, after, target = on_b
         panels = (
-            *(() if is_one_surface else panels_of(found.a, bar, {"A": own})),
+            *(() if is_one_surface else panels_of(found.a, bar, {"A": on_a})),
             *panels_of(found.b, bar, dict(zip(names, on_b, strict=True))),
-            *panels_of(found.b, off, {"difference": counted * (after - target)}),
+            *panels_of(found.b, difference, {"difference": counted * (after - target)}),
         )
-        ranges = {bar: colors, off: ColorRange("abfm diverging", -half, half)}
+        ranges = {bar: colors, difference: ColorRange("abfm diverging", -half, half)}
         rows.append(Row(bar, panels, ranges))
     return rows
 
 
 def _map(found: Correspondence, distortion: Distortion, front: Front) -> Row:
-    """Plan a checkerboard, straight as A is seen from the front, where it goes on B, and what the
-    map does to B's faces.
+    """Return the row of the map.
+
+    It has a checkerboard that is regular in the front view of A, its image on B, and the
+    distortion of the faces of B.
     """
     places = found.a.vertices @ front.axes[:2].T
     low, extent = places.min(axis=0), np.ptp(places, axis=0).max()
-    board = (places - low) * (0.5 * _FIELDS / extent)
+    board = (places - low) * (0.5 * _SQUARES / extent)
     boards = [(found.a, board, "A")]
     if not isinstance(found, Registration):
         boards.append((found.b, found.transfer(board), "on B"))
     elif found.a is found.b:
-        boards = [(found.a, board, "at first"), (found.b, found.transfer(board), "carried")]
+        boards = [(found.a, board, "at first"), (found.b, found.transfer(board), "advected")]
     else:
         boards.append((found.b, found.initial.transfer(board), "on B, at first"))
         boards.append((found.b, found.transfer(board), "on B, registered"))
     panels = [Panel(mesh, Checker(each), title) for mesh, each, title in boards]
-    changed = {"areas: log2 J": distortion.area, "shapes: log2 R": distortion.conformal}
-    logs = {title: log2_of(each) for title, each in changed.items()}
+    ratios = {"areas: log2 J": distortion.area, "shapes: log2 R": distortion.conformal}
+    logs = {title: log2_of(each) for title, each in ratios.items()}
     changes = panels_of(found.b, _LOG2, logs)
-    most = max(distortion.log2_area.p98, distortion.log2_shape.p98)
-    end = max(math.ceil(2 * most) / 2, _RANGE_MIN)
+    largest = max(distortion.log2_area.p98, distortion.log2_shape.p98)
+    end = max(math.ceil(2 * largest) / 2, _RANGE_MIN)
     return Row("the map", (*panels, *changes), {_LOG2: ColorRange("abfm diverging", -end, end)})
 
 
@@ -135,21 +139,21 @@ def _histograms(distortion: Distortion, width: int) -> tuple[Image.Image, Image.
         "areas, log2 J",
         size,
     )
-    marks = {"95%": (shape.p95,), "98%": (shape.p98,)}
+    lines = {"95%": (shape.p95,), "98%": (shape.p98,)}
     shapes = log2_of(distortion.conformal)
-    return of_areas, histogram_picture(shapes, areas, marks, "shapes, log2 R", size)
+    return of_areas, histogram_picture(shapes, areas, lines, "shapes, log2 R", size)
 
 
 def _path(match: Match, width: int) -> Image.Image | None:
-    cost = np.array([step.log2_area for step in match.path])
-    left = np.array([_verified(step) for step in match.path])
-    if np.isfinite(cost).sum() < 2 or math.isnan(cost[match.step]):
+    area_change = np.array([step.log2_area for step in match.path])
+    residuals = np.array([_residual(step) for step in match.path])
+    if np.isfinite(area_change).sum() < 2 or math.isnan(area_change[match.step]):
         return None
-    return path_picture(cost, left, match.step, _plot_size(width))
+    return path_picture(area_change, residuals, match.step, _plot_size(width))
 
 
-def _verified(step: PathStep) -> float:
-    """Return what a step leaves, by flow lines where that is known."""
+def _residual(step: PathStep) -> float:
+    """Return the residual of a step by flow lines, or the discrete one if that is unknown."""
     return step.residual if math.isnan(step.verified_residual) else step.verified_residual
 
 

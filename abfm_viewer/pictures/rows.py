@@ -23,13 +23,13 @@ from abfm_viewer.scene.surfaces import Camera, fitted
 _ASPECT_MIN = 0.5
 _ASPECT_MAX = 1.5
 PREVIEW_SIZE = 132, 110
-"""Of each of the three functions of a preview, in pixels."""
-_RESULTS_PER_CANVAS = 24  # results that are drawn on one canvas, which takes long to make
-_MESHES_KEPT = 50  # meshes whose cameras are known
+"""Width and height of each of the three functions of a preview, in pixels."""
+_RESULTS_PER_CANVAS = 24  # because a canvas takes long to create
+_CACHED_MESHES_MAX = 50  # with their cameras
 
 
 class Drawing(NamedTuple):
-    """A surface from the front and from the back."""
+    """Pictures of a surface from the front and from the back."""
 
     title: str
     sides: tuple[Image.Image, Image.Image]
@@ -37,31 +37,31 @@ class Drawing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Surfaces that are compared, with the colours of their functions by title."""
+    """A row of surfaces that are compared."""
 
     title: str
     panels: tuple[Panel, ...]
-    ranges: Mapping[str, ColorRange]
+    ranges: Mapping[str, ColorRange]  # by the title of the colour bar
     drawings: tuple[Drawing, ...] = ()
 
 
 def panels_of(
     mesh: TriangleMesh, bar: str, functions: Mapping[Any, FloatArray]
 ) -> tuple[Panel, ...]:
-    """Return a panel of each function on a surface, by label, in the colours of one bar."""
+    """Return a panel for each function on a surface, by label, with a common colour bar."""
     return tuple(Panel(mesh, Values(each, bar), str(label)) for label, each in functions.items())
 
 
-def drawn(
+def draw_rows(
     rows: Sequence[Row],
     fronts: Mapping[TriangleMesh, Front],
     width: int,
     report: Callable[[str, float], None],
 ) -> list[Row]:
-    """Return rows with their drawings of a width in pixels, all of one aspect.
+    """Return rows with their drawings, of a width in pixels and a common aspect.
 
-    ``report`` is called with each row and the share that is done. A `DrawingError` says why the
-    machine cannot draw.
+    ``report`` is called with the title of each row and the share that is done. Raises
+    `DrawingError` if the machine cannot draw.
     """
     free = (fitted(mesh.vertices, front).aspect for mesh, front in fronts.items())
     aspect = min(max(*free, _ASPECT_MIN), _ASPECT_MAX)
@@ -90,12 +90,12 @@ def drawn(
 def row_pictures(
     results: Sequence[tuple[Path, type[Task]]], up: Up | None = None
 ) -> Iterator[tuple[Path, Image.Image | ResultError]]:
-    """Yield the picture of each result, a file and its kind, on white, or why there is none.
+    """Yield the path of each result, and its picture on white or the error of reading it.
 
-    All on a mesh are seen from where much of their functions is. A `DrawingError` says why the
-    machine cannot draw.
+    A result is a file and its kind of task. All results on one mesh have the same camera, which
+    shows their functions well. Raises `DrawingError` if the machine cannot draw.
     """
-    seen: dict[str, TriangleMesh] = {}
+    meshes: dict[str, TriangleMesh] = {}
     cameras: dict[TriangleMesh, Camera] = {}
     for start in range(0, len(results), _RESULTS_PER_CANVAS):
         read: list[tuple[Path, Preview]] = []
@@ -105,7 +105,7 @@ def row_pictures(
             except ResultError as error:
                 yield path, error
             else:
-                read.append((path, Preview(seen.setdefault(mesh.digest, mesh), functions)))
+                read.append((path, Preview(meshes.setdefault(mesh.digest, mesh), functions)))
         for mesh in {one.mesh: None for _, one in read if one.mesh not in cameras}:
             ends = [f for _, one in read if one.mesh is mesh for f in one.functions[::2]]
             front, aspect = best_front(mesh, *ends, up=up), PREVIEW_SIZE[0] / PREVIEW_SIZE[1]
@@ -120,13 +120,13 @@ def row_pictures(
         shown = iter(panel_pictures(sheet, sizes, ranges, cameras))
         for (path, _), panels in zip(read, every, strict=True):
             yield path, _side_by_side([next(shown) for _ in panels])
-        if len(seen) > _MESHES_KEPT:
-            seen.clear()
+        if len(meshes) > _CACHED_MESHES_MAX:
+            meshes.clear()
             cameras.clear()
 
 
 def _side_by_side(pictures: Sequence[Image.Image]) -> Image.Image:
-    """Return transparent pictures of one size next to each other, on white."""
+    """Return transparent pictures of one size side by side, on white."""
     width, height = pictures[0].size
     ground = Image.new("RGB", (len(pictures) * width, height), "white")
     for number, picture in enumerate(pictures):

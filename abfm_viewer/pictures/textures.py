@@ -1,4 +1,4 @@
-"""Textures of meshes: their images decoded, within bounds, and what was carried written."""
+"""Textures of meshes: images decoded within limits, and files of transferred textures."""
 
 import os
 import warnings
@@ -17,41 +17,41 @@ from abfm.registration import Texture
 from abfm.workers.progress import step
 
 Pixels = NDArray[np.uint8]
-_PIXELS_MAX = 1 << 26  # of all images of a file, of 4 bytes each
+_PIXELS_MAX = 1 << 26  # in all images of a file, with 4 bytes for each pixel
 _ROWS_AT_A_TIME = 256
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF")
 _OPAQUE_MODE = "OPAQUE"
 _BLEND_MODE = "BLEND"
-_SIXTEEN_BITS = 257  # from 16 to 8 bits
+_SIXTEEN_BITS = 257  # ratio of 16-bit to 8-bit values
 
 
 def read_texture(
     path: str | os.PathLike[str], mesh: TriangleMesh, image: str | os.PathLike[str] | None = None
 ) -> tuple[Texture, str]:
-    """Read the texture that a file gives a surface, in four channels, and what its opacity means,
-    as glTF has it: OPAQUE, MASK or BLEND.
+    """Return the texture of a mesh file in four channels, and its alpha mode as in glTF.
 
-    Colours of vertices and of materials become those that images, or white, are multiplied by.
+    The mode is OPAQUE, MASK or BLEND. Colours of vertices and materials become factors of the
+    images, or of white.
 
     Raises
     ------
     MeshError
-        As `abfm.mesh.colors.load_colors`, and if an image is damaged, cut off or too large.
+        As `abfm.mesh.colors.load_colors`, and if an image is damaged, incomplete or too large.
     """
     found = load_colors(path, mesh, image)
-    known: dict[bytes | None, Pixels] = {None: np.full((1, 1, 4), 255, dtype=np.uint8)}
-    left = _PIXELS_MAX
+    decoded: dict[bytes | None, Pixels] = {None: np.full((1, 1, 4), 255, dtype=np.uint8)}
+    available = _PIXELS_MAX
     for material in found.materials:
         data = material.image
-        if data is not None and data not in known:
+        if data is not None and data not in decoded:
             try:
-                known[data] = _decoded(data, left)
+                decoded[data] = _decoded(data, available)
             except Exception as error:  # decoders may raise anything on a bad file
-                given = path if image is None else image
+                source = path if image is None else image
                 raise MeshError(
-                    f"{one_line(given)}: its image cannot be read: {one_line(error)}"
+                    f"{one_line(source)}: its image cannot be read: {one_line(error)}"
                 ) from error
-            left -= known[data].size // 4
+            available -= decoded[data].size // 4
     images = dict.fromkeys((material.image, material.wraps) for material in found.materials)
     numbers = {each: number for number, each in enumerate(images)}
     owners = [numbers[material.image, material.wraps] for material in found.materials]
@@ -61,7 +61,7 @@ def read_texture(
     texture = Texture(
         mesh,
         np.where(np.isnan(found.coordinates), 0, found.coordinates),
-        [known[data] for data, _ in images],
+        [decoded[data] for data, _ in images],
         np.array(owners)[found.owners],
         [wraps for _, wraps in images],
         None if (tints == 1).all() else tints,
@@ -70,7 +70,7 @@ def read_texture(
 
 
 def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND_MODE) -> None:
-    """Write a surface with one image of four channels, see `abfm.io.write_textured`."""
+    """Write a surface with one image of four channels; see `abfm.io.write_textured`."""
     [pixels] = texture.images
     opaque = bool((pixels[..., 3] == 255).all())
     data, mode = BytesIO(), _OPAQUE_MODE if opaque else alpha_mode
@@ -79,21 +79,21 @@ def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND_MODE) -
         write_textured(path, texture.mesh, texture.coordinates, data.getvalue(), mode)
 
 
-def _decoded(data: bytes, most: int) -> Pixels:
+def _decoded(data: bytes, pixels_max: int) -> Pixels:
     """Return an image of at most so many pixels, (H, W, 4)."""
     ignored = warnings.catch_warnings(action="ignore")
     with ignored, Image.open(BytesIO(data), formats=_FORMATS) as image:
-        if image.width * image.height > most:
+        if image.width * image.height > pixels_max:
             raise ValueError(
-                f"it has {image.width} x {image.height} pixels, and at most {most} are read"
+                f"it has {image.width} x {image.height} pixels; expected at most {pixels_max}"
             )
-        if image.mode.startswith("I"):  # 16 bits, which Pillow would cut off at 255
+        if image.mode.startswith("I"):  # 16 bits, which Pillow would clip at 255
             grey = np.clip(np.asarray(image) // _SIXTEEN_BITS, 0, 255).astype(np.uint8)
             return np.asarray(Image.fromarray(grey).convert("RGBA"))
         if image.mode == "F":
             raise ValueError("its pixels are floating-point numbers; expected 8 or 16 bits")
         pixels = np.empty((image.height, image.width, 4), dtype=np.uint8)
-        for top in range(0, image.height, _ROWS_AT_A_TIME):  # which need no copy of all
+        for top in range(0, image.height, _ROWS_AT_A_TIME):  # avoids a copy of the image
             rows = image.crop((0, top, image.width, min(top + _ROWS_AT_A_TIME, image.height)))
             pixels[top : top + rows.height] = np.asarray(rows.convert("RGBA"))
         return pixels

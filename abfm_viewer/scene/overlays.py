@@ -306,7 +306,7 @@ class Overlays:
             show_visible_arrows(_ARROWS, arrows, eye, hidden)
 
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
-        """Draw level sets, not at the ends and the middle of the range, which are often constant."""
+        """Draw level sets, but not of the often constant ends and middle of the range."""
         view, name = self._shown.session.view, _ISOLINES + surface
         colors = paint.colors if paint and paint.kind == "vertex values" else None
         if not view.isolines or surface == "error" or paint is None or colors is None:

@@ -165,7 +165,7 @@ class Scene:
         if viewpoint != before:
             self._session.editor.amend(view=replace(self._session.view, viewpoint=viewpoint))
 
-    def look_at(self, name: str, viewpoint: Viewpoint) -> Viewpoint:
+    def common_viewpoint(self, name: str, viewpoint: Viewpoint) -> Viewpoint:
         """Return the common viewpoint at which one surface is seen from its own viewpoint."""
         if name not in self._views:
             return viewpoint

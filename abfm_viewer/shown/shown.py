@@ -41,8 +41,8 @@ class Shown:
     def is_ready(self) -> bool:
         """Whether all times of the flow can be played.
 
-        Otherwise the player waits. It does not wait for the streaks of a sequence, where each
-        interval has its own field: the sequence is shown without them until they are computed.
+        Otherwise the player waits. It does not wait for the streaks of a sequence, as each interval
+        has its own field. The sequence is shown without streaks until they are computed.
         """
         waits = self.session.document.has_one_field and self.quantities.convolving
         return self.flow.is_ready and not waits

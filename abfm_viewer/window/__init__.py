@@ -1,4 +1,4 @@
-"""The window: frame loop, menus, keys, mouse, recovery."""
+"""The window: frame loop, menus, keyboard, mouse and recovery of unsaved work."""
 
 from abfm_viewer.errors import app_room
 

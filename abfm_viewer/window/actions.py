@@ -1,4 +1,4 @@
-"""Actions: one table for the keyboard, the hints in the menus and the list in Help."""
+"""Actions of the keyboard, with the hints in the menus and the list in Help."""
 
 import sys
 import time
@@ -20,22 +20,22 @@ from abfm_viewer.session.session_files import OTHER_NAME
 
 COMMAND = "Cmd" if sys.platform == "darwin" else "Ctrl"
 AXES = {"x": "X", "y": "Y", "z": "Z", "-x": "Shift+X", "-y": "Shift+Y", "-z": "Shift+Z"}
-"""And the keys to look from them."""
+"""Axes to look from, and their keys."""
 _ESCAPE = (
-    "close a menu; else take a message away; else show all surfaces; else cancel, and keep the "
-    "best field, from which Continue goes on"
+    "close the menu, or dismiss a message, or show all surfaces, or cancel the match (Continue "
+    "resumes from the best field)"
 )
 _QUIT = "Save before closing?"
 _MOUSE = (
-    ("drag on a surface", "turn them all, each in its place"),
-    ("drag beside a surface", "turn them about their upright axis, or tilt it"),
-    ("right or middle drag", "move them"),
-    ("wheel", "nearer to or farther from what is under the mouse"),
-    ("double click", "one surface large, or all again"),
+    ("drag on a surface", "turn all surfaces, each in its place"),
+    ("drag next to a surface", "turn all surfaces about their upright axis, or tilt it"),
+    ("right or middle drag", "move all surfaces"),
+    ("wheel", "zoom in or out at the mouse"),
+    ("double click", "enlarge one surface, or show all again"),
     ("Shift+click, Shift+drag", "on the source or target: move the active Gaussian"),
-    ("Shift+wheel", "wider or narrower Gaussian"),
+    ("Shift+wheel", "make the Gaussian wider or narrower"),
     ("drag a landmark", "move it along its surface"),
-    ("drop files", "open a mesh, a project or a result; two meshes as surfaces A and B; frames"),
+    ("drop files", "open a mesh, a project, a result or frames; two meshes as surfaces A and B"),
     ("drop a folder", "open the results of a batch or population as a table"),
 )
 _ARROWS = {name: f"{name}Arrow" for name in ("Left", "Right", "Up", "Down")}
@@ -44,14 +44,14 @@ _KEYS = _ARROWS | {"Esc": "Escape"}
 
 @dataclass(eq=False)
 class Action:
-    """Something that keys do; `group` is its heading in the list in Help."""
+    """An action that has keys."""
 
-    group: str
-    does: str
-    keys: str  # such as "Ctrl+Y or Ctrl+Shift+Z"; on a Mac Cmd
+    group: str  # heading in the list in Help
+    text: str  # description in that list
+    keys: str  # such as "Ctrl+Y or Ctrl+Shift+Z"; Cmd on a Mac
     do: Callable[[], None]
-    repeats: bool = False  # while the key is held
-    while_typing: bool = False  # also in a text box, which then takes what was typed
+    repeats: bool = False  # while the key is pressed
+    while_typing: bool = False  # also in a text box, after its text is taken over
 
     @property
     def chords(self) -> list[str]:
@@ -59,15 +59,15 @@ class Action:
 
     @property
     def hint(self) -> str:
-        """The first chord, as the user's keyboard calls it."""
+        """The first chord, with the names on the user's keyboard."""
         return self.chords[0].replace("Ctrl", COMMAND)
 
     @property
     def is_pressed(self) -> bool:
         io = imgui.GetIO()
         for key, ctrl, shift in map(_parts, self.chords):
-            held = (ctrl, shift) == (io.KeyCtrl, io.KeyShift)
-            if held and imgui.IsKeyPressed(key, self.repeats):
+            has_modifiers = (ctrl, shift) == (io.KeyCtrl, io.KeyShift)
+            if has_modifiers and imgui.IsKeyPressed(key, self.repeats):
                 return True
         return False
 
@@ -80,28 +80,29 @@ def _parts(chord: str) -> tuple[imgui.ImGuiKey, bool, bool]:
 
 
 def axis_front(axis: str) -> Front:
-    """Return the side that an axis points out of; seen along y, z is upright."""
+    """Return the front seen from an axis; y points up, or z if the axis is y."""
     direction = (-1.0 if axis.startswith("-") else 1.0) * np.eye(3)["xyz".index(axis[-1])]
     up = np.eye(3)[1] if axis[-1] != "y" else -direction[1] * np.eye(3)[2]
     return Front(triple(direction), triple(up))
 
 
-def what_would_be_lost(session: Session) -> str:
-    """Say of each document what is in no file, for the question before closing."""
-    said, running = [], session.solver.running
+def unsaved_work(session: Session) -> str:
+    """Return the text of the question before closing: the unsaved work in each document."""
+    texts, running = [], session.solver.running
     if running:
         name = session.document.name
-        said.append(f"{name} is being matched; the best field so far is in no file.")
+        texts.append(f"{name} is being matched; the best field so far is not saved.")
     for document in session.saves.unsaved_documents:
         if not (running and document.identity is session.document.identity):
-            said.append(session.saves.unsaved_text(document))
-    return " ".join(said)
+            texts.append(session.saves.unsaved_text(document))
+    return " ".join(texts)
 
 
 class Actions:
-    """The window's commands; each `Action` is an attribute, and `all` has them in the list's order.
+    """The actions of the window, as attributes; `all` has them in the order of the list in Help.
 
-    `over` names the surface under the mouse, and `close` closes the window without a question.
+    ``over`` returns the name of the surface under the mouse, and ``close`` closes the window
+    without a question.
     """
 
     def __init__(
@@ -109,7 +110,7 @@ class Actions:
     ) -> None:
         self.context, self._over, self._close = context, over, close
         self._waiting: Action | None = None
-        self._left = ""  # the box that was typed into when a save began: it gets the keyboard back
+        self._last_box = ""  # text box that gets the keyboard back after a save
         self._session, self._files, self._dialogs = context.session, context.files, context.dialogs
         session = context.session
         set_time, set_view = session.set_time, session.editor.set_view
@@ -119,33 +120,33 @@ class Actions:
         do = partial(context.dialogs.open, title, formats, context.files.open)
         self.open_project = files("open a project or a result", "Ctrl+Shift+O", do)
         self.save = files("save the project", "Ctrl+S", self._save)
-        what = "save the project under another name"
-        self.save_as = files(what, "Ctrl+Shift+S", self._ask_where)
+        text = "save the project under another name"
+        self.save_as = files(text, "Ctrl+Shift+S", self._choose_file)
         self.quit = files("quit", "Ctrl+Q", self._quit)
         changes = partial(Action, "Changes", repeats=True)
         self.undo = changes("undo", "Ctrl+Z", session.undo)
         self.redo = changes("redo", "Ctrl+Y or Ctrl+Shift+Z", session.redo)
-        marks = partial(Action, "Landmarks")
-        what = "place landmarks by clicks, or stop that"
-        self.place_landmarks = marks(what, "M", self._switch_placing)
-        what, remove = "remove the chosen landmark", session.editor.remove_landmark
-        self.remove_landmark = marks(what, "Delete or Backspace", remove)
+        landmarks = partial(Action, "Landmarks")
+        text = "start or stop placing landmarks by clicks"
+        self.place_landmarks = landmarks(text, "M", self._switch_placing)
+        text, remove = "remove the selected landmark", session.editor.remove_landmark
+        self.remove_landmark = landmarks(text, "Delete or Backspace", remove)
         solver = partial(Action, "Solver")
         self.match = solver("match", "Ctrl+Enter", session.match, while_typing=True)
         self.pause = solver("pause or resume", "P", self._pause)
         self.cancel = solver(_ESCAPE, "Esc", self._escape)
-        what = "show a smoother step of the path, or the row above"
-        self.smoother = solver(what, "Up", lambda: self._along(-1))
-        what = "show a closer step of the path, or the row below"
-        self.closer = solver(what, "Down", lambda: self._along(1))
+        text = "show a smoother step of the path, or the row above"
+        self.smoother = solver(text, "Up", lambda: self._select_next(-1))
+        text = "show a closer step of the path, or the row below"
+        self.closer = solver(text, "Down", lambda: self._select_next(1))
         times, step = partial(Action, "Time"), self._step
         self.play = times("play or pause", "Space", session.player.toggle)
-        self.back = times("a twentieth of τ back", "Left", lambda: step(-STEP), repeats=True)
-        self.on = times("a twentieth of τ on", "Right", lambda: step(STEP), repeats=True)
+        self.back = times("back by τ / 20", "Left", lambda: step(-STEP), repeats=True)
+        self.forward = times("forward by τ / 20", "Right", lambda: step(STEP), repeats=True)
         self.go_to_start = times("to time 0", "Home", lambda: set_time(session.document.start))
         self.go_to_end = times("to τ", "End", lambda: set_time(session.document.last_target_time))
         views, switch = partial(Action, "View"), self._switch
-        self.switch_theme = views("light or dark", "L", self._switch_theme)
+        self.switch_theme = views("light or dark theme", "L", self._switch_theme)
         show = self._dialogs.show
         self.show_shortcuts = views("this list", "F1", lambda: show("Shortcuts", self.listed()))
         do = partial(set_view, "look from the front", viewpoint=None)
@@ -155,46 +156,48 @@ class Actions:
             for axis, keys in AXES.items()
         }
         self.wireframe = views("wireframe", "W", lambda: switch("wireframe", "the wireframe"))
-        self.flat = views("flat or smooth", "F", lambda: switch("flat", "flat shading"))
+        self.flat = views("flat or smooth shading", "F", lambda: switch("flat", "flat shading"))
         self.hide = views("hide the surface under the mouse", "H", self._hide)
         do = partial(set_view, "show all surfaces", hidden=(), enlarged="")
         self.show_all = views("show all surfaces", "Shift+H", do)
-        own = (one.values() if isinstance(one, dict) else [one] for one in vars(self).values())
-        self.all = tuple(one for some in own for one in some if isinstance(one, Action))
+        members = (one.values() if isinstance(one, dict) else [one] for one in vars(self).values())
+        self.all = tuple(one for some in members for one in some if isinstance(one, Action))
 
     # Keys
 
     def do_pressed(self) -> None:
-        """Do what the keys pressed in this frame stand for, unless they are meant for a text box, a
-        menu or a drag: call it at the end of every frame.
+        """Do the action of the keys that are pressed in this frame.
+
+        Keys for a text box, a menu or a drag are ignored. Call this at the end of every frame.
         """
         context, io = self.context, imgui.GetIO()
         action, self._waiting = self._waiting, None
-        is_meant = not (io.KeyAlt or io.KeySuper)
-        is_meant = is_meant and (io.WantTextInput or not imgui.IsAnyItemActive())
-        if action is None and is_meant:
-            meant = (one for one in self.all if one.while_typing or not io.WantTextInput)
-            action = next((one for one in meant if one.is_pressed), None)
+        is_free = not (io.KeyAlt or io.KeySuper)
+        is_free = is_free and (io.WantTextInput or not imgui.IsAnyItemActive())
+        if action is None and is_free:
+            possible = (one for one in self.all if one.while_typing or not io.WantTextInput)
+            action = next((one for one in possible if one.is_pressed), None)
             if action is not None and io.WantTextInput:
                 saves = action in (self.save, self.save_as)
-                self._left = context.ui.active_box if saves else ""
-                # to a window without text boxes: in the next frame the box gives what was typed
+                self._last_box = context.ui.active_box if saves else ""
+                # another focus makes the text box return its text in the next frame
                 imgui.SetWindowFocus("status line")
                 action, self._waiting = None, action
+        is_busy = context.files.saving or self._waiting or context.dialogs.is_open
         if action is not None:
             action.do()
-        elif self._left and not (context.files.saving or self._waiting or context.dialogs.is_open):
-            context.ui.focus_next, self._left = self._left, ""
+        elif self._last_box and not is_busy:
+            context.ui.focus_next, self._last_box = self._last_box, ""
 
     # Help
 
     def listed(self) -> list[tuple[str, str]]:
-        """Return the list in Help: keys and what they do; a heading has an empty second part."""
+        """Return the list in Help: keys and descriptions, or a heading and an empty text."""
         rows: list[tuple[str, str]] = []
         for group in dict.fromkeys(action.group for action in self.all):
             rows.append((group, ""))
             actions = [action for action in self.all if action.group == group]
-            rows += [(action.keys.replace("Ctrl", COMMAND), action.does) for action in actions]
+            rows += [(action.keys.replace("Ctrl", COMMAND), action.text) for action in actions]
         return [*rows, ("Mouse", ""), *_MOUSE]
 
     def show_messages(self) -> None:
@@ -206,13 +209,12 @@ class Actions:
         self._dialogs.show("Messages", rows[::-1] or ["There are none yet."], copied)
 
     def show_about(self) -> None:
-        from importlib.metadata import version  # it takes a while to load
+        from importlib.metadata import version  # imported late: it loads slowly
 
         lines = [
             f"abfm {version('abfm')}",
-            "Finds the tangent vector field whose flow carries one function on a surface to "
-            "another.",
-            "After: O. Azencot, O. Vantzos, M. Ben-Chen, Advection-based function matching on "
+            "Finds a tangent vector field whose flow moves one function on a surface to another.",
+            "Method: O. Azencot, O. Vantzos, M. Ben-Chen, Advection-based function matching on "
             "surfaces, Computer Graphics Forum 35 (5), 2016.",
             f"Python {sys.version.split()[0]}, NumPy {np.__version__}, polyscope "
             f"{version('polyscope')}.",
@@ -231,13 +233,13 @@ class Actions:
             self._close()
         elif not self._dialogs.has_question(_QUIT):
             answers = {"Save": self._save_and_close, "Don't save": self._close, "Go back": None}
-            text = partial(what_would_be_lost, self._session)  # which runs that end change
+            text = partial(unsaved_work, self._session)  # evaluated later: runs may end meanwhile
             self._dialogs.question(_QUIT, text, answers)
 
     def _save_and_close(self) -> None:
         if self._session.solver.running and self._session.solver.has_found:
             self._files.end_run("saving and closing", self._save_and_close)
-        else:  # a run without a field so far has nothing to save
+        else:  # nothing of the run can be saved before its first field
             self._session.solver.cancel()
             self._save_all(list(self._session.saves.unsaved_documents), self._close)
 
@@ -250,28 +252,28 @@ class Actions:
     def _save(
         self, then: Callable[[], None] | None = None, document: Document | None = None
     ) -> None:
-        """Save a document, by default the present one, where it is; if nowhere, ask where."""
+        """Save a document, by default the present one, in its file, or choose a file first."""
         document = document or self._session.document
         origin = self._session.saves.origin(document)
         is_present = document.identity is self._session.document.identity
-        taken_back = is_present and document is not self._session.document
-        if origin is None or taken_back:
-            self._ask_where(then, document)
+        is_undone = is_present and document is not self._session.document
+        if origin is None or is_undone:
+            self._choose_file(then, document)
             return
         write = partial(self._files.save, origin.path, then, document)
-        # what is being saved was changed by this window
+        # during a save, the change of the file is that of this window
         if self._files.saving or not origin.changed:
             write()
             return
         text = (
-            f"{origin.path.name} has changed since it was opened or saved here. Saving takes the "
-            "place of what is in it now."
+            f"{origin.path.name} has changed since it was opened or saved here. Saving replaces "
+            "its present content."
         )
-        other = partial(self._ask_where, then, document)
+        other = partial(self._choose_file, then, document)
         answers = {OTHER_NAME: other, "Replace": write, "Go back": None}
         self._dialogs.question("Replace a changed file?", text, answers)
 
-    def _ask_where(
+    def _choose_file(
         self, then: Callable[[], None] | None = None, document: Document | None = None
     ) -> None:
         document = document or self._session.document
@@ -297,7 +299,8 @@ class Actions:
         else:
             self._session.solver.cancel()
 
-    def _along(self, count: int) -> None:
+    def _select_next(self, count: int) -> None:
+        """Show another row of the table, or another step of the path."""
         if self._files.tables.has_keys:
             self._files.tables.move(count)
         elif not self._session.solver.running:
@@ -310,7 +313,9 @@ class Actions:
         if self._session.document.has_sides:
             self._session.editor.switch_placing()
         else:
-            self._session.notices.show("landmarks are for a match of two functions, not for a film")
+            self._session.notices.show(
+                "landmarks need a match of two functions; a sequence of frames has none"
+            )
 
     def _switch(self, name: str, what: str) -> None:
         shown = getattr(self._session.view, name)
@@ -323,8 +328,8 @@ class Actions:
 
     def _look_from(self, axis: str) -> None:
         front, viewpoint = axis_front(axis), self._session.view.viewpoint
-        seen = replace(viewpoint, front=front) if viewpoint else Viewpoint(front)
-        self._session.editor.set_view(f"look from {axis}", viewpoint=seen)
+        turned = replace(viewpoint, front=front) if viewpoint else Viewpoint(front)
+        self._session.editor.set_view(f"look from {axis}", viewpoint=turned)
 
     def hide_or_show(self, name: str) -> None:
         """Hide a surface, unless it is the last one, or show it again."""
@@ -333,7 +338,7 @@ class Actions:
             others = tuple(one for one in view.hidden if one != name)
             self._session.editor.set_view(f"show {name}", hidden=others)
         elif view.shown_surfaces == (name,):
-            self._session.notices.show(f"{name} is the only surface that is shown")
+            self._session.notices.show(f"{name} cannot be hidden: no other surface is shown")
         else:
             enlarged = "" if view.enlarged == name else view.enlarged
             self._session.editor.set_view(
@@ -344,4 +349,4 @@ class Actions:
         if name := self._over():
             self.hide_or_show(name)
         else:
-            self._session.notices.show("H hides the surface under the mouse: point at one")
+            self._session.notices.show("point at a surface: H hides the one under the mouse")

@@ -1,4 +1,4 @@
-"""Warnings of the library as cards of the window."""
+"""Warnings of the library, shown as cards in the window."""
 
 import warnings
 from collections import deque
@@ -9,7 +9,7 @@ from abfm_viewer.session.notices import Notices
 
 
 class LibraryWarnings:
-    """Collects warnings of the library from all threads; others are printed as before."""
+    """Collects warnings of the library from all threads; other warnings are printed as usual."""
 
     def __init__(self) -> None:
         self._texts: deque[str] = deque()
@@ -17,7 +17,7 @@ class LibraryWarnings:
         warnings.showwarning = self._collect
 
     def update(self, notices: Notices) -> None:
-        """Show what was collected: call once per frame."""
+        """Show the collected warnings; call this once per frame."""
         while self._texts:
             notices.show(self._texts.popleft(), True)
 

@@ -18,18 +18,20 @@ from abfm_viewer.window import samples
 from abfm_viewer.window.actions import Action, Actions
 
 UI_SCALES = (1.0, 1.25, 1.5, 2.0)
-_LONGEST_PATH = 60
+_PATH_LENGTH_MAX = 60
 _TABLES = (
-    "What abfm batch or population wrote, as a table: choose population.npz, subjects.csv, "
-    "summary.csv, or rows.json in the folder ledger. A folder can be dropped on the window, too."
+    "Show the results of abfm batch or population as a table: choose population.npz, subjects.csv, "
+    "summary.csv, or rows.json in the folder ledger. A folder can also be dropped on the window."
 )
 _FINER_TIP = (
-    "Of a match that was found on a finer mesh: its functions there, without streaks. All else is "
-    "on the mesh itself, where clicks and drags count."
+    "Show the functions of a match on the finer mesh on which it was found, without streaks. "
+    "Everything else stays on the mesh itself; clicks and drags also refer to it."
 )
 
 
 def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
+    """Draw the menu bar, with the name of the document at the right."""
+
     def draw_samples(ui: Ui, actions: Actions) -> None:
         samples.draw(ui, actions.context.files, textures)
 
@@ -41,10 +43,10 @@ def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
             with menu(ui, label) as is_open:
                 if is_open:
                     draw_menu(ui, actions)
-        # what is open, at the right where there is room for it
-        room = float(imgui.GetContentRegionAvail()[0]) - ui.px(16)
-        title = abbreviated(saves.title, room, ui.text_width)
-        imgui.SetCursorPosX(imgui.GetCursorPosX() + max(room - ui.text_width(title), 0.0))
+        # the document at the right, as far as it fits
+        available = float(imgui.GetContentRegionAvail()[0]) - ui.px(16)
+        title = abbreviated(saves.title, available, ui.text_width)
+        imgui.SetCursorPosX(imgui.GetCursorPosX() + max(available - ui.text_width(title), 0.0))
         ui.note(title, "ink" if saves.unsaved else "muted")
         if saves.unsaved:
             ui.tip("Not saved since the last change (Ctrl+S).")
@@ -90,10 +92,10 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
     context = actions.context
     if menu_item(ui, "Open second surface..."):
         context.open_second()
-    ui.tip("Surface B, to which the first one is registered: a flow on B moves A's functions.")
+    ui.tip("Open surface B and register the first one, A, to it: a flow on B moves A's functions.")
     if menu_item(ui, "Open frames..."):
         context.open_frames()
-    ui.tip("A function on the mesh that is open, at several times: all frames are matched.")
+    ui.tip("Open a function on the present mesh at several times; consecutive frames are matched.")
     has_second = len(context.session.document.surfaces) > 1
     if menu_item(ui, "Close second surface", enabled=has_second):
         close = partial(context.session.set_surfaces, context.session.surface("source"))
@@ -103,11 +105,13 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
 
 
 def _short(path: Path) -> str:
-    """Return a path that fits in a menu: ~ for the user's folder, and the middle left out."""
+    """Return a path that fits into a menu, with ~ for the user's directory."""
     text, home = str(path), str(Path.home())
     if text.startswith(f"{home}/"):
         text = f"~{text[len(home) :]}"
-    return text if len(text) <= _LONGEST_PATH else f"{text[:15]}...{text[-_LONGEST_PATH + 18 :]}"
+    if len(text) <= _PATH_LENGTH_MAX:
+        return text
+    return f"{text[:15]}...{text[-_PATH_LENGTH_MAX + 18 :]}"
 
 
 def _edit(ui: Ui, actions: Actions) -> None:
@@ -155,7 +159,7 @@ def _view(ui: Ui, actions: Actions) -> None:
     ui.tip(_FINER_TIP)
     if menu_item(ui, "Flow after a match", checked=view.flow_after_match):
         session.switch_flow_after_match()
-    ui.tip("A match that has ended shows its flow, by streaks or arrows, and plays it once.")
+    ui.tip("After a match, show its flow by streaks or arrows, and play it once.")
     imgui.Separator()
     with menu(ui, "Surfaces") as is_open:
         if is_open:

@@ -1,4 +1,4 @@
-"""The mouse on the surfaces: turns, moves and zooms them, moves Gaussians, places points."""
+"""The mouse over the surfaces, which turns, moves and edits them."""
 
 import math
 import time
@@ -13,47 +13,48 @@ from abfm_viewer.session import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import Rect
 
-_CLICK_PIXELS_MAX = 4.0  # pixels that a click may move
-_MOVING_BUTTONS = (1, 2)  # buttons: right and middle
-_ZOOM_FACTOR = 1.15  # by one notch of the wheel
-_BURST = 0.5  # seconds without a turn of the wheel that end a step of undo
-_MISSED_CLICK_MESSAGE = "no landmark: the click was beside the surfaces"
-_NO_GAUSSIAN = "Shift-click on the source or the target to move its Gaussian; this surface has none"
+_CLICK_PIXELS_MAX = 4.0  # motion of the mouse during a click
+_MOVING_BUTTONS = (1, 2)  # right and middle
+_ZOOM_FACTOR = 1.15  # for one notch of the wheel
+_WHEEL_PAUSE_SECONDS = 0.5  # a pause of the wheel that ends a step of undo
+_MISSED_CLICK_MESSAGE = "no landmark was placed: click on a surface"
+_NO_GAUSSIAN = "this surface has no Gaussian; Shift-click on the source or target to move theirs"
 
 
 @dataclass(frozen=True)
 class _Turn:
-    """A drag that turns: the surface that it began at, where it is, and whether it began beside."""
+    """A drag that turns the surfaces."""
 
-    surface: str
-    place: Place
-    orbits: bool
+    surface: str  # in whose slot the drag began
+    place: Place  # present place of the mouse
+    orbits: bool  # whether the drag began next to the surface
 
 
 class Mouse:
-    """Follows the mouse from frame to frame; it is in the slot of `over`, or that is empty."""
+    """State of the mouse between frames.
+
+    `over` is the surface in whose slot the mouse is; it is empty if the mouse is elsewhere.
+    """
 
     def __init__(self) -> None:
         self.over = ""
         self._edited: Side | None = None
         self._dragged: DrawnLandmark | None = None
-        self._landmarks: tuple[Landmark, ...] = ()  # as the drag has left them
+        self._landmarks: tuple[Landmark, ...] = ()  # after the last motion of the drag
         self._wheel_until = 0.0
         self._pressed_at: Place | None = None
         self._turned: _Turn | None = None
-        self._clicked_twice: Place | None = None  # where, until the button is released
+        self._double_click: Place | None = None  # until the button is released
         self._moves = False
 
     @property
     def dragging(self) -> bool:
-        """Return whether it changes a Gaussian or a landmark, which is one step of undo until it
-        lets go.
-        """
-        is_held = self._edited is not None or self._dragged is not None
-        return is_held or time.perf_counter() < self._wheel_until
+        """Whether the mouse changes a Gaussian or a landmark; the drag is one step of undo."""
+        is_dragging = self._edited is not None or self._dragged is not None
+        return is_dragging or time.perf_counter() < self._wheel_until
 
     def update(self, session: Session, scene: Scene, rect: Rect, free: bool) -> None:
-        """Do what the mouse asks for in this frame; `free` if it may, as when no dialog is open."""
+        """Do the actions of the mouse in this frame; nothing is done unless ``free``."""
         io = imgui.GetIO()
         x, y = place = tuple(io.MousePos)
         inside = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
@@ -68,7 +69,7 @@ class Mouse:
         elif self._drag_landmark(session, scene, place, over):
             imgui.SetMouseCursor(imgui.ImGuiMouseCursor_Hand)
             ours = True
-        elif scene.names:  # what began over them may go on outside
+        elif scene.names:  # a drag may continue outside the surfaces
             self._turn(scene, place, over)
             self._enlarge(session, scene, place, over)
             self._move(scene, over, free)
@@ -91,27 +92,27 @@ class Mouse:
         self._turned = replace(turned, place=place)
 
     def _enlarge(self, session: Session, scene: Scene, place: Place, over: bool) -> None:
-        """Show the surface that was clicked on twice large, or all again."""
+        """Enlarge a surface after a double click, or show all again."""
         if over and imgui.IsMouseClicked(0):
-            self._clicked_twice = place if imgui.IsMouseDoubleClicked(0) else None
-        if over and imgui.IsMouseReleased(0) and self._clicked_twice is not None:
-            if math.dist(place, self._clicked_twice) <= _CLICK_PIXELS_MAX:
+            self._double_click = place if imgui.IsMouseDoubleClicked(0) else None
+        if over and imgui.IsMouseReleased(0) and self._double_click is not None:
+            if math.dist(place, self._double_click) <= _CLICK_PIXELS_MAX:
                 enlarged = "" if len(scene.shown) < len(scene.names) else self.over
                 session.editor.amend(view=replace(session.view, enlarged=enlarged))
-            self._clicked_twice = None
+            self._double_click = None
 
     def _move(self, scene: Scene, over: bool, free: bool) -> None:
         delta = tuple(imgui.GetIO().MouseDelta)
-        held = free and any(imgui.IsMouseDown(button) for button in _MOVING_BUTTONS)
-        if self._moves and held and delta != (0, 0):
+        is_down = free and any(imgui.IsMouseDown(button) for button in _MOVING_BUTTONS)
+        if self._moves and is_down and delta != (0, 0):
             scene.set_view(scene.view.moved(delta))
         begins = over and any(imgui.IsMouseClicked(button) for button in _MOVING_BUTTONS)
-        self._moves = held and (self._moves or begins)
+        self._moves = is_down and (self._moves or begins)
 
     def _edit_gaussian(self, session: Session, scene: Scene, place: Place) -> None:
-        """Take, move or widen a Gaussian; a pick draws anew, so not in every frame."""
+        """Grab, move or widen a Gaussian; picks are slow, so not every frame makes one."""
         io = imgui.GetIO()
-        # with Shift, some systems turn the wheel sideways
+        # with Shift, some systems report the wheel as horizontal
         notches = io.MouseWheel or io.MouseWheelH
         pressed = bool(imgui.IsMouseClicked(0))
         moved = self._edited is not None and tuple(io.MouseDelta) != (0, 0)
@@ -131,45 +132,45 @@ class Mouse:
         elif self._edited == side and moved:
             active_gaussian.move(session, side, hit.vertex, f"drag {side}")
         elif self._edited is None and notches:
-            self._wheel_until = time.perf_counter() + _BURST
+            self._wheel_until = time.perf_counter() + _WHEEL_PAUSE_SECONDS
             active_gaussian.widen(session, side, notches, f"wheel {side}")
 
     def _drag_landmark(self, session: Session, scene: Scene, place: Place, over: bool) -> bool:
-        """Move a landmark along its surface; whether the mouse is on one, or moves one."""
+        """Move a landmark along its surface; return whether the mouse is on or moves one."""
         if self._dragged is None:
             is_busy = self._turned is not None or self._moves or imgui.GetIO().MouseWheel
             if not over or is_busy or any(map(imgui.IsMouseDown, _MOVING_BUTTONS)):
                 return False
-            mark = scene.landmark_at(place)
-            if mark is not None and imgui.IsMouseClicked(0):
+            landmark = scene.landmark_at(place)
+            if landmark is not None and imgui.IsMouseClicked(0):
                 session.editor.seal()
-                session.editor.select(landmark=mark.number)
-                self._dragged, self._pressed_at = mark, None
+                session.editor.select(landmark=landmark.number)
+                self._dragged, self._pressed_at = landmark, None
                 self._landmarks = session.document.landmarks
-            return mark is not None
-        mark = self._dragged
-        if session.document.landmarks is not self._landmarks:  # removed or taken back meanwhile
+            return landmark is not None
+        landmark = self._dragged
+        if session.document.landmarks is not self._landmarks:  # removed or undone in the meantime
             self._dragged = None
             return False
-        if tuple(imgui.GetIO().MouseDelta) == (0, 0) or mark.side is None:
+        if tuple(imgui.GetIO().MouseDelta) == (0, 0) or landmark.side is None:
             return True
         hit = scene.pick(place)
-        if hit is not None and hit.surface == mark.surface:
-            label = f"drag landmark {mark.number} {mark.side}"
-            session.editor.move_landmark(mark.number, mark.side, hit.point, label)
+        if hit is not None and hit.surface == landmark.surface:
+            label = f"drag landmark {landmark.number} {landmark.side}"
+            session.editor.move_landmark(landmark.number, landmark.side, hit.point, label)
             self._landmarks = session.document.landmarks
         return True
 
     def _place_point(self, session: Session, scene: Scene, place: Place, over: bool) -> None:
-        """Do what the tool does where the left button was clicked."""
+        """Apply the present tool at the place of a left click."""
         if imgui.IsMouseClicked(0):
             places = over and session.view.tool != "nothing" and not imgui.IsMouseDoubleClicked(0)
             self._pressed_at = place if places else None
         if imgui.IsMouseReleased(0) and self._pressed_at is not None:
-            still = math.dist(place, self._pressed_at) <= _CLICK_PIXELS_MAX
+            is_click = math.dist(place, self._pressed_at) <= _CLICK_PIXELS_MAX
             self._pressed_at = None
-            hit = scene.pick(place) if still else None
-            if still and hit is None and session.view.tool == "landmark":
+            hit = scene.pick(place) if is_click else None
+            if is_click and hit is None and session.view.tool == "landmark":
                 session.notices.show(_MISSED_CLICK_MESSAGE)
             if hit is not None:
                 if session.view.tool == "landmark":

@@ -1,4 +1,4 @@
-"""The sample of a population: subjects made from a bundled mesh by known flows, and an odd one."""
+"""The sample of a population: subjects made by known flows from a bundled mesh, one an outlier."""
 
 from __future__ import annotations
 
@@ -18,34 +18,32 @@ from abfm.types import FloatArray
 from abfm.workers.worker import Worker, no_state
 
 NAME = "population.npz"
-"""What the population is written as."""
+"""Name of the file of the population."""
 MESH = "human_A.off"
 SUBJECTS = 8
-ODD_NAME = "subject 5, odd"
-# of the fields, in sqrt(area), and of the values
-_SIZE = 0.06
-_NOISE = 0.05
-# in each field, and the largest wave number over sqrt(area)
-_WAVES = 6
-_WAVE_NUMBER_MAX = 2.0
-_OPTIONS = {  # for seconds, not for the best map
+OUTLIER_NAME = "subject 5, odd"
+_DISPLACEMENT = 0.06  # root mean square of the fields, in sqrt(area)
+_NOISE = 0.05  # standard deviation of the noise of the values
+_WAVES = 6  # in each field
+_WAVE_NUMBER_MAX = 2.0  # waves per sqrt(area)
+_OPTIONS = {  # for a result within seconds, not for the best map
     "refine": 0,
     "iterations": 20,
     "sigma": 0.1,
     "cooling-stages": 1,
     "max-displacement": 0.2,
 }
-_ENDED_MESSAGE = "the population was not made: its process has ended; try again"
+_ENDED_MESSAGE = "the population was not computed, because its process ended; try again"
 
 
 def function(mesh: TriangleMesh) -> FloatArray:
-    """Return what all subjects have, (V,): bands along the body and across it."""
+    """Return the function of the template, (V,): bands along and across the body."""
     x, y, z = (mesh.vertices / mesh.length_scale).T
     return np.asarray(np.sin(5 * y + 1) + 0.7 * np.sin(6 * x) + 0.5 * np.cos(7 * z + 2 * y))
 
 
 def fields(mesh: TriangleMesh, count: int) -> FloatArray:
-    """Return smooth tangent fields (N, F, 3) whose mean is zero: waves in space, on the surface."""
+    """Return smooth tangent fields (N, F, 3) with mean zero: sums of waves in space."""
     rng = np.random.default_rng(5)
     corners = mesh.vertices[mesh.faces] / mesh.length_scale
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -61,11 +59,11 @@ def fields(mesh: TriangleMesh, count: int) -> FloatArray:
         field -= (field * normals).sum(axis=1)[:, None] * normals
     found -= found.mean(axis=0)
     mean_square = ((found**2).sum(axis=2) @ areas).mean() / areas.sum()
-    return np.asarray(found * (_SIZE * mesh.length_scale / math.sqrt(mean_square)))
+    return np.asarray(found * (_DISPLACEMENT * mesh.length_scale / math.sqrt(mean_square)))
 
 
-def made_apart(folder: Path) -> Path:
-    """Make it in a process of its own, in seconds, unless it is there, and return its folder."""
+def made_in_subprocess(folder: Path) -> Path:
+    """Compute the population in a subprocess unless it exists, and return its folder."""
     if (folder / NAME).is_file():
         return folder
     with closing(Worker(no_state, _ENDED_MESSAGE)) as worker:
@@ -75,18 +73,18 @@ def made_apart(folder: Path) -> Path:
 def _made(_: None, folder: str) -> Path:
     Path(folder).mkdir(parents=True, exist_ok=True)
     path, mesh = asset_path(MESH), load_mesh(asset_path(MESH))
-    own, rng = function(mesh), np.random.default_rng(6)
+    template, rng = function(mesh), np.random.default_rng(6)
     values = [
-        Flow(mesh, field).point_map().pull_back(own) + _NOISE * rng.normal(size=len(own))
+        Flow(mesh, field).point_map().pull_back(template) + _NOISE * rng.normal(size=len(template))
         for field in fields(mesh, SUBJECTS)
     ]
     names = [f"subject {number}" for number in range(1, SUBJECTS + 2)]
-    names[4] = ODD_NAME
-    values.insert(4, -values[4])  # as of who takes height for depth
+    names[4] = OUTLIER_NAME
+    values.insert(4, -values[4])  # as if height and depth had been confused
     subjects = []
     for name, each in zip(names, values, strict=True):
         subjects.append(Subject(name, (_written(Path(folder, f"{name}.npy"), each),)))
-    target = _written(Path(folder, "template.npy"), own)
+    target = _written(Path(folder, "template.npy"), template)
     found = register_population(
         Cohort((Channel("bands"),), tuple(subjects)),
         path,

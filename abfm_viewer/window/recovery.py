@@ -1,6 +1,4 @@
-"""What the state folder keeps: what the user set, and copies of unsaved work, also of launches that
-ended badly.
-"""
+"""Preferences and copies of unsaved work in the state folder, also of launches that crashed."""
 
 import itertools
 import time
@@ -24,33 +22,36 @@ from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
 
-_COPIES = "copies"  # what cards are about
+_COPIES = "copies"  # subject of the cards
 
 
 class Preferences:
-    """Keeps a session's theme, size and ways, and sets them at the next launch."""
+    """Preferences of the user, stored for the next launch.
+
+    They are the theme, the UI scale, and the settings "follow" and "flow after a match".
+    """
 
     def __init__(self, session: Session, state: StateFolder) -> None:
-        """Set what the user set last, as far as it makes sense and no project brings its own."""
+        """Set the stored preferences that are valid and not set by a project."""
         self._session, self._state = session, state
-        known, kept = state.preferences(), dict[str, Any](ui_scale=1.0)
+        stored, changes = state.preferences(), dict[str, Any](ui_scale=1.0)
         theme, scale, follow, flow = map(
-            known.get, ("theme", "ui_scale", "follow", "flow_after_match")
+            stored.get, ("theme", "ui_scale", "follow", "flow_after_match")
         )
         if theme in THEMES and session.saves.path is None:
-            kept["theme"] = theme
+            changes["theme"] = theme
         if isinstance(scale, int | float) and 0.5 <= scale <= 4.0:
-            kept["ui_scale"] = float(scale)
+            changes["ui_scale"] = float(scale)
         if isinstance(flow, bool):
-            kept["flow_after_match"] = flow
+            changes["flow_after_match"] = flow
         if isinstance(follow, bool):
             session.matching.follow = follow
-        if (view := replace(session.view, **kept)) != session.view:
+        if (view := replace(session.view, **changes)) != session.view:
             session.editor.amend(view=view)
         self._latest, self._document = self._present(), session.document.identity
 
     def update(self) -> None:
-        """Remember what the user changed in this frame, but not what a project brings."""
+        """Store the changes that the user made in this frame, but not those of a project."""
         present, document = self._present(), self._session.document.identity
         for name, value in present.items():
             if self._latest[name] != value and document is self._document:
@@ -59,13 +60,14 @@ class Preferences:
 
     def _present(self) -> dict[str, object]:
         view = self._session.view
-        look = {name: getattr(view, name) for name in ("theme", "ui_scale", "flow_after_match")}
-        return look | {"follow": self._session.matching.follow}
+        of_view = {name: getattr(view, name) for name in ("theme", "ui_scale", "flow_after_match")}
+        return of_view | {"follow": self._session.matching.follow}
 
 
 class Recoveries:
-    """Keeps a copy of each unsaved document in the state folder, the present one with the field of
-    a run that is under way, and offers those of earlier launches.
+    """Copies of unsaved documents in the state folder, and the offer of those of earlier launches.
+
+    The copy of the present document has the best field of a run in progress.
     """
 
     def __init__(
@@ -85,12 +87,13 @@ class Recoveries:
         )
 
     def update(self) -> None:
+        """Offer copies of earlier launches, and write those of this one; call once per frame."""
         session, notices = self._session, self._session.notices
         if self._recoveries is None:
             self._recoveries = recoverable(self._state)
-            self._ask_next()
+            self._offer_next()
         if self._reading is not None:
-            self._take_read(self._reading)
+            self._show_question(self._reading)
         present, running = session.document, session.snapshot
         if running and not running.shown.iteration:  # before its first step
             running = None
@@ -109,28 +112,28 @@ class Recoveries:
                 content = partial(_content, document, functions)
                 run = sequence_run if document is present else None
                 autosave.offer(document, content, identity in unsaved, origin, run)
-            is_gone = identity not in unsaved and identity is not present.identity
-            if is_gone and autosave.is_idle:
+            is_obsolete = identity not in unsaved and identity is not present.identity
+            if is_obsolete and autosave.is_idle:
                 self._autosaves.pop(identity).close()
         problem = next(filter(None, (each.error for each in self._autosaves.values())), "")
         if problem != self._reported:
             self._reported = problem
             notices.resolve(_COPIES)
             if problem:
-                text = f"no copy of unsaved work could be kept: {problem}"
+                text = f"no copy of unsaved work could be written: {problem}"
                 notices.show(text, True, _COPIES)
 
     def close(self, keep_unsaved: bool) -> None:
-        """Finish writing; a copy of unsaved work stays only if it is to be recovered."""
-        session, kept = self._session, set()
+        """Finish writing; remove the copies of unsaved work unless ``keep_unsaved``."""
+        session, preserved = self._session, set()
         self._reader.close()
         if keep_unsaved:
-            kept = {document.identity for document in session.saves.unsaved_documents}
+            preserved = {document.identity for document in session.saves.unsaved_documents}
             if session.solver.running:
-                kept.add(session.document.identity)
+                preserved.add(session.document.identity)
         for identity, autosave in self._autosaves.items():
             autosave.close()
-            if identity not in kept:
+            if identity not in preserved:
                 autosave.discard()
 
     def _autosave(self, identity: Identity) -> Autosave:
@@ -144,22 +147,22 @@ class Recoveries:
         """Return the document with the best field so far as its result."""
         try:
             found, run = self._session.matching.unfinished(snapshot, functions)
-        except AbfmError:  # the run has just ended: what it leaves comes next
+        except AbfmError:  # the run has just ended; its result is copied in the next frame
             return _content(document, functions)
         assert isinstance(document, MatchDocument)
         outcome = document.outcome(found, run, snapshot.problem.initial)
         return _content(replace(document, **outcome), functions)
 
-    def _ask_next(self) -> None:
+    def _offer_next(self) -> None:
         if self._recoveries:
             self._reading = self._recoveries.pop(0)
 
-    def _take_read(self, recovery: Recovery) -> None:
-        """Ask about a copy when it has been read."""
-        ask = self._reader.ask(recovery, partial(self._read, recovery))
-        if ask is not None:
+    def _show_question(self, recovery: Recovery) -> None:
+        """Show the question about a copy as soon as the copy is read."""
+        show = self._reader.ask(recovery, partial(self._read, recovery))
+        if show is not None:
             self._reading = None
-            ask()
+            show()
         elif not self._reader.busy:
             self._reading = None
             self._session.notices.show(self._reader.error, is_error=True)
@@ -167,13 +170,13 @@ class Recoveries:
     def _read(self, recovery: Recovery) -> Callable[[], None]:
         try:
             path = recovery.path
-            return partial(self._ask, recovery, *load_project(path), load_origin(path))
+            return partial(self._offer, recovery, *load_project(path), load_origin(path))
         except AbfmError as error:
             aside = recovery.set_aside()
-            text = f"unsaved work of an earlier launch is kept in {aside}, but {error}"
+            text = f"unsaved work of an earlier launch was moved to {aside}: {error}"
             return partial(self._session.notices.show, text, is_error=True)
 
-    def _ask(
+    def _offer(
         self,
         recovery: Recovery,
         document: Document,
@@ -188,17 +191,17 @@ class Recoveries:
             copy.take_over(recovery)
             if isinstance(document, SequenceDocument) and copy.has_checkpoint:
                 session.recover_sequence()
-            session.notices.show(f"recovered {document.name}: save it to keep it")
+            session.notices.show(f"recovered {document.name}; save it now")
 
         def discard() -> None:
             recovery.discard()
-            self._ask_next()
+            self._offer_next()
 
         written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))
         name = origin.path.name if origin else document.name
-        text = f"The app ended without saving {name}. A copy of {written} is there."
+        text = f"The app ended before {name} was saved. There is a copy of {written}."
         if origin and origin.changed:
-            text += f" {name} was changed since then."
+            text += f" {name} has changed since then."
         recover = partial(self._files.when_free, f"recovering {name}", restore)
         self._dialogs.question(
             "Recover unsaved work?", text, {"Recover": recover, "Discard": discard, "Later": None}

@@ -1,4 +1,4 @@
-"""The menu Samples: bundled meshes and the paper's figures, each with a picture."""
+"""The menu Samples: bundled meshes and figures of the paper, each with a thumbnail."""
 
 from __future__ import annotations
 
@@ -37,29 +37,31 @@ from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.wave import fsaverage5, wave_document
 
+# of an entry, in pixels at a scale of 1
 _WIDTH = 420
 _HEIGHT = 50
-# columns
 _COLUMNS_MIN = 2
 _COLUMNS_MAX = 5
-_SHARE = 0.86  # of the window's height that the menu may take
+_HEIGHT_SHARE_MAX = 0.86  # of the menu, relative to the window
 _PICTURES = "pictures of the samples"
 _VIEW_OF_FIGURE: dict[int, dict[str, Any]] = {
     1: {"blend": True},
     2: {"streaks": True},
     5: {"streaks": True, "part": "commuting"},
-    # it is nothing but noise where it is almost 0
+    # faded, because it is only noise where it is almost 0
     6: {"streaks": True, "fade": True, "part": "carried gradient"},
     8: {"error": True},
 }
-"""What a figure shows besides the functions."""
+"""Fields of `View` that show more of a figure than its functions."""
 _ON_THE_HUMANS = Channel("gaussian:vertex=145,width=0.18", "gaussian:vertex=700,width=0.18")
 Corner = tuple[float, float]
 
 
 def figure_document(figure: int, view: View) -> tuple[MatchDocument, dict[str, FloatArray]]:
-    """Return a figure of the paper, drawn in a view's theme and layout, and the values of functions
-    that no text describes; set up in a process of its own, in seconds, or AbfmError says why not.
+    """Return a document of a figure of the paper, and values of functions that have no text form.
+
+    The theme and layout are those of the view. The example is set up in a subprocess, which takes
+    seconds. Raises `AbfmError` with the reason if it cannot be.
     """
     example, given = experiments.example_in_subprocess(figure)
     parameters = example.problem.parameters
@@ -84,11 +86,12 @@ def pair_document(name: str, view: View) -> tuple[PairDocument, dict[str, FloatA
 
 
 def cortex_document(view: View) -> tuple[PairDocument, dict[str, FloatArray]]:
-    """Return both hemispheres of fsaverage5 as spheres, with how deep their sulci are; the left one
-    is seen in a mirror. AbfmError without nilearn, which brings them.
+    """Return both hemispheres of fsaverage5 as spheres with sulcal depth, the left one mirrored.
+
+    Raises `AbfmError` without nilearn, which contains them.
     """
     if (folder := fsaverage5()) is None:
-        raise AbfmError("the sample is fsaverage5 as nilearn has it: pip install 'abfm[brain]'")
+        raise AbfmError("this sample needs fsaverage5 of nilearn; run: pip install 'abfm[brain]'")
     surfaces, specs = [], []
     for side in ("left", "right"):
         mesh = load_mesh(folder / f"sphere_{side}.gii.gz")
@@ -101,19 +104,20 @@ def cortex_document(view: View) -> tuple[PairDocument, dict[str, FloatArray]]:
 
 
 def _population(folder: Path) -> Path:
-    from abfm_viewer.window.population_sample import made_apart  # with all that solves
+    # imported late, because it loads the solver
+    from abfm_viewer.window.population_sample import made_in_subprocess
 
-    return made_apart(folder)
+    return made_in_subprocess(folder)
 
 
 class SampleTextures:
-    """The pictures, loaded when they are first asked for, and again when polyscope forgot them."""
+    """Thumbnails as a texture, loaded when first used, and again when polyscope has removed it."""
 
     def __init__(self) -> None:
         self._buffer: Any = None
 
     def find(self, name: str) -> tuple[imgui.ImTextureRef, Corner, Corner] | None:
-        """A texture, and where in it a sample's picture is; None where nothing is drawn."""
+        """Return the texture and the corners of a thumbnail; None if the backend cannot draw."""
         if ps.get_render_engine_backend_name() == "openGL_mock":
             return None
         try:
@@ -122,13 +126,12 @@ class SampleTextures:
             pixels = np.asarray(Image.open(PICTURES).convert("RGBA"), dtype=np.float32) / 255
             ps.add_color_alpha_image_quantity(_PICTURES, pixels, enabled=False)
             self._buffer = ps.get_quantity_buffer(_PICTURES, "colors")
-        return imgui.ImTextureRef(int(self._buffer.get_texture_native_id())), *thumbnail_corners(
-            name
-        )
+        texture = imgui.ImTextureRef(int(self._buffer.get_texture_native_id()))
+        return texture, *thumbnail_corners(name)
 
 
 def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
-    """Draw what the open menu shows, as low and in as many columns as the window asks for."""
+    """Draw the entries of the open menu, in columns and heights that fit the window."""
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
     figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
@@ -136,19 +139,20 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
         "Meshes": MESHES | PAIRS | SEQUENCES | POPULATIONS,
         "Figures of the paper": figures,
     }
-    room = _SHARE * display[1] - len(parts) * (line + spacing[1])  # below their headings
+    available = _HEIGHT_SHARE_MAX * display[1] - len(parts) * (line + spacing[1])  # less headings
     columns, height = _COLUMNS_MIN - 1, 0.0
     while height < line and columns < _COLUMNS_MAX:
         columns += 1
-        height = room / sum(-(-len(part) // columns) for part in parts.values()) - spacing[1]
+        rows = sum(-(-len(part) // columns) for part in parts.values())
+        height = available / rows - spacing[1]
     width = min(ui.px(_WIDTH), 0.92 * display[0] / columns - spacing[0])
     size = (width, max(min(height, ui.px(_HEIGHT)), line))
     for heading, samples in parts.items():
         ui.heading(heading)
-        for number, (name, about) in enumerate(samples.items()):
+        for number, (name, description) in enumerate(samples.items()):
             if number % columns:
                 ui.beside()
-            if not _is_chosen(ui, (name, about), files.sample == name, size, textures):
+            if not _is_chosen(ui, (name, description), files.sample == name, size, textures):
                 continue
             if name in MESHES:
                 files.open(asset_path(name))
@@ -169,21 +173,21 @@ def _is_chosen(
     size: tuple[float, float],
     textures: SampleTextures,
 ) -> bool:
-    """Draw a sample's picture, name, size and what it is about; whether it was chosen."""
-    (name, about), (left, top) = sample, imgui.GetCursorScreenPos()
+    """Draw thumbnail, name, size and description of a sample; return whether it was chosen."""
+    (name, description), (left, top) = sample, imgui.GetCursorScreenPos()
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
     ui.record_item(name, "item", text="checked" if loaded else "")
-    # of two surfaces B
+    # for two surfaces that of B
     pictured = PICTURE_SOURCES.get(name) or (name if name in vertices() else name.split(" to ")[-1])
     title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"
-    ui.tip(f"{title}{', loaded' if loaded else ''}: {about}")
+    ui.tip(f"{title}{', loaded' if loaded else ''}: {description}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]
     if (found := textures.find(pictured)) is not None:
         texture, first, second = found
         draw_list.AddImage(texture, (left, top), (left + side, top + side), first, second)
     line, x = imgui.GetTextLineHeight(), left + side + ui.px(8)
-    texts = [f"{title}{'  (loaded)' if loaded else ''}", about][: max(int(side / line), 1)]
+    texts = [f"{title}{'  (loaded)' if loaded else ''}", description][: max(int(side / line), 1)]
     y = top + (side - len(texts) * line) / 2
     for text, color in zip(texts, (ui.colors.ink, ui.colors.muted), strict=False):
         shown = abbreviated(text, left + size[0] - x, ui.text_width)

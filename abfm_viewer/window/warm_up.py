@@ -1,4 +1,4 @@
-"""Loads and compiles what a match needs while the user looks at the first picture."""
+"""Import and compilation of the code of a match, in the background after the first frame."""
 
 import threading
 from contextlib import suppress
@@ -13,14 +13,14 @@ from abfm_viewer.shown.eye import Eye
 
 
 def start() -> threading.Thread:
-    """Begin in the background; kernels are cached, so only the first launch compiles."""
+    """Start the warm-up in a thread; kernels are cached, so only the first launch compiles."""
     thread = threading.Thread(target=_match_something, name="warm up", daemon=True)
     thread.start()
     return thread
 
 
 def _match_something() -> None:
-    """Match by way of a coarser mesh; a failure is told where it is asked for."""
+    """Make a small match with a coarser mesh; errors are ignored, as a real match reports them."""
     corners = np.array(
         [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64
     )
@@ -32,5 +32,5 @@ def _match_something() -> None:
         result.advect([0.0, 0.5])
         atlas, image = abfm.streaks.line_integral_convolution(mesh, result.velocity[0], size=64)
         shown.streak_texture(atlas, (255 * image).astype(np.uint8))
-        look, eye = ArrowStyle(length=0.1, spacing=0.1), Eye(np.eye(3))
-        arrows_of(mesh, result.velocity[0], look, eye).hidden(eye)
+        arrow_style, eye = ArrowStyle(length=0.1, spacing=0.1), Eye(np.eye(3))
+        arrows_of(mesh, result.velocity[0], arrow_style, eye).hidden(eye)

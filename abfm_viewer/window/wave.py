@@ -1,4 +1,4 @@
-"""The sample of a film: a wave whose velocity is known."""
+"""The sample of a sequence of frames: a wave with known velocity."""
 
 from __future__ import annotations
 
@@ -18,11 +18,10 @@ from abfm_viewer.scene.slots import rotation
 
 FRAMES = 24
 STEP = 0.04
-"""How many there are, and seconds between them."""
-# radians per second: about an axis, and of that about another one
-_TURN = 2.2
-_WANDER = 1.3
-# of a spiral about the axis
+"""Seconds between two frames."""
+_TURN = 2.2  # rotation about the axis of the spiral, in radians per second
+_WANDER = 1.3  # rotation of this axis about another one, in radians per second
+# of the spiral
 _ARMS = 2
 _TWIST = 2.5
 _SIGMA = 0.1
@@ -30,14 +29,15 @@ _DRIFT = 0.8  # of sqrt(area) per second, on the mesh with handles
 
 
 def turning_wave(places: FloatArray, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a spiral wave (T, V) at unit vectors (V, 3) of a sphere, which turns rigidly, and the
-    vectors (T, 3) about which it does.
+    """Return a rigidly rotating spiral wave and its angular velocities.
+
+    The wave (T, V) is at points (V, 3) of the unit sphere; the angular velocities are (T, 3).
     """
     frames, axes = [], []
     x_axis, _, z_axis = np.eye(3)
     for time in times.tolist():
         wander, turn = rotation(z_axis, _WANDER * time), rotation(x_axis, _TURN * time)
-        x, y, z = (places @ wander @ turn).T  # turned back
+        x, y, z = (places @ wander @ turn).T  # inverse rotation
         across = np.hypot(y, z)
         frames.append(across * np.cos(_ARMS * np.arctan2(z, y) + _TWIST * x))
         axes.append([0, 0, _WANDER] + wander @ [_TURN, 0, 0])
@@ -45,20 +45,18 @@ def turning_wave(places: FloatArray, times: FloatArray) -> tuple[FloatArray, Flo
 
 
 def drifting_wave(mesh: TriangleMesh, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a wave (T, V) that is carried around handles by a field without divergence and curl,
-    and that field (F, 3).
-    """
+    """Return a wave (T, V) advected around handles by a harmonic field, and that field (F, 3)."""
     areas = abfm.calculus.face_areas(mesh)
-    given = np.cross([0.0, 1.0, 0.0], mesh.vertices[mesh.faces].mean(axis=1))
-    harmonic = abfm.calculus.helmholtz_hodge(mesh, given)[2]
-    usual = np.sqrt(areas @ (harmonic**2).sum(axis=1) / areas.sum())
-    field = harmonic * (_DRIFT * mesh.length_scale / usual)
+    rotation_field = np.cross([0.0, 1.0, 0.0], mesh.vertices[mesh.faces].mean(axis=1))
+    harmonic = abfm.calculus.helmholtz_hodge(mesh, rotation_field)[2]
+    rms = np.sqrt(areas @ (harmonic**2).sum(axis=1) / areas.sum())
+    field = harmonic * (_DRIFT * mesh.length_scale / rms)
     x = mesh.vertices[:, 0] / mesh.length_scale
     return abfm.Flow(mesh, field, float(times[-1])).push(np.sin(9 * x), times), field
 
 
 def fsaverage5() -> Path | None:
-    """Return the folder of the surfaces that nilearn brings; None without it."""
+    """Return the folder of fsaverage5 in nilearn; None if nilearn is not installed."""
     found = find_spec("nilearn")
     if found is None or found.origin is None:
         return None
@@ -66,9 +64,7 @@ def fsaverage5() -> Path | None:
 
 
 def wave_document(view: View) -> SequenceDocument:
-    """Return a wave on the left cortex of fsaverage5, where nilearn brings it, else on a bundled
-    mesh.
-    """
+    """Return a wave on the left cortex of fsaverage5, or on a bundled mesh without nilearn."""
     times = STEP * np.arange(float(FRAMES))
     if (folder := fsaverage5()) is not None:
         mesh, sphere = (load_mesh(folder / f"{name}_left.gii.gz") for name in ("infl", "sphere"))
@@ -77,10 +73,10 @@ def wave_document(view: View) -> SequenceDocument:
     else:
         surface = Surface(load_mesh(asset_path("eight.off")), "eight.off")
         frames = drifting_wave(surface.mesh, times)[0]
-    from abfm.sequences.frames import check_frames  # with all that it loads
+    from abfm.sequences.frames import check_frames  # imported late: it loads slowly
 
     sequence = FrameSequence("wave", check_frames(surface.mesh, frames, times, None, None))
-    # met at once: a choice by held-out data takes some ten seconds
+    # given, because their choice by held-out data takes about ten seconds
     settings = SequenceSettings(alpha=1.0, sigma=_SIGMA, order=1)
     return SequenceDocument(
         (surface,), sequence, settings=settings, time=float(times[0]), view=view

@@ -1,4 +1,4 @@
-"""The app's window: where everything is, and the loop that draws it."""
+"""The window of the app: its areas and its frame loop."""
 
 from __future__ import annotations
 
@@ -52,39 +52,44 @@ from abfm_viewer.window.window_title import WindowTitle
 
 _SECONDS_PER_FRAME = 1 / 30
 _SECONDS_PER_IDLE_FRAME = 1 / 10
-_LEAST_SLEEP = 0.002
-# as on most desktops; ImGui's 0.3 end between two clicks where frames are slow
-_DOUBLE_CLICK_SECONDS = 0.5
-_IDLE_SECONDS = 1.0  # seconds without anything that moves
+_SLEEP_SECONDS_MIN = 0.002
+_DOUBLE_CLICK_SECONDS = 0.5  # as on most desktops; ImGui's 0.3 s are too short for slow frames
+_IDLE_SECONDS = 1.0  # without motion, after which frames are drawn less often
 _PANEL_WIDTH = 380
-_WIDEST_PANEL = 0.44
+_PANEL_WIDTH_SHARE_MAX = 0.44  # of the window
 _STATUS_HEIGHT = 30
 _BUNDLED_MESH = "human_fine_A.off"
 
 
-What: TypeAlias = str | Path | TriangleMesh | tuple[str | Path, ...] | None
-"""What is opened: a mesh, project, result or folder of results, or meshes of surfaces A and B; or a
-mesh and frames, perhaps with the array of these.
+Openable: TypeAlias = str | Path | TriangleMesh | tuple[str | Path, ...] | None
+"""Inputs that a window can open.
+
+A mesh, project, result or folder of results; the meshes of surfaces A and B; or a mesh and frames,
+optionally with the name of the array of the frames.
 """
 
 
 @dataclass(frozen=True)
 class Areas:
+    """The rectangles of the parts of the window."""
+
     scene: Rect
     panel: Rect
     time_bar: Rect
     status: Rect
-    table: Rect  # between the surfaces and the time bar, without height where none is open
+    table: Rect  # between the surfaces and the time bar; its height is 0 if no table is open
 
 
 def areas(
     size: tuple[float, float], menu_height: float, scale: float, has_table: bool = False
 ) -> Areas:
-    """Divide a window: the panel at the right, time bar and status line below, a table above these,
-    surfaces.
+    """Return the areas of a window.
+
+    The panel is at the right, the status line and the time bar are at the bottom, and a table is
+    above them.
     """
     width, height = size
-    right = max(width - min(_PANEL_WIDTH * scale, _WIDEST_PANEL * width), 1.0)
+    right = max(width - min(_PANEL_WIDTH * scale, _PANEL_WIDTH_SHARE_MAX * width), 1.0)
     status = height - _STATUS_HEIGHT * scale
     bar = status - time_bar.height(right, scale)
     table = bar - (result_table.height(bar - menu_height, scale) if has_table else 0.0)
@@ -98,18 +103,18 @@ def areas(
 
 
 def open_window(
-    what: What,
+    what: Openable,
     backend: opengl.Backend,
     size: tuple[int, int],
     state_folder: Path | None = None,
     options: MeshOptions = DEFAULT_OPTIONS,
 ) -> Window:
-    """Open the app's window with a mesh, project, result or table of results in it; by default with
-    a bundled mesh. Of two mesh files the first is registered to the second; of
-    frames with several arrays one is asked for, unless it is given.
+    """Open the window of the app, by default with a bundled mesh.
 
-    Preferences, recent files and autosaves are kept in the state folder, by default the user's own.
-    Raises AbfmError if the file cannot be read, or the machine cannot draw.
+    The first of two meshes is registered to the second. If frames have several arrays and none is
+    given, a dialog lets the user choose one. Preferences, recent files and autosaves are stored in
+    the state folder, by default that of the user. Raises `AbfmError` if a file cannot be read, or
+    the machine cannot draw.
     """
     state, table, ambiguous = StateFolder(state_folder), None, None
     if isinstance(what, TriangleMesh):
@@ -124,10 +129,10 @@ def open_window(
         else:
             first = asset_path(_BUNDLED_MESH) if table else first
             try:
-                beside = second[0] if second else None
-                session = open_session(first, options, beside, array)
+                second_path = second[0] if second else None
+                session = open_session(first, options, second_path, array)
             except SeveralArraysError:
-                ambiguous = beside
+                ambiguous = second_path
                 session = open_session(first, options)
         for path in paths:
             state.add_recent(path)
@@ -140,10 +145,10 @@ def open_window(
 
 
 class Window(Context):
-    """Draws a session and passes on what the user does.
+    """The window of a session.
 
-    `frames` counts those drawn; `errors` are of parts of the window that raised one in the latest
-    frame, which they show instead, and `parts` is where they were.
+    `frames` is the number of drawn frames. `errors` are messages of the parts of the window that
+    raised an error in the latest frame. `parts` are the areas of that frame.
     """
 
     def __init__(
@@ -163,18 +168,18 @@ class Window(Context):
         self._warnings = LibraryWarnings()
         self._drawn: set[str] = set()
         self.closing = False
-        self.interrupted: int | None = None  # the signal that came
+        self.interrupted: int | None = None  # number of the received signal
         self.parts = areas(size, 0, 1)
         self._redraws = self._active = False
         self._panel_seconds = self._moved_at = self._last_redraw = 0.0
         self._document: object = None
-        self._style: tuple[Theme, float] = ("light", 0.0)  # none yet
+        self._style: tuple[Theme, float] = ("light", 0.0)  # replaced in the first frame
         limit_pools()
         opengl.reserve_core_for_solver()
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)
         ps.set_open_imgui_window_for_user_callback(False)
-        # the GIL is held while polyscope waits for the next frame; `frame` waits without it
+        # polyscope holds the GIL while it waits for the next frame; `frame` waits without it
         ps.set_max_fps(-1)
         ps.set_frame_tick_limit_fps_mode("ignore_limits")
         ps.set_configure_imgui_style_callback(self._restyle)
@@ -191,8 +196,8 @@ class Window(Context):
     def run(self) -> None:
         """Draw frames until the window is closed.
 
-        A signal that ends programs raises `EndedBySignal`, a KeyboardInterrupt, between two frames:
-        inside one it would stop polyscope for good.
+        A signal that ends programs raises `EndedBySignal`, a KeyboardInterrupt, after the last
+        frame. An exception inside a frame would stop polyscope permanently.
         """
         with signals.taken_over(self._interrupt):
             try:
@@ -210,7 +215,7 @@ class Window(Context):
     def close(self) -> None:
         ps.clear_user_callback()
         ps.clear_files_dropped_callback()
-        # a reference to this window would outlive Python itself
+        # otherwise polyscope would refer to this window after Python has ended
         ps.clear_configure_imgui_style_callback()
         self.files.close()
         if self.recoveries:
@@ -221,31 +226,33 @@ class Window(Context):
         self.session.close()
 
     def frame(self) -> None:
-        """Draw one frame and leave time to others: half of it to what must be there first.
+        """Draw one frame, and then sleep so that other threads can work.
 
         polyscope holds the interpreter while it draws: without a graphics card, nearly always.
+        While a file is loaded or functions are evaluated, the sleep is as long as the drawing.
         """
         start = time.perf_counter()
         self.tick()
         now = time.perf_counter()
         is_idle = now - self._moved_at >= _IDLE_SECONDS
         seconds = _SECONDS_PER_IDLE_FRAME if is_idle else _SECONDS_PER_FRAME
-        drawn, session = now - start, self.session
+        drawing, session = now - start, self.session
         waits = session.loading.now is not None or session.functions.waiting_since is not None
-        time.sleep(max(drawn if waits else _LEAST_SLEEP, seconds - drawn))
+        time.sleep(max(drawing if waits else _SLEEP_SECONDS_MIN, seconds - drawing))
 
     def tick(self) -> None:
+        """Draw one frame without a sleep."""
         start = time.perf_counter()
         ps.frame_tick()
         if self._redraws:
             seconds = time.perf_counter() - start - self._panel_seconds
-            # else something held one of them up
+            # the smaller one, because other processes may delay a redraw
             self.scene.pacing.redraw_seconds = min(seconds, self._last_redraw)
             self._last_redraw = seconds
 
     def screenshot(self, path: Path) -> None:
-        """Write a picture (PNG) of the whole window as it is, though nothing is hovered or open."""
-        self.ui.capturing = True  # polyscope calls back four times more, without a mouse
+        """Write a PNG picture of the window, without hovered widgets and open popups."""
+        self.ui.capturing = True  # polyscope calls back four more times, without a mouse
         try:
             pixels = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
         finally:
@@ -254,7 +261,7 @@ class Window(Context):
             Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(temporary, format="png")
 
     def guarded(self, part: str, draw: Callable[..., None], *given: object) -> None:
-        """Draw a part of the window; if it raises, show the error in its place and live on."""
+        """Draw a part of the window; if that raises an error, record and show its message."""
         try:
             draw(*given)
         except Exception as error:
@@ -267,7 +274,7 @@ class Window(Context):
         self._drawn.add(part)
 
     def _callback(self) -> None:
-        """Draw one frame; an escaping exception would stop polyscope for good."""
+        """Draw one frame; no exception may escape, as it would stop polyscope permanently."""
         start = time.perf_counter()
         self._draw()
         self._redraws = bool(ps.get_redraw_requested())
@@ -277,11 +284,11 @@ class Window(Context):
     def _draw(self) -> None:
         view, is_live = self.session.view, not self.ui.capturing
         self.frames += is_live
-        keys_are_free = is_live and not is_popup_open()  # else Escape is the menu's or the list's
-        if self._style != (look := (view.theme, view.ui_scale)):
+        keys_are_free = is_live and not is_popup_open()  # Escape closes a popup
+        if self._style != (style_now := (view.theme, view.ui_scale)):
             if self._style[1] != view.ui_scale:
                 ps.set_ui_scale(view.ui_scale)
-            self._style = look
+            self._style = style_now
             self._restyle()
         self.ui.begin_frame(view.ui_scale, view.theme)
         if is_live:
@@ -310,7 +317,7 @@ class Window(Context):
             self.guarded("widget file", write_widgets, self.ui.widgets, self.frames)
 
     def _draw_scene(self, rect: Rect, is_live: bool) -> None:
-        """Draw the surfaces, and let the mouse act on them."""
+        """Draw the surfaces, and do the actions of the mouse on them."""
         ui, session, scene = self.ui, self.session, self.scene
         left, top, right, bottom = rect
         self.exporter.window_size = (round(right - left), round(bottom - top))
@@ -330,9 +337,9 @@ class Window(Context):
         if self._active and not active:
             self.session.editor.seal()
         self._active = active
-        # what is typed must be evaluated before a run follows it
-        held = active and bool(imgui.IsMouseDown(0))
-        self.session.dragging = held or self.mouse.dragging
+        # typed text is evaluated before a run follows it
+        is_down = active and bool(imgui.IsMouseDown(0))
+        self.session.dragging = is_down or self.mouse.dragging
         self.session.player.waiting = not self.shown.is_ready
         self._warnings.update(self.session.notices)
         self.session.update()
@@ -343,7 +350,7 @@ class Window(Context):
             self.preferences.update()
 
     def _moves(self) -> bool:
-        """Return whether the user or the session did something since the latest frame."""
+        """Return whether the user or the session changed anything since the latest frame."""
         session, io = self.session, imgui.GetIO()
         changed = session.document is not self._document
         self._document = session.document
@@ -357,7 +364,7 @@ class Window(Context):
             self._once("drop", self.files.open_dropped, [Path(file) for file in files])
 
     def _once(self, part: str, do: Callable[..., None], *given: object) -> None:
-        """Do something between frames; an error is shown in the status line only."""
+        """Call a function between frames; an error is only shown in the status line."""
         self.guarded(part, do, *given)
         self.errors.pop(part, None)
 

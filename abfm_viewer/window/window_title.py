@@ -1,4 +1,4 @@
-"""The title of the real window, which polyscope itself sets only before there is one."""
+"""The title of a window on a screen, which polyscope sets only before it opens."""
 
 import ctypes
 import os
@@ -10,24 +10,24 @@ from abfm_viewer.scene.opengl import WINDOW, ps
 
 
 class WindowTitle:
-    """Sets the title where it can: by the GLFW that polyscope brings, on Windows by the system."""
+    """Title of the window, set by the GLFW of polyscope, or on Windows by the system."""
 
     def __init__(self) -> None:
         self._now = ""
 
     def show(self, text: str) -> None:
-        """Make it the title: costs nothing where it is already."""
+        """Set the title, if it has changed."""
         if text == self._now:
             return
         self._now = text
         if ps.get_render_engine_backend_name() == WINDOW:
-            # a polyscope that does not tell where its GLFW is
+            # for versions of polyscope that do not export GLFW
             with suppress(OSError, AttributeError):
                 _by_windows(text) if sys.platform == "win32" else _by_glfw(text)
 
 
 def _by_glfw(text: str) -> None:
-    """Linux and macOS: polyscope's own library lets others call the GLFW in it."""
+    """Set the title on Linux and macOS, with the GLFW that polyscope's library exports."""
     found = find_spec("polyscope_bindings")
     if found is None or found.origin is None:
         return
@@ -40,7 +40,7 @@ def _by_glfw(text: str) -> None:
 
 
 def _by_windows(text: str) -> None:
-    """The visible windows of this process that have a title."""
+    """Set the title of all visible windows of this process that have one."""
     user = ctypes.CDLL("user32")
 
     def visit(number: int, _: int) -> bool:

@@ -154,7 +154,7 @@ def drag_with_the_right_button(gui):
 def test_nothing_is_held_from_one_driver_to_the_next():
     def fail(gui):
         gui.click("View")
-        gui.input.hold("shift", True)
+        gui.input.set_modifier("shift", True)
         gui.input.press()
         raise ZeroDivisionError
 

@@ -54,9 +54,9 @@ def fail_in_every_part(gui, monkeypatch, capsys):
         with monkeypatch.context() as patch:
             patch.setattr(gui.window.scene, method, fail)
             gui.input.move(100, 200)
-            gui.input.hold("shift", True)
+            gui.input.set_modifier("shift", True)
             gui.input.click()
-            gui.input.hold("shift", False)
+            gui.input.set_modifier("shift", False)
             assert set(gui.errors) <= {"scene", "mouse", "labels"}
             assert lives(gui)
         gui.frames(2)

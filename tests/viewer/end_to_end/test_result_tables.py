@@ -226,12 +226,12 @@ def texts(gui, monkeypatch):
 
 def show_the_outlier(opened, monkeypatch):
     tables, session = opened.window.files.tables, opened.session
-    opened.click(population_sample.ODD_NAME, "rows")
+    opened.click(population_sample.OUTLIER_NAME, "rows")
     settle(opened)
-    assert rows_of(opened)[0] == population_sample.ODD_NAME
+    assert rows_of(opened)[0] == population_sample.OUTLIER_NAME
     assert [row.verdict == "does not fit" for row in tables.rows] == [True] + [False] * 8
     found = load(tables.table.place / population_sample.NAME)
-    odd = found.subject(population_sample.ODD_NAME)
+    odd = found.subject(population_sample.OUTLIER_NAME)
     opened.wait(lambda s: s.values("target") is not None)
     np.testing.assert_array_equal(session.values("source"), found.values[odd, :, 0])
     np.testing.assert_array_equal(session.values("target"), found.mean_of_others(odd))
@@ -257,7 +257,7 @@ def show_the_outlier(opened, monkeypatch):
     assert document.display_names == session.document.display_names
     assert set(session.document.display_names.values()) == {"bands"}
     notes_now = texts(opened, monkeypatch)
-    odd = next(text for text in notes_now if population_sample.ODD_NAME in text)
+    odd = next(text for text in notes_now if population_sample.OUTLIER_NAME in text)
     check_message(odd, "registered", "does not fit")
     assert "No match yet" not in notes_now
     opened.click("subject 1", "rows")

@@ -19,7 +19,7 @@ from abfm_viewer.scene.scene import NO_VALUE
 from abfm_viewer.session.session_files import open_session
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.window import wave
-from abfm_viewer.window.actions import what_would_be_lost
+from abfm_viewer.window.actions import unsaved_work
 from abfm_viewer.window.wave import turning_wave
 from tests.messages import check_message
 from tests.viewer.end_to_end.test_export import exported
@@ -389,7 +389,7 @@ def write_all_files(solved, tmp_path):
     solved.click("Export", within="steps")
     session.editor.set_sequence_settings(gamma=2.0)
     told = "Of the film wave.npy on mesh are in no file: parameters that were changed."
-    assert what_would_be_lost(session) == told
+    assert unsaved_work(session) == told
     session.undo()
     assert not session.saves.unsaved
     exported(solved, "Save sequence...", tmp_path / "film.npz")

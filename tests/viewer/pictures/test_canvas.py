@@ -8,7 +8,7 @@ from PIL import Image
 
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.pictures import canvas
-from abfm_viewer.pictures.canvas import drawn, letter
+from abfm_viewer.pictures.canvas import draw_parts, rendered
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import Disc
 from abfm_viewer.scene.opengl import ps
@@ -28,7 +28,7 @@ def sphere(width, height, transparent, ground=(1.0, 1.0, 1.0)):
         ps.set_vertical_fov_degrees(20)
         ps.look_at_dir((0, 0, 8), (0, 0, 0), (0, 1, 0))
         ps.set_background_color((*ground, 1.0))
-        return drawn(transparent)
+        return rendered(transparent)
 
 
 def test_edges_are_smooth():
@@ -73,7 +73,7 @@ def test_opengl_errors_are_refusals(monkeypatch):
 def test_long_pictures_fit_opengl(size):
     with canvas.canvas(*size):
         ps.remove_all_structures()
-        assert drawn(transparent=False).shape == (size[1], size[0], 3)
+        assert rendered(transparent=False).shape == (size[1], size[0], 3)
 
 
 @pytest.mark.parametrize("mode", ["RGB", "RGBA"])
@@ -81,7 +81,7 @@ def test_long_pictures_fit_opengl(size):
 def test_discs_and_rings_are_round(mode, middle):
     picture = Image.new(mode, (40, 30), "white" if mode == "RGB" else (255, 255, 255, 0))
     disc = Disc(middle, 8.0, (1.0, 0.0, 0.0, 1.0))
-    letter(picture, [disc, replace(disc, color=(0.0, 0.0, 1.0, 1.0), hole=6.0)], None, None)
+    draw_parts(picture, [disc, replace(disc, color=(0.0, 0.0, 1.0, 1.0), hole=6.0)], None, None)
     pixels = np.asarray(picture).astype(int)
     y, x = np.mgrid[:30, :40] + 0.5
     away = np.hypot(x - middle[0], y - middle[1])

@@ -71,7 +71,7 @@ def spread(pixels):
 
 @given(ASPECTS, st.integers(0, 3))
 def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
-    layout = sheets.laid_out(rows, bars)
+    layout = sheets.lay_out(rows, bars)
     assert len(layout.bars) == bars
     assert layout.width <= sheets.WIDTH_MAX + 8  # rounding of each cell's width
     heights = {place.height for row in layout.rows for place in row}
@@ -96,8 +96,8 @@ def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
 
 
 def test_the_widest_row_fills_the_sheet_unless_panels_would_be_too_tall():
-    assert sheets.laid_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(sheets.WIDTH_MAX, abs=6)
-    single = sheets.laid_out([[1.0]], 0)
+    assert sheets.lay_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(sheets.WIDTH_MAX, abs=6)
+    single = sheets.lay_out([[1.0]], 0)
     assert single.rows[0][0].height == sheets.PANEL_HEIGHT_MAX
     assert single.width < sheets.WIDTH_MAX / 2
 
