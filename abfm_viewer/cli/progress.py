@@ -22,7 +22,7 @@ from abfm.matching import Iteration
 from abfm.workers.progress import Step, reporting_steps
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError, print_line
-from abfm_viewer.document.verdict_words import place
+from abfm_viewer.document.verdict_words import stage_text
 
 _WARNING_ITERATIONS = 10  # iterations: what looks wrong for less mostly passes
 _LONG_STEP_SECONDS = 2.0  # seconds
@@ -58,7 +58,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
         if not isinstance(partial, Iteration):
             return
         numbers = f"energy {partial.energy:.4g}  residual {partial.residual:.4f}"
-        text = f"iteration {partial.iteration}  {place(partial)}  {numbers}"
+        text = f"iteration {partial.iteration}  {stage_text(partial)}  {numbers}"
         line = "" if partial.iteration % _LINES_EVERY else text
         update(completed=0.0, text=text, line=line)
         warned = warned + 1 if partial.warning or warned >= _WARNING_ITERATIONS else 0

@@ -22,7 +22,7 @@ from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.iterates import IteratePicture, better, fields, match, prepare
 from abfm_viewer.computing.run import Run
 from abfm_viewer.document.document import SIDES, Channel, InitialMap, Landmark, RunRecord
-from abfm_viewer.document.surface_points import paired
+from abfm_viewer.document.surface_points import landmark_pairs
 
 _ITERATIONS_BETWEEN_RESTARTS = 3
 _numbers = itertools.count(1)  # of solves; the process stores their fields by number
@@ -56,7 +56,7 @@ class ProblemSpec:
         weights = [0.0 if self.is_of_landmarks else each.weight for each in self.channels]
         found = None if self.initial is None else self.initial.correspondence
         a = self.mesh if found is None else found.a
-        landmarks = paired(a, self.mesh, self.landmarks)
+        landmarks = landmark_pairs(a, self.mesh, self.landmarks)
         if found is not None:
             return abfm.registration.prepare(
                 a,

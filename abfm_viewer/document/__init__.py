@@ -1,1 +1,1 @@
-"""What the user made, as immutable values: document, history, and what they are filled with."""
+"""Immutable documents: the user's input, the result and the view."""

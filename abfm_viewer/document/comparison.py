@@ -1,4 +1,4 @@
-"""What a subject of a population is held against."""
+"""Comparison of a subject with the other subjects of its population."""
 
 from __future__ import annotations
 
@@ -12,16 +12,24 @@ import abfm
 from abfm.types import BoolArray, FloatArray
 
 ComparisonKind = Literal["difference", "mean", "deviation", "areas"]
-"""What is between a subject and the mean of the others."""
+"""Quantity that is shown between a subject and the mean of the others."""
 _LENGTH_MAX = 24  # characters of a name in a title
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A subject on the template, between it and the mean of the others what is compared.
+    """Comparison of one subject, on the template, with the mean of the others.
 
-    `channels` are numbers of the population's channels by the specs, in the document, of the
-    subject's function and the mean of the others.
+    Attributes
+    ----------
+    population : Population
+    subject : int
+        Number of the subject.
+    channels : mapping
+        Number of a population's channel by a pair of specs: those of the subject's function and of
+        the mean of the others in the document.
+    kind : str
+        Quantity that is shown between the two.
     """
 
     population: abfm.Population
@@ -34,45 +42,48 @@ class Comparison:
         return self.population.names[self.subject]
 
     def title(self, slot: str) -> str:
-        """What a slot shows; a slot of another kind has no other name. Long names are cut, so that
-        the words after them have room.
+        """Return the title of a slot; slots of other comparisons keep their names.
+
+        Long names of subjects are abbreviated, so that the rest of the title stays visible.
         """
         name = self.name if len(self.name) <= _LENGTH_MAX else f"{self.name[: _LENGTH_MAX - 3]}..."
-        between = {
-            "difference": f"{name} less the mean",
+        kind_titles = {
+            "difference": f"{name} minus the mean",
             "mean": f"mean of the {int(self.population.fits.sum())} that fit",
             "deviation": "standard deviation",
             "areas": "deviation of log2 J",
         }
         titles = {
-            "source": f"{name}, carried",
-            "advected": between[self.kind],
+            "source": f"{name}, transferred",
+            "advected": kind_titles[self.kind],
             "target": "mean of the others",
         }
         return titles.get(slot, slot)
 
     def unknown(self, slot: str, channel: int) -> BoolArray | None:
-        """Where a slot's function has no values, and is filled in: (V,), or (F,) of areas; None
-        where it has them everywhere, or the slot is of another kind.
+        """Return where the function of a slot has no values and was filled in.
+
+        The mask has shape (V,), or (F,) for areas. It is None if the function has all values, or
+        for other slots.
         """
-        of_slots = {
+        values_of = {
             "source": lambda: self.population.values[self.subject, :, channel],
             "advected": lambda: self.values(channel),
             "target": lambda: self.population.mean_of_others(self.subject, channel),
         }
-        if slot not in of_slots:
+        if slot not in values_of:
             return None
-        found = ~np.isfinite(of_slots[slot]())
-        return found if found.any() else None
+        is_unknown = ~np.isfinite(values_of[slot]())
+        return is_unknown if is_unknown.any() else None
 
     def values(self, channel: int) -> FloatArray:
-        """What is compared of a channel: (V,), or (F,) of areas; NaN where it is not known."""
-        found = self.population
+        """Return the compared quantity of a channel: (V,), or (F,) for areas; NaN if unknown."""
+        population = self.population
         if self.kind == "areas":
-            return found.log2_area_deviation
+            return population.log2_area_deviation
         if self.kind == "mean":
-            return found.mean(channel)
+            return population.mean(channel)
         if self.kind == "deviation":
-            return found.deviation(channel)
-        own = found.values[self.subject, :, channel]
-        return np.asarray(own - found.mean_of_others(self.subject, channel))
+            return population.deviation(channel)
+        values = population.values[self.subject, :, channel]
+        return np.asarray(values - population.mean_of_others(self.subject, channel))

@@ -1,4 +1,7 @@
-"""What all documents are made of: immutable, so that undo, saving and pictures share them."""
+"""Base class and parts of documents.
+
+Documents are immutable, so undo, saving and pictures can share them.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ FieldPart = Literal[
 ClickTool = Literal["nothing", "landmark", "flow line", "follow a point"]
 
 TRANSFERRED_COLORINGS: tuple[Coloring, ...] = ("coordinates", "checker", "labels")
-"""What shows where on the source's surface each point comes from."""
+"""Colourings that show to which point of the source's surface each point belongs."""
 SIDES: tuple[Side, ...] = get_args(Side)
 THEMES: tuple[Theme, ...] = get_args(Theme)
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
@@ -48,30 +51,30 @@ FIELD_PARTS: tuple[FieldPart, ...] = get_args(FieldPart)
 CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
 DEFAULT_PARAMETERS = Parameters()
 EXTRAPOLATION = 2.0
-"""The time bar goes to this many times tau."""
+"""End of the time bar as a multiple of tau."""
 ZOOM_MAX = 200.0
 ZOOM_MIN = 0.2
-"""Zooms."""
+"""Largest and smallest zoom."""
 
 
 class Range(NamedTuple):
-    """The values that a number of a document may have in files."""
+    """Values that a number of a document may have in files."""
 
     low: float
     high: float = math.inf
-    is_above: bool = False  # more than `low`
+    excludes_low: bool = False
 
-    def has(self, value: float) -> bool:
-        return self.low <= value <= self.high and not (self.is_above and value == self.low)
+    def contains(self, value: float) -> bool:
+        return self.low <= value <= self.high and not (self.excludes_low and value == self.low)
 
     def __str__(self) -> str:
         bounds = f"{self.low:g} to {self.high:g}"
-        return f"above {bounds}" if self.is_above else bounds
+        return f"above {bounds}" if self.excludes_low else bounds
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A source and a target as specs of `abfm.functions`, and the weight of their mismatch."""
+    """Source and target as specs of `abfm.functions`, and the weight of their mismatch."""
 
     source: str
     target: str
@@ -90,7 +93,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Point:
-    """A point of the surface: a face (of the mesh, not the file) and its barycentric weights."""
+    """Point of a surface: face number in the mesh (not in the file) and barycentric weights."""
 
     face: int
     barycentric: Triple
@@ -98,14 +101,15 @@ class Point:
 
 @dataclass(frozen=True)
 class Landmark:
-    """A point of the source's surface and the point of the target's that it belongs to; None where
-    it was not placed yet.
+    """Pair of corresponding points on the surfaces of source and target.
+
+    A point is None until it is placed.
     """
 
     source: Point | None = None
     target: Point | None = None
-    weight: Annotated[float, Range(0, is_above=True)] = 1.0
-    name: str = ""  # as a file calls it
+    weight: Annotated[float, Range(0, excludes_low=True)] = 1.0
+    name: str = ""  # from the landmark file
 
     def point(self, side: Side) -> Point | None:
         return self.source if side == "source" else self.target
@@ -120,10 +124,11 @@ class Landmark:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """How every surface is seen in its slot; a zoom of 1 fits it from every side.
+    """Direction and zoom with which each surface is shown in its slot.
 
-    The target (3,), in the mesh's units, by default the middle of what the view's front shows, is
-    in the slot's middle and stays there when the surface turns.
+    At a zoom of 1 the surface fits into the slot from every direction. The target (3,), in the
+    units of the mesh, is shown in the middle of the slot and stays there during rotation. By
+    default it is the middle of the part that is visible from the front.
     """
 
     front: Front
@@ -133,7 +138,10 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh and the name of its file; the `front`, None until chosen, makes it no other one."""
+    """A mesh and the name of its file.
+
+    The `front` is None until it is chosen; surfaces that differ only in it are equal.
+    """
 
     mesh: TriangleMesh
     name: str
@@ -142,7 +150,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class MapRequest:
-    """What an initial map, and what is matched by it, are found for."""
+    """Inputs that determine an initial map and the problem that is matched with it."""
 
     word: str
     channels: tuple[Channel, ...]
@@ -153,20 +161,21 @@ class MapRequest:
 
 @dataclass(frozen=True)
 class InitialMap:
-    """The map by which a result's functions came from surface A to surface B, what is worth knowing
-    of it, and what it was found for.
+    """Map that transferred a result's functions from surface A to surface B.
+
+    It also holds notes, warnings and the request for which it was computed.
     """
 
     correspondence: Correspondence
     request: MapRequest
     notes: tuple[str, ...] = ()
-    # A's, (V_A, C), as they are compared; None where they are known on B alone
+    # functions of A, (V_A, C), as they are compared; None if they are known on B alone
     functions: FloatArray | None = field(default=None, compare=False)
-    warnings: tuple[str, ...] = ()  # why it may lead elsewhere
+    warnings: tuple[str, ...] = ()  # reasons why the map may be wrong
 
     def registration(self, match: Match) -> Registration:
-        """Return the registration of a match that began with this map, made once."""
-        from abfm import Registration  # with all that it loads
+        """Return the registration of a match that started with this map; it is made once."""
+        from abfm import Registration  # loads many modules
 
         found: Registration | None = vars(self).get("_registration")
         if found is None or found.match is not match:
@@ -175,13 +184,13 @@ class InitialMap:
         return found
 
     def is_for(self, document: Document) -> bool:
-        """Return whether a document still has what it was found for."""
+        """Return whether the map still belongs to the inputs of a document."""
         return self.request == document.map_request
 
 
 @dataclass(frozen=True)
 class Function:
-    """A function on a surface by its spec: a side of a channel, or the mask."""
+    """Function on a surface, given by its spec: one side of a channel, or the mask."""
 
     surface: Surface
     spec: str
@@ -189,54 +198,55 @@ class Function:
 
 @dataclass(frozen=True)
 class ViewPreferences:
-    """What stays of a view when another document is opened."""
+    """Settings of the view that are kept when another document is opened."""
 
     theme: Theme = "light"
-    ui_scale: Annotated[float, Range(0, 10, is_above=True)] = 1.0
+    ui_scale: Annotated[float, Range(0, 10, excludes_low=True)] = 1.0
     layout: Layout = "automatic"
-    colormap: str = "automatic"  # by the functions' signs; or one of `appearance.colormaps.NAMES`
+    # automatic: chosen by the signs of the functions; or one of `abfm.pages.colormaps.NAMES`
+    colormap: str = "automatic"
     isolines: bool = False
     isoline_count: Annotated[int, Range(1, 1000)] = 12
     color_bar: bool = True
     wireframe: bool = False
-    flat: bool = False  # each face in one shade
-    # a match that was found on a finer mesh shows its functions there, without streaks
+    flat: bool = False  # flat shading
+    # show the functions of a match on its finer mesh, if it has one; without streaks
     finer: bool = False
-    # what the longest may have, of sqrt(area)
-    arrow_length: Annotated[float, Range(0, 10, is_above=True)] = 0.12
-    arrow_density: Annotated[float, Range(0, 1)] = 0.5  # from few to many
-    flow_after_match: bool = True  # whether a match that ended shows its flow and plays it
-    previous_runs: bool = True  # whether the plot of residuals shows them
-    # whether residuals of steps are plotted against their distortion, during a run and after it
+    # length of the longest arrow, as a fraction of sqrt(area)
+    arrow_length: Annotated[float, Range(0, 10, excludes_low=True)] = 0.12
+    arrow_density: Annotated[float, Range(0, 1)] = 0.5
+    flow_after_match: bool = True  # show and play the flow when a match ends
+    previous_runs: bool = True  # show earlier runs in the plot of residuals
+    # plot the residuals of steps against their distortion: during a run, and after it
     trade_off_live: bool = False
     trade_off: bool = True
 
 
 @dataclass(frozen=True)
 class View(ViewPreferences):
-    """Everything that decides how the document is drawn, and nothing of what is solved."""
+    """All settings that affect how a document is drawn, and none that affect the match."""
 
-    viewpoint: Viewpoint | None = None  # from the surface's front, fitted
-    enlarged: str = ""  # the slot that has the others' room, too
-    hidden: tuple[str, ...] = ()  # surfaces
+    viewpoint: Viewpoint | None = None  # None: the front of the surface, fitted
+    enlarged: str = ""  # the only slot that is shown; empty: all slots
+    hidden: tuple[str, ...] = ()  # names of hidden surfaces
     coloring: Coloring = "function"  # of the advected surface
-    blend: bool = False  # whether there is a surface for it, as for the next two
-    transport: bool = False
-    error: bool = False
-    links: bool = False  # lines from points of surface A to where they are on B
+    blend: bool = False  # show a surface with the linear blend
+    transport: bool = False  # show a surface with the optimal transport
+    error: bool = False  # show a surface with the error
+    links: bool = False  # lines from points of surface A to their images on B
     arrows: bool = False
-    # of the field that is drawn, coloured and traced, or a field that belongs to it
+    # part of the field that is drawn, coloured and traced, or a related field
     part: FieldPart = "whole"
-    tracks: bool = False  # ways of a film's critical points
+    tracks: bool = False  # paths of the critical points of a sequence
     streaks: bool = False  # on the advected surface
-    fade: bool = False  # streaks, where the field is slow
-    animate: bool = False  # streaks move along the field
+    fade: bool = False  # fade the streaks where the field is slow
+    animate: bool = False  # move the streaks along the field
     tool: ClickTool = "nothing"
-    speeds: bool = False  # whether a film's plot shows speeds instead of residuals
+    speeds: bool = False  # plot the speeds of a sequence instead of the residuals
 
     @property
     def preferences(self) -> View:
-        """Return a view that has the user's preferences and nothing of what is shown."""
+        """View with the user's preferences and default values for all other settings."""
         return View(**{one.name: getattr(self, one.name) for one in fields(ViewPreferences)})
 
     @property
@@ -249,25 +259,26 @@ class View(ViewPreferences):
 
     @property
     def shown_surfaces(self) -> tuple[str, ...]:
-        """Return those that are not hidden; where all are, the advected one."""
+        """Surfaces that are not hidden; the advected one if all are hidden."""
         return tuple(name for name in self.surfaces if name not in self.hidden) or ("advected",)
 
 
 @dataclass(frozen=True, eq=False)
 class RunRecord:
-    """The energy of one run; vertices of each row's mesh, reaches, residuals and sigmas (n,) are
-    empty if unknown.
+    """Energies of one run, one row for each of the n iterations.
+
+    Vertex counts of the meshes, reaches, residuals and sigmas (n,) are empty if unknown.
     """
 
     energies: FloatArray  # (n, 3): total, regularity and mismatch
     stages: IntArray  # (n,)
-    # rows at which a changed problem started the solver again from the field that it had
+    # rows at which the solver continued with a changed problem
     restarts: tuple[int, ...]
-    residual: float  # the least of its fields; 0 while it runs
-    label: str  # what was solved, in a few words
+    residual: float  # the smallest residual of all fields; 0 during the run
+    label: str  # the parameters in short
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     reaches: FloatArray = field(default_factory=lambda: np.zeros(0))
-    term_names: tuple[str, ...] = ()  # of the data terms, where there are T > 1
+    term_names: tuple[str, ...] = ()  # names of the T data terms if T > 1
     shares: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (n, T), of the mismatch
     residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
     sigmas: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -278,15 +289,17 @@ class RunRecord:
 
     @property
     def curves(self) -> dict[str, FloatArray]:
-        """The total and all terms, (n,), by the words of the window."""
+        """Total and terms of the energy, (n,), by their names in the window."""
         total, regularity, mismatch = self.energies.T
         terms = dict(zip(self.term_names, self.shares.T, strict=True)) or {"closeness": mismatch}
         return {"energy": total, "smoothness": regularity} | terms
 
     @property
     def residual_curve(self) -> FloatArray:
-        """The residuals (n,); where they are unknown, by the energy, whose unit is each stage's: a
-        stage goes on where the one before ended, and the last one ends at the run's residual.
+        """Residuals (n,), estimated from the energies if they are unknown.
+
+        The scale of the energy differs between stages. So the estimate of each stage starts where
+        the previous stage ended, and the last stage ends at the residual of the run.
         """
         if len(self.residuals) or not len(self.stages):
             return self.residuals
@@ -297,75 +310,77 @@ class RunRecord:
 
     @property
     def best_residuals(self) -> FloatArray:
-        """The least that was left so far (n,), which rises only where the problem changed; never
-        less than what a field leaves that the run gave: on coarser meshes it may be less.
+        """Smallest residual so far (n,), which increases only when the problem changed.
+
+        After the last restart it is at least the residual of the run. Smaller residuals may occur
+        on coarser meshes, but their fields are not the result.
         """
-        parts = np.split(
-            self.residual_curve, [row for row in self.restarts if row < len(self.stages)]
-        )
-        least = [np.fmin.accumulate(part) for part in parts]
-        return np.concatenate([*least[:-1], np.maximum(least[-1], self.residual)])
+        restarts = [row for row in self.restarts if row < len(self.stages)]
+        parts = np.split(self.residual_curve, restarts)
+        best = [np.fmin.accumulate(part) for part in parts]
+        return np.concatenate([*best[:-1], np.maximum(best[-1], self.residual)])
 
 
 Values = Callable[[Function], FloatArray | None]
-"""The values (V,) of a function; None before they are known."""
+"""Returns the values (V,) of a function; None until they are computed."""
 Missing = tuple[tuple[object, ...], Callable[[], BoolArray | None]]
-"""What decides where a function has no values, and what finds it, (V,); None for nowhere."""
+"""A cache key and a function that returns the mask (V,) of missing values, None for no missing."""
 Ranged = tuple[tuple[object, ...], Callable[[], tuple[FloatArray, ...]]]
-"""What decides the range of functions that are shown, and what finds values of that range."""
+"""A cache key and a function that returns the values whose range the colours cover."""
 
 
 class Identity:
-    """What stays the same of a document while it is edited; equal only to itself."""
+    """Identity of a document, which is kept through all edits; equal only to itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """A state of the session that undo returns to and a project file keeps.
+    """State of a session, as it is kept in the history and in project files.
 
-    `kinds.py` has the kinds of documents. A question that a view asks of all of them has here the
-    answer of those that have nothing of the sort.
+    The kinds of documents are in `kinds.py`. Defaults here are for kinds without the feature.
     """
 
     match_label: ClassVar[str] = "Match"
-    """Label of the button that starts a run; its tip, and that of the button that ends it."""
+    """Label of the button that starts a run."""
     match_tip: ClassVar[str] = (
-        "Find the field whose flow carries the source to the target (Ctrl+Enter)."
+        "Find the field whose flow advects the source to the target (Ctrl+Enter)."
     )
+    """Tooltip of that button."""
     cancel_tip: ClassVar[str] = (
-        "End the run and keep the best field so far (Esc); Continue goes on from it."
+        "End the run and keep the best field so far (Esc). Continue resumes from it."
     )
+    """Tooltip of the button that ends a run."""
     play_tips: ClassVar[tuple[str, ...]] = (
-        "Show the function on its way (Space).",
-        "A twentieth of τ back.",
-        "A twentieth of τ on.",
+        "Play the flow from the source to the target (Space).",
+        "Go back by τ/20.",
+        "Go forward by τ/20.",
         "Show the source, time 0.",
     )
-    """Tips of the buttons that play, step back, step on and go to the start."""
-    speed_tip: ClassVar[str] = "1 goes from 0 to τ in four seconds."
+    """Tooltips of the buttons for play, step back, step forward and start."""
+    speed_tip: ClassVar[str] = "Playing speed: at 1 the flow takes four seconds from 0 to τ."
     extrapolates: ClassVar[bool] = True
-    """Whether times after the last one with a target can be shown."""
+    """Whether times after the last target can be shown."""
     has_one_field: ClassVar[bool] = True
-    """Whether one flow is shown at all times, so that playing waits for all of it."""
+    """Whether the same flow is shown at all times; playing then waits for the complete flow."""
     has_sides: ClassVar[bool] = True
     """Whether Gaussians and landmarks can be placed on a source and a target."""
     content_fields: ClassVar[tuple[str, ...]] = ("labels", "lines", "points")
-    """Fields that are lost if they are in no file, besides the result; view and time are not."""
+    """Names of fields that count as unsaved changes, besides the result."""
     exported_fields: ClassVar[tuple[str, ...]] = ()
-    """Fields that are in a file of the result."""
+    """Names of fields that a result file contains."""
     surface_count: ClassVar[int] = 1
 
-    surfaces: tuple[Surface, ...]  # the only one, or A and B
+    surfaces: tuple[Surface, ...]  # the only surface, or A and B
     _: KW_ONLY
-    channel: int = 0  # the active one
+    channel: int = 0  # number of the active channel
     labels: LabelMap | None = None  # of the source's surface
-    time: float = 0.0  # shown, from `start` to `end`
-    lines: tuple[Point, ...] = ()  # where flow lines start
-    points: tuple[Point, ...] = ()  # that are followed, at time 0
+    time: float = 0.0  # shown time, from `start` to `end`
+    lines: tuple[Point, ...] = ()  # start points of flow lines
+    points: tuple[Point, ...] = ()  # points that are followed, at time 0
     view: View = field(default_factory=View)
     identity: Identity = field(default_factory=Identity)
 
-    # Answers of documents without functions by specs, and without a match
+    # Defaults for documents without specs of functions and without a match
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -386,7 +401,7 @@ class Document:
 
     @property
     def pairs(self) -> tuple[Landmark, ...]:
-        """Landmarks that are placed on both sides, which are matched."""
+        """Landmarks that are placed on both sides; only these are matched."""
         return tuple(landmark for landmark in self.landmarks if landmark.is_complete)
 
     @property
@@ -399,27 +414,27 @@ class Document:
 
     @property
     def runs(self) -> tuple[RunRecord, ...]:
-        """Those that ended, the latest last."""
+        """Records of all runs that ended, the latest last."""
         return ()
 
     @property
     def match(self) -> Match | None:
-        """The result, if it is of two functions."""
+        """The result if it is a match of two functions."""
         return None
 
     @property
     def initial_map(self) -> InitialMap | None:
-        """The map that the result began with, of two surfaces."""
+        """Initial map of the result, for two surfaces."""
         return None
 
     @property
     def active_comparison(self) -> Comparison | None:
-        """The comparison of a subject with its population that the active channel is of."""
+        """Comparison of a subject with its population, if the active channel belongs to it."""
         return None
 
     @property
     def sequence_result(self) -> Sequence | None:
-        """The result, if critical points of its fields can be followed."""
+        """The result if it is a sequence, whose critical points can be followed."""
         return None
 
     @property
@@ -432,7 +447,7 @@ class Document:
 
     @property
     def functions(self) -> tuple[Function, ...]:
-        """All that are evaluated."""
+        """All functions that are evaluated."""
         return ()
 
     # Surfaces, their names and their fronts
@@ -442,52 +457,53 @@ class Document:
         return self.surface().name
 
     def surface(self, slot: str = "advected") -> Surface:
-        """The surface that a slot shows, on which a side's functions are: of two, the source is on
-        A, and all else, as the flow, on B.
+        """Return the surface that a slot shows, or on which the functions of a side are.
+
+        Of two surfaces, the source is on A; everything else, including the flow, is on B.
         """
         return self.surfaces[0 if slot == "source" else -1]
 
     def slot_title(self, slot: str) -> str:
-        """A slot's name."""
+        """Return the title of a slot."""
         return slot
 
     def transferred_title(self, kind: str) -> str:
-        """The title of what is carried from the source's surface."""
-        return f"carried {kind}"
+        """Return the title of labels or colours that the flow moves from the source's surface."""
+        return f"advected {kind}"
 
     def surface_label(self, side: Side) -> str:
-        """What a side's surface is called."""
+        """Return the name of a side's surface."""
         return side
 
-    def renamed(self, name: str, called: Mapping[str, str]) -> Self:
-        """Return it called by another name, and its functions by names by their specs."""
+    def renamed(self, name: str, display_names: Mapping[str, str]) -> Self:
+        """Return a copy with another name and other display names of functions, by their specs."""
         *others, last = self.surfaces
         return replace(self, surfaces=(*others, replace(last, name=name)))
 
     def facing(self, front: Front, slot: str = "advected") -> Self:
-        """Return it with the surface of a slot seen from another side."""
-        seen = self.surface(slot)
-        surfaces = (replace(one, front=front) if one is seen else one for one in self.surfaces)
+        """Return a copy in which the surface of a slot has another front."""
+        shown = self.surface(slot)
+        surfaces = (replace(one, front=front) if one is shown else one for one in self.surfaces)
         return replace(self, surfaces=tuple(surfaces))
 
     def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
-        """The side from which most is seen of the functions on a slot's surface."""
+        """Return the front from which most of the functions on a slot's surface is visible."""
         return best_front(self.surface(slot).mesh, *functions, up=up)
 
     def values_key(self, side: Side, spec: str) -> str:
-        """Return the name of a function's values from files: of two surfaces, A's have a prefix."""
+        """Return the key of a function's values from a file; keys of surface A have a prefix."""
         return spec
 
     def values_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return those values, by their names, that are of a side's surface, by specs."""
+        """Return the values on a side's surface by their specs, from values by their keys."""
         return dict(known)
 
     def missing_values(self, slot: str, values: Values) -> Missing:
-        """Return where a slot's function has no values."""
+        """Return a cache key and a function that finds the missing values of a slot."""
         return (), lambda: None
 
     def color_range_values(self, source: FloatArray, target: FloatArray) -> Ranged:
-        """Return the values whose range colours have."""
+        """Return a cache key and a function that returns the values in the colour range."""
         return (source, target), lambda: (source, target)
 
     # Times
@@ -502,22 +518,22 @@ class Document:
 
     @property
     def last_target_time(self) -> float:
-        """The time at which the last target is reached."""
+        """Time at which the last target is reached."""
         return self.parameters.tau
 
     @property
     def flow_time(self) -> float:
-        """The shown time in the flow that is shown."""
+        """Shown time, relative to the start of the shown flow."""
         return self.time
 
     @property
     def tau(self) -> float:
-        """How long the flow that is shown takes."""
+        """Duration of the shown flow."""
         return self.parameters.tau
 
     @property
     def interval(self) -> int:
-        """Which flow is shown, of several."""
+        """Number of the shown flow, if there are several."""
         return 0
 
     @property
@@ -526,22 +542,22 @@ class Document:
         return ()
 
     def time_after(self, share: float) -> float:
-        """The time a step later, or earlier if negative: a share of tau."""
+        """Return the time that is a share of tau later, or earlier if the share is negative."""
         return self.time + share * self.parameters.tau
 
     @property
     def time_range_label(self) -> str:
-        """Which times can be shown, in a few words."""
+        """Range of the time bar, in short."""
         return "0 to 2τ"
 
     @property
     def slider_tip(self) -> str:
-        """Tip of the time bar's slider."""
-        return "0 is the source, τ the match; beyond, the flow goes on by itself."
+        """Tooltip of the time bar's slider."""
+        return "0 is the source and τ the match. Beyond τ the flow is extrapolated."
 
     @property
     def time_range_text(self) -> str:
-        """Say which times can be shown."""
+        """Range of the times that can be shown, in words."""
         beyond = f", which is {EXTRAPOLATION:g} tau" if self.extrapolates else ""
         return f"{self.start:g} to {self.end:g}{beyond}"
 
@@ -549,35 +565,35 @@ class Document:
 
     @property
     def is_outdated(self) -> bool:
-        """Whether the document alone tells that its result is of something else."""
+        """Whether the result belongs to other inputs than those of the document."""
         return False
 
     def check(self) -> None:
-        """Raise a ValueError if fields do not fit together."""
+        """Raise a `ValueError` if fields are inconsistent."""
 
     @property
     def complete_result(self) -> Any:
-        """The result with everything that its file holds."""
+        """The result as it is written to a file."""
         return self.result
 
     def saved(self) -> Document:
-        """Return the document that a project of it opens as."""
+        """Return the document that its project file opens as."""
         return self
 
     @property
     def is_complete(self) -> bool:
-        """Whether a run of it would find nothing more."""
+        """Whether the result is complete, so that a further run would not add anything."""
         return False
 
     def view_of_result(self, view: View) -> View:
-        """Return the view in which a result that was opened is seen."""
+        """Return the view for a result that was just opened or computed."""
         return view
 
     def unsaved_text(self, changes: Collection[str], has_new_result: bool) -> str:
-        """Say what of it is in no file, for the fields that changed."""
-        return f"{self.name} has changes that are in no file."
+        """Return a message that describes the unsaved changes of some fields."""
+        return f"{self.name} has unsaved changes."
 
     @property
     def large_parts(self) -> tuple[object, ...]:
-        """Parts whose arrays take room in the history."""
+        """Parts whose arrays count as memory of the history."""
         return tuple(surface.mesh for surface in self.surfaces)

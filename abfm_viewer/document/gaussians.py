@@ -1,6 +1,6 @@
-"""The Gaussians of a function: which there are, and the text with one of them changed.
+"""Gaussians in the spec of a function, and specs with one Gaussian changed.
 
-Counted are the terms of a sum, also of one that is scaled or composed with a vertex map.
+A Gaussian is a term of a sum. The sum may be scaled or composed with a vertex map.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def gaussians(spec: str) -> list[functions.Gaussian]:
 
 
 def is_mapped(spec: str) -> bool:
-    """Return whether a vertex map stands between the Gaussians and what is seen of them."""
+    """Return whether the Gaussians are composed with a vertex map."""
     tree = functions.parse(spec)
     while isinstance(tree, functions.Scaled):
         tree = tree.function
@@ -30,22 +30,25 @@ def is_mapped(spec: str) -> bool:
 
 
 def changed(spec: str, bump: int, **values: Any) -> str:
-    """The spec with other values of one Gaussian, or FunctionError; a vertex replaces x, y, z."""
+    """Return the spec with changed values of one Gaussian.
+
+    A new vertex replaces x, y and z. A refused value raises a `FunctionError`.
+    """
     if values.get("vertex") is not None:
         values |= {"x": None, "y": None, "z": None}
     return _with_bump(spec, bump, replace(gaussians(spec)[bump], **values))
 
 
 def added(spec: str, mesh: TriangleMesh) -> str:
-    """The spec with one more Gaussian, as wide as the last and as far as possible from all."""
+    """Return the spec with another Gaussian, as wide as the last one and far from all others."""
     return _with_bump(spec, None, _farthest(gaussians(spec), mesh))
 
 
 def landmark(specs: Iterable[str], mesh: TriangleMesh) -> str:
-    """The spec of a Gaussian as wide as the last of others, and as far as possible from all.
+    """Return the spec of a Gaussian as wide as the last one of other specs, and far from all.
 
-    As source and target of a channel it says what stays in its place while the others move.
-    Gaussians at vertices that the mesh has not do not count.
+    As source and target of a channel it marks a place that stays fixed while the others move.
+    Gaussians at vertices that the mesh does not have are ignored.
     """
     known = []
     for spec in specs:
@@ -59,18 +62,21 @@ def landmark(specs: Iterable[str], mesh: TriangleMesh) -> str:
 def _farthest(known: Sequence[functions.Gaussian], mesh: TriangleMesh) -> functions.Gaussian:
     width = known[-1].width if known else _WIDTH
     centres = np.concatenate([one.sources(mesh) for one in known]) if known else np.array([0])
-    away = [np.linalg.norm(mesh.vertices - mesh.vertices[centre], axis=1) for centre in centres]
-    vertex = int(mesh.vertex_ids[int(np.argmax(np.min(away, axis=0)))])
+    distances = [np.linalg.norm(mesh.vertices - mesh.vertices[one], axis=1) for one in centres]
+    vertex = int(mesh.vertex_ids[int(np.argmax(np.min(distances, axis=0)))])
     return functions.Gaussian(vertex=(vertex,), width=width)
 
 
 def removed(spec: str, bump: int) -> str:
-    """The spec without one Gaussian, unless nothing would be left."""
+    """Return the spec without one Gaussian; a spec of a single term is returned unchanged."""
     return _with_bump(spec, bump) if len(_terms(functions.parse(spec))) > 1 else spec
 
 
 def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
-    """Return the first vertex it sits at, as the file counts; `FunctionError` if there is none."""
+    """Return the first centre of a Gaussian, as a vertex number of the file.
+
+    A `FunctionError` is raised if the mesh does not have the vertex.
+    """
     return int(mesh.vertex_ids[gaussian.sources(mesh)[0]])
 
 
@@ -81,14 +87,14 @@ def _terms(tree: functions.Spec) -> tuple[functions.Spec, ...]:
 
 
 def _with_inner(tree: functions.Spec, inner: functions.Spec) -> functions.Spec:
-    """Return a function that is scaled or composed with a vertex map, of another one inside."""
+    """Return a scaled or mapped function with another function inside."""
     if isinstance(tree, functions.Permuted | functions.Scaled | functions.Circular):
         return replace(tree, function=_with_inner(tree.function, inner))
     return inner
 
 
 def _with_bump(spec: str, bump: int | None, *by: functions.Spec) -> str:
-    """The spec with other terms in the place of one Gaussian, or at the end."""
+    """Return the spec with other terms in place of one Gaussian, or at the end."""
     tree = functions.parse(spec)
     terms = list(_terms(tree))
     places = [i for i, term in enumerate(terms) if isinstance(term, functions.Gaussian)]

@@ -1,7 +1,7 @@
-"""The kinds of documents: a match, a pair of surfaces, a subject of a population, and a film.
+"""Kinds of documents: match, pair of surfaces, subject of a population, sequence of frames.
 
-Each is what the user drafts, with the result and the view: a kind has its own fields, and answers
-what views ask of all of them.
+Each kind has fields for the user's input, the result and the view. It implements the interface of
+`Document` that the window uses.
 """
 
 from __future__ import annotations
@@ -46,36 +46,36 @@ if TYPE_CHECKING:  # a document without a result does not load its type
     from abfm import Match, Registration, Sequence
 
 MEASURED_COLUMN = "measured"
-"""Column of a mask that is 0 where functions have no values, and were filled in."""
+"""Column of a mask that is 0 where functions had no values and were filled in."""
 OF_A = "A: "
-"""What names of values from files begin with that are of surface A of two."""
+"""Prefix of keys of values from files that are on surface A of two."""
 GIVEN_WORD = "given"
-"""The word of an initial map that came with the file of a registration."""
+"""Word of an initial map that was opened with a registration file."""
 
 
 @dataclass(frozen=True, eq=False)
 class MatchDocument(Document):
-    """Two functions on a surface, in channels, and how they are matched."""
+    """Channels of two functions on a surface, and the parameters of their match."""
 
     content_fields: ClassVar[tuple[str, ...]] = (
         *("channels", "parameters", "mask", "landmarks", "landmarks_alone"),
         *Document.content_fields,
     )
 
-    channels: tuple[Channel, ...] = ()  # until the default functions of a new mesh are known
+    channels: tuple[Channel, ...] = ()  # empty until a new mesh has its default functions
     parameters: Parameters = DEFAULT_PARAMETERS
     mask: str = ""
-    side: Side = field(default="source", kw_only=True)  # of the active channel, the active one
-    bump: int = field(default=0, kw_only=True)  # which of that side's Gaussians the mouse moves
+    side: Side = field(default="source", kw_only=True)  # active side of the active channel
+    bump: int = field(default=0, kw_only=True)  # active Gaussian of that side
     landmarks: tuple[Landmark, ...] = field(default=(), kw_only=True)
-    landmark: int = field(default=0, kw_only=True)  # the active one
-    # whether functions do not count, as long as there are landmarks
+    landmark: int = field(default=0, kw_only=True)  # active landmark
+    # match the landmarks and ignore the functions, if there are landmarks
     landmarks_alone: bool = field(default=False, kw_only=True)
     result: Match | None = field(default=None, kw_only=True)
-    # the step at which the result's match ended, where another one of its path is shown
+    # step that the solver chose, if another step of the path is shown
     solver_step: int | None = field(default=None, kw_only=True)
-    runs: tuple[RunRecord, ...] = field(default=(), kw_only=True)  # ended ones, the latest last
-    # functions of results, by their specs
+    runs: tuple[RunRecord, ...] = field(default=(), kw_only=True)  # ended runs, the latest last
+    # names of functions from results, by their specs
     display_names: dict[str, str] = field(default_factory=dict, kw_only=True)
 
     @property
@@ -84,12 +84,12 @@ class MatchDocument(Document):
 
     @property
     def is_of_landmarks(self) -> bool:
-        """Whether landmarks are all that is matched."""
+        """Whether only landmarks are matched."""
         return self.landmarks_alone and bool(self.pairs)
 
     @property
     def initial(self) -> str:
-        """Word of the map from A to B; empty for one that is chosen by what there is."""
+        """Word of the initial map from A to B; empty for an automatic choice."""
         return ""
 
     @property
@@ -98,7 +98,7 @@ class MatchDocument(Document):
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weight of each channel's mismatch; 0 where landmarks alone are matched."""
+        """Weight of each channel's mismatch; 0 if landmarks alone are matched."""
         return tuple(0.0 if self.is_of_landmarks else one.weight for one in self.channels)
 
     def function(self, side: Side, channel: Channel | None = None) -> Function:
@@ -115,17 +115,21 @@ class MatchDocument(Document):
         return tuple(dict.fromkeys([*found, self.mask_function] if self.mask else found))
 
     def new_channel(self) -> Channel:
-        """A channel of a landmark that stays, far from others' Gaussians."""
+        """Return a channel that fixes a place far from the Gaussians of the other channels."""
         specs = [channel.spec(side) for channel in self.channels for side in SIDES]
-        stays = gaussians.landmark(specs, self.surface().mesh)
-        return Channel(stays, stays)
+        fixed = gaussians.landmark(specs, self.surface().mesh)
+        return Channel(fixed, fixed)
 
-    def renamed(self, name: str, called: Mapping[str, str]) -> Self:
+    def renamed(self, name: str, display_names: Mapping[str, str]) -> Self:
         runs = tuple(replace(run, label=name) for run in self.runs)
-        return replace(super().renamed(name, called), runs=runs, display_names=dict(called))
+        renamed = super().renamed(name, display_names)
+        return replace(renamed, runs=runs, display_names=dict(display_names))
 
     def missing_values(self, slot: str, values: Values) -> Missing:
-        """Return where active functions have none, or the mask of frames that became a match."""
+        """Return a cache key and a function that finds missing values of the active functions.
+
+        In a match of two frames the mask of the frames marks missing values as well.
+        """
         active = [] if self.active is None else [self.function(side) for side in SIDES]
         given = [found for one in active if (found := values(one)) is not None]
         is_of_frames = self.mask.endswith(f",column={MEASURED_COLUMN}")
@@ -142,7 +146,10 @@ class MatchDocument(Document):
     def outcome(
         self, match: Match | None, run: RunRecord | None, initial: InitialMap | None
     ) -> dict[str, Any]:
-        """Return the fields that a run changes, and the map that it began with."""
+        """Return the fields that a run changes.
+
+        ``initial`` is the initial map of the run, for two surfaces.
+        """
         runs = self.runs if run is None else (*self.runs, run)
         return {"result": match, "runs": runs, "solver_step": None}
 
@@ -156,7 +163,7 @@ class MatchDocument(Document):
             raise ValueError(f"bump is {self.bump}; expected 0 or more")
 
     def differs(self, result: Match, values: Values) -> bool:
-        """Return whether a result is of another problem than this document's."""
+        """Return whether a result belongs to another problem than that of this document."""
         alone = self.landmarks_alone and result.problem.is_of_landmarks
         return (
             len(self.channels) != result.source.shape[1]
@@ -166,7 +173,10 @@ class MatchDocument(Document):
         )
 
     def has_other_functions(self, result: Match, values: Values) -> bool:
-        """Return whether landmarks, the mask or functions differ where these are compared."""
+        """Return whether landmarks, mask or functions differ from those of a result.
+
+        Functions are compared only where the mask is above 0.
+        """
         nameless = tuple(replace(pair, name="") for pair in self.pairs)
         if nameless != landmarks_of_match(result):
             return True
@@ -178,7 +188,7 @@ class MatchDocument(Document):
         now, then = np.array(found), np.concatenate([result.source.T, result.target.T])
         has_value = ~np.isnan(now).any(axis=0)
         mask = mask * has_value
-        is_compared = mask > 0  # elsewhere values change nothing
+        is_compared = mask > 0  # other values have no effect
         return not (
             (self.mask == "" and has_value.all()) == (result.mask is None)
             and np.array_equal(mask, np.ones(len(mask)) if result.mask is None else result.mask)
@@ -188,17 +198,20 @@ class MatchDocument(Document):
     def unsaved_text(self, changes: Collection[str], has_new_result: bool) -> str:
         if self.result is None or not has_new_result:
             return super().unsaved_text(changes, has_new_result)
-        return f"The match of {self.name} ({self.result.facts.headline}) is in no file."
+        return f"The match of {self.name} ({self.result.facts.headline}) is not saved."
 
     @property
     def large_parts(self) -> tuple[object, ...]:
         found = () if self.result is None else (self.result, *self.result.path)
-        return (*super().large_parts, *found)  # steps of one match share arrays
+        return (*super().large_parts, *found)  # the steps of a match share arrays
 
 
 @dataclass(frozen=True, eq=False)
 class PairDocument(MatchDocument):
-    """Two surfaces, A and B: functions of A come to B by an initial map, and are matched there."""
+    """Two surfaces, A and B.
+
+    An initial map transfers functions of A to B, where they are matched.
+    """
 
     content_fields: ClassVar[tuple[str, ...]] = ("initial", *MatchDocument.content_fields)
     surface_count: ClassVar[int] = 2
@@ -224,8 +237,8 @@ class PairDocument(MatchDocument):
     def surface_label(self, side: Side) -> str:
         return {"source": "A", "target": "B"}[side]
 
-    def renamed(self, name: str, called: Mapping[str, str]) -> Self:
-        found = super().renamed(name, called)
+    def renamed(self, name: str, display_names: Mapping[str, str]) -> Self:
+        found = super().renamed(name, display_names)
         a, b = found.surfaces
         return replace(found, surfaces=(a, replace(b, name=f"B of {name}")))
 
@@ -233,8 +246,8 @@ class PairDocument(MatchDocument):
         return f"{OF_A}{spec}" if side == "source" else spec
 
     def values_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        own = {name: name.startswith(OF_A) == (side == "source") for name in known}
-        return {name.removeprefix(OF_A): known[name] for name, is_own in own.items() if is_own}
+        names = [name for name in known if name.startswith(OF_A) == (side == "source")]
+        return {name.removeprefix(OF_A): known[name] for name in names}
 
     def new_channel(self) -> Channel:
         source, target = (
@@ -263,12 +276,12 @@ class PairDocument(MatchDocument):
 
 @dataclass(frozen=True, eq=False)
 class SubjectDocument(MatchDocument):
-    """A subject of a population on the template, compared with the mean of the others."""
+    """Subject of a population on the template, compared with the mean of the others."""
 
     comparison: Comparison = field(kw_only=True)
 
     def saved(self) -> MatchDocument:
-        """Return it without the population, which has a file of its own."""
+        """Return the document without the population, which has its own file."""
         return MatchDocument(**{one.name: getattr(self, one.name) for one in fields(MatchDocument)})
 
     @property
@@ -294,30 +307,30 @@ class SubjectDocument(MatchDocument):
 _SEQUENCE_PARTS = {
     "sequence": "times of its frames",
     "settings": "parameters that were changed",
-    "lines": "lines that were clicked on",
+    "lines": "flow lines",
     "points": "points that are followed",
 }
-"""What of a film may be in no file though its fields are."""
+"""Names of parts of a sequence that a file of its fields does not contain."""
 
 
 @dataclass(frozen=True, eq=False)
 class SequenceDocument(Document):
-    """A function that changes in time, as frames, and what all intervals are matched with."""
+    """Sequence of frames and the settings with which all intervals are matched."""
 
     match_label: ClassVar[str] = "Match all frames"
     match_tip: ClassVar[str] = (
-        "Find the fields that carry each frame to the next, all together (Ctrl+Enter)."
+        "Find the fields that advect each frame to the next, all in one run (Ctrl+Enter)."
     )
     cancel_tip: ClassVar[str] = (
-        "End the run and keep the fields that were found (Esc); the next goes on from them."
+        "End the run and keep the fields found so far (Esc). The next run resumes from them."
     )
     play_tips: ClassVar[tuple[str, ...]] = (
-        "Play the film (Space).",
-        "The frame before.",
-        "The next frame.",
+        "Play the frames (Space).",
+        "Show the previous frame.",
+        "Show the next frame.",
         "Show the first frame.",
     )
-    speed_tip: ClassVar[str] = f"1 passes {FRAMES_A_SECOND:g} frames a second."
+    speed_tip: ClassVar[str] = f"Playing speed: 1 is {FRAMES_A_SECOND:g} frames per second."
     extrapolates: ClassVar[bool] = False
     has_one_field: ClassVar[bool] = False
     has_sides: ClassVar[bool] = False
@@ -325,7 +338,7 @@ class SequenceDocument(Document):
     exported_fields: ClassVar[tuple[str, ...]] = ("sequence", "settings", "result")
 
     sequence: FrameSequence
-    settings: SequenceSettings = field(default=SequenceSettings(), kw_only=True)  # of its match
+    settings: SequenceSettings = field(default=SequenceSettings(), kw_only=True)
     result: Sequence | None = field(default=None, kw_only=True)
 
     @property
@@ -346,8 +359,9 @@ class SequenceDocument(Document):
     def channel_count(self) -> int:
         return self.sequence.channels
 
-    def renamed(self, name: str, called: Mapping[str, str]) -> Self:
-        return replace(super().renamed(name, called), sequence=replace(self.sequence, name=name))
+    def renamed(self, name: str, display_names: Mapping[str, str]) -> Self:
+        sequence = replace(self.sequence, name=name)
+        return replace(super().renamed(name, display_names), sequence=sequence)
 
     def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
         return self.sequence.front(up)
@@ -404,7 +418,7 @@ class SequenceDocument(Document):
 
     @property
     def is_outdated(self) -> bool:
-        """Whether the result is of other frames or settings."""
+        """Whether the result belongs to other frames or settings."""
         found = self.result
         return found is not None and not (
             found.frames is self.sequence.frames.values and settings_of(found) == self.settings
@@ -425,20 +439,22 @@ class SequenceDocument(Document):
         return self.result is not None and bool(self.result.solved.all())
 
     def view_of_result(self, view: View) -> View:
-        """Return the view in which fields are seen: with tracks, and arrows, unless something else
-        is shown of the flow already, or nothing is to be shown after matches.
+        """Return the view with tracks and arrows.
+
+        Arrows are not added if the view shows the flow in another form. Nothing is added if the
+        user turned off showing the flow after matches.
         """
         found = self.result
         if found is None or not (view.flow_after_match and found.velocity.any()):
             return view
-        is_plain = not (view.arrows or view.streaks) and view.coloring == "function"
-        return replace(view, tracks=True, arrows=view.arrows or is_plain)
+        shows_no_flow = not (view.arrows or view.streaks) and view.coloring == "function"
+        return replace(view, tracks=True, arrows=view.arrows or shows_no_flow)
 
     def unsaved_text(self, changes: Collection[str], has_new_result: bool) -> str:
         if self.result is not None and "result" in changes:
-            return f"The film {self.name} with its fields is in no file."
-        named = ", ".join(words for name, words in _SEQUENCE_PARTS.items() if name in changes)
-        return f"Of the film {self.name} are in no file: {named or 'changes'}."
+            return f"The sequence {self.name} and its fields are not saved."
+        changed = ", ".join(words for name, words in _SEQUENCE_PARTS.items() if name in changes)
+        return f"Not saved of the sequence {self.name}: {changed or 'changes'}."
 
     @property
     def large_parts(self) -> tuple[object, ...]:
@@ -447,7 +463,7 @@ class SequenceDocument(Document):
 
 
 def document_on(surfaces: tuple[Surface, ...], **values: Any) -> MatchDocument:
-    """Return a document of one surface, or of two to be registered."""
+    """Return a document of one surface, or of two surfaces to be registered."""
     kind = MatchDocument if len(surfaces) == 1 else PairDocument
     return kind(surfaces, **values)
 
@@ -457,4 +473,4 @@ KINDS: Mapping[str, type[Document]] = {
     "pair": PairDocument,
     "sequence": SequenceDocument,
 }
-"""Kinds of documents that projects hold, by their names there."""
+"""Kinds of documents by their names in project files."""

@@ -1,4 +1,7 @@
-"""Labels of surface A, or of the only one: regions that are shown, and carried, and never mixed."""
+"""Labels of surface A, or of the only surface: regions that are shown and transferred.
+
+Labels are never averaged.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,15 @@ from abfm.pages.front import Triple, triple
 from abfm.reading.labels import Labels
 from abfm.types import FloatArray, IntArray
 
-_GOLDEN_RATIO = 0.6180339887498949  # hues that far apart are never close to each other
+_GOLDEN_RATIO = 0.6180339887498949  # steps of this size give hues that stay distinct
 
 
 @dataclass(frozen=True, eq=False)
 class LabelMap:
-    """A key at each vertex, and of the keys (K,), which ascend, their names and sRGB colours."""
+    """A key at each vertex, with the name and the sRGB colour of each key.
+
+    The K keys are in ascending order.
+    """
 
     file: str  # its name
     keys: tuple[int, ...]
@@ -27,8 +33,10 @@ class LabelMap:
 
     @classmethod
     def of(cls, file: str, mesh: TriangleMesh, labels: Labels) -> LabelMap:
-        """Take labels of a mesh or its file; those without a colour get one, and what has neither
-        name nor colour is grey. A FunctionError says that they are of another mesh.
+        """Return the labels of a mesh, given for its vertices or for those of its file.
+
+        Labels without a colour get one. If other labels have names, a label without a name and a
+        colour is grey. Labels of another mesh raise a `FunctionError`.
         """
         values = mesh.restrict(labels.values).astype(np.int64)
         keys = np.unique([*np.unique(values), *labels.names]).tolist()
@@ -38,8 +46,8 @@ class LabelMap:
             given = labels.colors.get(key)
             made = colorsys.hsv_to_rgb(number * _GOLDEN_RATIO % 1, 0.55, 0.85)
             grey = (0.75, 0.75, 0.75)
-            is_bare = bool(labels.names) and not name
-            colors.append(triple(np.array(given[:3] if given else grey if is_bare else made)))
+            is_unnamed = bool(labels.names) and not name
+            colors.append(triple(np.array(given[:3] if given else grey if is_unnamed else made)))
         return cls(file, tuple(keys), names, tuple(colors), values)
 
     def linear_colors(self, values: IntArray) -> FloatArray:
@@ -48,7 +56,7 @@ class LabelMap:
         return np.asarray(table[np.searchsorted(self.keys, values)])
 
     def labels(self, values: IntArray) -> Labels:
-        """Return such labels with these keys, as files have them."""
+        """Return keys (V,) as labels for a file, with these names and colours."""
         pairs = zip(self.keys, self.names, strict=True)
         colors = {key: (*color, 1.0) for key, color in zip(self.keys, self.colors, strict=True)}
         return Labels(values, {key: name for key, name in pairs if name}, colors)

@@ -1,4 +1,4 @@
-"""A source that is scaled to the range of its target."""
+"""Scaling of a source to the range of its target."""
 
 from dataclasses import replace
 
@@ -7,18 +7,20 @@ import numpy as np
 from abfm import functions
 from abfm.types import FloatArray
 
-_RANGE_TOLERANCE = 1e-3  # of the target's range: what differs by less stays
+_RANGE_TOLERANCE = 1e-3  # fraction of the target's range; smaller differences are ignored
 
 
 def rescaled(spec: str, source: FloatArray, target: FloatArray) -> str:
-    """Return the spec of a source with the range of a target; the same spec if it has that already,
-    or if one of them is constant.
+    """Return the spec of a source, scaled and shifted to the range of a target.
+
+    The spec is returned unchanged if the ranges agree already or if one of the functions is
+    constant.
 
     Parameters
     ----------
     spec : str
     source, target : ndarray, (V,) and (W,)
-        Their values.
+        Values of the two functions.
     """
     (low, high), (least, most) = ((float(f.min()), float(f.max())) for f in (source, target))
     if not (high > low and most > least):

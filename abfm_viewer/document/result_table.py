@@ -1,4 +1,4 @@
-"""The results of a batch or of a population as rows, in any order, as far as they are searched."""
+"""Tables of the results of a batch or of a population, with sorting and searching."""
 
 from __future__ import annotations
 
@@ -26,48 +26,56 @@ Name = Literal[
     "correlation",
     "reason",
 ]
-"""Numbers have the names that they have in facts."""
+"""Names of columns; numbers have the same names as in facts."""
 
 
 class Column(NamedTuple):
-    """What a head says, what it means, and how numbers are written."""
+    """Heading of a column, its tooltip, and the format of its numbers."""
 
     head: str
     tip: str
-    digits: str = ""  # of numbers; empty for texts
+    digits: str = ""  # format of numbers; empty for texts
 
 
 COLUMNS: Mapping[Name, Column] = {
-    "name": Column("name", "What the row is called in its table."),
-    "verdict": Column("verdict", "What it came to. The worst come first."),
-    "residual": Column("left", "The residual of the discrete flow.", ".2%"),
-    "verified_residual": Column(
-        "by flow lines", "The same by the second witness, flow lines.", ".2%"
-    ),
+    "name": Column("name", "Name of the row in its table."),
+    "verdict": Column("verdict", "Verdict of the result. The worst are listed first."),
+    "residual": Column("left", "Residual of the discrete flow.", ".2%"),
+    "verified_residual": Column("by flow lines", "Residual along flow lines.", ".2%"),
     "folded": Column("folded", "Share of the faces that the map folds.", ".2%"),
-    "log2_area": Column(
-        "|log2 J|", "How much its map changes areas, mean over the surface.", ".2f"
-    ),
+    "log2_area": Column("|log2 J|", "Area change of the map, mean over the surface.", ".2f"),
     "correlation": Column(
-        "correlation", "With the mean of the others that fit, on the template.", ".3f"
+        "correlation", "Correlation with the mean of the other subjects that fit.", ".3f"
     ),
-    "reason": Column("why", "What does not fit, or why it failed."),
+    "reason": Column("why", "Reason for the verdict or for a failure."),
 }
 
 
 @dataclass(frozen=True)
 class ResultRow:
-    """A row and the facts of its result."""
+    """A row and the facts of its result.
 
-    number: int  # in its table
+    Attributes
+    ----------
+    number : int
+        Number of the row in its table.
+    name : str
+    facts : Facts
+    path : Path or None
+        File of the result.
+    texts : tuple of (str, str)
+        Source and target of each channel, as written in the table.
+    """
+
+    number: int
     name: str
     facts: Facts
-    path: Path | None = None  # of its result
-    texts: tuple[tuple[str, str], ...] = ()  # of its channels: sources and targets, as written
+    path: Path | None = None
+    texts: tuple[tuple[str, str], ...] = ()
 
     @property
     def key(self) -> tuple[int, str]:
-        """What tells it from other rows, also after its table was read again."""
+        """Key of the row, which stays the same when the table is read again."""
         return self.number, self.name
 
     @property
@@ -75,14 +83,14 @@ class ResultRow:
         return self.facts.outcome
 
     def label_document(self, document: Document) -> Document:
-        """Return a document called by the row's name, and its functions as the table has them."""
+        """Return a document with the row's name and the table's names of its functions."""
         specs = [spec for channel in document.channels for spec in channel.specs]
         texts = [text for pair in self.texts for text in pair]
-        called = dict(zip(specs, texts, strict=True)) if len(specs) == len(texts) else {}
-        return document.renamed(self.name, called)
+        names = dict(zip(specs, texts, strict=True)) if len(specs) == len(texts) else {}
+        return document.renamed(self.name, names)
 
     def cell_text(self, column: Name) -> str:
-        """Return what a cell says."""
+        """Return the text of a cell."""
         texts = {"name": self.name, "verdict": str(self.verdict), "reason": self.facts.reason}
         if column in texts:
             return texts[column]
@@ -90,7 +98,7 @@ class ResultRow:
         return "" if math.isnan(value) else format(value, COLUMNS[column].digits)
 
     def has(self, words: Sequence[str]) -> bool:
-        """Return whether all words, or phrases, in lower case, are in its texts."""
+        """Return whether name, verdict and reason contain all words or phrases (lower case)."""
         text = f"{self.name} {self.verdict} {self.facts.reason}".lower()
         return all(word in text for word in words)
 
@@ -103,9 +111,9 @@ class ResultTable:
         *("name", "verdict", "residual", "verified_residual", "folded", "log2_area", "reason"),
     )
     noun: ClassVar[str] = "row"
-    has_comparisons: ClassVar[bool] = False  # of a row with the others
+    has_comparisons: ClassVar[bool] = False  # whether a row can be compared with the others
 
-    place: Path  # that was opened: a folder, or a population's file
+    place: Path  # the folder or the population file that was opened
     title: str
     rows: tuple[ResultRow, ...]
 
@@ -114,12 +122,12 @@ class ResultTable:
         return False
 
     def can_show(self, row: ResultRow) -> bool:
-        """Return whether there is something of a row that surfaces can show."""
+        """Return whether a row has a result or values that can be shown."""
         return row.path is not None or self.has_values(row)
 
     @property
     def summary(self) -> str:
-        """The number of rows by verdict: ``9 rows: 7 matched, 2 failed``."""
+        """Number of rows by verdict: ``9 rows: 7 matched, 2 failed``."""
         count = Counter(row.verdict for row in self.rows)
         parts = [f"{count[each]} {each}" for each in Outcome if count[each]]
         return f"{counted(len(self.rows), self.noun)}: {', '.join(parts) or 'none'}"
@@ -128,11 +136,11 @@ class ResultTable:
         return next((row for row in self.rows if row.key == key), None)
 
     def shown(self, column: Name, falls: bool, search: str) -> tuple[ResultRow, ...]:
-        """Return the rows that have what is searched for, sorted by a column: as it was typed, or
-        where no row has that, all its words.
+        """Return the rows that match a search, sorted by a column.
 
-        Verdicts rise from the worst to the best, and rows of one verdict are in the order of
-        `badness`. Unknown numbers come last.
+        A row matches if it contains the search text. If no row does, rows match that contain all
+        its words. Verdicts are sorted from the worst to the best, and rows of equal verdict by
+        `badness`. Unknown numbers are last.
         """
         search = " ".join(search.lower().split())
         found = [row for row in self.rows if row.has([search])]
@@ -149,14 +157,14 @@ class ResultTable:
         return (*known, *unknown)
 
     def badness(self, row: ResultRow) -> tuple[int, float, str]:
-        """Return a key by which rows are sorted, the worst first: by verdict, then by residual."""
+        """Return the sort key of a row: by verdict, then by residual, the worst first."""
         worse = row.facts.worse_residual
         return -row.verdict.rank, 0.0 if math.isnan(worse) else -worse, row.name
 
 
 @dataclass(frozen=True, eq=False)
 class PopulationTable(ResultTable):
-    """The subjects of a population, in their order."""
+    """Table of the subjects of a population."""
 
     columns = (*("name", "verdict", "residual", "folded", "log2_area", "correlation", "reason"),)
     noun = "subject"
@@ -168,7 +176,7 @@ class PopulationTable(ResultTable):
         return bool(np.isfinite(self.population.values[row.number]).any())
 
     def badness(self, row: ResultRow) -> tuple[int, float, str]:
-        """Return a key by which rows are sorted; good ones are compared by correlation."""
+        """Return the sort key of a row; good rows are sorted by correlation."""
         rank = Outcome.NEARLY.rank if row.verdict.is_good else row.verdict.rank
         correlation = row.facts.number("correlation")
         return -rank, -2.0 if math.isnan(correlation) else correlation, row.name

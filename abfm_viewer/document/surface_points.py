@@ -1,4 +1,4 @@
-"""Points and landmarks of a document as the library has them, and back."""
+"""Conversion of points and landmarks between documents and the library."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def points_of(found: abfm.maps.SurfacePoints) -> list[Point]:
     return [Point(face, triple(weights)) for face, weights in places]
 
 
-def paired(
+def landmark_pairs(
     a: TriangleMesh, b: TriangleMesh, pairs: Sequence[Landmark]
 ) -> abfm.registration.Landmarks | None:
-    """Return whole landmarks on the surfaces of source and target; None if there are none."""
+    """Return complete landmarks on the surfaces of source and target; None without landmarks."""
     if not pairs:
         return None
     on_a, on_b = (
@@ -38,14 +38,14 @@ def paired(
 
 
 def landmarks_of(given: abfm.registration.Landmarks) -> tuple[Landmark, ...]:
-    """Return landmarks as documents have them, without names that are their numbers from 0."""
+    """Return landmarks for a document; names that are only numbers from 0 are dropped."""
     names = ("" if name == str(n) else name for n, name in enumerate(given.names))
-    own = points_of(given.a), points_of(given.b), given.weights.tolist(), names
-    return tuple(map(Landmark, *own))
+    columns = points_of(given.a), points_of(given.b), given.weights.tolist(), names
+    return tuple(map(Landmark, *columns))
 
 
 def landmarks_of_match(match: abfm.Match) -> tuple[Landmark, ...]:
-    """Return those that a match has on its own surface: where they start, and are wanted."""
+    """Return the landmarks of a match on its surface: start points and target points."""
     if (marks := match.problem.landmarks) is None:
         return ()
     starts, ends = points_of(marks.points(match.mesh)), points_of(marks.targets(match.mesh))

@@ -1,4 +1,4 @@
-"""What a match came to, in the words of window, pictures and command line."""
+"""Short texts about a match, for the window, pictures and the command line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from abfm.wording import counted, sentence, share
 
 
 def residual_text(now: abfm.matching.Iteration, is_of_landmarks: bool) -> str:
-    """``residual 0.31``, or of landmarks alone ``farthest landmark 3.1% away``."""
+    """Return ``residual 0.31``; for landmarks alone ``farthest landmark 3.1% away``."""
     if not is_of_landmarks:
         return f"residual {now.residual:.3g}"
     from abfm.matching.terms.landmarks import error_of
@@ -21,8 +21,8 @@ def was_interrupted(match: abfm.Match) -> bool:
     return match.stop_reason in ("cancelled", "out of memory")
 
 
-def changes(remedy: abfm.matching.Remedy) -> str:
-    """Say what a remedy does, for a tooltip: ``A larger reach: reach 1, from no motion``."""
+def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
+    """Return the tooltip of the button that applies a remedy."""
     changed = ", ".join(
         f"{name} {abfm.matching.value_text(value)}" for name, value in remedy.parameters.items()
     )
@@ -32,20 +32,26 @@ def changes(remedy: abfm.matching.Remedy) -> str:
 
 
 def numbers_text(match: abfm.Match) -> str:
-    """``Residual 0.012, 0.03 by flow lines``; of landmarks alone, which a list has, what folds."""
+    """Return ``Residual 0.012, 0.03 by flow lines``.
+
+    For landmarks alone, whose errors are listed elsewhere, return the share of folded faces.
+    """
     if not match.problem.is_of_landmarks:
         return f"Residual {abfm.matching.residual_text(match)}"
     return "" if math.isnan(match.folded) else f"{100 * match.folded:.2g}% folded"
 
 
-def refinement(match: abfm.Match) -> str:
-    """``found on the mesh subdivided 2 times, 16 times the faces``; empty for the mesh itself."""
+def refinement_text(match: abfm.Match) -> str:
+    """Return ``found on the mesh subdivided 2 times, 16 times the faces``.
+
+    The text is empty if the match was found on the user's mesh.
+    """
     times = counted(match.refined, "time")
     found = f"found on the mesh subdivided {times}, {4**match.refined} times the faces"
     return found if match.refined else ""
 
 
-def place(now: abfm.matching.Iteration) -> str:
-    """Say where in its course a match is: ``mesh 1/3, stage 2, reach 0.5``."""
+def stage_text(now: abfm.matching.Iteration) -> str:
+    """Return the position in the continuation: ``mesh 1/3, stage 2, reach 0.5``."""
     mesh = f"mesh {now.level + 1}/{now.levels}, " if now.levels > 1 else ""
     return f"{mesh}stage {now.stage + 1}{f', reach {now.reach:g}' if now.reach else ''}"

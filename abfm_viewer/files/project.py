@@ -259,7 +259,7 @@ class _Reader:
             return None if value is None else self.read(inner, value, where)
         if origin is Annotated and isinstance(options[1], Range):
             number = self.read(options[0], value, where)
-            _require(options[1].has(number), f"{where} is {number}; expected {options[1]}")
+            _require(options[1].contains(number), f"{where} is {number}; expected {options[1]}")
             return number
         is_named = self._has(value) and hint not in (str, Any)
         if is_named or origin is Annotated or hint is TriangleMesh:

@@ -7,7 +7,7 @@ from pathlib import Path
 import abfm
 from abfm.wording import counted, share
 from abfm_viewer.document.document import SIDES, Document, Landmark
-from abfm_viewer.document.surface_points import landmarks_of, paired
+from abfm_viewer.document.surface_points import landmark_pairs, landmarks_of
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 
@@ -78,7 +78,7 @@ def read(session: Session, path: Path) -> None:
 
 def write(session: Session, path: Path) -> None:
     a, b = (session.surface(side).mesh for side in SIDES)
-    found = paired(a, b, session.document.pairs)
+    found = landmark_pairs(a, b, session.document.pairs)
     if found is not None:
         with session.notices.showing_errors():
             found.save(path)

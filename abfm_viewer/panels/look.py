@@ -6,7 +6,7 @@ import abfm
 from abfm.pages.film_motion import CRITICAL_COLORS
 from abfm.wording import counted, sentence
 from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, TRANSFERRED_COLORINGS, Coloring
-from abfm_viewer.document.verdict_words import refinement
+from abfm_viewer.document.verdict_words import refinement_text
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session_files import LABELS
 from abfm_viewer.widgets import plots
@@ -168,7 +168,7 @@ def _error(context: Context) -> None:
             numbers = abfm.matching.residual_text(session.result)
             ui.note(f"Mismatch at τ: {numbers}; relative to the target in L2.")
         if session.result.refined:
-            ui.note(f"{sentence(refinement(session.result))} View, Finer mesh shows it there.")
+            ui.note(f"{sentence(refinement_text(session.result))} View, Finer mesh shows it there.")
 
 
 def _field(context: Context) -> None:

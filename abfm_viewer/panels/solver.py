@@ -126,7 +126,7 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     has_better = best < now.residual and not snapshot.problem.is_of_landmarks
     earlier = f", best {best:.3g}" if has_better else ""
     ui.note(f"Iteration {now.iteration}/{limit}, {residual}{earlier}", "ink")
-    ui.note(capital(step.text() if step else f"{verdict_words.place(now)}{at_most}"))
+    ui.note(capital(step.text() if step else f"{verdict_words.stage_text(now)}{at_most}"))
     if now.warning:
         ui.note(sentence(now.warning), "failure")
 
@@ -245,7 +245,7 @@ def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -
         for number, remedy in enumerate(remedies):
             if number:
                 ui.beside_if_fits(remedy.label, is_button=True)
-            if ui.button(remedy.label, verdict_words.changes(remedy)):
+            if ui.button(remedy.label, verdict_words.remedy_tooltip(remedy)):
                 session.remedy(remedy)
         if distorts := _distorts(facts):
             if remedies:

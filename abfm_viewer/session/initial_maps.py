@@ -17,7 +17,7 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.computing.run import Process
 from abfm_viewer.document.document import SIDES, InitialMap, Landmark, MapRequest, Side
 from abfm_viewer.document.kinds import GIVEN_WORD, PairDocument
-from abfm_viewer.document.surface_points import paired
+from abfm_viewer.document.surface_points import landmark_pairs
 from abfm_viewer.session.functions import DocumentFunctions
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class InitialMaps:
                 source,
                 target,
                 initial=initial.correspondence,
-                landmarks=paired(way.a, way.b, given.landmarks),
+                landmarks=landmark_pairs(way.a, way.b, given.landmarks),
                 mask_b=given.mask,
                 weights=given.weights,
             )
@@ -188,7 +188,7 @@ class InitialMaps:
 
         if not isinstance(way.by, str):
             return Initial(way.by.correspondence, warnings=way.by.warnings)
-        about = MapInput(way.a, way.b, landmarks=paired(way.a, way.b, given.landmarks))
+        about = MapInput(way.a, way.b, landmarks=landmark_pairs(way.a, way.b, given.landmarks))
         if counts := any(given.weights):
             f, g = np.stack(given.source), np.stack(given.target)
             weights = np.array(given.weights)

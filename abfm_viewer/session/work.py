@@ -20,7 +20,7 @@ from abfm_viewer.document.document import Document, Identity, Point, RunRecord, 
 from abfm_viewer.document.frame_sequence import FRAMES_A_SECOND
 from abfm_viewer.document.kinds import MatchDocument, PairDocument, SequenceDocument
 from abfm_viewer.document.surface_points import points_of, surface_points
-from abfm_viewer.document.verdict_words import place, residual_text
+from abfm_viewer.document.verdict_words import residual_text, stage_text
 from abfm_viewer.session.initial_maps import PreparedMap
 from abfm_viewer.session.notices import RUN, Remedies
 from abfm_viewer.session.parts import Parts
@@ -272,7 +272,7 @@ class MatchWork(Work):
             return solver.step.text() if solver.step else "starting the solver"
         left = residual_text(snapshot.iteration, snapshot.problem.is_of_landmarks)
         state = "paused" if solver.paused else "solving"
-        return f"{state}, {place(snapshot.iteration)}, {left}"
+        return f"{state}, {stage_text(snapshot.iteration)}, {left}"
 
     @property
     def obstacle(self) -> str:

@@ -18,7 +18,7 @@ from abfm.sequences.report import interval_headline
 from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.solve import status_of
 from abfm_viewer.document import verdict_words
-from abfm_viewer.document.verdict_words import place
+from abfm_viewer.document.verdict_words import stage_text
 from tests.viewer.sessions import SPHERE
 
 RESIDUAL = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
@@ -183,8 +183,8 @@ def test_numbers_that_are_not_known_and_places_that_need_no_word_are_left_out(fo
     two = replace(found, fine_velocity=np.concatenate([found.fine_velocity] * 2))
     assert residual_text(two).endswith("0.1% folded, 2 fields in a row")
     assert residual_text(replace(found, verified_residual=math.nan, folded=math.nan)) == "0.0123"
-    assert place(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
-    assert place(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
+    assert stage_text(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
+    assert stage_text(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
 
 
 def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found):
@@ -199,7 +199,7 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
     impossible = judged(found, "impossible")
     assert advice_in_options(impossible.verdict, impossible.facts, "m.npz") == "advice"
     assert replace(match, stop_reason=StopReason.GIVEN).facts.advice == ""
-    first, second = map(verdict_words.changes, remedies)
+    first, second = map(verdict_words.remedy_tooltip, remedies)
     assert first == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
     assert second == "Go on.\nStarts a run from the present field."
 

@@ -262,7 +262,7 @@ def show_the_outlier(opened, monkeypatch):
     assert "No match yet" not in notes_now
     opened.click("subject 1", "rows")
     settle(opened)
-    assert session.document.slot_title("source") == "subject 1, carried"
+    assert session.document.slot_title("source") == "subject 1, transferred"
     opened.click("Registration")
     settle(opened)
     assert session.document.complete_result is not None

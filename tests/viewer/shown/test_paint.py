@@ -264,4 +264,4 @@ def test_labels_tell_of_extrapolation_and_of_values_beyond_the_colors(session, s
         assert painter.paint("error").title == ("error, extrapolated" if share > 1 else "error")
         assert painter.paint("advected") is painter.paint("advected")
     show(session, coloring="checker")
-    until(lambda: Painter(shown).paint("advected").title == "carried checker, extrapolated")
+    until(lambda: Painter(shown).paint("advected").title == "advected checker, extrapolated")
