@@ -1,1 +1,1 @@
-"""A document at work: every change of it, the run under way, what the status line says."""
+"""Sessions: editing a document, opening and saving, runs, playback and messages."""

@@ -1,4 +1,4 @@
-"""The Gaussian of a side that the mouse and the panel change."""
+"""The active Gaussian of a side, which the mouse and the panel change."""
 
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import Side
@@ -8,7 +8,7 @@ _WIDTH_PER_NOTCH = 1.12
 WIDTH_MIN = 0.005
 WIDTH_MAX = 2.0
 _FRAMES = "frames have no Gaussian"
-_NO_GAUSSIAN = "the {} has no Gaussian to {}: choose the family gaussian in the tab Functions"
+_NO_GAUSSIAN = "the {} has no Gaussian to {}; choose the family gaussian in the tab Functions"
 
 
 def active_gaussian(session: Session, side: Side) -> int | None:
@@ -20,7 +20,8 @@ def active_gaussian(session: Session, side: Side) -> int | None:
     return min(wanted, count - 1) if count else None
 
 
-def why_fixed(session: Session, side: Side) -> str:
+def obstacle_to_move(session: Session, side: Side) -> str:
+    """Return why the Gaussian of a side cannot be moved; empty if it can."""
     if not session.document.has_sides:
         return _FRAMES
     if session.active is None:
@@ -28,13 +29,13 @@ def why_fixed(session: Session, side: Side) -> str:
     if active_gaussian(session, side) is None:
         return _NO_GAUSSIAN.format(side, "move")
     if gaussians.is_mapped(session.active.spec(side)):
-        where = "type its Gaussian's vertex in the tab Functions"
-        return f"the {side} goes through a vertex map: {where}"
+        remedy = "type the vertex of its Gaussian in the tab Functions"
+        return f"the {side} uses a vertex map, so the mouse cannot move its Gaussian; {remedy}"
     return ""
 
 
 def move(session: Session, side: Side, vertex: int, merge: str) -> None:
-    """Put it at a vertex of the mesh (not the file)."""
+    """Move the active Gaussian to a vertex, as numbered in the mesh (not in the file)."""
     chosen = active_gaussian(session, side)
     in_file = int(session.surface(side).mesh.vertex_ids[vertex])
     if chosen is not None and session.active is not None:
@@ -43,7 +44,7 @@ def move(session: Session, side: Side, vertex: int, merge: str) -> None:
 
 
 def widen(session: Session, side: Side, notches: float, merge: str) -> None:
-    """Make it wider by so many turns of the wheel, or narrower if negative."""
+    """Widen the active Gaussian by a number of wheel notches; negative numbers narrow it."""
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:
         has_sides = session.document.has_sides

@@ -1,4 +1,4 @@
-"""A bound of distortion: the closest field that keeps it takes the place of the result."""
+"""Search for the field of smallest residual within a bound of distortion."""
 
 from __future__ import annotations
 
@@ -16,24 +16,28 @@ from abfm_viewer.session.notices import Notices
 
 
 class _Found(NamedTuple):
-    """The closest match, why no match keeps the bound, and how far it leaves landmarks, which takes
-    too long where that is shown.
+    """The match of smallest residual within the bound.
+
+    `reason` says why no match keeps the bound. `errors` are the landmark errors, which would take
+    too long to compute in the frame loop.
     """
 
     match: abfm.Match
-    why: str
+    reason: str
     errors: FloatArray | None
 
 
 class Bound:
-    """Looks for fields whose maps change areas and shapes of 99% of the faces by no more than
-    ``most``, as |log2 J| and |log2 R|, in a process, one at a time.
+    """Limits the distortion of the result in a subprocess, one search at a time.
+
+    On 99% of the faces the map may change areas and shapes by at most ``maximum``, as |log2 J| and
+    |log2 R|. The field that is found replaces the result.
     """
 
     def __init__(self, editor: Editor, notices: Notices, process: Process) -> None:
         self._editor, self._notices, self._process = editor, notices, process
         self._run: Run[_Found] | None = None
-        self._result: abfm.Match | None = None  # of which the field is wanted
+        self._result: abfm.Match | None = None  # the result when the search started
         self.maximum = 1.0
 
     @property
@@ -45,7 +49,7 @@ class Bound:
         return self._run.step if self._run else None
 
     def start(self) -> None:
-        """Look for such a field on the way of the result."""
+        """Search for a field within the bound along the path of the result."""
         document = self._editor.document
         if (result := document.match) is not None:
             self.stop()
@@ -60,38 +64,37 @@ class Bound:
         self._run = self._result = None
 
     def update(self) -> None:
-        """Take in what was found: call once per frame."""
+        """Show the field when it is found. Call once per frame."""
         if self._run is not None and self._editor.document.match is not self._result:
             self.stop()
         elif self._run is not None:
             self._run.collect()
 
-    def _show(self, result: abfm.Match, most: float, found: _Found | None) -> None:
-        why = self._run.reason if self._run else ""
+    def _show(self, result: abfm.Match, maximum: float, found: _Found | None) -> None:
+        reason = self._run.reason if self._run else ""
         self._run = self._result = None
         bound = found.match.bound if found else None
         if found is None or bound is None or not bound.is_kept:
-            self._notices.show(
-                f"the distortion stays: {found.why if found else why}", is_error=True
-            )
+            reason = found.reason if found else reason
+            self._notices.show(f"the distortion was not limited: {reason}", is_error=True)
         elif np.array_equal(found.match.fine_velocity, result.fine_velocity):
             faces = f"{100 * abfm.matching.BOUNDED_SHARE:g}% of the faces"
-            self._notices.show(f"{faces} keep {most:g} already")
+            self._notices.show(f"{faces} are within the bound {maximum:g} already")
         else:
             if found.errors is not None:
                 vars(found.match)["landmark_errors"] = found.errors
-            label = f"limit the distortion to {most:g}"
+            label = f"limit the distortion to {maximum:g}"
             self._editor.change(label, result=found.match, solver_step=None)
             headline = found.match.facts.headline
-            self._notices.show(f"{headline}; undo returns to the match before")
+            self._notices.show(f"{headline}; Undo restores the previous match")
 
 
 def _within(
-    _: object, result: abfm.Match, initial: abfm.Correspondence | None, most: float
+    _: object, result: abfm.Match, initial: abfm.Correspondence | None, maximum: float
 ) -> _Found:
-    """Find the closest match that keeps the bound, initial map and flow together."""
+    """Return the match of smallest residual for which initial map and flow keep the bound."""
     if initial is None:
-        found = abfm.matching.limit_distortion(result, most)
+        found = abfm.matching.limit_distortion(result, maximum)
         return _Found(found, "; ".join(found.facts.warnings), found.landmark_errors)
-    both = abfm.registration.limit_distortion(abfm.Registration(initial, result), most)
+    both = abfm.registration.limit_distortion(abfm.Registration(initial, result), maximum)
     return _Found(both.match, "; ".join(both.notes), both.landmark_errors)

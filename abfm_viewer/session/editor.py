@@ -1,4 +1,4 @@
-"""What the user may change in a document: every change goes through here and is a step of undo."""
+"""Editing of documents: each change is a step of undo."""
 
 from __future__ import annotations
 
@@ -23,25 +23,46 @@ from abfm_viewer.document.kinds import MatchDocument, SequenceDocument
 
 UNDO_STEPS_MAX = 200
 UNDO_BYTES_MAX = 500_000_000
-"""How many steps undo goes back, and bytes of the meshes and results to which it leads, besides
-those of the latest step."""
+"""Limits of the history: number of steps, and bytes of meshes and results.
+
+The latest step is always kept and does not count."""
 
 
 class Step(NamedTuple):
-    """A state that was left, what was done then, and what may still be merged into it."""
+    """State of the document before a change.
+
+    Attributes
+    ----------
+    document : Document
+    label : str
+        Description of the change.
+    merge : str
+        Merge key; further changes with the same key belong to this step.
+    changes_viewpoint : bool
+        Whether the change affects the viewpoint or enlarges a slot.
+    """
 
     document: Document
     label: str
     merge: str
-    looks: bool  # whether it was done to look at the surfaces in another way
+    changes_viewpoint: bool
 
 
 class Editor:
-    """Commands on a document, each a step; in a row with one merge key (a drag, a scrub) one step.
+    """Commands that change a document, with undo and redo.
 
-    How the surfaces are seen goes back only with a step that changed it: what the mouse turned
-    meanwhile stays. `moves` counts what the user did: changes, undo and redo; `time_changed` is
-    when he last moved in time, by `time.perf_counter`.
+    Each change is a step of undo. Consecutive changes with the same merge key, such as those of a
+    drag, are one step. Undo restores the viewpoint only for steps that changed it.
+
+    Attributes
+    ----------
+    document : Document
+    action_count : int
+        Number of changes, undos and redos so far.
+    time_changed : float
+        Time of the last change of the shown time, by `time.perf_counter`.
+    past, future : list of Step
+        Steps for undo and for redo.
     """
 
     def __init__(self, document: Document) -> None:
@@ -56,7 +77,7 @@ class Editor:
 
     @property
     def draft(self) -> MatchDocument:
-        """The document, which must be one of a match."""
+        """The document, which must be a `MatchDocument`."""
         assert isinstance(self.document, MatchDocument)
         return self.document
 
@@ -73,17 +94,17 @@ class Editor:
         return self.future[-1].label if self.future else ""
 
     def go_to(self, document: Document, label: str, merge: str = "") -> None:
-        """Go on to another state as one step; steps with the same `merge` key are one."""
+        """Replace the document as one step; consecutive steps with the same `merge` key are one."""
         if not (merge and self.past and self.past[-1].merge == merge):
-            looks = _look_differs(self.document, document)
-            self.past.append(Step(self.document, label, merge, looks))
-            del self.past[: -self._kept_steps()]
+            changes_viewpoint = _viewpoint_differs(self.document, document)
+            self.past.append(Step(self.document, label, merge, changes_viewpoint))
+            del self.past[: -self._step_limit()]
         self.future.clear()
         self.document = document
         self.action_count += 1
 
     def seal(self) -> None:
-        """Let the next change be a step of its own, whatever its merge key."""
+        """Make the next change a separate step, whatever its merge key is."""
         if self.past:
             self.past[-1] = self.past[-1]._replace(merge="")
 
@@ -93,23 +114,23 @@ class Editor:
     def redo(self) -> None:
         self._move(self.future, self.past)
 
-    def _kept_steps(self) -> int:
-        """Count the steps to take back: always the latest, others as far as there is room."""
-        counted, room = set(_large_parts(self.document)), UNDO_BYTES_MAX
+    def _step_limit(self) -> int:
+        """Return the number of steps to keep: the latest one, and others within the limits."""
+        counted, remaining_bytes = set(_large_parts(self.document)), UNDO_BYTES_MAX
         for count, step in enumerate(reversed(self.past)):
             parts = _large_parts(step.document)
-            room -= sum(parts[key] for key in parts.keys() - counted)
+            remaining_bytes -= sum(parts[key] for key in parts.keys() - counted)
             counted |= parts.keys()
-            if count == UNDO_STEPS_MAX or (count and room < 0):
+            if count == UNDO_STEPS_MAX or (count and remaining_bytes < 0):
                 return count
         return len(self.past)
 
-    def _move(self, taken: list[Step], left: list[Step]) -> None:
-        if taken:
-            step, now = taken.pop(), self.document
-            left.append(step._replace(document=now, merge=""))
+    def _move(self, source: list[Step], destination: list[Step]) -> None:
+        if source:
+            step, now = source.pop(), self.document
+            destination.append(step._replace(document=now, merge=""))
             self.document = step.document
-            if not step.looks and _look_differs(now, step.document):
+            if not step.changes_viewpoint and _viewpoint_differs(now, step.document):
                 seen = replace(
                     step.document.view, viewpoint=now.view.viewpoint, enlarged=now.view.enlarged
                 )
@@ -117,26 +138,28 @@ class Editor:
             self.action_count += 1
 
     def change(self, label: str, merge: str = "", **values: Any) -> None:
-        """Go on to other values, if they differ, as one step; steps with the same `merge` key are
-        one.
+        """Set fields of the document as one step, if values differ.
+
+        Consecutive steps with the same `merge` key are one step.
         """
         before = self.document
         if any(getattr(before, name) != value for name, value in values.items()):
             self.go_to(replace(before, **values), label, merge)
 
     def amend(self, **values: Any) -> None:
-        """Go on to other values without a step of undo: what the user did not do."""
+        """Set fields of the document without a step of undo, for changes not made by the user."""
         self.document = replace(self.document, **values)
 
     def set_spec(self, side: Side, spec: str, merge: str = "", bump: int | None = None) -> None:
-        """Give the active channel another source or target, and make that side active.
+        """Change the source or target of the active channel, and make that side active.
 
-        So does its Gaussian `bump`, by default the same as before, or the first of the other side.
-        FunctionError if the text is no spec; whether it fits the mesh turns out in evaluation.
+        The Gaussian `bump` also becomes active. By default it is the same one as before, or the
+        first one if the side changes. An invalid spec raises a `FunctionError`. Whether the spec
+        fits the mesh is checked when it is evaluated.
         """
         document = self.draft
         if document.active is None:
-            raise FunctionError("there is no channel yet: wait for the default functions")
+            raise FunctionError("there is no channel yet; wait for the default functions")
         abfm.functions.parse(spec)
         changed = document.active.changed(side, spec)
         if bump is None:
@@ -147,7 +170,11 @@ class Editor:
             self._put(f"change the {side}", changed, merge=merge, side=side, bump=bump)
 
     def set_weight(self, weight: float, merge: str = "") -> None:
-        """Set the active channel's weight; FunctionError unless at least one is above 0."""
+        """Set the weight of the active channel.
+
+        A `FunctionError` is raised if the weight is negative or not finite, or if no channel would
+        have a weight above 0.
+        """
         if (active := self.document.active) is None:
             return
         if not (math.isfinite(weight) and weight >= 0):
@@ -157,7 +184,7 @@ class Editor:
         self._put("change a weight", replace(active, weight=float(weight)), merge=merge)
 
     def add_channel(self) -> None:
-        """Add a channel and make it active: a landmark that stays, far from others' Gaussians."""
+        """Add a channel that fixes a place far from all Gaussians, and make it active."""
         self._insert("add a channel", self.draft.new_channel())
 
     def duplicate_channel(self) -> None:
@@ -165,7 +192,10 @@ class Editor:
             self._insert("duplicate a channel", self.document.active)
 
     def remove_channel(self) -> None:
-        """Remove the active channel unless it is the only one; some other has a weight then."""
+        """Remove the active channel unless it is the only one.
+
+        If all other weights are 0, they become 1.
+        """
         if others := self._others:
             if not any(channel.weight for channel in others):
                 others = [replace(channel, weight=1.0) for channel in others]
@@ -173,7 +203,10 @@ class Editor:
             self.change("remove a channel", channels=tuple(others), channel=place)
 
     def set_circular(self, period: float | None) -> None:
-        """Compare the active channel by cosine and sine, two channels, or as numbers again."""
+        """Compare the active channel by cosine and sine, as two channels.
+
+        Without a period the channel is compared by its values again.
+        """
         document = self.document
         if (active := document.active) is None:
             return
@@ -196,7 +229,7 @@ class Editor:
             self._put("swap source and target", swapped)
 
     def select(self, **values: Any) -> None:
-        """Make a channel, a side and its Gaussian (`bump`), or a landmark the active one."""
+        """Make a channel, a side with its Gaussian (`bump`), or a landmark active."""
         self.change("select", merge="select", **values)
 
     @property
@@ -208,13 +241,13 @@ class Editor:
         before = [self.document.active] if self.document.active else []
         self._put(label, *before, channel, channel=self.document.channel + len(before), bump=0)
 
-    def _put(self, label: str, *by: Channel, merge: str = "", **values: Any) -> None:
+    def _put(self, label: str, *replacement: Channel, merge: str = "", **values: Any) -> None:
         channels, place = self.document.channels, self.document.channel
-        channels = (*channels[:place], *by, *channels[place + 1 :])
+        channels = (*channels[:place], *replacement, *channels[place + 1 :])
         self.change(label, merge, channels=channels, **values)
 
     def set_parameter(self, merge: str = "", label: str = "", **values: Any) -> None:
-        """Change parameters by name, or none (ParameterError) if a value is refused."""
+        """Change parameters by name; if a value is not allowed, raise a `ParameterError`."""
         before = self.document.parameters
         if "method" in values and "segments" not in values:
             values["segments"] = 0
@@ -229,14 +262,14 @@ class Editor:
         self.set_parameter(label="reset the parameters", **Parameters().to_dict())
 
     def set_sequence_settings(self, merge: str = "", label: str = "", **values: Any) -> None:
-        """Change what a film is matched with; ParameterError if a value is refused."""
+        """Change settings of a sequence; if a value is not allowed, raise a `ParameterError`."""
         assert isinstance(self.document, SequenceDocument)
         settings = replace(self.document.settings, **values)
         settings.check()
         self.change(label or f"change {', '.join(values)}", merge, settings=settings)
 
     def set_mask(self, spec: str) -> None:
-        """Weight the mismatch at each vertex by a function, or none; FunctionError if no spec."""
+        """Set the spec of the mask, empty for none; an invalid spec raises a `FunctionError`."""
         if spec:
             abfm.functions.parse(spec)
         self.change("change the mask", mask=spec)
@@ -254,15 +287,18 @@ class Editor:
         self.change("place a point", "", **{kind: (*getattr(self.document, kind), point)})
 
     def switch_placing(self) -> None:
-        """Let clicks place landmarks, or not any more."""
+        """Switch placing of landmarks by clicks on or off."""
         tool = "nothing" if self.document.view.tool == "landmark" else "landmark"
         self.set_view("choose what a click does", tool=tool)
 
     def place_landmark(self, side: Side, point: Point) -> None:
-        """Place a landmark on a side, the partner of the first one that lacks it, or a new one."""
+        """Place a point of a landmark on a side.
+
+        It completes the first landmark without a point on that side, or begins a new landmark.
+        """
         landmarks = [*self.document.landmarks]
-        lacking = (n for n, one in enumerate(landmarks) if one.point(side) is None)
-        number = next(lacking, len(landmarks))
+        incomplete = (n for n, one in enumerate(landmarks) if one.point(side) is None)
+        number = next(incomplete, len(landmarks))
         if number == len(landmarks):
             landmarks.append(Landmark())
         landmarks[number] = landmarks[number].placed(side, point)
@@ -274,7 +310,7 @@ class Editor:
         self.set_landmarks("move a landmark", tuple(landmarks), number, merge)
 
     def remove_landmark(self) -> None:
-        """Remove the active one."""
+        """Remove the active landmark."""
         landmarks, number = self.document.landmarks, self.draft.landmark
         others = (*landmarks[:number], *landmarks[number + 1 :])
         self.set_landmarks("remove a landmark", others, max(min(number, len(others) - 1), 0))
@@ -287,13 +323,13 @@ class Editor:
 
 
 def _large_parts(document: Document) -> dict[int, int]:
-    """Bytes of the arrays of meshes and results, by the identity of these."""
+    """Return the bytes of all arrays of meshes and results, by identity of the arrays."""
     arrays = [array for part in document.large_parts for array in vars(part).values()]
     return {id(array): array.nbytes for array in arrays if isinstance(array, np.ndarray)}
 
 
-def _look_differs(before: Document, after: Document) -> bool:
-    """Return whether a step changes how surfaces are seen, which undo takes back then alone."""
+def _viewpoint_differs(before: Document, after: Document) -> bool:
+    """Return whether documents differ in the viewpoint, in the enlarged slot or in identity."""
     one, other = before.view, after.view
     is_other = before.identity is not after.identity
     return is_other or one.viewpoint is not other.viewpoint or one.enlarged != other.enlarged

@@ -1,4 +1,7 @@
-"""Values of a session's functions; only meshes at work have a thread and a process for them."""
+"""Values of a session's functions.
+
+Only meshes that are in use have a thread and a subprocess for evaluation.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,13 @@ from abfm_viewer.files.project import terms_from_files
 
 
 class DocumentFunctions:
-    """Functions of the documents that a session may return to.
+    """Functions of all documents in the history of a session.
 
-    `bare_since` is the time, by `time.perf_counter`, from which on the present document has waited
-    for its first functions; None if it has some.
+    Attributes
+    ----------
+    waiting_since : float or None
+        Time, by `time.perf_counter`, since which the current document waits for its first
+        functions; None if it has functions.
     """
 
     def __init__(self, at_once: bool) -> None:
@@ -40,34 +46,34 @@ class DocumentFunctions:
         return Evaluators(*(self.of(document.surface(side).mesh) for side in SIDES))
 
     def add(self, mesh: TriangleMesh, known: Mapping[str, FloatArray]) -> None:
-        """Begin with a mesh that was opened, and known values (V,) of functions from files."""
+        """Add a mesh that was opened, with values (V,) of functions from files."""
         if mesh in self._by_mesh:
             self._by_mesh[mesh].let_go()
         self._by_mesh[mesh] = Functions(mesh, known, self._at_once)
 
     def update(self, document: Document) -> None:
-        """Evaluate what the document asks for, or take in what was: call once per frame."""
+        """Request the functions of the document and collect their values. Call once per frame."""
         before, self._evaluated = self._evaluated, {}
         for surface in document.surfaces:
             evaluating = self.of(surface.mesh)
-            own = (one for one in document.functions if one.surface.mesh is surface.mesh)
-            specs = tuple(one.spec for one in own)
+            on_mesh = (one for one in document.functions if one.surface.mesh is surface.mesh)
+            specs = tuple(one.spec for one in on_mesh)
             found = evaluating.ask(specs) if specs else None
             self._evaluated[evaluating] = found or before.get(evaluating, {})
-        is_bare = not any(self._evaluated.values())
-        self.waiting_since = (self.waiting_since or clock.perf_counter()) if is_bare else None
+        has_none = not any(self._evaluated.values())
+        self.waiting_since = (self.waiting_since or clock.perf_counter()) if has_none else None
 
-    def _found(self, function: Function) -> FloatArray | str:
-        """Values (V,), or why there are none: nothing if they will come."""
+    def _values_or_error(self, function: Function) -> FloatArray | str:
+        """Return values (V,) or an error; the error is empty while values are computed."""
         return self._evaluated.get(self.of(function.surface.mesh), {}).get(function.spec, "")
 
     def values(self, function: Function) -> FloatArray | None:
-        """Values (V,); None before they were evaluated, or where they cannot be."""
-        found = self._found(function)
+        """Return values (V,); None before they are evaluated, or if they cannot be."""
+        found = self._values_or_error(function)
         return None if isinstance(found, str) else found
 
     def period(self, document: MatchDocument) -> float | None:
-        """Return the period of the active channel's source if its values jump by it, or None."""
+        """Return the period of the active source if its values wrap around, else None."""
         if document.active is None:
             return None
         function = document.function("source", document.active)
@@ -78,20 +84,23 @@ class DocumentFunctions:
         return self._period.get((mesh, values), find)
 
     def error(self, function: Function) -> str:
-        found = self._found(function)
+        found = self._values_or_error(function)
         return found if isinstance(found, str) else ""
 
-    def keep(self, at_work: Collection[TriangleMesh], in_reach: Collection[TriangleMesh]) -> None:
-        """Let go of meshes out of reach, and of others what was computed but is not shown there.
+    def release_unused(
+        self, in_use: Collection[TriangleMesh], in_history: Collection[TriangleMesh]
+    ) -> None:
+        """Free the memory of meshes that are not in use.
 
-        What came from files stays, as these may have changed since. Who is still evaluating goes on
-        with what there was, and the process ends with that.
+        Meshes that are not in the history are removed. Other unused meshes lose computed values but
+        keep values from files, because the files may have changed. Evaluations in progress finish
+        with their inputs, and their subprocess then ends.
         """
         for mesh, functions in list(self._by_mesh.items()):
-            if mesh in at_work:
+            if mesh in in_use:
                 continue
-            mesh.cache.clear()  # also of what was still being computed when it was left
-            if mesh not in in_reach:
+            mesh.cache.clear()  # including results of computations that ended later
+            if mesh not in in_history:
                 del self._by_mesh[mesh]
             elif functions.has_computed:
                 self._by_mesh[mesh] = functions.at_rest(_is_from_file)
@@ -111,14 +120,15 @@ def _is_from_file(term: str) -> bool:
 
 
 def known_values(document: Document, functions: Evaluators) -> dict[str, FloatArray]:
-    """Return the values (V,) of a document's functions from files, which a project holds, by their
-    names (`Document.known_as`).
+    """Return the values (V,) of a document's functions from files, for a project file.
+
+    The keys are those of `Document.values_key`.
     """
     known = {}
     given: list[tuple[Side, str]] = [("target", document.mask)] if document.mask else []
     given += [(side, channel.spec(side)) for channel in document.channels for side in SIDES]
     terms = {(side, term) for side, spec in given for term in terms_from_files(spec)}
     for side, term in terms:
-        with suppress(AbfmError):  # what cannot be evaluated now has no values to keep
+        with suppress(AbfmError):  # functions that cannot be evaluated have no values
             known[document.values_key(side, term)] = functions.evaluate(term, side)
     return known

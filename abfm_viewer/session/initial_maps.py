@@ -1,4 +1,7 @@
-"""The initial map from surface A to surface B, found off the frame loop, and what comes by it."""
+"""Initial maps from surface A to surface B, and functions transferred by them.
+
+They are computed outside of the frame loop.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,13 @@ if TYPE_CHECKING:
     from abfm.registration.initial.map_input import Initial, MapInput
 
 _FIRST_WORD = "closest"
-"""The word of the map that is shown while candidates are compared."""
+"""Word of the map that is shown while candidates are compared."""
 _WITHOUT_FUNCTIONS = ("connectivity", "closest", "file")  # words of maps that use no functions
 _WITHOUT_LANDMARKS = ("connectivity", "file")
 
 
 class _ChannelValues(NamedTuple):
-    """Values of sources on A, of targets on B, and of the mask on B; weights of the channels."""
+    """Sources on A, targets and mask on B, and the weights of the channels."""
 
     source: tuple[FloatArray, ...]
     target: tuple[FloatArray, ...]
@@ -40,35 +43,36 @@ class _ChannelValues(NamedTuple):
 
 
 class _MapChoice(NamedTuple):
-    """From which surface to which, and by which map, or word for one."""
+    """Surfaces A and B, and an initial map or the word of one."""
 
     a: TriangleMesh
     b: TriangleMesh
-    by: str | InitialMap
+    method: str | InitialMap
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedMap:
-    """What is matched on B, and the map by which A's functions came there, which may be that of an
-    earlier state of the document.
+    """Problem on B, and the initial map that transferred the functions of A.
+
+    Both may belong to an earlier state of the document.
     """
 
     initial: InitialMap
     problem: abfm.Problem
-    usual: Parameters | None = None  # what functions like these are best matched with
+    suggested_parameters: Parameters | None = None  # for functions of this kind
 
 
 class InitialMaps:
-    """Of the document that is shown: its map, and its functions on B as the flow has them.
+    """Initial map of the current document, and its functions on B.
 
-    Until something newer is known, what was known of the same surfaces stays. A search by a word
-    that is no longer wanted is ended.
+    Earlier results for the same surfaces stay valid until newer ones are computed. A search is
+    cancelled when another word is chosen.
     """
 
     def __init__(self, jobs: Jobs, functions: DocumentFunctions, process: Process | None) -> None:
         self._functions = functions
         self._prepared: Latest[PreparedMap] = jobs.latest()
-        self._first: Latest[PreparedMap] = jobs.latest()  # shown while candidates are compared
+        self._first: Latest[PreparedMap] = jobs.latest()  # map by `_FIRST_WORD`
         self._control, self._wanted = Control(), object()
         self._process = process
         self._maps: Memo[Initial] = Memo()
@@ -86,62 +90,64 @@ class InitialMaps:
 
     @property
     def error(self) -> str:
-        """Say why there is no map; nothing if there is one, or will be."""
+        """Reason why there is no map; empty if there is one or it is being computed."""
         return "" if self.busy else self._prepared.error
 
     def prepared(self, document: PairDocument) -> PreparedMap | None:
-        """Return what is known by now, lately of functions as they were; None before it is."""
+        """Return the latest prepared map, perhaps of earlier functions; None if there is none."""
         if not document.channels:
             return None
-        kept, result = document.initial_map, document.result
-        if kept is not None and result is not None and kept.is_for(document):
-            of_result = kept, result.problem
+        present, result = document.initial_map, document.result
+        if present is not None and result is not None and present.is_for(document):
+            of_result = present, result.problem
             return self._of_result.get(of_result, lambda: PreparedMap(*of_result))
         given = self._given(document)
         a, b = (surface.mesh for surface in document.surfaces)
         wanted = (a, b), document.initial
         if given is None:
             key = self._prepared.key
-            is_about = isinstance(key, tuple) and same(key[0], wanted)
-            return self._prepared.value if is_about else None
+            is_same = isinstance(key, tuple) and same(key[0], wanted)
+            return self._prepared.value if is_same else None
         if not same(wanted, self._wanted):
             self._wanted = wanted
             self._control.cancel()
             self._control = Control()
-        given_map = kept if document.initial == GIVEN_WORD else None
-        way = _MapChoice(a, b, given_map or document.initial)
-        asked = document.map_request
+        given_map = present if document.initial == GIVEN_WORD else None
+        choice = _MapChoice(a, b, given_map or document.initial)
+        request = document.map_request
         found = self._prepared.newest(
-            wanted, self._prepare, self._control, self._maps, way, given, asked
+            wanted, self._prepare, self._control, self._maps, choice, given, request
         )
         if found is not None or document.initial or not self._prepared.busy:
             return found
-        way = way._replace(by=_FIRST_WORD)
+        choice = choice._replace(method=_FIRST_WORD)
         return self._first.newest(
-            wanted, self._prepare, self._control, self._first_maps, way, given, asked
+            wanted, self._prepare, self._control, self._first_maps, choice, given, request
         )
 
     def flow_values(self, document: PairDocument, side: Side) -> FloatArray | None:
-        """Return a side's function of the active channel on B, as a flow carries or meets it: a
-        target in its own unit is the very array of its values.
+        """Return a side of the active channel on B, as it is matched.
+
+        If a target has the same values there as on its own, the same array is returned.
         """
         prepared = self.prepared(document)
         if prepared is None:
             return None
-        channel, own = document.channel, self._functions.values(document.function(side))
+        channel, values_of_side = document.channel, self._functions.values(document.function(side))
         functions = getattr(prepared.problem, side)
-        if channel >= functions.shape[1]:  # one that has just come
+        if channel >= functions.shape[1]:  # a channel that was just added
             return None
 
         def column() -> FloatArray:
             values = np.ascontiguousarray(functions[:, channel])
-            is_own = side == "target" and own is not None and np.array_equal(values, own)
-            return own if is_own and own is not None else values
+            if side == "target" and values_of_side is not None:
+                return values_of_side if np.array_equal(values, values_of_side) else values
+            return values
 
-        return self._columns[side].get((prepared, channel, own), column)
+        return self._columns[side].get((prepared, channel, values_of_side), column)
 
     def _given(self, document: PairDocument) -> _ChannelValues | None:
-        """Return the functions, the mask and the weights; None if some are unknown."""
+        """Return the functions, the mask and the weights; None if values are missing."""
         known, sides = self._functions.values, []
         for side in SIDES:
             found = [known(document.function(side, channel)) for channel in document.channels]
@@ -159,57 +165,58 @@ class InitialMaps:
         self,
         control: Control,
         maps: Memo[Initial],
-        way: _MapChoice,
+        choice: _MapChoice,
         given: _ChannelValues,
-        asked: MapRequest,
+        request: MapRequest,
     ) -> PreparedMap:
-        source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
+        source, target = (np.stack(values, axis=1) for values in (given.source, given.target))
         with controlled(control):
-            initial = self._map(maps, way, given)
+            initial = self._map(maps, choice, given)
             found = abfm.registration.prepare(
-                way.a,
-                way.b,
+                choice.a,
+                choice.b,
                 source,
                 target,
                 initial=initial.correspondence,
-                landmarks=landmark_pairs(way.a, way.b, given.landmarks),
+                landmarks=landmark_pairs(choice.a, choice.b, given.landmarks),
                 mask_b=given.mask,
                 weights=given.weights,
             )
-        notes, usual = (*initial.notes, *found.notes), found.problem.parameters
+        notes = (*initial.notes, *found.notes)
         if maps is self._first_maps:
             notes = (f"the map {_FIRST_WORD} is shown while candidates are compared", *notes)
-        made = InitialMap(found.initial, asked, notes, found.functions, initial.warnings)
-        return PreparedMap(made, found.problem, usual)
+        made = InitialMap(found.initial, request, notes, found.functions, initial.warnings)
+        return PreparedMap(made, found.problem, found.problem.parameters)
 
-    def _map(self, maps: Memo[Initial], way: _MapChoice, given: _ChannelValues) -> Initial:
-        """Return the map, found anew where something changed that it asks for."""
+    def _map(self, maps: Memo[Initial], choice: _MapChoice, given: _ChannelValues) -> Initial:
+        """Return the map; it is computed again only if one of its inputs changed."""
         from abfm.registration.initial.map_input import Initial, MapInput
 
-        if not isinstance(way.by, str):
-            return Initial(way.by.correspondence, warnings=way.by.warnings)
-        about = MapInput(way.a, way.b, landmarks=landmark_pairs(way.a, way.b, given.landmarks))
+        a, b, method = choice
+        if not isinstance(method, str):
+            return Initial(method.correspondence, warnings=method.warnings)
+        inputs = MapInput(a, b, landmarks=landmark_pairs(a, b, given.landmarks))
         if counts := any(given.weights):
             f, g = np.stack(given.source), np.stack(given.target)
             weights = np.array(given.weights)
-            about = about._replace(f=f, g=g, mask_b=given.mask, weights=weights)
-        word = way.by or "auto"
+            inputs = inputs._replace(f=f, g=g, mask_b=given.mask, weights=weights)
+        word = method or "auto"
         base = word.partition(":")[0]
         by_functions = counts and base not in _WITHOUT_FUNCTIONS
         by_landmarks = base not in _WITHOUT_LANDMARKS
         functions = given.source, given.target, given.mask, given.weights
-        asked = functions if by_functions else (), given.landmarks if by_landmarks else ()
+        used = functions if by_functions else (), given.landmarks if by_landmarks else ()
 
         def find() -> Initial:
             if self._process is None:
-                return _found(None, word, about)
-            return self._process.solve(_found, word, about, tries=2)
+                return _find_map(None, word, inputs)
+            return self._process.solve(_find_map, word, inputs, tries=2)
 
-        return maps.get((way.a, way.b, word, *asked), find)
+        return maps.get((a, b, word, *used), find)
 
 
-def _found(_: object, word: str | None, given: MapInput) -> Initial:
-    """Find a map, which takes seconds, in which libraries hold the interpreter."""
+def _find_map(_: object, word: str | None, given: MapInput) -> Initial:
+    """Compute a map. This takes seconds, and libraries block the interpreter meanwhile."""
     from abfm.registration.initial.methods import initial_map
 
     return initial_map(word, given)

@@ -1,4 +1,4 @@
-"""What is being opened: read in the background, one thing at a time, the newest."""
+"""Opening of files in the background; a newer request replaces an older one."""
 
 from __future__ import annotations
 
@@ -12,22 +12,34 @@ from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.session.notices import Notices, Remedies
 
 OPENING = "opening"
-"""What cards about it are about."""
+"""Topic of cards about opening."""
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Something to be read in a thread; what `read` returns shows it.
+    """Request to read something in a thread.
 
-    `what` is such as "opening camel.off". If it fails, `remedies` are offered, and what is called
-    `other` in the window. Two of the same `source`, unless that is None, are the same.
+    Attributes
+    ----------
+    what : str
+        Description, such as "opening camel.off".
+    read : callable
+        Reads in the thread; returns a function that shows the result.
+    other : str
+        Label of the action that opens another file, offered if reading fails.
+    source : object
+        Loads of the same source are the same request; None for a unique request.
+    takes_long : bool
+        Whether another request must not replace this one without a question.
+    remedies : mapping
+        Actions that are offered if reading fails.
     """
 
     what: str
     read: Callable[[], Callable[[], None]]
     other: str = ""
     source: object = None
-    takes_long: bool = False  # so that nothing takes its place unasked
+    takes_long: bool = False
     remedies: Remedies = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter, init=False)
 
@@ -41,18 +53,18 @@ class Load:
 
 
 class Loading:
-    """Reads what it was asked to last, which is `now`; errors become cards.
+    """Reads the newest request, which is `now`; errors become cards.
 
-    Each has a reader of its own. One that was given up goes on in a thread that nothing waits for,
-    and nobody sees what it finds, but for who asks for the same again meanwhile: no file is read
-    twice at a time.
+    Each request has its own reader. The reader of a cancelled request finishes in its thread, and
+    its result is dropped. If the same source is requested again meanwhile, the running reader is
+    used, so that a file is not read twice at a time.
     """
 
     def __init__(self, jobs: Jobs, notices: Notices) -> None:
         self.now: Load | None = None
         self._jobs = jobs
         self._notices = notices
-        self._readers: dict[object, Latest[Callable[[], None]]] = {}  # by what they read
+        self._readers: dict[object, Latest[Callable[[], None]]] = {}  # by the key of the load
 
     @property
     def _reader(self) -> Latest[Callable[[], None]] | None:
@@ -60,7 +72,7 @@ class Loading:
 
     @property
     def replacing(self) -> str:
-        """Say what is about to take the document's place, so that a match would be lost."""
+        """Description of the request that will replace the document; empty without one."""
         return self.now.what if self.now else ""
 
     @property
@@ -68,10 +80,10 @@ class Loading:
         return self._reader.step if self._reader else None
 
     def begin(self, load: Load) -> None:
-        given_up = self.replacing if self.now is not load else ""
-        instead = f", instead of {given_up}" if given_up else ""
+        cancelled = self.replacing if self.now is not load else ""
+        instead = f", instead of {cancelled}" if cancelled else ""
         self._notices.show(f"{load.what}{instead} ...")
-        self._give_up()
+        self._drop()
         reader = self._readers.get(load.key)
         if reader is None or not reader.is_running:
             reader = self._readers[load.key] = self._jobs.latest()
@@ -81,17 +93,17 @@ class Loading:
     def cancel(self) -> None:
         if self.now is not None:
             self._notices.show(f"{self.now.what} was cancelled")
-            self._give_up()
+            self._drop()
 
     def update(self) -> None:
-        """Show what was read: call once per frame."""
+        """Show the result when it was read. Call once per frame."""
         load, reader = self.now, self._reader
         self._readers = {
             key: each for key, each in self._readers.items() if each is reader or each.is_running
         }
         if load is None or reader is None or reader.busy:
             return
-        self._give_up()
+        self._drop()
         problem = reader.error
         if reader.value is not None:
             self._notices.clear()
@@ -103,7 +115,7 @@ class Loading:
         if problem:
             self._notices.show(problem, True, OPENING, load.remedies)
 
-    def _give_up(self) -> None:
+    def _drop(self) -> None:
         if self._reader is not None:
             self._reader.retire()
         self.now = None

@@ -1,4 +1,4 @@
-"""What the app tells: a line that goes away by itself, cards that stay, and a log of all of it."""
+"""Messages to the user: a notice that disappears, cards that stay, and a log."""
 
 import time
 from collections import deque
@@ -10,14 +10,14 @@ from typing import NamedTuple
 
 from abfm import AbfmError
 
-_SECONDS_OF_NOTICE = 6.0
-_SECONDS_OF_ERROR = 12.0
-_LONGEST_LOG = 1000
-_MOST_CARDS = 50
+_NOTICE_SECONDS = 6.0
+_ERROR_SECONDS = 12.0
+_LOG_ENTRIES_MAX = 1000
+_CARDS_MAX = 50
 RUN = "run"
-"""What cards about a match are about."""
+"""Topic of cards about a match."""
 Remedies = Mapping[str, Callable[[], None]]
-"""What can be done about a problem: labels of buttons, and what they do."""
+"""Actions that may solve a problem, by the labels of their buttons."""
 
 
 class Notice(NamedTuple):
@@ -27,7 +27,10 @@ class Notice(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """A problem that stays in view; all that are `about` the same thing are mended together."""
+    """Message about a problem, which stays until it is dismissed or its topic is resolved.
+
+    Resolving a topic removes all cards with this topic in `about`.
+    """
 
     text: str
     about: str = ""
@@ -35,7 +38,7 @@ class Card:
 
 
 class LogEntry(NamedTuple):
-    """A line of the log; the time is in seconds since the epoch."""
+    """Line of the log; the time is in seconds since the epoch."""
 
     time: float
     kind: str
@@ -43,57 +46,67 @@ class LogEntry(NamedTuple):
 
 
 class Notices:
-    """At most one notice, the `latest`, for as long as it takes to read it; else an empty one.
+    """Messages that are shown to the user.
 
-    Errors are `cards`, too, the latest first; of so many that nobody reads them the oldest go. The
-    `log` has everything of late, the oldest first. `moves` counts what the user did so far.
+    Attributes
+    ----------
+    latest : Notice
+        Notice that is shown now; empty if none is. It disappears after some seconds.
+    cards : tuple of Card
+        Errors that stay in view, the latest first, at most 50.
+    log : deque of LogEntry
+        The last 1,000 messages, the oldest first.
     """
 
-    def __init__(self, moves: Callable[[], int]) -> None:
+    def __init__(self, action_count: Callable[[], int]) -> None:
         self.latest = Notice("")
         self.cards: tuple[Card, ...] = ()
-        self.log: deque[LogEntry] = deque(maxlen=_LONGEST_LOG)
-        self._moves = moves
-        self._said: tuple[float, int] = 0.0, 0  # when, and how many moves there were
+        self.log: deque[LogEntry] = deque(maxlen=_LOG_ENTRIES_MAX)
+        self._action_count = action_count
+        self._shown: tuple[float, int] = 0.0, 0  # time, and the count of actions then
 
     def show(
         self, text: str, is_error: bool = False, about: str = "", remedies: Remedies | None = None
     ) -> None:
-        """Tell something, once; an error also as a card with its remedies."""
+        """Show and log a message; an error is also a card with its remedies.
+
+        A message that is shown already is not logged again.
+        """
         text = " ".join(text.split())
         cards = self.cards
-        told = {card.text for card in cards} if is_error else {self.latest.text}
-        is_known = text in told and (is_error or not self.latest.is_error)
+        shown = {card.text for card in cards} if is_error else {self.latest.text}
+        is_known = text in shown and (is_error or not self.latest.is_error)
         if text and not is_known:
             self.log.append(LogEntry(time.time(), "error" if is_error else "notice", text))
         if text and is_error:
             new = Card(text, about, remedies or {})
             cards = tuple(new if card.text == text else card for card in cards)
-            self.cards = (cards if is_known else (new, *cards))[:_MOST_CARDS]
+            self.cards = (cards if is_known else (new, *cards))[:_CARDS_MAX]
         self.latest = Notice(text, is_error)
-        self._said = time.perf_counter(), self._moves()
+        self._shown = time.perf_counter(), self._action_count()
 
     @contextmanager
     def showing_errors(self) -> Iterator[None]:
-        """Show an error of the library as a card, and go on after the block."""
+        """Show an `AbfmError` of the block as a card, and continue after the block."""
         try:
             yield
         except AbfmError as error:
             self.show(str(error), is_error=True)
 
     def remedies_for(self, card: Card) -> Remedies:
+        """Return the remedies of a card, without those that newer cards offer as well."""
         newer = takewhile(lambda one: one is not card, self.cards)
         taken = [remedy for one in newer for remedy in one.remedies.items()]
         return {label: do for label, do in card.remedies.items() if (label, do) not in taken}
 
     def dismiss(self, card: Card) -> None:
-        """Take a card away, and the notice that says the same."""
+        """Remove a card, and the notice with the same text."""
         self.cards = tuple(one for one in self.cards if one is not card)
         if self.latest == (card.text, True):
             self.clear()
 
     def resolve(self, about: str) -> None:
-        """Take all cards about something away: it is in order now."""
+        """Remove all cards about a topic."""
         for card in self.cards:
             if card.about == about:
                 self.dismiss(card)
@@ -102,9 +115,9 @@ class Notices:
         self.latest = Notice("")
 
     def update(self) -> None:
-        """Take the notice away when it was there for long, an error's when the user did more."""
-        at, moves = self._said
-        answered = self.latest.is_error and moves != self._moves()
-        longest = _SECONDS_OF_ERROR if self.latest.is_error else _SECONDS_OF_NOTICE
-        if answered or time.perf_counter() - at > longest:
+        """Remove the notice after some seconds; an error also after the next action of the user."""
+        at, count = self._shown
+        has_acted = self.latest.is_error and count != self._action_count()
+        seconds = _ERROR_SECONDS if self.latest.is_error else _NOTICE_SECONDS
+        if has_acted or time.perf_counter() - at > seconds:
             self.clear()

@@ -1,4 +1,4 @@
-"""The parts of a session, which its work uses."""
+"""Parts of a session, which the classes in `work.py` use."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from abfm_viewer.session.sequence_match import SequenceMatch
 
 
 class Parts:
-    """Parts of a session with a mesh; see `Session`."""
+    """Parts of a session; see `Session`."""
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool) -> None:
         self.jobs = Jobs(at_once)
         self.at_once = at_once
         self.editor = Editor(MatchDocument((Surface(mesh, name),)))
         self.functions = DocumentFunctions(at_once)
-        self._process = Process()  # of initial maps
-        of_maps = None if at_once else self._process
-        self.initial_maps = InitialMaps(self.jobs, self.functions, of_maps)
+        self._process = Process()  # for initial maps
+        map_process = None if at_once else self._process
+        self.initial_maps = InitialMaps(self.jobs, self.functions, map_process)
         self.notices = Notices(lambda: self.editor.action_count)
         self.loading = Loading(self.jobs, self.notices)
         self.saves = Saves(self.editor)

@@ -1,4 +1,4 @@
-"""Steps of a match's path: another one takes the result's place when it has been computed."""
+"""Steps of the path of a match, which can be shown in place of the result."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from abfm_viewer.session.notices import Notices
 
 
 class PathSteps:
-    """Shows steps of the result's path, from smooth to close, each a step of undo.
+    """Shows steps of the result's path, from large to small sigma; each is a step of undo.
 
-    Steps that were shown before come from the history, with all that the solver said of them.
+    Steps that were shown before are taken from the history, with all facts that were computed.
     """
 
     def __init__(self, editor: Editor, jobs: Jobs, notices: Notices) -> None:
         self._editor, self._notices = editor, notices
         self._found: Latest[abfm.Match] = jobs.latest()
-        self._wanted: tuple[abfm.Match, int] | None = None  # the result then, and the step
+        self._wanted: tuple[abfm.Match, int] | None = None  # result at the request, and the step
 
     @property
     def busy(self) -> str:
@@ -27,40 +27,40 @@ class PathSteps:
 
     @property
     def shown(self) -> int:
-        """The step that is shown, or will be as soon as it is computed; 0 without a result."""
+        """Step that is shown, or that is being computed for it; 0 without a result."""
         result = self._editor.document.match
         return self._wanted[1] if self._wanted else result.step if result else 0
 
     @property
     def solver_step(self) -> int | None:
-        """The step at which the result's match ended; None without a result."""
+        """Step that the solver chose; None without a result."""
         document = self._editor.draft
         if document.solver_step is None and document.result:
             return document.result.step
         return document.solver_step
 
     def show(self, step: int) -> None:
-        """Show another step of the result's path, the nearest one that there is."""
+        """Show another step of the result's path; numbers outside the path are clipped."""
         if result := self._editor.document.match:
             self._wanted = result, min(max(step, 0), len(result.path) - 1)
             self.update()
 
     def stop(self) -> None:
-        """Stay at the result that there is."""
+        """Drop a requested step and keep the current result."""
         self._wanted = None
 
     def update(self) -> None:
-        """Take in what was computed: call once per frame."""
+        """Show the requested step when it is computed. Call once per frame."""
         if self._wanted is None:
             return
-        document, (then, step) = self._editor.document, self._wanted
+        document, (requested_of, step) = self._editor.document, self._wanted
         result = document.match
-        if result is None or result.path is not then.path or result.step == step:
+        if result is None or result.path is not requested_of.path or result.step == step:
             self._wanted = None
             return
-        found, key = self._known(step), (then.path, step)
+        found, key = self._from_history(step), (requested_of.path, step)
         if found is None:
-            found = self._found.ask(key, partial(then.at_step, step))
+            found = self._found.ask(key, partial(requested_of.at_step, step))
         if found is not None:
             self._wanted = None
             solver_step = None if step == self.solver_step else self.solver_step
@@ -70,7 +70,7 @@ class PathSteps:
             self._wanted = None
             self._notices.show(f"step {step + 1}: {self._found.error}", is_error=True)
 
-    def _known(self, step: int) -> abfm.Match | None:
+    def _from_history(self, step: int) -> abfm.Match | None:
         result = self._editor.document.match
         for document in self._editor.documents:
             other = document.match

@@ -1,21 +1,32 @@
-"""Playing the time bar: how the shown time moves from frame to frame."""
+"""Playback: the shown time from frame to frame."""
 
 from typing import Literal, get_args
 
 Repeat = Literal["once", "loop", "ping-pong"]
 REPEATS: tuple[Repeat, ...] = get_args(Repeat)
 SECONDS = 4.0
-"""How long the flow from 0 to tau takes at speed 1."""
+"""Seconds from time 0 to tau at speed 1."""
 SECONDS_PER_CYCLE = 1.0
-"""How long moving streaks take until they look the same again."""
-_LONGEST_FRAME = 0.1  # seconds: after a hang the time does not leap
+"""Period of moving streaks in seconds."""
+_FRAME_SECONDS_MAX = 0.1  # so that the time does not jump after a long frame
 
 
 class Player:
-    """Moves a time between 0 and tau or, if it plays `beyond`, the end of the time bar.
+    """Moves the shown time between 0 and tau.
 
-    A `speed` of 1 goes from 0 to tau in `SECONDS`; `phase` is that of moving streaks, 0 to 1. While
-    it is `held`, the time stands, as what is to be shown is still being computed.
+    Attributes
+    ----------
+    playing : bool
+    waiting : bool
+        Whether the time stands still because the next picture is still being computed.
+    beyond : bool
+        Whether to play to the end of the time bar instead of tau.
+    repeat : str
+        "once", "loop" or "ping-pong".
+    speed : float
+        1 goes from 0 to tau in `SECONDS`.
+    phase : float
+        Phase of moving streaks, 0 to 1.
     """
 
     def __init__(self) -> None:
@@ -31,16 +42,19 @@ class Player:
         self._direction, self._to_tau = 1.0, False
 
     def play_once(self) -> None:
-        """Play from the time that is shown to tau, and stop there, whatever `repeat` says."""
+        """Play from the shown time to tau and stop there, regardless of `repeat`."""
         self.playing, self._starting, self._to_tau = True, False, True
 
     def move_streaks(self, seconds: float) -> None:
-        self.phase = (self.phase + min(seconds, _LONGEST_FRAME) / SECONDS_PER_CYCLE) % 1
+        self.phase = (self.phase + min(seconds, _FRAME_SECONDS_MAX) / SECONDS_PER_CYCLE) % 1
 
     def advance(
-        self, time: float, seconds: float, tau: float, end: float, each: float = SECONDS
+        self, time: float, seconds: float, tau: float, end: float, tau_seconds: float = SECONDS
     ) -> float:
-        """The time to show some seconds after another one was shown, where tau takes so many."""
+        """Return the time to show, some seconds after another time was shown.
+
+        ``tau_seconds`` is the duration from 0 to tau at speed 1.
+        """
         if self.waiting:
             return time
         end = end if self.beyond and not self._to_tau else tau
@@ -50,7 +64,8 @@ class Player:
         repeat = "once" if self._to_tau else self.repeat
         if repeat != "ping-pong":
             self._direction = 1.0
-        moved = time + self._direction * self.speed * tau * min(seconds, _LONGEST_FRAME) / each
+        elapsed = min(seconds, _FRAME_SECONDS_MAX)
+        moved = time + self._direction * self.speed * tau * elapsed / tau_seconds
         if 0 <= moved <= end:
             return moved
         if repeat == "loop":

@@ -1,4 +1,4 @@
-"""The table that is open beside the surfaces, and which of its rows they show."""
+"""The open table of results, and its row that the surfaces show."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
 
 Key = tuple[int, str]
-_SECONDS = 2.0  # after which a table is looked at again
+_REFRESH_SECONDS = 2.0  # between checks of the table's folder
 
 
 class FoundTable(NamedTuple):
-    """A table that was read, and the first of its rows that has a result."""
+    """A table that was read, with its worst row that can be shown."""
 
     reader: TableReader
     table: ResultTable
@@ -37,32 +37,33 @@ class FoundTable(NamedTuple):
     opened: Opened | None
 
 
-def find_table(place: Path, what: ComparisonKind = "difference") -> FoundTable:
-    """Read a table, and its worst row that has a result; AbfmError if it is none."""
+def find_table(place: Path, kind: ComparisonKind = "difference") -> FoundTable:
+    """Read a table and its worst row that can be shown; an invalid table raises an `AbfmError`."""
     reader = TableReader(place)
     table = reader.read()
     row = next(filter(table.can_show, table.shown("verdict", False, "")), None)
-    opened = None if row is None else document_of_row(table, row, what)
+    opened = None if row is None else document_of_row(table, row, kind)
     return FoundTable(reader, table, row, opened)
 
 
-def document_of_row(table: ResultTable, row: ResultRow, what: ComparisonKind) -> Opened:
-    """Return what is shown of a row: a subject's values on the template, or else its result."""
+def document_of_row(table: ResultTable, row: ResultRow, kind: ComparisonKind) -> Opened:
+    """Return the document of a row: a subject's values on the template, or the row's result."""
     if isinstance(table, PopulationTable) and table.has_values(row):
-        return document_of_subject(table, row, what)
+        return document_of_subject(table, row, kind)
     return document_of_result(row)
 
 
 def document_of_result(row: ResultRow) -> Opened:
-    """Return a row's result as its file opens, called by the row's name."""
+    """Return the document of a row's result, with the name of the row."""
     assert row.path is not None
     document, known = read_document(row.path)
     return row.label_document(document), known
 
 
-def document_of_subject(table: PopulationTable, row: ResultRow, what: ComparisonKind) -> Opened:
-    """Return a subject's functions as they were carried to the template, beside the mean of the
-    others; where they are unknown they are filled in from around, and do not count.
+def document_of_subject(table: PopulationTable, row: ResultRow, kind: ComparisonKind) -> Opened:
+    """Return a document of a subject's functions on the template and the mean of the others.
+
+    Unknown values are filled in from their surroundings and have weight 0.
     """
     found = table.population
     path = table.place / POPULATION if table.place.is_dir() else table.place
@@ -73,31 +74,31 @@ def document_of_subject(table: PopulationTable, row: ResultRow, what: Comparison
         known[text] = values
         return text
 
-    counts = np.asarray(found.masks[row.number] * found.template_mask)
+    mask = np.asarray(found.masks[row.number] * found.template_mask)
     channels: dict[tuple[str, str], int] = {}
-    listed, called = [], dict[str, str]()
+    listed, display_names = [], dict[str, str]()
     for number, channel in enumerate(found.channels):
-        own = found.values[row.number, :, number]
+        of_subject = found.values[row.number, :, number]
         mean = found.mean_of_others(row.number, number)
-        is_known = np.isfinite(own) & np.isfinite(mean)
-        if not is_known.any():  # a channel that is held out and that it does not have
+        is_known = np.isfinite(of_subject) & np.isfinite(mean)
+        if not is_known.any():  # a held-out channel that the subject does not have
             continue
         if not channel.is_held_out:
-            counts = np.where(is_known, counts, 0)
+            mask = np.where(is_known, mask, 0)
         columns = f"{row.name}: {channel.name}", f"without {row.name}: {channel.name}"
         source, target = (
             spec(column, _filled(found.template, values))
-            for column, values in zip(columns, (own, mean), strict=True)
+            for column, values in zip(columns, (of_subject, mean), strict=True)
         )
         channels[source, target] = number
         listed.append(Channel(source, target, weight=float(found.channel_weights[number])))
-        called |= dict.fromkeys((source, target), channel.name)
+        display_names |= dict.fromkeys((source, target), channel.name)
     document = SubjectDocument(
         (Surface(found.template, f"{row.name} of {table.title}"),),
         tuple(listed),
-        mask="" if (counts == 1).all() else spec(f"{row.name}: mask", counts),
-        comparison=Comparison(found, row.number, channels, what),
-        display_names=called,
+        mask="" if (mask == 1).all() else spec(f"{row.name}: mask", mask),
+        comparison=Comparison(found, row.number, channels, kind),
+        display_names=display_names,
     )
     return document, known
 
@@ -112,10 +113,27 @@ def _filled(mesh: abfm.TriangleMesh, values: FloatArray) -> FloatArray:
 
 
 class Tables:
-    """Opens a table, keeps it as its folder is, and shows its rows.
+    """Opens a table, updates it when its folder changes, and shows its rows.
 
-    `load` takes what is to be read in the background and takes the document's place. `cursor` is
-    the row that was chosen; `has_keys` whether Up and Down move it.
+    Parameters
+    ----------
+    session : Session
+    load : callable
+        Performs a `Load` in the background, which replaces the document.
+
+    Attributes
+    ----------
+    table : ResultTable or None
+    column, falls, search
+        Column by which rows are sorted, whether in descending order, and the search text.
+    comparison_kind : str
+        Quantity that is shown of subjects.
+    cursor : (int, str) or None
+        Key of the selected row.
+    has_keys : bool
+        Whether the keys Up and Down move the cursor.
+    scrolls : bool
+        Whether the selected row must be scrolled into view.
     """
 
     def __init__(self, session: Session, load: Callable[[Load], None]) -> None:
@@ -126,20 +144,20 @@ class Tables:
         self.comparison_kind: ComparisonKind = "difference"
         self.cursor: Key | None = None
         self.has_keys = False
-        self.scrolls = False  # whether the cursor's row must come into view
+        self.scrolls = False
         self._session, self._load = session, load
         self._jobs = Jobs(session.at_once)
         self._latest: Latest[ResultTable] = self._jobs.latest()
         self._reader: TableReader | None = None
-        self._looks, self._next = 0, 0.0
+        self._checks, self._next_check = 0, 0.0
         self._rows: Memo[tuple[ResultRow, ...]] = Memo()
-        # of documents that a table is beside: its place, and which row they are of
+        # place of the table and key of the row for documents that belong to a table
         self._rows_of: WeakKeyDictionary[Identity, tuple[Path, Key | None]] = WeakKeyDictionary()
-        self._seen: Identity | None = None
+        self._last_document: Identity | None = None
 
     @property
     def rows(self) -> tuple[ResultRow, ...]:
-        """Those that are searched for, as they are sorted."""
+        """Rows that match the search, sorted."""
         if self.table is None:
             return ()
         of = self.column, self.falls, self.search
@@ -151,36 +169,36 @@ class Tables:
 
     @property
     def error(self) -> str:
-        """Say why the table cannot be read again."""
+        """Reason why the table cannot be read again; empty without an error."""
         return self._latest.error
 
     @property
     def is_of_document(self) -> bool:
-        """Whether the table is of what the surfaces show, and not of another document."""
+        """Whether the shown document belongs to the table."""
         place, _ = self._rows_of.get(self._session.document.identity, (None, None))
         return self.table is not None and place == self.table.place
 
     @property
     def unshown_row(self) -> ResultRow | None:
-        """The chosen row, if it has no result, so that the surfaces show something else."""
+        """The selected row if it has no result, so that the surfaces show another row."""
         row = self.chosen if self.is_of_document else None
-        is_shown = row is None or self.table is None or self.table.can_show(row)
-        return None if is_shown else row
+        can_show = row is None or self.table is None or self.table.can_show(row)
+        return None if can_show else row
 
     @property
     def summary(self) -> str:
-        """What is said above the rows: that the chosen one is not shown, or what all came to."""
+        """Text above the rows: a hint about a row without a result, or the numbers of verdicts."""
         if (row := self.unshown_row) is not None:
-            return f"{row.name} has no result: {self._session.document.name} is still shown"
+            return f"{row.name} has no result; {self._session.document.name} is still shown"
         return "" if self.table is None else f"{self.table.summary}; {self.table.title}"
 
     def attach_to(self, document: Document) -> None:
-        """Keep the table beside what was made of the document that it is beside."""
+        """Attach the table to a document that was made from one of its documents."""
         if self.table is not None and self.is_of_document:
             self._rows_of[document.identity] = self.table.place, None
 
     def read(self, place: Path) -> Callable[[], None]:
-        """Read a table; what is returned shows it with the worst of its rows that has a result."""
+        """Read a table, and return an action that shows it with its worst row."""
         return partial(self._show_found, find_table(place, self.comparison_kind))
 
     def _show_found(self, found: FoundTable) -> None:
@@ -191,21 +209,21 @@ class Tables:
         self._session.notices.show(f"opened {found.table.title}: {found.table.summary}")
 
     def take(self, found: FoundTable) -> None:
-        """Begin with a table whose row is shown already."""
+        """Open a table whose row is shown already."""
         self.table, self._reader = found.table, found.reader
         self.column, self.falls, self.search = "verdict", False, ""
         self.cursor = None if found.row is None else found.row.key
         self.scrolls = self.has_keys = True
-        self._next = clock.perf_counter() + _SECONDS
-        self._seen = self._session.document.identity
-        self._rows_of[self._seen] = found.table.place, self.cursor
+        self._next_check = clock.perf_counter() + _REFRESH_SECONDS
+        self._last_document = self._session.document.identity
+        self._rows_of[self._last_document] = found.table.place, self.cursor
 
     def close_table(self) -> None:
-        """Take the table away; what the surfaces show stays."""
+        """Close the table; the document stays open."""
         self.table, self._reader, self.cursor, self.has_keys = None, None, None, False
 
     def sort(self, column: Name) -> None:
-        """Sort by a column, or the other way round; of numbers the largest come first."""
+        """Sort by a column, numbers in descending order; sorting again reverses the order."""
         if column == self.column:
             self.falls = not self.falls
         else:
@@ -213,11 +231,11 @@ class Tables:
         self.scrolls = True
 
     def refresh(self) -> None:
-        """Read the table anew."""
-        self._next = 0.0
+        """Read the table again in the next frame."""
+        self._next_check = 0.0
 
     def move(self, step: int) -> None:
-        """Show the row so many below the chosen one."""
+        """Show the row that is ``step`` rows below the selected one."""
         if not (rows := self.rows):
             return
         keys = [row.key for row in rows]
@@ -227,7 +245,7 @@ class Tables:
             self.choose(row)
 
     def choose(self, row: ResultRow) -> None:
-        """Show what there is of a row, or say why there is nothing."""
+        """Select and show a row; if it has no result, show a notice with the reason."""
         if self.table is None:
             return
         self.cursor, self.has_keys = row.key, True
@@ -235,27 +253,27 @@ class Tables:
             self._open(row, partial(document_of_row, self.table, row, self.comparison_kind))
             return
         reason = row.facts.reason or "it has not been solved yet"
-        text = f"{row.name} has no result to show: {reason}"
+        text = f"{row.name} has no result: {reason}"
         self._session.notices.show(f"{text}; {self._session.document.name} is still shown")
 
     def open_result(self, row: ResultRow) -> None:
-        """Show the result of a row that has one: of a subject its registration."""
+        """Show the result of a row; for a subject this is its registration."""
         self._open(row, partial(document_of_result, row))
 
-    def compare(self, what: ComparisonKind) -> None:
-        """Hold the subject that is shown, and those that are chosen later, against something."""
-        self.comparison_kind = what
+    def compare(self, kind: ComparisonKind) -> None:
+        """Choose the quantity that is shown of this and later subjects."""
+        self.comparison_kind = kind
         document = self._session.document
         if isinstance(document, SubjectDocument):
-            other = replace(document.comparison, kind=what)
-            self._session.editor.change(f"compare with the {what}", comparison=other)
+            other = replace(document.comparison, kind=kind)
+            self._session.editor.change(f"compare with the {kind}", comparison=other)
 
     def update(self) -> None:
-        """Take in what has changed in the folder, and which document is shown: once per frame."""
+        """Follow changes of the folder and of the shown document. Call once per frame."""
         if self._reader is None or self.table is None:
             return
-        if (shown := self._session.document.identity) is not self._seen:
-            self._seen = shown
+        if (shown := self._session.document.identity) is not self._last_document:
+            self._last_document = shown
             self.has_keys = self.has_keys and self.is_of_document
             self.cursor = self._key_of(shown)
             self.scrolls = True
@@ -264,13 +282,14 @@ class Tables:
             and self.unshown_row is None
             and self.cursor is not None
         ):
-            # another one may have been chosen, which was not opened after all
+            # opening another row may have been cancelled
             self.cursor = self._key_of(shown) or self.cursor
-        if clock.perf_counter() >= self._next and not self._latest.busy:
-            self._looks, self._next = self._looks + 1, clock.perf_counter() + _SECONDS
-        if self._looks:
-            asked = self._reader, self._looks
-            found = self._latest.ask(asked, partial(self._reader.read, anew=False))
+        now = clock.perf_counter()
+        if now >= self._next_check and not self._latest.busy:
+            self._checks, self._next_check = self._checks + 1, now + _REFRESH_SECONDS
+        if self._checks:
+            request = self._reader, self._checks
+            found = self._latest.ask(request, partial(self._reader.read, anew=False))
             if found is not None and found.place == self.table.place:
                 self.table = found
 
@@ -278,7 +297,7 @@ class Tables:
         self._jobs.close()
 
     def _key_of(self, shown: Identity) -> Key | None:
-        """Return which row of the table a document is of."""
+        """Return the key of the table's row to which a document belongs."""
         place, key = self._rows_of.get(shown, (None, None))
         return key if self.table is not None and place == self.table.place else None
 
@@ -289,21 +308,21 @@ class Tables:
         self._load(Load(f"opening {row.name}", lambda: partial(show, make())))
 
     def _show(self, table: ResultTable, row: ResultRow, opened: Opened) -> None:
-        """Show a row's document, as the one before was looked at where it is on the same mesh."""
+        """Show a row's document; on the same mesh it keeps viewpoint and enlarged slot."""
         session, (document, known) = self._session, opened
         now, mesh = session.document.surfaces, document.surfaces[-1].mesh
         is_same = len(now) == len(document.surfaces) and now[-1].mesh.digest == mesh.digest
         viewpoint = session.view.viewpoint if is_same else None
         enlarged = session.view.enlarged if is_same else ""
-        if is_same and isinstance(document, SubjectDocument):  # the same channel as before
+        if is_same and isinstance(document, SubjectDocument):  # keep the active channel
             channel = min(session.document.channel, len(document.channels) - 1)
             document = replace(document, channel=channel)
         view = replace(session.view, viewpoint=viewpoint, enlarged=enlarged)
         if session.document.sequence_result is None:
             view = document.view_of_result(view)
         session.restore(replace(document, view=view), known, None)
-        self._seen = session.document.identity
-        self._rows_of[self._seen] = table.place, row.key
+        self._last_document = session.document.identity
+        self._rows_of[self._last_document] = table.place, row.key
         self.cursor = row.key
         reason = f", {row.facts.reason}" if row.facts.reason else ""
         session.notices.show(f"{row.name}: {row.verdict}{reason}")

@@ -1,4 +1,4 @@
-"""Films from files: frames on a mesh, sequences, and two frames as a match of their own."""
+"""Documents of frames on a mesh, and of a match of two frames."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ from abfm_viewer.document.kinds import MEASURED_COLUMN, MatchDocument, SequenceD
 def read_frame_sequence(
     path: Path, mesh: TriangleMesh, array: str | None = None
 ) -> tuple[FrameSequence, tuple[str, ...]]:
-    """Read frames on a mesh, and what a user should know of them; FunctionError if there are none
-    for it, a `SeveralArraysError` if there are several arrays and none is chosen.
+    """Read frames on a mesh, and notes for the user.
+
+    A file without frames for the mesh raises a `FunctionError`. A file with several arrays raises a
+    `SeveralArraysError` unless one of them is chosen.
     """
-    from abfm.sequences.frames import check_frames  # with all that it loads
+    from abfm.sequences.frames import check_frames  # loads many modules
 
     found = abfm.sequences.read_frames(path, mesh, array)
     frames = check_frames(mesh, found.values, found.times, None, None)
@@ -29,8 +31,8 @@ def read_frame_sequence(
 
 
 def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSequence:
-    """Return a film of the cosine and sine of phases, or without a period that of the phases."""
-    from abfm.sequences.frames import check_frames  # with all that it loads
+    """Return a sequence of cosine and sine of phases; of the phases if there is no period."""
+    from abfm.sequences.frames import check_frames  # loads many modules
 
     if sequence.phases is not None:
         phases = replace(sequence.phases, times=sequence.times, unit_of_time=sequence.unit)
@@ -48,33 +50,32 @@ def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSeq
 
 
 def document_of_frames(sequence: FrameSequence, surface: Surface, view: View) -> SequenceDocument:
-    """Return a document of frames on a surface, which is seen from where it changes, unless the
-    view says otherwise.
+    """Return a document of frames on a surface.
+
+    Unless the view has a viewpoint, the surface is shown from the front with the most changes.
     """
-    seen = replace(surface, front=None)
-    return SequenceDocument((seen,), sequence, time=float(sequence.times[0]), view=view)
+    without_front = replace(surface, front=None)
+    return SequenceDocument((without_front,), sequence, time=float(sequence.times[0]), view=view)
 
 
 def document_of_pair(
     document: SequenceDocument, first: int, last: int
 ) -> tuple[MatchDocument, dict[str, FloatArray]]:
-    """Return a document in which one frame of a film is matched with another one, and the values of
-    its functions.
-    """
+    """Return a document that matches two frames of a sequence, and the values of its functions."""
     sequence = document.sequence
     known: dict[str, FloatArray] = {}
-    called: dict[str, str] = {}
+    display_names: dict[str, str] = {}
 
     def spec(name: str, values: FloatArray) -> str:
         text = str(abfm.functions.ValuesFile(path=sequence.name, column=name))
-        known[text], called[text] = values, name
+        known[text], display_names[text] = values, name
         return text
 
     channels = []
     for number, weight in enumerate(sequence.frames.weights.tolist()):
-        of = f", channel {number}" if sequence.channels > 1 else ""
+        suffix = f", channel {number}" if sequence.channels > 1 else ""
         source, target = (
-            spec(f"frame {k}{of}", sequence.columns[k][number]) for k in (first, last)
+            spec(f"frame {k}{suffix}", sequence.columns[k][number]) for k in (first, last)
         )
         channels.append(Channel(source, target, weight))
     mask = "" if sequence.frames.mask is None else spec(MEASURED_COLUMN, sequence.frames.mask)
@@ -83,7 +84,7 @@ def document_of_pair(
         tuple(channels),
         mask=mask,
         channel=document.channel,
-        display_names=called,
+        display_names=display_names,
         view=document.view,
     )
     return made, known

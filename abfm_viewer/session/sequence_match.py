@@ -1,4 +1,4 @@
-"""The fields of a film: those of a run, as they are found, or those of its result."""
+"""Matching of all frames of a sequence, and its fields during and after the run."""
 
 from __future__ import annotations
 
@@ -20,28 +20,30 @@ from abfm_viewer.computing.background import Memo
 from abfm_viewer.computing.run import Run
 from abfm_viewer.document.kinds import SequenceDocument
 
-_TRIES = 3  # of a process that ends, such as for want of memory, each from where the last one was
+_TRIES = 3  # starts of the subprocess; a new one resumes from the checkpoint of the previous one
 _ENDED_MESSAGE = (
-    f"the process that matches ended {_TRIES} times, as for want of memory; match again to go on "
-    "from what it found"
+    f"the subprocess of the match ended {_TRIES} times, perhaps for lack of memory; match again to "
+    "resume from its checkpoint"
 )
 
 Then: TypeAlias = "Callable[[SequenceDocument, abfm.Sequence | None], object]"
-"""Takes what a run was of, and its result; None if it failed."""
+"""Called with the document of a run and its result; None if the run failed."""
 
 
 class SequenceMatch:
-    """Matches all frames of a film in a run. What is found is kept in a file meanwhile: the next
-    run of the same resumes from it.
+    """Matches all frames of a sequence in one run.
+
+    Fields are stored in a checkpoint during the run, from which the next run of the same frames
+    resumes.
 
     Attributes
     ----------
     checkpoint_base : callable
-        Returns the file next to which that is, for a document; by default there is none.
+        Returns, for a document, the file next to which the checkpoint lies; None for no checkpoint.
     pair : (int, int) or None
-        Frames to match by themselves, if chosen.
+        Numbers of two frames that the user chose to match alone.
     running_document : SequenceDocument or None
-        What the run is of that is under way, the same object all the time.
+        Document of the current run; the same object during the whole run.
     """
 
     def __init__(self, run: Run[Any]) -> None:
@@ -50,29 +52,31 @@ class SequenceMatch:
         self.running_document: SequenceDocument | None = None
         self._run = run
         self._step = Step("starting the solver")
-        self._fields: dict[int, FloatArray] = {}  # of the run, by interval
-        self._fast = 0.0  # the largest of what counted as fast in the run's fields
+        self._fields: dict[int, FloatArray] = {}  # fields of the run, by interval
+        self._fast_speed = 0.0  # the largest fast speed of the run's fields
         self._speeds = Memo[FloatArray]()
         self._of_result = Memo[tuple[FloatArray | None, ...]]()
 
     @property
     def step(self) -> Step:
-        """What the run does, or did last."""
+        """Current or last step of the run."""
         self._step = self._run.step or self._step
         return self._step
 
     def start(self, document: SequenceDocument, then: Then, resumes_only: bool = False) -> None:
-        """Match all frames of a document's film, from what an earlier run of the same has found
-        that was not completed, or only return that; ``then`` is called when the run is collected.
+        """Match all frames of a document, starting from the checkpoint of an earlier run.
+
+        With ``resumes_only`` only return the fields of the checkpoint. ``then`` is called when the
+        run is collected.
         """
-        self.running_document, self._fields, self._fast = document, {}, 0.0
-        self._step = Step("reading what was found" if resumes_only else "starting the solver")
+        self.running_document, self._fields, self._fast_speed = document, {}, 0.0
+        self._step = Step("reading the checkpoint" if resumes_only else "starting the solver")
         given = _task(document), self.checkpoint_base(document), resumes_only
         work, end = partial(self._solve, *given), partial(self._end, document, then)
         self._run.start(work, end, resumes=True)
 
     def found_count(self, document: SequenceDocument) -> int:
-        """Return how many fields a run of the document has found."""
+        """Return the number of fields that a run of the document has found so far."""
         is_of_run = (
             self.running_document is not None
             and self.running_document.sequence is document.sequence
@@ -80,21 +84,23 @@ class SequenceMatch:
         return len(self._fields) if is_of_run else 0
 
     def fast_speed(self, document: SequenceDocument) -> float:
-        """Return what counts as fast in any of the fields that a run of the document has found, 0
-        without any; it only grows.
+        """Return the largest fast speed of the fields found by a run of the document, or 0.
+
+        It never decreases during a run.
         """
-        return self._fast if self.found_count(document) else 0.0
+        return self._fast_speed if self.found_count(document) else 0.0
 
     @property
     def progress_text(self) -> str:
-        """What a run does, in a line."""
+        """Progress of the run in one line."""
         doing = "paused" if self._run.paused else self.step.text()
         count = self.running_document.sequence.intervals if self.running_document else 0
         return f"{doing}, {len(self._fields)} of {count} intervals found"
 
     def field(self, document: SequenceDocument, interval: int) -> FloatArray | None:
-        """Return the field (F, 3) of an interval, always the same array; None where none is known.
-        A run's own fields are shown as soon as there is one.
+        """Return the field (F, 3) of an interval, always as the same array; None if unknown.
+
+        As soon as a run has found a field, only fields of the run are returned.
         """
         if self.found_count(document):
             return self._fields.get(interval)
@@ -109,16 +115,14 @@ class SequenceMatch:
         return self._of_result.get((result,), fields)[interval]
 
     def motion_share(self, document: SequenceDocument, interval: int) -> float:
-        """Return the share of motion in frames between two, see `abfm.Sequence.motion_shares`; 1
-        during a run.
-        """
+        """Return the motion share of an interval, 1 during a run (`abfm.Sequence.motion_shares`)."""
         result = document.result
         if result is None or self.found_count(document):
             return 1.0
         return float(result.motion_shares[interval])
 
     def speeds(self, document: SequenceDocument) -> FloatArray:
-        """Return the root mean square of the speed in each interval, (T - 1,), or NaN."""
+        """Return the root mean square speed of each interval, (T - 1,); NaN if unknown."""
         sequence = document.sequence
         fields = [self.field(document, interval) for interval in range(sequence.intervals)]
 
@@ -135,7 +139,7 @@ class SequenceMatch:
 
     def _end(self, document: SequenceDocument, then: Then, found: abfm.Sequence | None) -> None:
         self.running_document, self._fields = None, {}
-        if found is not None:  # the frames that it was sent are the document's
+        if found is not None:  # the subprocess worked on copies of the document's frames
             found = replace(found, _frames=document.sequence.frames)
         then(document, found)
 
@@ -151,7 +155,7 @@ class SequenceMatch:
     def _take(self, mesh: abfm.TriangleMesh, found: tuple[int, FloatArray]) -> None:
         interval, field = found
         speed = np.linalg.norm(field, axis=1)
-        self._fast = max(self._fast, abfm.calculus.fast_speed(mesh, speed))
+        self._fast_speed = max(self._fast_speed, abfm.calculus.fast_speed(mesh, speed))
         self._fields[interval] = field
 
 

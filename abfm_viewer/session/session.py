@@ -1,4 +1,4 @@
-"""A document at work: its parts, and what they give, taken in once a frame."""
+"""The session: a document and all that is computed for it, updated once per frame."""
 
 from __future__ import annotations
 
@@ -39,16 +39,29 @@ from abfm_viewer.session.work import MatchRun, MatchWork, PairWork, SequenceWork
 
 
 class Session(Parts):
-    """One document at work. Knows nothing of the window, nor of pictures.
+    """A document, its history, and the computations for it, independent of the window.
 
-    If `at_once`, everything is computed when it is asked for, as pictures off the screen need,
-    which wait for no frame. While the mouse is `dragging` a widget or a Gaussian, changes are one
-    step of undo. Whether the machine `draws_quickly` the window says.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    name : str
+        Name of the mesh's file.
+    at_once : bool
+        Compute every request immediately, in the caller's thread. Off-screen pictures need this,
+        because they have no frame loop.
+
+    Attributes
+    ----------
+    dragging : bool
+        Set by the window while the mouse drags a widget or a Gaussian; the changes are one step of
+        undo.
+    draws_quickly : bool
+        Set by the window if drawing is fast on this machine.
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool = False) -> None:
         super().__init__(mesh, name, at_once)
-        # of documents that began with one of another
+        # sources that new documents take over from the previous document
         self._sources: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self._run = MatchRun(self, self.match)
         match, self._sequence_document = MatchWork(self, self._run), SequenceWork(self, self.match)
@@ -63,7 +76,7 @@ class Session(Parts):
 
     @property
     def work(self) -> Work:
-        """What is done with documents of the present one's kind."""
+        """Computations for documents of the current kind."""
         return self._work[type(self.document)]
 
     def surface(self, slot: str = "advected") -> Surface:
@@ -83,12 +96,12 @@ class Session(Parts):
 
     @property
     def result(self) -> abfm.Match | None:
-        """The document's match, if it has one."""
+        """The match of the document, if it has one."""
         return self.document.match
 
     @property
     def time(self) -> float:
-        """The shown time in the flow that is shown."""
+        """Shown time, relative to the start of the shown flow."""
         return self.document.flow_time
 
     def set_time(self, time: float) -> None:
@@ -96,39 +109,39 @@ class Session(Parts):
         self.editor.set_time(time)
 
     def show_step(self, step: int) -> None:
-        """Show another step of the result's path, whatever was to take its place."""
+        """Show another step of the result's path, and cancel a search within a bound."""
         self.bound.stop()
         self.steps.show(step)
 
     def limit_distortion(self) -> None:
-        """Look for the closest field within the bound of distortion."""
+        """Search for the field of smallest residual within the bound of distortion."""
         self.steps.stop()
         self.bound.start()
 
     def _stop_changes(self) -> None:
-        """Let no step or bounded field that was requested before take the result's place."""
+        """Cancel requests that would replace the result: path steps and bounds of distortion."""
         self.steps.stop()
         self.bound.stop()
 
     def undo(self) -> None:
-        """Take back the last step, but no run that is under way; what plays stops."""
+        """Undo the last step and stop playing; a run continues."""
         self._step(self.editor.undo, self.editor.past)
 
     def redo(self) -> None:
-        """Do again what was taken back, but end no run that is under way; what plays stops."""
+        """Redo the last undone step and stop playing; a run continues."""
         self._step(self.editor.redo, self.editor.future)
 
-    def _step(self, go: Callable[[], None], to: list[Step]) -> None:
+    def _step(self, move: Callable[[], None], steps: list[Step]) -> None:
         self.player.playing = False
         self._stop_changes()
         before = self.document
-        if to and to[-1].document.identity is not before.identity:
+        if steps and steps[-1].document.identity is not before.identity:
             if self.solver.running:
-                text = f"that would leave {before.name}, which is being matched"
-                self.notices.show(f"{text}: cancel the run first", True, RUN)
+                text = f"this step would close {before.name}, which is being matched"
+                self.notices.show(f"{text}; cancel the run first", True, RUN)
                 return
             self.saves.leave(before)
-        go()
+        move()
 
     def set_mesh(self, mesh: TriangleMesh, name: str) -> None:
         """Show another mesh with default functions, parameters and view."""
@@ -136,8 +149,10 @@ class Session(Parts):
         self.notices.show(" ".join(mesh.messages))
 
     def set_surfaces(self, *surfaces: Surface) -> None:
-        """Register surface A to another one, B, or go back to one. If A is the present one, the
-        first source, labels and landmarks of A, parameters and the view stay.
+        """Show one surface, or two that are registered, A to B.
+
+        If A is the current surface, the first source, labels and landmarks on A, parameters and the
+        view are kept.
         """
         fresh = document_on(surfaces, view=self.view.preferences)
         if surfaces[0].mesh is self.surface("source").mesh:
@@ -162,8 +177,15 @@ class Session(Parts):
     ) -> None:
         """Show an opened document with values of functions from files, and end a run.
 
-        Save writes the document's project file, the `origin`, if it has one. One that was not
-        `saved`, as after a crash, is asked for at the end like the user's own work.
+        Parameters
+        ----------
+        document : Document
+        known : dict
+            Values (V,) of functions from files, by `Document.values_key`.
+        origin : Origin or None
+            Project file, which Save overwrites.
+        saved : bool
+            False if the document has unsaved changes, as after a crash.
         """
         for side in SIDES[-len(document.surfaces) :]:
             self.functions.add(document.surface(side).mesh, document.values_on(side, known))
@@ -181,19 +203,20 @@ class Session(Parts):
         self.saves.record(document, origin, saved=saved)
 
     def reset_history(self) -> None:
-        """Forget all steps: the present state is where the user starts."""
+        """Clear the history, so that the current document is its beginning."""
         self.editor.forget_steps()
         self.saves.reset()
 
     def values(self, side: Side) -> FloatArray | None:
-        """The active channel's function of a side on its surface, (V,), if it is known; of a film
-        the frame before or after the shown time.
+        """Return the active function of a side on its surface, (V,); None if unknown.
+
+        For a sequence these are the frames before and after the shown time.
         """
         return self.work.values(side)
 
     @property
     def busy(self) -> str:
-        """Say what it computes in the background besides the solver, and for how long if known."""
+        """Description of background computations other than a run, with the time if known."""
         if self.loading.now:
             return progress_text("opening", self.loading.step)
         busy = self.work.busy or self.bound.busy
@@ -205,7 +228,7 @@ class Session(Parts):
 
     @property
     def obstacle(self) -> str:
-        """Say why a match cannot start; nothing if it can."""
+        """Reason why a match cannot start; empty if it can."""
         return self.work.obstacle
 
     @property
@@ -217,19 +240,20 @@ class Session(Parts):
         return self._run.snapshot
 
     def place_point(self, kind: Literal["lines", "points"], slot: str, point: Point) -> None:
-        """Place a point where it was clicked on; one on A where the initial map takes it on B."""
+        """Place a point at a clicked position; a point on A is placed at its image on B."""
         if (placed := self.work.on_flow(slot, point)) is not None:
             self.editor.add_point(kind, placed)
 
     def match(self, from_current_field: bool | None = None) -> None:
-        """Start a run, unless one is under way; if there is nothing to match yet, say why.
+        """Start a run unless one is running; if none can start, show the reason.
 
-        By default `from_current_field` is the switch of the panel Match.
+        ``from_current_field`` starts from the current field instead of zero. By default the switch
+        "from the current field" decides.
         """
         if self.solver.running:
             return
         if opening := self.loading.replacing:
-            text = f"no match yet: {opening}; it takes the place of {self.document.name}"
+            text = f"no match yet: {opening}, which will replace {self.document.name}"
             self.notices.show(text)
             return
         if self.obstacle:
@@ -243,35 +267,35 @@ class Session(Parts):
         self.work.start(from_current_field)
 
     def recover_sequence(self) -> None:
-        """Show what an earlier run of the film has found, unless a run is under way."""
+        """Show the fields of an earlier run of the sequence, unless a run is in progress."""
         if not self.solver.running:
             self._sequence_document.recover()
 
     def remedy(self, remedy: abfm.matching.Remedy) -> None:
-        """Do what a verdict proposes: change the parameters, and start a run.
+        """Apply a remedy of a verdict: change the parameters, and start a run.
 
-        With its result it is one step of undo. ParameterError if the document's other parameters do
-        not allow it.
+        The change and the result are one step of undo. If other parameters of the document do not
+        allow the change, a `ParameterError` is raised.
         """
         may_start = not (self.solver.running or self.obstacle or self.loading.replacing)
         if may_start:
             self.editor.set_parameter(label=remedy.label.lower(), **remedy.parameters)
         self.match(remedy.goes_on)
         if may_start and remedy.parameters:
-            self._run.remedied = self.editor.action_count
+            self._run.remedy_action = self.editor.action_count
 
     def switch_flow_after_match(self) -> None:
-        """Show the flow after the next match, or neither after that nor now."""
+        """Switch showing the flow after matches on or off; off also hides the current flow."""
         if self.view.flow_after_match:
             self.player.playing = False
             label = "hide the flow after matches"
             self.editor.set_view(label, flow_after_match=False, arrows=False, streaks=False)
         else:
-            self._run.flow_seen = None
+            self._run.shown_flow_of = None
             self.editor.set_view("show the flow after matches", flow_after_match=True)
 
     def update(self) -> None:
-        """Take in what happened since the last frame: call once per frame, before drawing."""
+        """Update all parts and collect results. Call once per frame, before drawing."""
         now = clock.perf_counter()
         elapsed, self._last_update = now - self._last_update, now
         self.loading.update()
@@ -285,24 +309,25 @@ class Session(Parts):
         if self.player.playing:
             self.editor.amend(time=self.work.next_time(elapsed))
         self.solver.collect()
-        self._keep_what_is_needed()
+        self._release_unused()
 
-    def _keep_what_is_needed(self) -> None:
-        """Keep of other documents only what undo, unsaved work and a run that ends still need."""
-        run = self._run.began if self.matching.running else self.document
+    def _release_unused(self) -> None:
+        """Free memory that undo, unsaved documents and an ending run do not need."""
+        run = self._run.document if self.matching.running else self.document
         now = (self.document.identity, run.identity, self.editor.action_count)
         if now == self._needed:
             return
         self._needed = now
         in_history = self.editor.documents
         self.saves.forget_all_but({document.identity for document in in_history})
-        at_work = _meshes(self.document, run)
-        in_reach = at_work | _meshes(*in_history, *self.saves.unsaved_documents)
-        self.functions.keep(at_work, in_reach)
+        in_use = _meshes(self.document, run)
+        retained = in_use | _meshes(*in_history, *self.saves.unsaved_documents)
+        self.functions.release_unused(in_use, retained)
 
     def rescaled_channels(self) -> tuple[Channel, ...]:
-        """Return the channels with sources that have the range of their targets, where these have
-        values; the present ones if nothing can be scaled.
+        """Return the channels with each source scaled to the range of its target.
+
+        Ranges are measured where the mask is above 0. Sources that cannot be scaled stay the same.
         """
         document = self.document
         assert isinstance(document, MatchDocument)

@@ -1,4 +1,4 @@
-"""Opening and saving a session's files, in the background while it is at work."""
+"""Opening and saving of a session's files in the background."""
 
 from __future__ import annotations
 
@@ -52,29 +52,29 @@ from abfm_viewer.session.session import Session
 
 LABELS = (
     *(".label.gii", ".gii", ".gii.gz", ".annot", ".dlabel.nii"),
-    *(".npy", ".csv", ".tsv", ".txt", ".mat", ".mgh", ".mgz"),  # of whole numbers
+    *(".npy", ".csv", ".tsv", ".txt", ".mat", ".mgh", ".mgz"),  # with integers
 )
 OTHER_MESH = "Open another mesh..."
 OTHER_NAME = "Save as..."
 OTHER_SECOND = "Open another second surface..."
 OTHER_FRAMES = "Open other frames..."
 OTHER_TABLE = "Open another table..."
-"""Labels of what can be done about a file."""
+"""Labels of actions that are offered if a file cannot be read or written."""
 SAVING_TOPIC = "saving"
-"""What cards are about."""
-Do = Callable[[], None]
+"""Topic of cards about saving."""
+Action = Callable[[], None]
 ShowMesh = Callable[[Path, TriangleMesh], None]
 
 
-class Ask(Protocol):
-    """Puts a question to the user, as `Dialogs.ask` does."""
+class OpenQuestion(Protocol):
+    """Signature of `Dialogs.question`."""
 
     def __call__(
         self,
         title: str,
         text: str,
-        buttons: Mapping[str, Do | None],
-        instead: Callable[[], Do | None] = ...,
+        buttons: Mapping[str, Action | None],
+        instead: Callable[[], Action | None] = ...,
         /,
     ) -> None: ...
 
@@ -85,21 +85,38 @@ def open_session(
     second: Path | None = None,
     array: str | None = None,
 ) -> Session:
-    """A session that begins with a file, or a mesh and a second one or frames, of which an `array`
-    may be chosen, read now; AbfmError if it cannot be read.
+    """Open a session with a file that is read immediately.
+
+    Parameters
+    ----------
+    path : Path
+        Mesh, project or result.
+    options : MeshOptions
+        How meshes are read.
+    second : Path, optional
+        A second mesh, to which the first one is registered, or frames on the mesh.
+    array : str, optional
+        Name of the array with the frames, for files with several arrays.
+
+    Raises
+    ------
+    AbfmError
+        If a file cannot be read.
     """
     contents = contents_of(path)
     if contents is Contents.FRAMES:
         raise AbfmError(
-            f"{one_line(path.name)} may hold frames, but no mesh for them: give the mesh first, as "
-            f"in: abfm-viewer MESH {one_line(path.name)}"
+            f"{one_line(path.name)} may contain frames but not their mesh; give the mesh first: "
+            f"abfm-viewer MESH {one_line(path.name)}"
         )
     has_frames = second is not None and contents_of(second) in (Contents.FRAMES, Contents.DOCUMENT)
     if array is not None and not has_frames:
-        raise AbfmError(f"there are no frames of which an array {brief(array)} could be chosen")
+        raise AbfmError(
+            f"the array {brief(array)} was given without a file of frames; give the file as well"
+        )
     if contents is Contents.DOCUMENT:
         if second is not None:
-            raise AbfmError(f"{path.name} is no mesh; give two meshes, or one project or result")
+            raise AbfmError(f"{path.name} is not a mesh; give two meshes, or one project or result")
         return session_of(read_document(path), _origin(path.absolute()))
     session = Session(load_mesh(path, **options.changed), path.name)
     if second is None:
@@ -116,7 +133,7 @@ def open_session(
 
 
 def session_of(opened: Opened, origin: Origin | None = None) -> Session:
-    """A session that begins with a document."""
+    """Return a session with a document."""
     document, known = opened
     if origin is None:
         document = replace(document, view=document.view_of_result(document.view))
@@ -127,12 +144,12 @@ def session_of(opened: Opened, origin: Origin | None = None) -> Session:
 
 
 def _absolute(path: Path) -> Path:
-    # Path.expanduser has no answer where there is no such user
+    # Path.expanduser raises an error for unknown users
     return Path(os.path.expanduser(path)).absolute()
 
 
 def find_first(path: Path) -> FoundTable | None:
-    """Read a table and its worst row; None where a path is of something else."""
+    """Read a table and its worst row; None if the path is not a table."""
     path = _absolute(path)
     place = place_of(path)
     if path.name.lower().endswith(RESULT) and contents_of(path) is Contents.TABLE:
@@ -145,24 +162,38 @@ def _origin(path: Path) -> Origin | None:
 
 
 class SessionFiles:
-    """Opens and saves a session's files, and keeps recent ones in `state`.
+    """Opens and saves the files of a session.
 
-    `ask` puts a question to the user: title, text, and the answers with what they do. `ways_out`
-    are what the window offers where a file cannot be read or written, by their labels `OTHER_MESH`,
-    `OTHER_SECOND` and `OTHER_NAME`. What is `waiting` is done when a run has ended.
+    Parameters
+    ----------
+    session : Session
+    state : StateFolder or None
+        Folder that remembers recent files.
+    open_question : callable
+        Shows a question with a title, a text, and the actions of its answers.
+
+    Attributes
+    ----------
+    file_actions : dict
+        Actions that the window offers if a file cannot be read or written, by their labels, such as
+        `OTHER_MESH` and `OTHER_NAME`.
+    waiting : Load or None
+        Request that is performed when the current run has ended.
     """
 
-    def __init__(self, session: Session, state: StateFolder | None, ask: Ask) -> None:
+    def __init__(
+        self, session: Session, state: StateFolder | None, open_question: OpenQuestion
+    ) -> None:
         self._session = session
         self.state = state
-        self._ask = ask
-        # other than daemons it ends its work though nobody closes it
+        self._open_question = open_question
+        # unlike a daemon thread, it finishes writing at the end of the program
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
-        # files being written: what to do when one is, and what to do after that
-        self._writing: list[tuple[Future[Origin], Do, list[Do]]] = []
+        # for each file being written: the action at its end, and further actions after that
+        self._writing: list[tuple[Future[Origin], Action, list[Action]]] = []
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self.waiting: Load | None = None
-        self.file_actions: dict[str, Do] = {}
+        self.file_actions: dict[str, Action] = {}
         self.tables = Tables(session, self._load)
 
     @property
@@ -176,7 +207,7 @@ class SessionFiles:
         return bool(self._writing)
 
     def open(self, path: Path) -> None:
-        """Open a file in the background; what is open now stays in the history."""
+        """Open a file in the background; the current document stays in the history."""
         path = _absolute(path)
         if is_named_as_frames(path):
             self.open_frames(path)
@@ -187,16 +218,16 @@ class SessionFiles:
             listed = ", ".join(
                 each for each in (*known, *FRAME_ENDINGS) if not each.endswith(".gz")
             )
-            text = f"{path.name} cannot be opened: expected a file that ends in {listed}"
-            self._session.notices.show(text, True, OPENING, self._way_out(OTHER_MESH))
+            text = f"{path.name} cannot be opened; expected a file that ends in {listed}"
+            self._session.notices.show(text, True, OPENING, self._action(OTHER_MESH))
             return
-        source, path = Origin.of(path), place or path  # as it is now
+        source, path = Origin.of(path), place or path
         read, other = partial(self._read, path), OTHER_TABLE if place else OTHER_MESH
         self._load(Load(f"opening {path.name}", read, other, source))
 
-    def _read(self, path: Path, show_mesh: ShowMesh | None = None) -> Do:
-        """Read a file as what it is; what is returned shows it."""
-        readers: dict[Contents, Callable[[Path], Do]] = {
+    def _read(self, path: Path, show_mesh: ShowMesh | None = None) -> Action:
+        """Read a file according to its contents, and return an action that shows it."""
+        readers: dict[Contents, Callable[[Path], Action]] = {
             Contents.TABLE: self._read_table,
             Contents.FRAMES: self._read_frames,
             Contents.DOCUMENT: self._read_document,
@@ -204,7 +235,7 @@ class SessionFiles:
         read_mesh = partial(self._read_mesh, show_mesh=show_mesh or self._show_mesh)
         return readers.get(contents_of(path), read_mesh)(path)
 
-    def _read_table(self, place: Path) -> Do:
+    def _read_table(self, place: Path) -> Action:
         show_table = self.tables.read(place)
 
         def show() -> None:
@@ -215,26 +246,27 @@ class SessionFiles:
         return show
 
     def open_second(self, path: Path) -> None:
-        """Open a mesh in the background as surface B, to which the present A is registered."""
+        """Open a mesh in the background as surface B, to which the current A is registered."""
         path = _absolute(path)
         read, source = partial(self._read, path, self._show_second), (Origin.of(path), "second")
         self._load(Load(f"opening {path.name} as second surface", read, OTHER_SECOND, source))
 
     def open_frames(self, path: Path, array: str | None = None) -> None:
-        """Open frames in the background, on the mesh that is open, or surface A; of several arrays
-        that which is chosen.
+        """Open frames on the current mesh, or on surface A, in the background.
+
+        ``array`` chooses one of several arrays of the file.
         """
         path, mesh = _absolute(path), self._session.surface("source").mesh
         source = Origin.of(path), mesh.digest, array
         read = partial(self._read_frames, path, array)
         self._load(Load(f"opening {path.name}", read, OTHER_FRAMES, source))
 
-    def _read_frames(self, path: Path, array: str | None = None) -> Do:
+    def _read_frames(self, path: Path, array: str | None = None) -> Action:
         session, surface = self._session, self._session.surface("source")
         try:
             sequence, notes = read_frame_sequence(path, surface.mesh, array)
         except SeveralArraysError as error:
-            return partial(self._ask_array, path, error.names)
+            return partial(self._choose_array, path, error.names)
 
         def show() -> None:
             here = next((one for one in session.document.surfaces if one == surface), surface)
@@ -244,18 +276,18 @@ class SessionFiles:
 
         return show
 
-    def _ask_array(self, path: Path, names: tuple[str, ...]) -> None:
-        """Let the user choose which of a file's arrays is the film."""
+    def _choose_array(self, path: Path, names: tuple[str, ...]) -> None:
+        """Let the user choose which array of a file contains the frames."""
         name = one_line(path.name, 60)
-        self._session.notices.show(f"{name} has {len(names)} arrays: choose one of them")
-        answers: dict[str, Do | None] = {
+        self._session.notices.show(f"{name} has {len(names)} arrays; choose one of them")
+        answers: dict[str, Action | None] = {
             one_line(each, 40): partial(self.open_frames, path, each) for each in names
         }
-        text = f"{name} has several arrays. Which one is the function that changes in time?"
-        self._ask("Which array?", text, answers | {"Open none": None})
+        text = f"{name} has several arrays. Which one contains the frames?"
+        self._open_question("Which array?", text, answers | {"Open none": None})
 
     def set_circular(self, document: SequenceDocument, period: float | None) -> None:
-        """Compare phases by cosine and sine in the film that is open, or as numbers again."""
+        """Compare phases of the current sequence by cosine and sine; by values without a period."""
         sequence = document.sequence
 
         def show(made: FrameSequence) -> None:
@@ -268,7 +300,7 @@ class SessionFiles:
         self._load(Load(what, lambda: partial(show, circular_sequence(sequence, period))))
 
     def match_frames(self, document: SequenceDocument, first: int, last: int) -> None:
-        """Make a match of its own of two frames of the film that is open."""
+        """Open a separate match of two frames of the current sequence."""
 
         def make(_: View) -> Opened:
             made, known = document_of_pair(document, first, last)
@@ -279,7 +311,7 @@ class SessionFiles:
         self.open_made(f"{sequence.frame_label(first)} to {sequence.frame_label(last)}", make)
 
     def _open_both(self, mesh: Path, second: Path, then: Callable[[Path], None]) -> None:
-        """Open a mesh in the background, and then what belongs to it."""
+        """Open a mesh in the background, and then a second file that belongs to it."""
 
         def show(path: Path, found: TriangleMesh) -> None:
             self._show_mesh(path, found)
@@ -289,17 +321,17 @@ class SessionFiles:
         self._load(Load(f"opening {mesh.name} and {second.name}", read, OTHER_MESH, source))
 
     def open_labels(self, path: Path) -> None:
-        """Take the labels of a file for the source's surface."""
+        """Use the labels of a file on the source's surface."""
         session, mesh = self._session, self._session.surface("source").mesh
         with session.notices.showing_errors():
-            # the first of several columns, as the window has no choice of another one
+            # the first column; the window offers no choice of another one
             labels = abfm.functions.read_label_columns(path, mesh).labels(0)
             found = LabelMap.of(path.name, mesh, labels)
             session.editor.change(f"open {path.name}", labels=found)
             session.editor.amend(view=replace(session.view, coloring="labels"))
 
     def open_dropped(self, paths: list[Path]) -> None:
-        """Open two meshes as surfaces A and B, and of other files the first."""
+        """Open dropped files: two meshes as A and B, a mesh with frames, or the first file."""
         kinds = list(map(contents_of, paths)) if len(paths) == 2 else []
         if sorted(kinds) == [Contents.FRAMES, Contents.MESH]:
             mesh, frames = sorted(paths, key=lambda path: contents_of(path) is Contents.FRAMES)
@@ -315,25 +347,25 @@ class SessionFiles:
             self._session.notices.show(text)
 
     def open_made(self, name: str, make: Callable[[View], Opened]) -> None:
-        """Open a sample that is made in the background, ready to match."""
+        """Open a sample that is computed in the background."""
 
         def show(document: Document, known: dict[str, FloatArray]) -> None:
             self._session.restore(document, known, None)
             self._samples[document.identity] = name if name == document.name else capital(name)
-            given = "press Play, its field is given"
-            ready = given if document.result else f"press {document.match_label}"
-            self._session.notices.show(f"{name} is ready: {ready}")
+            play = "press Play to see its field"
+            advice = play if document.result else f"press {document.match_label}"
+            self._session.notices.show(f"{name} is ready; {advice}")
 
         self._load(Load(f"setting up {name}", lambda: partial(show, *make(self._session.view))))
 
     def open_made_table(self, name: str, make: Callable[[Path], Path]) -> None:
-        """Open a sample that is made in the background, in a folder that is kept, as a table."""
-        from importlib.metadata import version  # it takes a while to load
+        """Open a table that is computed in the background, in a folder that is reused later."""
+        from importlib.metadata import version  # slow to load
 
         root = self.state.path if self.state else Path(tempfile.mkdtemp())
         folder = root / "samples" / version("abfm") / "sample"
 
-        def show(show_table: Do) -> None:
+        def show(show_table: Action) -> None:
             show_table()
             self._samples[self._session.document.identity] = name
 
@@ -342,74 +374,76 @@ class SessionFiles:
         self._load(Load(what, lambda: partial(show, read(make(folder))), takes_long=True))
 
     def _load(self, load: Load) -> None:
-        """Read something when nothing is in the way; if that fails, offer to try it again."""
-        remedies = {"Try again": partial(self._load, load)} | self._way_out(load.other)
+        """Read something when nothing prevents it; if that fails, offer to try again."""
+        remedies = {"Try again": partial(self._load, load)} | self._action(load.other)
         begin = partial(self._session.loading.begin, replace(load, remedies=remedies))
         self.when_free(load.what, begin)
 
-    def when_free(self, what: str, do: Do) -> None:
-        """Do something that takes the document's place; a run is ended only if the user says so."""
+    def when_free(self, what: str, do: Action) -> None:
+        """Perform an action that replaces the document; a run is ended only if the user agrees."""
         now = self._session.loading.now
         if now is not None and now.takes_long:
-            self._ask_to_give_up(now, what, do)
+            self._confirm_cancelling(now, what, do)
             return
         if not self._session.solver.running:
             do()
             return
         text = (
-            f"{self._session.document.name} is being matched. {capital(what)} ends the run; the "
-            "best field so far stays, and Undo returns to it."
+            f"{self._session.document.name} is being matched. {capital(what)} ends the run. The "
+            "best field so far is kept, and Undo returns to it."
         )
         answers = {"End the run": partial(self.end_run, what, do), "Go back": None}
 
-        def instead() -> Do | None:
+        def instead() -> Action | None:
             return None if self._session.solver.running else partial(self._do_after_run, what, do)
 
-        self._ask("End the run?", text, answers, instead)
+        self._open_question("End the run?", text, answers, instead)
 
-    def _ask_to_give_up(self, now: Load, what: str, do: Do) -> None:
+    def _confirm_cancelling(self, now: Load, what: str, do: Action) -> None:
         loading = self._session.loading
 
-        def instead() -> Do | None:
-            told = f"{what} was not begun, as {now.what} has ended"
-            return None if loading.now is now else partial(self._session.notices.show, told)
+        def instead() -> Action | None:
+            text = f"{what} was not started, because {now.what} has ended meanwhile"
+            return None if loading.now is now else partial(self._session.notices.show, text)
 
-        def give_up() -> None:
+        def cancel() -> None:
             loading.cancel()
             self.when_free(what, do)
 
-        text = f"{capital(now.what)} takes a while, and goes on. {capital(what)} ends it."
-        answers = {f"End {now.what}": give_up, "Go back": None}
-        self._ask("End what is being set up?", text, answers, instead)
+        text = f"{capital(now.what)} is still in progress. {capital(what)} would cancel it."
+        answers = {f"End {now.what}": cancel, "Go back": None}
+        self._open_question("End what is being set up?", text, answers, instead)
 
-    def _do_after_run(self, what: str, do: Do) -> None:
-        """Do what takes the document's place, though a run has ended before its end was agreed to:
-        what it found is asked for.
+    def _do_after_run(self, what: str, do: Action) -> None:
+        """Perform an action after the run ended while the question was open.
+
+        If the result of the run is unsaved, show another question first.
         """
         if not self._session.saves.unsaved:
             do()
             return
         text = (
-            f"The run of {self._session.document.name} has ended meanwhile, and what it found is "
-            f"in no file. {capital(what)} takes its place; Undo returns to it."
+            f"The run of {self._session.document.name} has ended meanwhile, and its result is not "
+            f"saved. {capital(what)} replaces it; Undo returns to it."
         )
-        self._ask("Go on?", text, {"Go on": do, "Go back": None})
+        self._open_question("Go on?", text, {"Go on": do, "Go back": None})
 
-    def end_run(self, what: str, then: Do) -> None:
+    def end_run(self, what: str, then: Action) -> None:
+        """End the run, and perform an action when it has ended."""
         self._session.solver.cancel()
         self.waiting = Load(what, lambda: then)
 
     def stop_waiting(self) -> None:
         self.waiting = None
 
-    def save(self, path: Path, then: Do | None = None, document: Document | None = None) -> None:
-        """Write the project, or another document, in the background; then do something."""
+    def save(
+        self, path: Path, then: Action | None = None, document: Document | None = None
+    ) -> None:
+        """Write the current or another document in the background; then perform an action."""
         session, notices = self._session, self._session.notices
         document = document or session.document
-        functions, left = (
-            session.functions.of_document(document),
-            session.saves.unsaved_state(document),
-        )
+        functions = session.functions.of_document(document)
+        unsaved_state = session.saves.unsaved_state(document)
         actions = [then] if then else []
         notices.show(f"saving {path.name} ...")
 
@@ -419,30 +453,31 @@ class SessionFiles:
 
         future = self._writer.submit(write)
 
-        def go_on() -> None:
+        def perform_actions() -> None:
             for action in actions:
                 action()
 
         def end() -> None:
             if error := future.exception():
-                again = {"Try again": partial(self.save, path, go_on, document)}
-                remedies = again | self._way_out(OTHER_NAME)
+                again = {"Try again": partial(self.save, path, perform_actions, document)}
+                remedies = again | self._action(OTHER_NAME)
                 notices.show(f"not saved: {error_line(error)}", True, SAVING_TOPIC, remedies)
                 return
             notices.resolve(SAVING_TOPIC)
-            session.saves.record(document, future.result(), left)
+            session.saves.record(document, future.result(), unsaved_state)
             notices.show(f"saved {path}")
             if self.state:
                 self.state.add_recent(path)
-            go_on()
+            perform_actions()
 
         self._writing.append((future, end, actions))
 
-    def when_saved(self, then: Do) -> None:
+    def when_saved(self, then: Action) -> None:
+        """Perform an action after the latest save."""
         self._writing[-1][2].append(then)
 
     def update(self) -> None:
-        """Take in which files were written, and that a run has ended: call once per frame."""
+        """Finish saves and requests that waited for the end of a run. Call once per frame."""
         self.tables.update()
         if self.waiting is not None and not self._session.solver.running:
             waiting, self.waiting = self.waiting, None
@@ -455,26 +490,27 @@ class SessionFiles:
         self.tables.close()
         self._writer.shutdown()
 
-    def _read_mesh(self, path: Path, show_mesh: ShowMesh, **options: Any) -> Do:
-        """Read a mesh, and compute what the frame loop would wait for; one that is refused is
-        offered in other ways.
+    def _read_mesh(self, path: Path, show_mesh: ShowMesh, **options: Any) -> Action:
+        """Read a mesh, and compute the properties that the frame loop needs.
+
+        If the mesh is refused and can be repaired, the returned action shows the repairs as
+        remedies.
         """
         try:
             mesh = load_mesh(path, **options)
         except MeshError as error:
             if options or not error.remedies:
                 raise
-            text = f"{path.name}: {error.problem}. " + "; ".join(
-                f'"{each.button}" keeps {each.keeps}' for each in error.remedies
-            )
+            repairs = (f'"{each.button}" keeps {each.keeps}' for each in error.remedies)
+            text = f"{path.name}: {error.problem}. {'; '.join(repairs)}"
             what, read = f"opening {path.name}", partial(self._read_mesh, path, show_mesh)
-            remedies: dict[str, Do] = {
+            remedies: dict[str, Action] = {
                 each.button: partial(
                     self._load, Load(what, partial(read, **each.options), OTHER_MESH)
                 )
                 for each in error.remedies
             }
-            notice = text, True, OPENING, remedies | self._way_out(OTHER_MESH)
+            notice = text, True, OPENING, remedies | self._action(OTHER_MESH)
             return partial(self._session.notices.show, *notice)
         drawn_mesh(mesh)
         _ = mesh.genus, mesh.is_inside_out
@@ -488,15 +524,15 @@ class SessionFiles:
     def _show_second(self, path: Path, mesh: TriangleMesh) -> None:
         first = self._session.surface("source")
         show = partial(self._session.set_surfaces, first, Surface(mesh, path.name))
-        self._show(path, show, (f"{first.name} is surface A, it is surface B", *mesh.messages))
+        self._show(path, show, (f"{first.name} is A, {path.name} is B", *mesh.messages))
 
-    def _read_document(self, path: Path) -> Do:
+    def _read_document(self, path: Path) -> Action:
         origin = _origin(path)
         document, known = read_document(path)
 
         def restore() -> None:
             view = self._session.view.preferences
-            if origin:  # with a view of its own, in the size that the user needs on this screen
+            if origin:  # a project has its own view, except for the size of the window's texts
                 view = replace(document.view, ui_scale=view.ui_scale)
             else:
                 view = document.view_of_result(view)
@@ -505,19 +541,22 @@ class SessionFiles:
         load_warning = document.match.load_warning if document.match else ""
         return partial(self._show, path, restore, load_warning=load_warning)
 
-    def _way_out(self, label: str) -> dict[str, Do]:
+    def _action(self, label: str) -> dict[str, Action]:
         return {label: self.file_actions[label]} if label in self.file_actions else {}
 
     def _show(
-        self, path: Path, show: Do, messages: tuple[str, ...] = (), load_warning: str = ""
+        self, path: Path, show: Action, messages: tuple[str, ...] = (), load_warning: str = ""
     ) -> None:
-        left, unsaved = self._session.document.name, self._session.saves.unsaved
+        previous, unsaved = self._session.document.name, self._session.saves.unsaved
         show()
         self._session.notices.resolve(OPENING)
         if self.state:
             self.state.add_recent(path)
-        back = f" Undo returns to {left}, which was not saved." if unsaved else ""
+        back = f" Undo returns to {previous}, which was not saved." if unsaved else ""
         self._session.notices.show(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
         if load_warning:
-            text = f"{path.name} is not believed, and was judged anew: {load_warning}"
+            text = (
+                f"values stored in {path.name} do not match its field and were recomputed: "
+                f"{load_warning}"
+            )
             self._session.notices.show(text, True, OPENING)

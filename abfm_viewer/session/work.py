@@ -1,4 +1,4 @@
-"""What a session does with documents of each kind: what it computes for one, and its run."""
+"""Computations and runs of a session for each kind of document."""
 
 from __future__ import annotations
 
@@ -27,29 +27,37 @@ from abfm_viewer.session.parts import Parts
 
 Start = Callable[[bool | None], None]
 """Starts a run, as `Session.match` does."""
-_STREAK_FACES_MAX = 50_000  # of a mesh that gets streaks after a match: within two seconds
+_STREAK_FACES_MAX = 50_000  # larger meshes get no streaks after a match, which take two seconds
 
 
 class MatchRun:
-    """What the result of a match changes in the document, which may be another by then.
+    """Runs of matches, and the changes of the document by their results.
 
-    `remedied` is the number of moves of the history when a remedy began the run: its result belongs
-    to that step.
+    Another document may have been opened by the time a run ends.
+
+    Attributes
+    ----------
+    document : Document
+        Document for which the run started.
+    remedy_action : int
+        Action count of the editor when a remedy started the run; the result joins that step.
+    shown_flow_of : Identity or None
+        Identity of the last document whose flow was shown after a match.
     """
 
     def __init__(self, parts: Parts, start: Start) -> None:
         self._parts, self._start = parts, start
-        self.began: Document = parts.document
-        self.remedied = -1
-        self.flow_seen: Identity | None = None  # of a document whose flow was shown
+        self.document: Document = parts.document
+        self.remedy_action = -1
+        self.shown_flow_of: Identity | None = None
 
     @property
     def snapshot(self) -> Snapshot | None:
-        is_of_run = self.began.identity is self._parts.document.identity
+        is_of_run = self.document.identity is self._parts.document.identity
         return self._parts.matching.snapshot if is_of_run else None
 
     def start(self, problem: ProblemSpec, functions: Evaluators, field: FloatArray | None) -> None:
-        self.began, self.remedied = self._parts.document, -1
+        self.document, self.remedy_action = self._parts.document, -1
         self._parts.matching.start(problem, functions, self._take, field)
 
     def _take(
@@ -57,9 +65,9 @@ class MatchRun:
     ) -> None:
         parts, solver = self._parts, self._parts.solver
         parts.notices.resolve(RUN)
-        replaced = self.began.identity is not parts.document.identity
-        document = self.began if replaced else parts.document
-        self.began = parts.document
+        replaced = self.document.identity is not parts.document.identity
+        document = self.document if replaced else parts.document
+        self.document = parts.document
         assert isinstance(document, MatchDocument)
         outcome = document.outcome(match, record, solved.initial)
         if match is not None:
@@ -68,7 +76,7 @@ class MatchRun:
             solver.forget()
             return
         again: Remedies = {"Try again": partial(self._start, None)}
-        if match is not None:  # the newest field that was known
+        if match is not None:
             again = {
                 "Continue": partial(self._start, True),
                 "Match again": partial(self._start, False),
@@ -83,7 +91,7 @@ class MatchRun:
         if not (parts.solver.failed or parts.at_once or parts.dragging):
             view = self._view_of_flow(match)
         outcome["view"] = view or parts.view
-        if self.remedied == editor.action_count:
+        if self.remedy_action == editor.action_count:
             editor.amend(**outcome)
         else:
             editor.change("match", **outcome)
@@ -92,68 +100,70 @@ class MatchRun:
             parts.player.play_once()
 
     def _view_of_flow(self, match: abfm.Match) -> View | None:
-        """The view of the flow after a match; None where there is nothing to play.
+        """Return the view that shows the flow after a match; None if there is nothing to play.
 
-        Streaks where there is time for them, else arrows. The flow is left as the user has it if it
-        is shown already, or is shown as something else than the function; and where the user hid it
-        after an earlier match of this document, it stays hidden.
+        The flow is shown by streaks if they can be computed quickly, otherwise by arrows. The view
+        stays the same if it shows the flow already, colours the surface by the field, or if a flow
+        of this document was shown before.
         """
         view, document = self._parts.view, self._parts.document
         if not view.flow_after_match or not match.velocity.any():
             return None
-        known, self.flow_seen = self.flow_seen is document.identity, document.identity
-        if known or view.arrows or view.streaks or view.coloring != "function":
+        was_shown = self.shown_flow_of is document.identity
+        self.shown_flow_of = document.identity
+        if was_shown or view.arrows or view.streaks or view.coloring != "function":
             return view
         streaks = self._parts.draws_quickly and len(match.mesh.faces) <= _STREAK_FACES_MAX
         return replace(view, streaks=streaks, arrows=not streaks)
 
 
 class Work(ABC):
-    """Answers about the document that is shown; here those that need no functions by specs."""
+    """Computations for the current document; defaults for documents without specs of functions."""
 
     def __init__(self, parts: Parts) -> None:
         self.parts = parts
 
     @property
     def busy(self) -> str:
-        """Say what is computed of the document in the background."""
+        """Description of background computations for the document."""
         return ""
 
     @property
     def step(self) -> Step | None:
-        """How far that is."""
+        """Step of the background computation, with its progress."""
         return None
 
     @property
     @abstractmethod
     def progress(self) -> str:
-        """What a run does, in a line."""
+        """Progress of a run in one line."""
 
     @property
     def obstacle(self) -> str:
-        """Say why a match cannot start; nothing if it can."""
+        """Reason why a match cannot start; empty if it can."""
         return ""
 
     @property
     def blocking_problem(self) -> str:
-        """Say what keeps a match from starting until the user does something about it."""
+        """Error that prevents a match until the user changes something; empty without one."""
         return ""
 
     @property
     def prepared(self) -> PreparedMap | None:
-        """What is matched on surface B of two, as far as it is known by now."""
+        """Problem on surface B of two, and the initial map; None until they are computed."""
         return None
 
     @property
     def expected_facts(self) -> abfm.outcome.Facts | None:
-        """What is known of a match before it is solved; None if nothing prevents it, or before
-        that is known.
+        """Facts about a match before it is solved.
+
+        None if nothing prevents the match, or while the facts are computed.
         """
         return None
 
     @property
     def facts(self) -> abfm.outcome.Facts | None:
-        """What is reported of the result."""
+        """Facts of the result."""
         result = self.parts.document.result
         return None if result is None else result.facts
 
@@ -163,52 +173,52 @@ class Work(ABC):
 
     @abstractmethod
     def values(self, side: Side) -> FloatArray | None:
-        """The active channel's function of a side on its surface, (V,), if it is known; of a film
-        the frame before or after the shown time.
+        """Return the active function of a side on its surface, (V,); None if unknown.
+
+        For a sequence these are the frames before and after the shown time.
         """
 
     def flow_values(self, side: Side) -> FloatArray | None:
-        """The same as a flow carries or meets it, (V,), on B where there are two surfaces."""
+        """Return the active function of a side as it is matched, (V,): on B of two surfaces."""
         return self.values(side)
 
     def error(self, of: Side | Literal["mask"]) -> str:
-        """Say why the active channel's source or target, or the mask, has no values."""
+        """Return why a side of the active channel, or the mask, has no values; or an empty text."""
         return ""
 
     def on_flow(self, slot: str, point: Point) -> Point | None:
-        """Return a point of a slot where the flow meets it; None where that is not known."""
+        """Return the image of a slot's point on the surface of the flow; None if unknown."""
         return point
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:
-        """Return specs of a source and a target, None before they are known, and why there are
-        none.
-        """
+        """Return default specs of source and target, None until they are known, and an error."""
         return None, ""
 
     @abstractmethod
     def start(self, from_current_field: bool | None) -> None:
-        """Start a run. By default `from_current_field` is the switch of the panel Match."""
+        """Start a run; see `Session.match`."""
 
     @abstractmethod
     def follow(self) -> None:
-        """Compute what the document asks for: call once per frame."""
+        """Start the computations that the document needs. Call once per frame."""
 
     @abstractmethod
     def next_time(self, elapsed: float) -> float:
-        """Return the time that is shown after so many seconds."""
+        """Return the time to show after some seconds of playing."""
 
 
 class MatchWork(Work):
-    """Functions on one surface: their values, and the match of them."""
+    """Computations for functions on one surface, and their match."""
 
     def __init__(self, parts: Parts, run: MatchRun) -> None:
         super().__init__(parts)
         self._run = run
         self._defaults: Latest[tuple[str, str]] = parts.jobs.latest()
         self._coarse_meshes: Latest[None] = parts.jobs.latest()
-        self._foreseen: Latest[abfm.outcome.Facts | None] = parts.jobs.latest()
+        self._expected: Latest[abfm.outcome.Facts | None] = parts.jobs.latest()
         self._is_outdated = Memo[bool]()
-        self._compared: tuple[abfm.Match | None, bool] = None, False  # a result, and its answer
+        # a result, and whether it is outdated
+        self._compared: tuple[abfm.Match | None, bool] = None, False
 
     @property
     def document(self) -> MatchDocument:
@@ -218,10 +228,10 @@ class MatchWork(Work):
 
     @property
     def outdated(self) -> bool:
-        """Whether the result was found for another problem; False without a result.
+        """Whether the result belongs to another problem; False without a result.
 
-        While new values are being computed, the answer is the one before. Of two surfaces the
-        result is of what its initial map was found for.
+        While new values are computed, the previous answer stays. For two surfaces the request of
+        the initial map is compared.
         """
         document, known = self.document, self.parts.functions.values
         if (result := document.result) is None:
@@ -270,9 +280,9 @@ class MatchWork(Work):
         solver, snapshot = self.parts.solver, self.parts.matching.snapshot
         if snapshot is None:
             return solver.step.text() if solver.step else "starting the solver"
-        left = residual_text(snapshot.iteration, snapshot.problem.is_of_landmarks)
+        residual = residual_text(snapshot.iteration, snapshot.problem.is_of_landmarks)
         state = "paused" if solver.paused else "solving"
-        return f"{state}, {stage_text(snapshot.iteration)}, {left}"
+        return f"{state}, {stage_text(snapshot.iteration)}, {residual}"
 
     @property
     def obstacle(self) -> str:
@@ -285,9 +295,10 @@ class MatchWork(Work):
             return "the functions are being computed"
         mask = known(document.mask_function)
         if mask is not None and (mask.min() < 0 or not mask.any()):
-            return "the mask must not be negative, nor zero everywhere"
+            return "the mask is negative or zero everywhere; use values of 0 or more, some above 0"
         has_weight = any(channel.weight for channel in document.channels)
-        return "" if has_weight or document.is_of_landmarks else "all channels have the weight 0"
+        no_weight = "all channels have weight 0; give one of them a weight above 0"
+        return "" if has_weight or document.is_of_landmarks else no_weight
 
     @property
     def blocking_problem(self) -> str:
@@ -295,7 +306,7 @@ class MatchWork(Work):
 
     @property
     def _unknown(self) -> str:
-        """Return which function has no values, and why; empty if all have some, or will."""
+        """Function that has no values, and the reason; empty if there is none."""
         errors = ((one.spec, self.parts.functions.error(one)) for one in self.document.functions)
         return next((f"{spec}: {error}" for spec, error in errors if error), "")
 
@@ -319,10 +330,10 @@ class MatchWork(Work):
         goal = Parameters(goal=self.document.parameters.goal)
         spec = replace(self.problem, parameters=goal)
         given = spec, self.parts.functions.of_document(self.document)
-        return self._foreseen.newest(spec.mesh, _foreseen, *given)
+        return self._expected.newest(spec.mesh, _expected_facts, *given)
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:
-        """Of two surfaces each gets what would be its source alone."""
+        """Return default specs; two surfaces get the default source of each."""
         evaluating = self._evaluating
         meshes = tuple(functions.mesh for functions in evaluating)
 
@@ -346,19 +357,19 @@ class MatchWork(Work):
         self._run.start(self.problem, parts.functions.of_document(self.document), field)
 
     def take_usual_parameters(self) -> None:
-        """Match functions as their kind is, unless the user set parameters."""
+        """Set the parameters suggested for the functions, unless the user changed some."""
 
     def follow(self) -> None:
         parts = self.parts
         parts.functions.update(self.document)
         obstacle = self.obstacle
-        # the functions come first, and pictures off the screen solve nothing
+        # after the functions, and not for off-screen pictures, which solve nothing
         if not (obstacle or parts.at_once):
-            # a match that begins earlier waits for its coarse meshes
+            # coarse meshes are prepared in advance, because a match has to wait for them
             mesh, parameters = self.document.surface().mesh, self.document.parameters
             prepare = partial(parts.matching.prepare, mesh, parameters)
             self._coarse_meshes.ask((mesh, parameters.solver.levels), prepare)
-        if parts.dragging or not obstacle:  # what cannot be evaluated must not end a run
+        if parts.dragging or not obstacle:  # a function with an error must not end a run
             parts.matching.follow_problem(self.problem, parts.dragging)
 
     def next_time(self, elapsed: float) -> float:
@@ -368,7 +379,7 @@ class MatchWork(Work):
 
 
 class PairWork(MatchWork):
-    """Two surfaces: the initial map as well, by which functions of A come to B."""
+    """Computations for two surfaces, with the initial map from A to B."""
 
     def __init__(self, parts: Parts, run: MatchRun) -> None:
         super().__init__(parts, run)
@@ -386,8 +397,10 @@ class PairWork(MatchWork):
 
     @property
     def facts(self) -> abfm.outcome.Facts | None:
-        """What is reported of the match on B, marked as incomplete, until the complete map is
-        measured.
+        """Facts of the registration.
+
+        Until the complete map is measured, these are the facts of the match on B, marked as
+        incomplete.
         """
         result, found = self.document.result, self.document.complete_result
         if result is None or found is None or found is result:
@@ -412,9 +425,9 @@ class PairWork(MatchWork):
     @property
     def obstacle(self) -> str:
         maps = self.parts.initial_maps
-        is_under_way = maps.busy and not self.parts.solver.running
-        if not (obstacle := super().obstacle) and (self.prepared is None or is_under_way):
-            return maps.error or "the initial map is being found"
+        is_computing = maps.busy and not self.parts.solver.running
+        if not (obstacle := super().obstacle) and (self.prepared is None or is_computing):
+            return maps.error or "the initial map is being computed"
         return obstacle
 
     @property
@@ -426,24 +439,24 @@ class PairWork(MatchWork):
         if slot != "source":
             return point
         if (prepared := self.prepared) is None:
-            text = "no point on A yet: there is no initial map that takes it to B"
+            text = "no point can be placed on A yet: the initial map to B is not computed"
             self.parts.notices.show(text)
             return None
         on_a = surface_points(self.document.surface(slot).mesh, [point])
-        [carried] = points_of(prepared.initial.correspondence.transfer_points(on_a))
-        return carried
+        [on_b] = points_of(prepared.initial.correspondence.transfer_points(on_a))
+        return on_b
 
     def take_usual_parameters(self) -> None:
-        usual = self.prepared.usual if self.prepared else None
-        if usual is not None and usual != self.document.parameters == Parameters():
+        suggested = self.prepared.suggested_parameters if self.prepared else None
+        if suggested is not None and suggested != self.document.parameters == Parameters():
             label = "parameters for measured functions"
-            self.parts.editor.set_parameter(label=label, **usual.to_dict())
-            text = f"{label} were set, as the functions of A and B look measured"
+            self.parts.editor.set_parameter(label=label, **suggested.to_dict())
+            text = f"{label} were set, because the functions of A and B seem to be measured"
             self.parts.notices.show(text)
 
 
 class SequenceWork(Work):
-    """A film: its frames are there, and all its intervals are matched in one run."""
+    """Computations for a sequence, all of whose intervals are matched in one run."""
 
     def __init__(self, parts: Parts, start: Start) -> None:
         super().__init__(parts)
@@ -468,7 +481,7 @@ class SequenceWork(Work):
         self.parts.sequence_match.start(self.document, partial(self._take, False))
 
     def recover(self) -> None:
-        """Show what an earlier run has found, and solve nothing."""
+        """Show the fields of an earlier run's checkpoint, without solving."""
         then = partial(self._take, True)
         self.parts.sequence_match.start(self.document, then, resumes_only=True)
 
@@ -477,9 +490,10 @@ class SequenceWork(Work):
 
     def next_time(self, elapsed: float) -> float:
         document = self.document
-        start, whole = document.start, document.end - document.start
+        start, duration = document.start, document.end - document.start
         seconds = document.sequence.intervals / FRAMES_A_SECOND
-        time = self.parts.player.advance(document.time - start, elapsed, whole, whole, seconds)
+        shown = document.time - start
+        time = self.parts.player.advance(shown, elapsed, duration, duration, seconds)
         return min(start + time, document.end)
 
     def _take(
@@ -501,26 +515,26 @@ class SequenceWork(Work):
                 parts.editor.amend(result=found)
             return
         earlier = self.document.result
-        if count:  # else nothing takes the place of what there is
+        if count:  # otherwise the earlier result stays
             view = replace(self.document, result=found).view_of_result(parts.view)
             parts.editor.change("match all frames", result=found, view=view)
             if view.flow_after_match:
                 parts.editor.amend(time=self.document.start)
                 parts.player.play_once()
         if count < len(found):
-            parts.notices.show(_broken_off(count, len(found), earlier))
+            parts.notices.show(_cancelled_text(count, len(found), earlier))
 
 
-def _foreseen(spec: ProblemSpec, functions: Evaluators) -> abfm.outcome.Facts | None:
+def _expected_facts(spec: ProblemSpec, functions: Evaluators) -> abfm.outcome.Facts | None:
     return abfm.matching.expected_facts(spec.problem(functions))
 
 
-def _broken_off(count: int, whole: int, earlier: abfm.Sequence | None) -> str:
-    """Say what a film's run that was cancelled has found, and where its earlier result is."""
-    told = f"cancelled: {count} of {counted(whole, 'interval')} found"
+def _cancelled_text(count: int, total: int, earlier: abfm.Sequence | None) -> str:
+    """Return the message after a cancelled run of a sequence."""
+    text = f"cancelled: {count} of {counted(total, 'interval')} found"
     if earlier is None or not earlier.solved.any():
-        return told
+        return text
     if not count:
-        return f"{told}, the earlier result stays"
-    more = int(earlier.solved.sum())
-    return f"{told}; Undo (Ctrl+Z) brings back the earlier result, which has {more}"
+        return f"{text}; the earlier result is kept"
+    earlier_count = int(earlier.solved.sum())
+    return f"{text}; Undo (Ctrl+Z) restores the earlier result, which has {earlier_count}"

@@ -123,7 +123,7 @@ class Mouse:
             if pressed:
                 session.notices.show(_NO_GAUSSIAN)
         elif self._edited is None and pressed:
-            if reason := active_gaussian.why_fixed(session, side):
+            if reason := active_gaussian.obstacle_to_move(session, side):
                 session.notices.show(reason)
                 return
             session.editor.seal()

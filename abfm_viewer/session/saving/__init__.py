@@ -1,1 +1,1 @@
-"""What is in files, and writing pictures, movies and data next to the running app."""
+"""Unsaved changes, and export of pictures, movies and data."""

@@ -1,4 +1,7 @@
-"""Pictures, movies and data written beside the running app, pictures in a process that can end."""
+"""Export of pictures, movies and data in the background.
+
+Pictures are drawn in a subprocess, which can be ended.
+"""
 
 from __future__ import annotations
 
@@ -47,15 +50,18 @@ class PictureSettings:
     transparent: bool = False
     color_bar: bool = True
 
-    def words(self) -> list[str]:
-        """As options of `abfm render`, but for the ground."""
+    def options(self) -> list[str]:
+        """Return the settings as options of `abfm render`, except for transparency."""
         size = f"--size={self.width}x{self.height}"
         return [size] if self.color_bar else [size, "--no-color-bar"]
 
 
 @dataclass(frozen=True)
 class MovieSettings:
-    """A movie's length, its part of the flow in units of tau, and the surfaces' turning."""
+    """Settings of a movie.
+
+    `start` and `end` are in units of tau, `turntable` is the rotation of the surfaces in degrees.
+    """
 
     seconds: float = 4.0
     fps: float = 30.0
@@ -66,20 +72,27 @@ class MovieSettings:
 
 class _Export(NamedTuple):
     path: Path
-    suffixes: tuple[str, ...]  # of which it must have one
-    write: Callable[[], object]  # returns what is missing in the file, and why
+    suffixes: tuple[str, ...]  # allowed suffixes
+    write: Callable[[], object]  # returns a note if the file lacks something
 
 
 class Exporter:
-    """One export at a time, the others after it; `progress` is the share of the frames that are
-    drawn, 0 to 1.
+    """Writes files in the background, one after another.
 
-    `message` says at its end what was written, or why nothing was, if it `failed` or was cancelled;
-    `say` is told, too. The window's size is that of the part with the surfaces, in pixels.
+    Attributes
+    ----------
+    progress : float
+        Share of the frames that are drawn, 0 to 1.
+    message : str
+        Outcome of the last export; `report` is also called with it.
+    failed : bool
+        Whether the last export failed.
+    window_size : (int, int)
+        Size in pixels of the part of the window that shows the surfaces.
     """
 
-    def __init__(self, say: Callable[[str, bool], None]) -> None:
-        self._say = say
+    def __init__(self, report: Callable[[str, bool], None]) -> None:
+        self._report = report
         self.window_size = (1280, 720)
         self.progress = 0.0
         self.message = ""
@@ -90,7 +103,7 @@ class Exporter:
         self._work: Future[None] | None = None
         self._cancelled = False
         self._task, self._began = "", 0.0
-        self._told: Step | None = None  # what writing is at, if it says so
+        self._reported: Step | None = None  # step that the writer reported
         self._control = Control()
         self._lock = threading.Lock()
         self._waiting: list[_Export] = []
@@ -98,43 +111,43 @@ class Exporter:
 
     @property
     def step(self) -> Step:
-        """What is written, and how far that is, or what it is at."""
+        """Current step of the export and its progress."""
         count = len(self._waiting)
         task = f"{self._task}, {count} more after it" if count else self._task
-        if (told := self._told) is not None:
-            return replace(told, task=f"{task}: {told.task}")
+        if (reported := self._reported) is not None:
+            return replace(reported, task=f"{task}: {reported.task}")
         return Step(task, done=self.progress or None, began=self._began)
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
-        words = [*self.picture.words(), *(["--transparent"] if self.picture.transparent else [])]
-        self._start(path, PICTURES, partial(self._render, path, document, known, words))
+        options = [*self.picture.options(), *["--transparent"] * self.picture.transparent]
+        self._start(path, PICTURES, partial(self._render, path, document, known, options))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
         movie, start, whole = self.movie, document.start, document.last_target_time - document.start
-        # a film has nothing after its last frame
+        # a sequence ends at its last frame
         begin, end = (
             min(start + share * whole, document.end) for share in (movie.start, movie.end)
         )
         times = [f"--from={begin}", f"--to={end}"]
         rate = [f"--seconds={movie.seconds}", f"--fps={movie.fps}"]
-        words = [*self.picture.words(), *rate, *times, f"--turntable={movie.turntable}"]
-        self._start(path, MOVIES, partial(self._render, path, document, known, words))
+        options = [*self.picture.options(), *rate, *times, f"--turntable={movie.turntable}"]
+        self._start(path, MOVIES, partial(self._render, path, document, known, options))
 
-    def save_result(self, path: Path, found: Any, kept: Callable[[], object]) -> None:
-        """Write a result by the suffix, and call ``kept`` if that is a result file."""
+    def save_result(self, path: Path, found: Any, on_saved: Callable[[], object]) -> None:
+        """Write a result in the format of the suffix; call ``on_saved`` for a result file."""
         task = abfm.loading.task_of(found)
 
         def write() -> str:
             outputs.check_result(path, task)
             note = outputs.write(path, found)
             if path.suffix == RESULT:
-                kept()
+                on_saved()
             return note
 
         self._start(path, outputs.suffixes(task), write)
 
     def save_table(self, path: Path, found: Any, name: str) -> None:
-        """Write a table of a result by its name, see `abfm.tasks.task.Task.tables`."""
+        """Write one of the tables of a result (`abfm.tasks.task.Task.tables`)."""
         table = abfm.loading.task_of(found).tables[name]
         self._start(path, TABLES, partial(table.write, path, found))
 
@@ -142,22 +155,22 @@ class Exporter:
         self, path: Path, labels: LabelMap, found: abfm.Correspondence | abfm.Match
     ) -> None:
         def write() -> None:
-            way = found
-            if isinstance(way, abfm.Match):
-                way = abfm.Correspondence(way.point_map())
-            carried = way.b.on_file(way.transfer_labels(labels.values, "area"), NO_LABEL)
-            abfm.io.write_labels(path, labels.labels(carried), way.b.structure)
+            correspondence = found
+            if isinstance(correspondence, abfm.Match):
+                correspondence = abfm.Correspondence(correspondence.point_map())
+            b, keys = correspondence.b, correspondence.transfer_labels(labels.values, "area")
+            abfm.io.write_labels(path, labels.labels(b.on_file(keys, NO_LABEL)), b.structure)
 
         self._start(path, LABELS, write)
 
     def cancel(self) -> None:
-        """End the export; nothing is written, and an older file stays."""
+        """Cancel the export; nothing is written, and an existing file stays unchanged."""
         with self._lock:
             self._waiting.clear()
             self._cancelled = True
             self._control.cancel()
         if (process := self._process) is not None:
-            process.kill()  # all that it has written is in the folder that is removed with it
+            process.kill()  # its files are in a temporary folder, which is removed
 
     def wait(self) -> None:
         if self._work is not None:
@@ -168,7 +181,7 @@ class Exporter:
         self.wait()
 
     def _start(self, path: Path, suffixes: tuple[str, ...], write: Callable[[], object]) -> None:
-        """Write a file, or have it written after those that are under way."""
+        """Write a file now, or after the current exports."""
         with self._lock:
             export = _Export(path, suffixes, write)
             if self.running:
@@ -181,7 +194,7 @@ class Exporter:
     def _begin(self, export: _Export) -> None:
         self.progress, self.message, self.failed, self._cancelled = 0.0, "", False, False
         self._task, self._began = f"writing {export.path.name}", time.monotonic()
-        self._told, self._control = None, Control()
+        self._reported, self._control = None, Control()
 
     @factoring_in_subprocess()
     def _write_all(self, export: _Export) -> None:
@@ -197,22 +210,22 @@ class Exporter:
     def _write(self, export: _Export) -> None:
         try:
             outputs.check(export.path, export.suffixes)
-            with reporting_steps(self._tell), controlled(self._control):
+            with reporting_steps(self._report_step), controlled(self._control):
                 note = export.write()
             self.progress, self.message = 1.0, f"saved {export.path}{f'; {note}' if note else ''}"
         except Exception as error:
             self.failed = not self._cancelled
             self.message = "export cancelled" if self._cancelled else error_line(error)
-        self._say(self.message, self.failed)
+        self._report(self.message, self.failed)
 
-    def _tell(self, step: Step | None) -> None:
-        self._told = step
+    def _report_step(self, step: Step | None) -> None:
+        self._reported = step
 
-    def _render(self, path: Path, document: Document, known: Known, words: list[str]) -> None:
-        """Draw a copy of the document in a process of its own; put the file in place when whole."""
+    def _render(self, path: Path, document: Document, known: Known, options: list[str]) -> None:
+        """Draw a copy of the document in a subprocess, and move the complete file into place."""
         if self.movie.fps > (fastest := outputs.FPS_MAX.get(path.suffix, math.inf)):
             raise AbfmError(
-                f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}"
+                f"fps is {self.movie.fps:g}; expected at most {fastest:g} for a {path.suffix} file"
             )
         with temporary_folder() as folder:
             project, drawn = folder / "export.abfm", folder / f"drawn{path.suffix}"
@@ -222,12 +235,12 @@ class Exporter:
             environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
             with errors.open("w") as file:
                 self._process = subprocess.Popen(
-                    [sys.executable, *render, *words, "--progress"],
+                    [sys.executable, *render, *options, "--progress"],
                     stdout=subprocess.PIPE,
                     stderr=file,
                     text=True,
                     env=environment,
-                    # Ctrl-C on a terminal is this process's business
+                    # Ctrl-C on a terminal must not end the subprocess
                     process_group=0 if os.name == "posix" else None,
                 )
             with self._process as process:
@@ -235,12 +248,12 @@ class Exporter:
                     process.kill()
                 for line in process.stdout or ():
                     if line.startswith("{"):
-                        told = json.loads(line)
-                        self.progress = told["frame"] / told["count"]
+                        drawn_frames = json.loads(line)
+                        self.progress = drawn_frames["frame"] / drawn_frames["count"]
             self._process = None
             if process.returncode != 0 or self._cancelled:
-                unsaid = f"the process that draws ended with status {process.returncode}"
-                lines = errors.read_text().strip().splitlines() or [unsaid]
+                status = f"the drawing subprocess ended with status {process.returncode}"
+                lines = errors.read_text().strip().splitlines() or [status]
                 raise AbfmError(lines[-1].removeprefix("abfm: "))
             with write_atomically(path) as temporary:
                 shutil.copyfile(drawn, temporary)

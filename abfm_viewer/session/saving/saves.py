@@ -1,4 +1,4 @@
-"""What of a session is in files, and what would be lost if it ended now."""
+"""Saved states of the documents of a session, and unsaved changes."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from abfm_viewer.session.editor import Editor
 
 
 class Saves:
-    """The saved state and the project file of each document of the history, and unsaved ones.
+    """Saved state and project file of each document in the history, and unsaved documents.
 
-    Saving one state of a document settles its others: who saves has chosen among them.
+    When one state of a document is saved, its other states no longer count as unsaved.
     """
 
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
         self._saved: dict[Identity, tuple[Document | None, Origin | None]] = {}
-        self._left: dict[Identity, Document] = {}
+        self._unsaved: dict[Identity, Document] = {}  # left without saving, or with a new result
         self._exported: dict[type[Document], Document] = {}
         self.record(editor.document, None)
 
@@ -31,7 +31,7 @@ class Saves:
 
     @property
     def title(self) -> str:
-        """Say what is open, with a star where something of it is in no file."""
+        """Name of the file or document; a star marks unsaved changes."""
         name = self.path.name if self.path else self._editor.document.name
         return f"{'* ' if self.unsaved else ''}{name}"
 
@@ -41,40 +41,43 @@ class Saves:
 
     @property
     def unsaved_documents(self) -> tuple[Document, ...]:
-        """Return what would be lost if the session ended now: the present one, those left."""
+        """Documents that would be lost if the session ended now."""
         document, differs = self._editor.document, self.unsaved
         found = [document] if differs else []
-        for identity, left in self._left.items():
+        for identity, other in self._unsaved.items():
             is_elsewhere = identity is not document.identity
-            has_other = left.result is not None and left.result is not document.result
-            is_lost = self._differs(left)
-            if is_lost and (is_elsewhere or (has_other and not differs)):
-                found.append(left)
+            has_other_result = other.result is not None and other.result is not document.result
+            if self._differs(other) and (is_elsewhere or (has_other_result and not differs)):
+                found.append(other)
         return tuple(found)
 
     def has_new_result(self, document: Document) -> bool:
-        """Whether a document's match is in no file; another step of the same path is no new one."""
+        """Return whether the match of a document is in no file.
+
+        Another step of the same path does not count as new.
+        """
         saved, _ = self._of(document)
         files = (saved, self._exported.get(type(document)))
-        kept = [file.match for file in files if file is not None]
+        in_files = [file.match for file in files if file is not None]
         found = document.match
-        return found is not None and not any(one and found.path is one.path for one in kept)
+        return found is not None and not any(one and found.path is one.path for one in in_files)
 
     def record_export(self, document: Document) -> None:
-        """Remember that a document's result is in a file of its own, the latest of its kind."""
-        if not document.is_outdated:  # else the file is not of the document
+        """Record that the result of a document is in a result file, the latest of its kind."""
+        if not document.is_outdated:  # otherwise the file belongs to other inputs
             self._exported[type(document)] = document
 
     def unsaved_text(self, document: Document) -> str:
-        """Say what of a document is in no file."""
+        """Return a message that describes the unsaved changes of a document."""
         return document.unsaved_text(self.changes(document), self.has_new_result(document))
 
     def changes(self, document: Document) -> tuple[str, ...]:
-        """Return which parts of a document are in no file, by their names in it."""
+        """Return the names of the fields of a document that are in no file."""
         saved, exported = self._of(document)[0], self._exported.get(type(document))
         if exported is None or exported.result is not document.result:
             exported = None
-        elif saved is None and document.exported_fields:  # of another launch: what it has besides
+        # a recovered document: compare the other fields with empty ones
+        elif saved is None and document.exported_fields:
             saved = replace(exported, labels=None, lines=(), points=())
 
         def is_in(file: Document | None, name: str) -> bool:
@@ -92,12 +95,15 @@ class Saves:
         )
 
     def origin(self, document: Document) -> Origin | None:
-        """The project file of a document, as it was when it was last read or written here."""
+        """Return the project file of a document, in the state when it was last read or written."""
         return self._of(document)[1]
 
     def unsaved_state(self, document: Document) -> Document | None:
-        """The unsaved state in which a document was left, or found; `mark` is to be told of it."""
-        return self._left.get(document.identity)
+        """Return the unsaved state of a document that another one replaced, or its new result.
+
+        Pass it to `record` when the document is saved.
+        """
+        return self._unsaved.get(document.identity)
 
     def record(
         self,
@@ -106,32 +112,33 @@ class Saves:
         settles: Document | None = None,
         saved: bool = True,
     ) -> None:
-        """Remember a document's file, that it is saved, and what was `left` when it was written.
+        """Record the file of a document and whether it is saved.
 
-        All of one that is not `saved` need be, in its project file if it has one.
+        ``settles`` is the `unsaved_state` when writing began; it is removed. A document that is not
+        ``saved`` counts as changed completely.
         """
         self._saved[document.identity] = document if saved else None, origin
-        if saved and self._left.get(document.identity) is settles:
-            self._left.pop(document.identity, None)
+        if saved and self._unsaved.get(document.identity) is settles:
+            self._unsaved.pop(document.identity, None)
 
     def leave(self, document: Document) -> None:
-        """Remember what is unsaved of a document whose place another one takes."""
+        """Record the unsaved state of a document that another one replaces."""
         before = self.unsaved_state(document)
-        taken_back = before is not None and before.result is not None and document.result is None
-        if self._differs(document) and not taken_back:
+        result_undone = before is not None and before.result is not None and document.result is None
+        if self._differs(document) and not result_undone:
             self.add_unsaved(document)
 
     def add_unsaved(self, document: Document) -> None:
-        self._left[document.identity] = document
+        self._unsaved[document.identity] = document
 
     def forget_all_but(self, identities: Collection[Identity]) -> None:
-        """Forget the files of documents that the history holds no more, unless unsaved."""
-        for identity in self._saved.keys() - self._left.keys() - set(identities):
+        """Forget the files of documents that are no longer in the history, unless unsaved."""
+        for identity in self._saved.keys() - self._unsaved.keys() - set(identities):
             del self._saved[identity]
 
     def reset(self) -> None:
         origin = self.origin(self._editor.document)
-        self._saved, self._left = {}, {}
+        self._saved, self._unsaved = {}, {}
         self.record(self._editor.document, origin)
 
     def _differs(self, document: Document) -> bool:

@@ -66,7 +66,7 @@ def compared(gui, name, folder, update):
 
 def test_the_window_in_its_main_states(tmp_path, request, monkeypatch):
     """One walk through the app: every picture shows what the steps before it left."""
-    monkeypatch.setattr(notices, "_SECONDS_OF_NOTICE", 0.5)
+    monkeypatch.setattr(notices, "_NOTICE_SECONDS", 0.5)
     found, seen = [], []
     with Driver(EGG, size=(1280, 800)) as gui:
 

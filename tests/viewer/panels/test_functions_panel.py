@@ -65,13 +65,13 @@ def test_the_wheel_widens_within_limits(session):
         assert widths == [0.1, width, 0.1]
     session.undo()
     assert session.active.source == TWO
-    assert active_gaussian.why_fixed(session, "source") == ""
+    assert active_gaussian.obstacle_to_move(session, "source") == ""
     session.editor.set_spec("source", "coordinate:x")
-    check_message(active_gaussian.why_fixed(session, "source"))
+    check_message(active_gaussian.obstacle_to_move(session, "source"))
     active_gaussian.widen(session, "source", 1, "wheel")
     check_message(session.notices.latest.text)
     session.editor.set_spec("source", "permuted:map.txt(gaussian:vertex=1)")
-    check_message(active_gaussian.why_fixed(session, "source"))
+    check_message(active_gaussian.obstacle_to_move(session, "source"))
     active_gaussian.widen(session, "source", 1, "wheel")
     assert session.active.source == "permuted:map.txt(gaussian:vertex=1,width=0.112)"
 

@@ -284,7 +284,7 @@ def test_the_view_of_the_flow_keeps_choices_of_the_user(ball):
     assert ball.view_of_flow(flow_after_match=False) is None
     for chosen in ({"streaks": True}, {"coloring": "speed"}):
         assert ball.view_of_flow(**chosen) is ball.view
-        ball._run.flow_seen = None
+        ball._run.shown_flow_of = None
     assert ball.view_of_flow().arrows
     assert ball.view_of_flow(arrows=True) is ball.view
     assert ball.view_of_flow() is ball.view
