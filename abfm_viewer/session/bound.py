@@ -18,8 +18,8 @@ from abfm_viewer.session.notices import Notices
 class _Found(NamedTuple):
     """The match of smallest residual within the bound.
 
-    `reason` says why no match keeps the bound. `errors` are the landmark errors, which would take
-    too long to compute in the frame loop.
+    `reason` explains why no match keeps the bound. `errors` are the landmark errors, which would
+    take too long to compute in the frame loop.
     """
 
     match: abfm.Match

@@ -115,7 +115,7 @@ class SequenceMatch:
         return self._of_result.get((result,), fields)[interval]
 
     def motion_share(self, document: SequenceDocument, interval: int) -> float:
-        """Return the motion share of an interval, 1 during a run (`abfm.Sequence.motion_shares`)."""
+        """Return an interval's share of `abfm.Sequence.motion_shares`; 1 during a run."""
         result = document.result
         if result is None or self.found_count(document):
             return 1.0

@@ -102,9 +102,9 @@ class MatchRun:
     def _view_of_flow(self, match: abfm.Match) -> View | None:
         """Return the view that shows the flow after a match; None if there is nothing to play.
 
-        The flow is shown by streaks if they can be computed quickly, otherwise by arrows. The view
-        stays the same if it shows the flow already, colours the surface by the field, or if a flow
-        of this document was shown before.
+        Streaks are added if they can be computed quickly, otherwise arrows. Nothing is added if the
+        view shows the flow already or colours the surface by the field. Nor is it for later matches
+        of a document, so that a user who hid the flow does not see it again.
         """
         view, document = self._parts.view, self._parts.document
         if not view.flow_after_match or not match.velocity.any():

@@ -28,7 +28,7 @@ def test_long_names_leave_room_for_the_words_after_them():
     assert comparison().title("source") == "sub-1, transferred"
     long = comparison("sub-001_ses-baseline_hemi-L_space-fsaverage")
     assert long.title("source") == "sub-001_ses-baseline_..., transferred"
-    assert long.title("advected") == "sub-001_ses-baseline_... less the mean"
+    assert long.title("advected") == "sub-001_ses-baseline_... minus the mean"
     assert long.name.endswith("fsaverage")
     assert {comparison(kind=kind).title("error") for kind in get_args(ComparisonKind)} == {"error"}
 

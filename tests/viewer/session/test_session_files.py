@@ -407,7 +407,7 @@ def test_what_is_being_set_up_ends_only_if_the_user_says_so(desk, small, is_over
         may_end.set()
         desk.wait(lambda: loading.now is None)
         instead()()
-        told = "opening small.off was not begun, as setting up a population has ended"
+        told = "opening small.off was not started, because setting up a population has ended meanwhile"
         assert desk.session.notices.latest.text == told
     else:
         assert loading.now.what == "setting up a population"
