@@ -407,7 +407,8 @@ def test_what_is_being_set_up_ends_only_if_the_user_says_so(desk, small, is_over
         may_end.set()
         desk.wait(lambda: loading.now is None)
         instead()()
-        told = "opening small.off was not started, because setting up a population has ended meanwhile"
+        end = "because setting up a population has ended meanwhile"
+        told = f"opening small.off was not started, {end}"
         assert desk.session.notices.latest.text == told
     else:
         assert loading.now.what == "setting up a population"
