@@ -1,9 +1,10 @@
-"""The desktop app, pictures and command line of abfm: they draw and listen, and leave the
-mathematics to `abfm`.
+"""The window, the pictures and the command line of abfm.
+
+They draw and take input; the mathematics is in `abfm`.
 """
 
 import os
 
-# Small BLAS calls from several threads fight for the cores; this works only before NumPy loads.
+# Small BLAS calls from several threads compete for the cores. This must be set before NumPy loads.
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")

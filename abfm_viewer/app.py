@@ -6,7 +6,7 @@ from importlib import import_module
 from abfm_viewer.cli import program
 
 _DESCRIPTION = """\
-Open a window with a mesh, two functions on it, and their match.
+Open a window that shows a mesh, two functions on it, and their match.
 
 Examples:
   abfm-viewer spot.obj
@@ -19,8 +19,9 @@ Examples:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Open the app and return the exit status when its window is closed; without words given it
-    is the program's.
+    """Open the app, and return the exit status when its window is closed.
+
+    Without arguments it takes those of the process.
     """
     return program("abfm-viewer", _run, argv)
 
@@ -34,22 +35,22 @@ def _run(words: list[str]) -> int:
     add = adder(parser)
     add(
         "file",
-        "mesh, project (.abfm), result (.npz) or folder of results; by default a bundled mesh",
+        "mesh, project (.abfm), result (.npz) or folder of results (default: a bundled mesh)",
         "FILE",
         nargs="?",
     )
-    about = "a second mesh, to which the first is registered, or frames of a film on the mesh"
+    about = "second mesh, to which the first is registered, or frames of a sequence on the mesh"
     add("second", about, "B", nargs="?")
-    add("--array", "which array of frames in a .npz, or in VTK's files", "NAME")
+    add("--array", "name of the array with the frames, in a .npz or VTK file", "NAME")
     add_mesh_options(parser)
     parser.set_defaults(parser=parser)
     arguments = parser.parse_all(words)
     if any(name.startswith("NUMBA_") for name in os.environ):
-        import_module("abfm.numerics.kernels")  # which refuses settings before a window is there
+        import_module("abfm.numerics.kernels")  # refuses invalid settings before a window opens
     what = (arguments.file, arguments.second) if arguments.second else arguments.file
     if arguments.array is not None:
         if not arguments.second:
-            raise UsageError("--array chooses one of the frames' arrays: give a mesh and frames")
+            raise UsageError("--array selects an array of frames; give a mesh and frames")
         what = (*what, arguments.array)
     options = mesh_options(arguments)
     window.open_window(what, "openGL3_glfw", (1280, 800), options=options).run()

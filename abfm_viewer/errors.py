@@ -1,4 +1,4 @@
-"""What can go wrong in the viewer besides bad input."""
+"""Errors of the viewer other than bad input."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,8 +7,8 @@ import lazy_loader
 
 from abfm.errors import AbfmError
 
-_OF_THE_APP = {"av": "PyAV", "matplotlib": "Matplotlib", "PIL": "Pillow"}
-_OF_THE_APP |= {name: name for name in ("platformdirs", "polyscope")}
+_APP_PACKAGES = {"av": "PyAV", "matplotlib": "Matplotlib", "PIL": "Pillow"}
+_APP_PACKAGES |= {name: name for name in ("platformdirs", "polyscope")}
 
 
 class DrawingError(AbfmError):
@@ -16,19 +16,19 @@ class DrawingError(AbfmError):
 
 
 class DriverError(AbfmError):
-    """Something that a user could not have done: no such label, a grey button, a vertex that
-    cannot be seen.
+    """A request to the `Driver` that no user could make.
+
+    For example an unknown label, a disabled button, or a vertex that no view shows.
     """
 
 
-def app_room(
+def attach_app_stub(
     name: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return a room's `__getattr__`, `__dir__` and `__all__`: the names of its stub are loaded when
-    they are first used.
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, which imports names late.
 
-    Where a package that only the app needs is missing, that is a `DrawingError`, which says in one
-    line what to install.
+    If a library that only the app needs is missing, a `DrawingError` names it and how to install
+    it.
     """
     load, names, every = lazy_loader.attach_stub(name, file)
 
@@ -36,11 +36,11 @@ def app_room(
         try:
             return load(attribute)
         except ModuleNotFoundError as error:
-            missing = _OF_THE_APP.get((error.name or "").partition(".")[0])
+            missing = _APP_PACKAGES.get((error.name or "").partition(".")[0])
             if missing is None:
                 raise
             raise DrawingError(
-                f"the window and its pictures need {missing}; type: pip install 'abfm[app]'"
+                f"the window and its pictures need {missing}; install it: pip install 'abfm[app]'"
             ) from None
 
     return get, names, every

@@ -1,13 +1,14 @@
-"""How a program ends when it is told to: by Ctrl-C, by SIGTERM, or by SIGHUP when its terminal is
-closed.
+"""Exit on Ctrl-C, SIGTERM, and SIGHUP of a closed terminal.
 
-A signal is answered in its handler, which tidies up, says one line and leaves with the status that
-shells know, 128 and its number. Nothing is raised: an exception in the middle of anything is not
-safe with compiled libraries. An import that it breaks off leaves half a module, callbacks swallow
-it, and taking the interpreter apart may crash. So what must not stay behind is told to `tidied`
-before it is there, and what has something worth keeping takes the signals over for a while.
+The handler of a signal cleans up, prints one line and exits with the status that shells use, 128
+plus the number of the signal. It does not raise an exception, which is not safe with compiled
+libraries. An interrupted import leaves half a module, callbacks swallow the exception, and the
+shutdown of the interpreter may crash.
 
-This module imports nothing but Python's own, so that a program can begin with it.
+Temporary files are therefore registered by `cleanup_on_signal` before they exist. Code with a
+result worth saving replaces the handler by `signal_handler`.
+
+This module imports only the standard library, so that a program can import it first.
 """
 
 import os
@@ -21,13 +22,13 @@ from types import FrameType
 NUMBERS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
-"""Signals that end programs, of those that the system has."""
-_PATIENCE = 1.0  # seconds after which another signal ends the process without tidying up
-_tidying: list[Callable[[], object]] = []
+"""Signals of this system that end programs."""
+_SECOND_SIGNAL_SECONDS = 1.0  # a later second signal ends the process without cleanup
+_cleanups: list[Callable[[], object]] = []
 
 
 class EndedBySignal(KeyboardInterrupt):
-    """Raised where a signal was kept until a good moment; `number` says which one it was."""
+    """An exit that was postponed to a safe moment; `number` is that of the signal."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
@@ -35,24 +36,25 @@ class EndedBySignal(KeyboardInterrupt):
 
 
 def status(number: int) -> int:
+    """Return the exit status after a signal."""
     return 128 + number
 
 
-def leave_on_signals(program: str) -> None:
-    """Begin to answer signals for a program of this name, but for those that it is to ignore."""
+def exit_on_signals(program: str) -> None:
+    """Exit on signals with a message that names the program; ignored signals stay ignored."""
     began: list[float] = []
 
     def leave(number: int, frame: FrameType | None) -> None:
-        # another signal while this tidies up, which takes no time unless a disk does not answer
+        # cleanup is fast unless a disk does not respond; then a second signal ends the process
         if began:
-            if time.monotonic() - began[0] > _PATIENCE:
+            if time.monotonic() - began[0] > _SECOND_SIGNAL_SECONDS:
                 os._exit(status(number))
             return
         began.append(time.monotonic())
-        for tidy in reversed(_tidying):
+        for clean_up in reversed(_cleanups):
             with suppress(Exception):
-                tidy()
-        with suppress(Exception):  # nobody reads, or print was interrupted
+                clean_up()
+        with suppress(Exception):  # the reader is gone, or print was interrupted
             sys.stdout.flush()
         with suppress(OSError):
             os.write(2, f"{program}: interrupted\n".encode())
@@ -64,24 +66,24 @@ def leave_on_signals(program: str) -> None:
 
 
 @contextmanager
-def tidied(tidy: Callable[[], object]) -> Iterator[None]:
-    """Call this if a signal ends the program inside the block."""
-    _tidying.append(tidy)
+def cleanup_on_signal(clean_up: Callable[[], object]) -> Iterator[None]:
+    """Call a function if a signal ends the program inside the context."""
+    _cleanups.append(clean_up)
     try:
         yield
     finally:
-        _tidying.remove(tidy)
+        _cleanups.remove(clean_up)
 
 
 @contextmanager
-def taken_over(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
-    """Have another handler for all signals that are not ignored, until the block ends."""
+def signal_handler(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Use another handler for all signals that are not ignored, while the context lasts."""
     before = {number: signal.getsignal(number) for number in NUMBERS}
-    taken = [number for number in NUMBERS if before[number] is not signal.SIG_IGN]
+    handled = [number for number in NUMBERS if before[number] is not signal.SIG_IGN]
     try:
-        for number in taken:
+        for number in handled:
             signal.signal(number, handler)
         yield
     finally:
-        for number in taken:
+        for number in handled:
             signal.signal(number, before[number])

@@ -149,7 +149,7 @@ def _until_drawn(command: list[str]) -> float:
     start = time.perf_counter()
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
-        signals.tidied(process.kill),
+        signals.cleanup_on_signal(process.kill),
     ):
         assert process.stdout is not None
         line = process.stdout.readline()

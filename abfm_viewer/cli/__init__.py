@@ -1,5 +1,7 @@
-"""The one command line, `abfm`: exit status 0; 2 with one line on stderr for bad input; 128 and its
-number after a signal (130 after Ctrl-C, 143 after SIGTERM, 129 when the terminal was closed).
+"""The command line `abfm`.
+
+The exit status is 0, or 2 with one line on stderr for bad input. After a signal it is 128 plus the
+number of the signal: 130 for Ctrl-C, 143 for SIGTERM, 129 for a closed terminal.
 """
 
 import sys
@@ -8,21 +10,25 @@ from collections.abc import Callable
 from abfm_viewer import signals
 
 _LOADING_BYTES = 450e6
-"""Address space of the libraries and a small match: if it runs out in the middle, OpenBLAS retries
-without end, and others crash.
+"""Address space of the libraries and a small match.
+
+If it runs out later, OpenBLAS retries forever and other libraries crash.
 """
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line and return the exit status; without words given it is the program's."""
+    """Run the command line and return the exit status; None stands for the program's arguments."""
     return program("abfm", _run, argv)
 
 
 def program(name: str, run: Callable[[list[str]], int], argv: list[str] | None) -> int:
-    """Run a program with these words, or with those of the process, which then belongs to it."""
+    """Run a program with arguments and return its exit status.
+
+    Without arguments it takes those of the process. It then handles signals and ends the process.
+    """
     if argv is None:
-        # before anything else: loading takes longer than many commands
-        signals.leave_on_signals(name)
+        # before all imports, which take longer than many commands
+        signals.exit_on_signals(name)
     from abfm_viewer.cli.exit_status import exit_status, program_status
 
     if argv is None:

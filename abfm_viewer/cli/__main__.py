@@ -1,4 +1,4 @@
-"""``python -m abfm_viewer.cli``: the command line where no console script is at hand."""
+"""``python -m abfm_viewer.cli``: the command line without the console script."""
 
 import sys
 

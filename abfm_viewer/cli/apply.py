@@ -1,4 +1,4 @@
-"""`abfm apply`: what goes from one surface to another by a registration."""
+"""`abfm apply`: transfer of data, labels, points and textures by a registration."""
 
 import argparse
 import sys
@@ -67,9 +67,9 @@ MAIN_OPTIONS = (
 
 
 _LABEL_KEY_MAX = 2**31 - 1
-# sqrt(area): nearer points lie on a surface, up to rounding; farther ones are none of its own
-_SURFACE_DISTANCE = 1e-6
-_DISTANCE_MAX = 1.0
+# distances of points from a surface, in sqrt(area)
+_DISTANCE_NOTED = 1e-6  # larger ones are not rounding errors
+_DISTANCE_MAX = 1.0  # larger ones are errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -112,55 +112,61 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--column needs --labels; all columns of --data are transferred")
     by: Literal["area", "point"] = arguments.by or "area"
     side = arguments.hemisphere or ""
-    found = load_result(arguments.registration, Correspondence)
-    way = found.inverse() if arguments.inverse else found
+    loaded = load_result(arguments.registration, Correspondence)
+    correspondence = loaded.inverse() if arguments.inverse else loaded
     if arguments.data:
         data = partial(read_values, arguments.data, hemisphere=side)
-        columns = _read_on(way, data)
-        carried = way.b.on_file(way.transfer(columns.table(), by))
-        write_values(out, carried, way.b.structure, columns.names, columns.times)
+        columns = _read_on(correspondence, data)
+        transferred = correspondence.b.on_file(correspondence.transfer(columns.table(), by))
+        write_values(out, transferred, correspondence.b.structure, columns.names, columns.times)
     elif arguments.labels:
-        labels = _labels(way, arguments.labels, arguments.column, side)
-        carried = way.b.on_file(way.transfer_labels(labels.values, by), NO_LABEL)
-        write_labels(out, Labels(carried, labels.names, labels.colors), way.b.structure)
+        labels = _labels(correspondence, arguments.labels, arguments.column, side)
+        transferred = correspondence.b.on_file(
+            correspondence.transfer_labels(labels.values, by), NO_LABEL
+        )
+        write_labels(
+            out, Labels(transferred, labels.names, labels.colors), correspondence.b.structure
+        )
     elif arguments.points:
-        places = _points(way, arguments.points, int(arguments.one_based))
+        places = _points(correspondence, arguments.points, int(arguments.one_based))
         write_values(out, places, names=("x", "y", "z"))
     else:
-        _carry_texture(way, arguments)
+        _transfer_texture(correspondence, arguments)
         out = ", ".join(map(str, textured_files(out)))
     print(f"wrote {printable(out)}")
     return 0
 
 
-def _carry_texture(way: Correspondence, arguments: argparse.Namespace) -> None:
+def _transfer_texture(correspondence: Correspondence, arguments: argparse.Namespace) -> None:
     with task_progress(quiet=not sys.stderr.isatty()):
-        texture, alpha_mode = pictures.read_texture(arguments.texture, way.a, arguments.image)
-        found = abfm.registration.transfer_texture(way, texture, arguments.size)
+        texture, alpha_mode = pictures.read_texture(
+            arguments.texture, correspondence.a, arguments.image
+        )
+        found = abfm.registration.transfer_texture(correspondence, texture, arguments.size)
         pictures.write_texture(arguments.out, found, alpha_mode)
 
 
 def _check_textured(arguments: argparse.Namespace) -> None:
-    """Refuse files that cannot be written, and those that belong to other surfaces."""
+    """Refuse files that cannot be written or that may belong to another surface."""
     for path in textured_files(arguments.out):
         outputs.check_folder(path)
         outputs.check_not_read(path, (arguments.texture, arguments.image))
         if path.exists() and not arguments.out.exists():
             raise ResultError(
-                f"cannot write {path}: it is there without a {arguments.out.name}, and may be "
-                "another surface's; choose another name"
+                f"cannot write {path}: it exists without {arguments.out.name}, and may belong to "
+                "another surface; choose another name"
             )
 
 
-def _read_on(way: Correspondence, read: Callable[[TriangleMesh], Columns]) -> Columns:
-    """Read columns on surface A of a correspondence, and print what a user should know of them."""
+def _read_on(correspondence: Correspondence, read: Callable[[TriangleMesh], Columns]) -> Columns:
+    """Read columns on surface A of a correspondence, and print their notes."""
     try:
-        found = read(way.a)
+        found = read(correspondence.a)
     except FunctionError as error:
-        if not _fits(way.b, read):
+        if not _fits(correspondence.b, read):
             raise
         raise FunctionError(
-            f"{error}; they fit the other surface: give --inverse, or leave it out"
+            f"{error}; the values fit the other surface: add or remove --inverse"
         ) from None
     for note in found.notes:
         print_note(note)
@@ -175,43 +181,48 @@ def _fits(mesh: TriangleMesh, read: Callable[[TriangleMesh], Columns]) -> bool:
     return True
 
 
-def _labels(way: Correspondence, path: str, column: str | None, side: str) -> Labels:
-    columns = _read_on(way, partial(read_label_columns, path, column=column, hemisphere=side))
+def _labels(correspondence: Correspondence, path: str, column: str | None, side: str) -> Labels:
+    columns = _read_on(
+        correspondence, partial(read_label_columns, path, column=column, hemisphere=side)
+    )
     try:
         with reported(path):
             labels = columns.labels(column)
     except FunctionError as error:
         raise FunctionError(str(error).replace("choose column=", "choose --column ")) from None
     if np.abs(labels.values).max() > _LABEL_KEY_MAX:
-        raise FunctionError(f"{path}: keys of labels are at most {_LABEL_KEY_MAX}")
+        raise FunctionError(f"{path}: a label key exceeds {_LABEL_KEY_MAX}")
     return labels
 
 
-def _points(way: Correspondence, path: str, first: int) -> np.ndarray:
+def _points(correspondence: Correspondence, path: str, first: int) -> np.ndarray:
     table = read_values(path).table()
     if table.shape[1] == 3:
-        return way.transfer_points(_on_surface(way.a, table, path)).positions
+        return correspondence.transfer_points(_on_surface(correspondence.a, table, path)).positions
     if table.shape[1] != 1:
-        raise FunctionError(f"{path} has {table.shape[1]} columns; expected 1, or 3: x, y, z")
-    place = way.a.local_vertices(table[:, 0] - first)
+        raise FunctionError(
+            f"{path} has {table.shape[1]} columns; expected 1 (vertex) or 3 (x, y, z)"
+        )
+    place = correspondence.a.local_vertices(table[:, 0] - first)
     wrong = np.flatnonzero(place < 0)
     if len(wrong):
         raise FunctionError(
-            f"{path}: line {wrong[0] + 1} has {table[wrong[0], 0]:g}, which is no vertex in use"
+            f"{path}: line {wrong[0] + 1} has {table[wrong[0], 0]:g}, which is not a vertex of any "
+            "face"
         )
-    return way.transfer_points(place).positions
+    return correspondence.transfer_points(place).positions
 
 
 def _on_surface(mesh: TriangleMesh, places: np.ndarray, path: str) -> SurfacePoints:
-    """Bring points in space onto a surface, and say how far the farthest was from it."""
+    """Project points in space onto a surface, and print the largest distance."""
     found = project_onto_surface(mesh, places)
     gaps = found.distances_from(places)
     row, gap = int(gaps.argmax()) + 1, gaps.max()
-    offset = f"{gap:.3g} away from the surface, {gap / mesh.length_scale:.2g} sqrt(area)"
+    offset = f"{gap:.3g} from the surface, {gap / mesh.length_scale:.2g} sqrt(area)"
     if gap > _DISTANCE_MAX * mesh.length_scale:
         raise FunctionError(
-            f"{path}: point {row} is {offset}; expected points near it: are they in its units?"
+            f"{path}: point {row} is {offset}; expected points near it, in its unit of length"
         )
-    if gap > _SURFACE_DISTANCE * mesh.length_scale:
-        print_note(f"point {row} of the given ones is farthest: {offset}")
+    if gap > _DISTANCE_NOTED * mesh.length_scale:
+        print_note(f"the largest distance has point {row}: {offset}")
     return found

@@ -1,4 +1,4 @@
-"""`abfm batch`: a table of tasks, or one match with all combinations of some options."""
+"""`abfm batch`: a table of problems, or one match with all combinations of some options."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ from abfm_viewer.reports.batches import (
 
 SUMMARY = "solve a table of problems on all cores or a cluster, and resume it later"
 ROWS_AFTER_SIGNAL_MAX = ROWS_READ_MIN
-"""Rows of the largest batch whose summary is written after a signal, which takes under a second."""
-_FAILURES_MAX = 8  # that are printed
-_PICTURE_COLORS = 64  # of small pictures
+"""Most rows whose summary is written after a signal, which takes less than a second."""
+_FAILURES_MAX = 8  # printed failures
+_PICTURE_COLORS = 64  # colours of a small picture
 _PARAGRAPH = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
 DESCRIPTION = """\
 Solve a table of problems, one per row, on the cores of this machine or on a Dask cluster. Each
@@ -145,7 +145,7 @@ def add_arguments(parser: options.Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Solve a table, or report how far one is."""
+    """Solve a table, or report the state of a table."""
     status = arguments.status
     _find_folder(arguments)
     ledger = Ledger(arguments.out)
@@ -157,17 +157,17 @@ def run(arguments: argparse.Namespace) -> int:
     if given:
         name = given[0][0]
         raise UsageError(
-            f"--{name} needs --over NAME=A,B,..., which says what to vary on a mesh; a TABLE.csv "
-            f"has a column {name} instead"
+            f"--{name} needs --over NAME=A,B,..., the option to vary on a mesh; a TABLE.csv has a "
+            f"column {name} instead"
         )
-    with row_progress(0, arguments.quiet, "reading"):  # some seconds, of tens of thousands of rows
+    with row_progress(0, arguments.quiet, "reading"):  # seconds for tens of thousands of rows
         if arguments.table is None:
             title, entries = ledger.read_rows()
         else:
             rows, title = read_table(arguments.table), printable(arguments.table.name)
             if status is not None and not ledger.folder.is_dir():
                 folder = printable(arguments.out)
-                raise UsageError(f"there is no folder {folder}: nothing was solved yet")
+                raise UsageError(f"there is no folder {folder}, so that no row is solved yet")
             entries = [] if status is None else ledger.entries(rows)
     if status is None:
         return solve(rows, title, arguments)
@@ -175,17 +175,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _find_folder(arguments: argparse.Namespace) -> None:
-    """Take the folder, or the table, of ``--status`` for what it is."""
+    """Decide whether the value of ``--status`` is the folder or the table."""
     status = arguments.status
     if isinstance(status, str) and arguments.out is None:
         arguments.out = Path(status)
     elif isinstance(status, str) and arguments.table is None:  # --status TABLE.csv --out DIR
         arguments.table = Path(status)
     elif isinstance(status, str) and Path(status) != arguments.out:
-        raise UsageError("--status and --out name two folders; give one")
+        raise UsageError("--status and --out name different folders; give one of them")
     if arguments.out is None:
-        how = "--out" if status is None else "--status DIR"
-        raise UsageError(f"{how} is missing: the folder of the results")
+        name = "--out" if status is None else "--status DIR"
+        raise UsageError(f"{name} is missing; give the folder of the results")
     if arguments.table is None and status is None:
         raise UsageError("TABLE.csv is missing; see abfm batch --help")
 
@@ -193,14 +193,16 @@ def _find_folder(arguments: argparse.Namespace) -> None:
 def _swept(
     given: Sequence[tuple[str, str]], arguments: argparse.Namespace
 ) -> tuple[list[Row], str]:
-    """Return a row for each combination of values, and the title of all."""
+    """Return one row per combination of values, and the title of the batch."""
     if arguments.status is not None or arguments.table is None:
-        raise UsageError("--over needs a mesh, and no --status: abfm batch MESH --over NAME=A,B")
+        raise UsageError(
+            "--over needs a mesh and excludes --status: abfm batch MESH --over NAME=A,B"
+        )
     over: dict[str, list[str]] = {}
     for word in arguments.over:
         name, values = _values(word)
         if name in over:
-            raise UsageError(f"--over {name} is given twice; give all its values in one")
+            raise UsageError(f"--over {name} is given twice; give all its values in one option")
         over[name] = values
     try:
         rows = combinations([("mesh", arguments.table), *given], over)
@@ -208,7 +210,7 @@ def _swept(
         raise UsageError(re.sub("^column ", "--", str(error))) from error
     first = rows[0].values()
     if not over.keys() & {each.name for each in MESH_INPUTS}:
-        load_mesh(first["mesh"], **mesh_options(first).changed)  # else it would fail every row
+        load_mesh(first["mesh"], **mesh_options(first).changed)  # otherwise every row would fail
     return rows, f"{printable(arguments.table.name)}, over {' and '.join(over)}"
 
 
@@ -221,7 +223,7 @@ def _values(word: str) -> tuple[str, list[str]]:
         raise UsageError(f"--over {brief(word)} is not NAME=A,B,...")
     if name not in names:
         raise UsageError(
-            f"--over: a match has no option {brief(name)} to vary{did_you_mean(name, names)}"
+            f"--over: {brief(name)} is not an option of a match{did_you_mean(name, names)}"
         )
     try:
         (values,) = csv.reader([text], skipinitialspace=True, strict=True)
@@ -229,24 +231,24 @@ def _values(word: str) -> tuple[str, list[str]]:
         values = []
     values = [value.strip() for value in values]
     if not values or not all(values):
-        raise UsageError(f"--over {brief(word)}: expected values with commas between")
+        raise UsageError(f"--over {brief(word)}: expected values separated by commas")
     if len(set(values)) < len(values):
-        raise UsageError(f"--over {brief(word)} has a value twice")
+        raise UsageError(f"--over {brief(word)} has a repeated value")
     return name, values
 
 
 def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int:
-    """Solve the rows that have no result, write and print the summary; return the exit status."""
-    began = time.perf_counter()
+    """Solve rows without a result, write and print the summary, and return the exit status."""
+    start = time.perf_counter()
     try:
         entries, status = solved(rows, title, arguments.out, arguments)
     except ConnectionLostError as error:
         print_line(f"abfm: {error}")
         entries, status = Ledger(arguments.out).entries(rows), FAILED_STATUS
-    seconds = time.perf_counter() - began
+    seconds = time.perf_counter() - start
     if status not in (None, FAILED_STATUS) and len(rows) > ROWS_AFTER_SIGNAL_MAX:
         done = sum(entry.state == "done" for entry in entries)
-        print_line(f"{done:,} of {len(rows):,} rows are done; {_how_to_resume(True)}")
+        print_line(f"{done:,} of {len(rows):,} rows are finished; {_resume_advice(True)}")
         return status
     return _report(entries, title, arguments, seconds, status)
 
@@ -254,30 +256,36 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
 def solved(
     rows: Sequence[Row], title: str, folder: Path, arguments: argparse.Namespace
 ) -> tuple[list[LedgerEntry], int | None]:
-    """Solve the rows of a folder that have no result, with progress; return what is known of each
-    row, and the exit status of a signal if one came.
+    """Solve the rows without a result in a folder, with progress.
+
+    Returns
+    -------
+    entries : list of LedgerEntry
+        The state of each row.
+    status : int or None
+        The exit status after a signal.
     """
     cluster, control, ledger = options.cluster_of(arguments), Control(), Ledger(folder)
     ledger.make()
     ledger.write_rows(rows, title)
     entries = ledger.entries(rows)
-    left = [number for number, entry in enumerate(entries) if entry.state != "done"]
-    if len(left) < len(rows) and not arguments.quiet:
-        done = f"{len(rows) - len(left)} of {counted(len(rows), 'row')}"
-        print_line(f"{done} are there already")
-    keys = {rows[number].key for number in left}
+    remaining = [number for number, entry in enumerate(entries) if entry.state != "done"]
+    if len(remaining) < len(rows) and not arguments.quiet:
+        done = f"{len(rows) - len(remaining)} of {counted(len(rows), 'row')}"
+        print_line(f"{done} are already finished")
+    keys = {rows[number].key for number in remaining}
     with (
-        cancelled_by_signals(control, "with the rows that are done") as interrupt,
+        cancelled_by_signals(control, "with the finished rows") as interrupt,
         row_progress(len(keys), arguments.quiet, reported=REPORTED_STEPS) as report,
     ):
-        found = run_rows(
-            [rows[number] for number in left],
+        solved_entries = run_rows(
+            [rows[number] for number in remaining],
             ledger.folder,
             cluster,
             on_change=lambda entry: report(_line(SummaryRow(entry, entry.facts))),
             control=control,
         )
-    for number, entry in zip(left, found, strict=True):
+    for number, entry in zip(remaining, solved_entries, strict=True):
         entries[number] = entry
     return entries, interrupt.status
 
@@ -291,8 +299,12 @@ def _report(
 ) -> int:
     """Write and print the summary, and return the exit status.
 
-    Solving took so many ``seconds``, if anything was to be solved. Nothing is drawn after a run
-    that ended early, with an exit ``status`` of its own.
+    Parameters
+    ----------
+    seconds : float, optional
+        Duration of the run; None if nothing was solved.
+    status : int, optional
+        Exit status of a run that ended early, after which no pictures are drawn.
     """
     rows, folder = list[SummaryRow](), Path(arguments.out)
     with row_progress(0, arguments.quiet, "reading") as report:
@@ -302,16 +314,16 @@ def _report(
     draws = status is None and not arguments.no_pictures
     try:
         with row_progress(0, arguments.quiet or not draws, "drawing") as report:
-            written, why = write_summary(
+            written, no_pictures = write_summary(
                 folder, title, rows, report if draws else None, arguments.up
             )
     except ResultError as error:
         if seconds is not None:
             raise
-        print_note(f"no summary is written: {error}")
-        written, why = [], ""
-    if why:
-        print_note(f"the summary has no pictures: {why}")
+        print_note(f"the summary was not written: {error}")
+        written, no_pictures = [], ""
+    if no_pictures:
+        print_note(f"the summary has no pictures: {no_pictures}")
     best = best_of(rows)
     if arguments.json:
         head = {
@@ -328,7 +340,7 @@ def _report(
 
 
 def _print_json(head: dict[str, Any], rows: Sequence[SummaryRow]) -> None:
-    """Print one JSON object: the head, and a list of rows that is in memory a row at a time."""
+    """Print one JSON object with the head and a list of rows, without a copy of all rows."""
     print(json.dumps(head)[:-1], end=', "rows": [')
     for number, row in enumerate(rows):
         print(", " if number else "", json.dumps(row.to_dict()), sep="", end="")
@@ -343,7 +355,7 @@ def _status(rows: Sequence[SummaryRow]) -> int:
 
 
 def _line(row: SummaryRow) -> str:
-    """Return ``sub-01: matched to 2.1%, in 1.2 s``, or why the row failed."""
+    """Return ``sub-01: matched to 2.1%, in 1.2 s``, or the reason of a failure."""
     name, facts = one_line(row.name, 80), row.facts
     if not row.is_known:
         return f"{name}: {facts.outcome}: {facts.reason}"
@@ -355,7 +367,7 @@ def _lines(
 ) -> list[str]:
     found = counts(rows)
     words = ", ".join(
-        f"{count} {'not done' if outcome is Outcome.MISSING else outcome}"
+        f"{count} {'not finished' if outcome is Outcome.MISSING else outcome}"
         for outcome, count in found.items()
     )
     lines = [f"{counted(len(rows), 'row')}: {words}{_duration(seconds)}"]
@@ -363,9 +375,9 @@ def _lines(
     failed = [row for row in rows if row.facts.outcome is Outcome.FAILED or row.entry.reason]
     lines += [f"  {_line(row)}" for row in failed[:_FAILURES_MAX]]
     if len(failed) > _FAILURES_MAX:
-        lines.append(f"  and {len(failed) - _FAILURES_MAX} more, see the summary")
+        lines.append(f"  and {len(failed) - _FAILURES_MAX} more, listed in the summary")
     if found.get(Outcome.MISSING):
-        lines.append(_how_to_resume(seconds is not None))
+        lines.append(_resume_advice(seconds is not None))
     if written:
         lines.append(f"wrote {', '.join(printable(path) for path in written)}")
     return lines
@@ -375,9 +387,9 @@ def _duration(seconds: float | None) -> str:
     return "" if seconds is None else f", in {seconds:.1f} s"
 
 
-def _how_to_resume(was_run: bool) -> str:
+def _resume_advice(was_run: bool) -> str:
     command = "the same command" if was_run else "the command without --status"
-    return f"run {command} to resume, finished rows are kept"
+    return f"run {command} to resume; finished rows are kept"
 
 
 def write_summary(
@@ -387,11 +399,16 @@ def write_summary(
     report: Callable[[str], object] | None = None,
     up: Up | None = None,
 ) -> tuple[list[Path], str]:
-    """Write ``summary.csv``, in the order of the rows, and ``summary.html``, the worst first;
-    return them, and why there are no pictures, if there are none.
+    """Write ``summary.csv``, in the order of the rows, and ``summary.html``, worst rows first.
 
-    The page shows the rows of `worst`. Pictures that are missing are drawn if there is a ``report``
-    to call with each of them, and kept in a folder of their own.
+    The page shows the rows of `worst`. If ``report`` is given, missing pictures are drawn, stored
+    in a subfolder, and reported one by one.
+
+    Returns
+    -------
+    paths : list of Path
+    reason : str
+        Reason for missing pictures; empty if they were drawn.
     """
     table, shown_page = folder / "summary.csv", folder / "summary.html"
     _write_table(table, rows)
@@ -400,14 +417,14 @@ def write_summary(
         entry.digest: folder / "pictures" / f"{entry.digest}{f'-{up}' if up else ''}.png"
         for entry in shown
     }
-    why = _draw(shown, files, report, up) if report else ""
+    reason = _draw(shown, files, report, up) if report else ""
     small = {digest: path.read_bytes() for digest, path in files.items() if path.is_file()}
-    outputs.write_text(shown_page, batch_page(title, rows, small, why))
-    return [table, shown_page], why
+    outputs.write_text(shown_page, batch_page(title, rows, small, reason))
+    return [table, shown_page], reason
 
 
 def _write_table(path: Path, rows: Sequence[SummaryRow]) -> None:
-    """Write a line for each row: its facts, and all its columns as they were given."""
+    """Write one line per row, with its facts and all its columns as given."""
     repeats: Counter[str] = Counter()
     for row in rows:
         repeats |= Counter(column for column, _ in row.entry.row.options)
@@ -433,7 +450,7 @@ def _draw(
     report: Callable[[str], object],
     up: Up | None,
 ) -> str:
-    """Draw the pictures that are missing; return why not, if the machine cannot."""
+    """Draw the missing pictures; return the reason if the machine cannot draw, else ""."""
     missing = {entry.path: entry for entry in entries if not files[entry.digest].is_file()}
     results = [(path, entry.row.task_type) for path, entry in missing.items() if path]
     try:

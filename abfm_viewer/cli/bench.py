@@ -23,7 +23,7 @@ _OPTIONS = {
     "measured": _TRIALS,
     "arrival": (),
 }
-"""Options of each mode, besides --json and --quiet."""
+"""Options of each benchmark besides --json and --quiet."""
 
 SUMMARY = "benchmark the solver, its success rate, map errors and the window"
 DESCRIPTION = """\
@@ -44,9 +44,10 @@ DETAILS = """\
 A success has a residual of at most 0.05, both of the discrete flow and of flow lines. --measured
 compares the default parameters with the best of six values of sigma.
 
-The problems of --success and --measured are rows of a batch: all cores, --jobs or a cluster solve
-them. All numbers except seconds are the same in every run; use --jobs 1 to measure seconds. After
-Ctrl-C the report has the finished problems; with --out the same command resumes.
+The problems of --success and --measured are rows of a batch. All cores solve them, or --jobs
+processes, or a cluster. All numbers except seconds are the same in every run; use --jobs 1 to
+measure seconds. After Ctrl-C the report has the finished problems. With --out, the same command
+resumes.
 """
 MAIN_OPTIONS = (
     "success",
@@ -72,8 +73,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     choose = adder(parser.add_argument_group("with --success or --measured"))
     choose(
         "--meshes",
-        "also use these meshes, files or folders, which are merged, cleaned or cut if needed; each "
-        "folder has its own rows, and files that cannot be loaded are reported and skipped",
+        "also use these meshes, files or folders, each folder with its own rows. Meshes are "
+        "merged, cleaned or cut if needed. Files that cannot be loaded are reported and skipped",
         "PATH",
         nargs="+",
         type=Path,
@@ -119,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
             cluster_of(arguments),
             control,
         )
-        with cancelled_by_signals(control, "with what was finished") as interrupt:
+        with cancelled_by_signals(control, "with the finished problems") as interrupt:
             if arguments.success:
                 report = success.run(trials, arguments.solvable)
                 text = success.report_text(report)
@@ -143,26 +144,28 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    # other projects install packages of this name
+    # other projects also install a package of this name
     if find_spec("benchmarks") is None or find_spec("benchmarks.paper_algorithm") is None:
         raise UsageError(
-            "benchmarks are run from the repository, and this is an installation without it: "
-            "clone it, run ./run once, then .venv/bin/abfm bench"
+            "benchmarks need the repository, which this installation lacks; clone it, run ./run "
+            "once, then .venv/bin/abfm bench"
         )
     modes = [name for name in _OPTIONS if getattr(arguments, name)]
     if len(modes) > 1:
-        raise UsageError(f"--{modes[0]} and --{modes[1]} are two benchmarks; choose one of them")
+        raise UsageError(
+            f"--{modes[0]} and --{modes[1]} are different benchmarks; give one of them"
+        )
     allowed = _OPTIONS[modes[0]] if modes else ("seconds",)
     for name in ("seconds", *_OPTIONS["success"]):
         if name not in allowed and getattr(arguments, name) != arguments.parser.get_default(name):
             option = f"--{name.replace('_', '-')}"
             needed = " or ".join(f"--{mode}" for mode, own in _OPTIONS.items() if name in own)
-            advice = f"goes with {needed}; add it" if needed else f"does not go with --{modes[0]}"
+            advice = f"needs {needed}" if needed else f"has no effect with --{modes[0]}"
             raise UsageError(f"{option} {advice}")
     for path in arguments.meshes:
         if not os.path.exists(path):
             raise UsageError(
-                f"--meshes: there is no {brief(str(path))}; expected meshes or folders of meshes"
+                f"--meshes: {brief(str(path))} does not exist; expected meshes or folders of meshes"
             )
 
 
@@ -174,9 +177,9 @@ def _meshes(arguments: argparse.Namespace) -> dict[str, TriangleMesh]:
     if not arguments.only_given:
         own = own_meshes() if arguments.success else few_meshes()
     given = given_meshes(arguments.meshes, lambda line: print(line, file=sys.stderr))
-    twice = sorted(own.keys() & given.keys())
-    if twice:
-        raise UsageError(f"{twice[0]} is also the name of a bundled mesh; rename the file")
+    repeated = sorted(own.keys() & given.keys())
+    if repeated:
+        raise UsageError(f"{repeated[0]} is also the name of a bundled mesh; rename the file")
     if not own | given:
-        raise UsageError("--only-given needs --meshes that can be loaded")
+        raise UsageError("--only-given needs --meshes with at least one mesh that can be loaded")
     return own | given

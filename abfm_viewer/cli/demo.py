@@ -1,4 +1,4 @@
-"""`abfm demo`: the main job on a bundled mesh, as a self-test."""
+"""`abfm demo`: a match on a bundled mesh, as a self-test."""
 
 import argparse
 import json
@@ -33,7 +33,7 @@ RESIDUAL_MAX = 0.05
 _MOVIE_SIZE = (640, 480)
 _FRAMES = 50
 _FPS = 25.0
-# On the trunk, so near that the map changes areas little, as the window's default functions.
+# On the trunk, close together, so that areas change little; also the default of the window.
 SOURCE = "gaussian:vertex=398,width=0.14"
 TARGET = "gaussian:vertex=440,width=0.14"
 
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     mesh = load_mesh(asset_path("human_A.off"))
     problem = Problem(mesh, function(mesh, SOURCE), function(mesh, TARGET), Parameters())
     outcome = solve(MatchTask(problem), Outputs([result]), arguments.quiet)
-    match = outcome.found
+    match = outcome.result
     assert isinstance(match, Match)
     drawn = outcome.status in (0, UNMATCHED_STATUS) and _draw(match, *drawings)
     if arguments.json:
@@ -72,13 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
     if outcome.status not in (0, UNMATCHED_STATUS):
         return outcome.status
     if match.worse_residual > RESIDUAL_MAX:
-        print(f"abfm: the self-test failed: residual above {RESIDUAL_MAX}", file=sys.stderr)
+        print(f"abfm: the self-test failed: the residual is above {RESIDUAL_MAX}", file=sys.stderr)
         return FAILED_STATUS
     return 0
 
 
 def _draw(match: Match, picture: Path, movie: Path) -> bool:
-    """Draw a picture and a movie, or say why not; return whether they were drawn."""
+    """Draw a picture and a movie, or print why not; return whether they were drawn."""
     try:
         outputs.write_picture(picture, pictures.match_picture(match))
         document, known = document_of_result(match, movie.with_suffix(".npz"))

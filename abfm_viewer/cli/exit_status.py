@@ -1,4 +1,4 @@
-"""How a program ends and prints: where an error becomes a line on stderr and an exit status."""
+"""Exit statuses of a program, and its messages on stderr."""
 
 import atexit
 import io
@@ -17,11 +17,11 @@ from abfm.workers import process
 from abfm_viewer import signals
 
 BAD_INPUT_STATUS, UNMATCHED_STATUS, FAILED_STATUS = 2, 3, 4
-"""Nothing was done; a target was not reached; of many problems some failed."""
+"""Bad input, so nothing was done; a target was not reached; some of many problems failed."""
 
 
 class UsageError(Exception):
-    """A command line that cannot be understood; the text is one line."""
+    """A command line that is not valid; the text is one line."""
 
 
 def exit_status(program: str, run: Callable[[], int]) -> int:
@@ -40,9 +40,9 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
             file=sys.stderr,
         )
         return BAD_INPUT_STATUS
-    except ImportError as error:  # also where memory is too small for a library's code
-        why = f"{one_line(error)}; free some memory, or install abfm again"
-        print(f"{program}: a library cannot be loaded: {why}", file=sys.stderr)
+    except ImportError as error:  # also if there is too little memory for the code of a library
+        reason = f"{one_line(error)}; free some memory, or install abfm again"
+        print(f"{program}: a library cannot be loaded: {reason}", file=sys.stderr)
         return BAD_INPUT_STATUS
 
 
@@ -61,23 +61,23 @@ def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def program_status(program: str, run: Callable[[], int]) -> int:
-    """Run a program to which the whole process belongs, and return its exit status.
+    """Run a program that owns the process, and return its exit status.
 
-    What it prints never ends it: it goes on when nobody reads any more, and letters that the
-    encoding lacks are escaped. The process ends as soon as everything is tidied up: taking the
-    interpreter apart takes seconds on large meshes, and a signal in the middle of that is not safe.
+    Printing never ends the program: it continues if the reader of its output is gone, and escapes
+    characters that the encoding lacks. At exit the process ends directly after cleanup. A shutdown
+    of the interpreter takes seconds on large meshes, and a signal during it is not safe.
     """
     for number in range(3):
         try:
             os.fstat(number)
-        except OSError:  # whoever started the program has closed it
-            # takes the lowest number that is free: else a result might get it
+        except OSError:  # the parent process has closed it
+            # open takes the lowest free number, which a result file must not get
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
-    out, errors = _LastingStream(sys.stdout, 1), _LastingStream(sys.stderr, 2)
+    out, errors = _SafeStream(sys.stdout, 1), _SafeStream(sys.stderr, 2)
     sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, errors)
-    ended: list[int] = []
-    atexit.register(_end_at_once, ended)  # what is registered later comes before
-    with signals.tidied(remove_temporary), signals.tidied(process.kill_all):
+    statuses: list[int] = []
+    atexit.register(_end_process, statuses)  # later registrations run before it
+    with signals.cleanup_on_signal(remove_temporary), signals.cleanup_on_signal(process.kill_all):
         try:
             status = exit_status(program, run)
         except SystemExit as error:  # argparse has printed its help
@@ -86,20 +86,20 @@ def program_status(program: str, run: Callable[[], int]) -> int:
         if out.problem and not isinstance(out.problem, BrokenPipeError):
             print(f"{program}: cannot write the output: {out.problem.strerror}", file=sys.stderr)
             status = status or BAD_INPUT_STATUS
-    ended.append(status)
+    statuses.append(status)
     return status
 
 
-def _end_at_once(ended: list[int]) -> None:
-    if ended:
+def _end_process(statuses: list[int]) -> None:
+    if statuses:
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError, AttributeError):
                 stream.flush()
-        os._exit(ended[0])
+        os._exit(statuses[0])
 
 
-class _LastingStream:
-    """Prints to a stream, or /dev/null, until it fails by a `problem`; the rest is dropped."""
+class _SafeStream:
+    """A stream that drops all text after a write fails; `problem` is the error of that write."""
 
     def __init__(self, stream: TextIO | None, number: int) -> None:
         self._stream = stream or os.fdopen(number, "w", encoding="utf-8")
@@ -114,10 +114,10 @@ class _LastingStream:
     def flush(self) -> None:
         self._try(self._stream.flush)
 
-    def _try(self, act: Callable[[], object]) -> None:
+    def _try(self, action: Callable[[], object]) -> None:
         if self.problem is None:
             try:
-                act()
+                action()
             except OSError as error:
                 self.problem = error
 

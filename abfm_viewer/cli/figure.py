@@ -1,4 +1,4 @@
-"""`abfm figure`: figures of the paper computed, measured and drawn, and a page with all of them."""
+"""`abfm figure`: compute, measure and draw figures of the paper, and write a page with all."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ Examples:
 """
 DETAILS = """\
 Frames in a picture are blue for the source, red for the target and black for the result. The JSON
-file has each measured number, whether it is within its bound, whether it reproduces the claim of
-the paper, and notes on values outside the range of the colours.
+file has the measured numbers, and notes on values outside the range of the colours. For each number
+it records whether it is within its bound and whether it reproduces the claim of the paper.
 
 The meshes are bundled or generated; --mesh computes the figure on another one. All figures take a
 few minutes. `all`, --jobs, --scheduler and --scheduler-file first solve the matches as a batch in
@@ -56,7 +56,7 @@ _MATCHES = "matches"
 
 @dataclass(frozen=True, eq=False)
 class FigureEntry:
-    """A figure on the page: `problem` says why there is none, `notes` what must be said with it."""
+    """A figure on the page, with its `notes`; `problem` is the reason for a missing picture."""
 
     number: int
     title: str
@@ -81,20 +81,20 @@ def add_arguments(parser: options.Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    all_wanted = arguments.figure == "all"
-    if not all_wanted and arguments.figure not in map(str, FIGURES):
+    is_all = arguments.figure == "all"
+    if not is_all and arguments.figure not in map(str, FIGURES):
         every = f"a number from {FIGURES[0]} to {FIGURES[-1]}, or all"
-        raise UsageError(f"there is no figure {arguments.figure!r}; expected {every}")
-    numbers = FIGURES if all_wanted else (int(arguments.figure),)
+        raise UsageError(f"{arguments.figure!r} is not a figure; expected {every}")
+    numbers = FIGURES if is_all else (int(arguments.figure),)
     mesh = _mesh(arguments) if arguments.mesh else None
     index = arguments.out / "index.html"
     outputs.make_folder(arguments.out)
     written = [_file(arguments.out, n, suffix) for n in numbers for suffix in (".png", ".json")]
-    for path in [*written, *([index] if all_wanted else [])]:
+    for path in [*written, *([index] if is_all else [])]:
         outputs.check(path, [path.suffix])
     name = Path(arguments.mesh).name if arguments.mesh else ""
     figures = [_Figure(number, mesh, name) for number in numbers]
-    if all_wanted or any((arguments.jobs, arguments.scheduler, arguments.scheduler_file)):
+    if is_all or any((arguments.jobs, arguments.scheduler, arguments.scheduler_file)):
         status = _match_by_batch(figures, arguments)
         if status is not None:
             return status
@@ -105,11 +105,11 @@ def run(arguments: argparse.Namespace) -> int:
         if not arguments.json:
             _print(entry)
         entries.append(entry)
-    if all_wanted:
+    if is_all:
         outputs.write_text(index, figures_page(entries))
     if arguments.json:
         print(json.dumps({"figures": [_described(entry) for entry in entries]}))
-    elif all_wanted:
+    elif is_all:
         print(f"wrote {printable(index)}")
     return 0
 
@@ -126,7 +126,7 @@ def _write(entry: FigureEntry, folder: Path) -> None:
     if entry.picture is not None:
         outputs.write_picture(picture, entry.picture)
     else:
-        picture.unlink(missing_ok=True)  # that of an earlier run shows another mesh
+        picture.unlink(missing_ok=True)  # of an earlier run, on another mesh
     text = json.dumps(_described(entry), indent=1) + "\n"
     outputs.write_text(_file(folder, entry.number, ".json"), text)
 
@@ -136,64 +136,68 @@ def _file(folder: Path, number: int, suffix: str) -> Path:
 
 
 class _Figure:
-    """A figure's script under way."""
+    """A figure whose script is running."""
 
     def __init__(self, number: int, mesh: TriangleMesh | None, name: str) -> None:
         self.number = number
-        self.tell: Callable[[str, float], None] = lambda text, share: None
-        self.stage = experiments.FigureSetup(mesh, name, report=lambda *now: self.tell(*now))
-        self.matched: Callable[[Sequence[RequestedMatch]], Sequence[Match]] = self.stage.match
+        self.report: Callable[[str, float], None] = lambda text, share: None
+        self.setup = experiments.FigureSetup(mesh, name, report=lambda *now: self.report(*now))
+        self.find_matches: Callable[[Sequence[RequestedMatch]], Sequence[Match]] = self.setup.match
         self._error: AbfmError | None = None
 
     @cached_property
     def script(self) -> Script:
-        return experiments.script(self.number, self.stage)
+        return experiments.script(self.number, self.setup)
 
     @cached_property
-    def sought(self) -> Sequence[RequestedMatch]:
-        """What it waits for."""
+    def requested(self) -> Sequence[RequestedMatch]:
+        """The matches that the script needs."""
         return experiments.requested_matches(self.script)
 
-    def state(self) -> Sequence[RequestedMatch]:
-        """Run it until it waits, and return for what; an error waits for `findings`."""
+    def needed_matches(self) -> Sequence[RequestedMatch]:
+        """Run the script until it needs matches, and return these; `findings` raises an error."""
         try:
-            return self.sought
+            return self.requested
         except AbfmError as error:
             self._error = error
             return ()
 
     def findings(self) -> Findings:
+        """Return the result of the complete script."""
         if self._error is not None:
             raise self._error
-        matches = self.matched(self.sought)
+        matches = self.find_matches(self.requested)
         return experiments.findings_of(self.script, matches)
 
 
 def _match_by_batch(figures: Sequence[_Figure], arguments: argparse.Namespace) -> int | None:
-    """Have all that figures wait for matched; the exit status of a signal, if one came."""
+    """Solve the matches of figures as a batch; return the exit status after a signal, or None."""
     folder, rows = arguments.out / _MATCHES, dict[_Figure, list[Row]]()
     with share_progress("figures", arguments.quiet) as report:
         for done, figure in enumerate(figures):
-            report(f"stating what figure {figure.number} matches", done / len(figures))
-            rows[figure] = experiments.rows_of(figure.number, figure.state(), folder)
+            report(f"preparing the matches of figure {figure.number}", done / len(figures))
+            rows[figure] = experiments.rows_of(figure.number, figure.needed_matches(), folder)
     of_all = [row for own in rows.values() for row in own]
     entries, status = solved(of_all, "Matches of the figures", folder, arguments)
     known = iter(entries)
     for figure, own in rows.items():
-        came = list(islice(known, len(own)))
-        figure.matched = partial(experiments.matches_of, entries=came)
+        own_entries = list(islice(known, len(own)))
+        figure.find_matches = partial(experiments.matches_of, entries=own_entries)
     if status is not None:
-        print_line("run the same command to resume, finished rows are kept")
+        print_line("run the same command to resume; finished rows are kept")
     return status
 
 
 def _compute(figure: _Figure, arguments: argparse.Namespace) -> FigureEntry:
-    """Run a script to its end; of all, one that a mesh does not allow is told on the page."""
-    number, on_mesh = figure.number, figure.stage.mesh is not None
+    """Run a script to its end.
+
+    If all figures are computed, the page reports the impossible ones on the given mesh.
+    """
+    number, on_mesh = figure.number, figure.setup.mesh is not None
     title, claim = TITLES[number], experiments.claim(number)
     try:
         with share_progress(f"figure {number}", arguments.quiet) as report:
-            figure.tell = report
+            figure.report = report
             findings = figure.findings()
             report("drawing", 1.0)
             up = arguments.up or (None if on_mesh else findings.sheet.up)

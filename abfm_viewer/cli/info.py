@@ -1,4 +1,4 @@
-"""`abfm info`: what a mesh is and what the solver would object to, or what a result holds."""
+"""`abfm info`: size, topology and defects of a mesh, or the report of a result."""
 
 import argparse
 import json
@@ -20,9 +20,9 @@ from abfm_viewer.cli.progress import task_progress
 
 SUMMARY = "check a mesh, or report what a result contains"
 DESCRIPTION = """\
-Check a mesh: print its size and topology, what was repaired, and its defects (exit status 2). Or
-print the report of a result: the verdict of a match or a registration, the distortion of a map, the
-speed of a sequence, the outliers of a population.
+Check a mesh: print its size, topology, repairs and defects. The exit status is 2 if it has defects
+that the solver cannot handle. Or print the report of a result: the verdict of a match or a
+registration, the distortion of a map, the speed of a sequence, the outliers of a population.
 
 Examples:
   abfm info spot.obj
@@ -59,7 +59,7 @@ def _report(arguments: argparse.Namespace) -> str:
     if Path(name).is_dir() and not is_table:
         shown = printable(name)
         raise UsageError(
-            f"{shown}: this is a folder; for the state of a batch: abfm batch --status {shown}"
+            f"{shown} is a folder; abfm batch --status {shown} reports the state of a batch"
         )
     if is_table or name.endswith(".npz"):
         facts, (first, *others) = _of_result(name)
@@ -75,7 +75,9 @@ def _of_result(name: str) -> tuple[dict[str, Any], list[str]]:
     found = abfm.load(name)
     if isinstance(found, Correspondence) and not hasattr(found, "facts"):
         sizes = [f"{len(mesh.faces):,}" for mesh in (found.a, found.b)]
-        first = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
+        first = (
+            f"map between surface A ({sizes[0]} faces) and surface B ({sizes[1]}), without a match"
+        )
         return {"map": map_details(found)}, [first, *map_lines(found)]
     report = task_of(found).report
     return report.details(found), report.lines(found)
@@ -102,7 +104,7 @@ def describe(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def _symmetry(mesh: TriangleMesh, kind: SymmetryKind) -> dict[str, Any] | None:
-    """Return what functions `permuted:` by a symmetry would compose with, if the mesh has it."""
+    """Return a symmetry of the mesh, which functions `permuted:` use; None if it has none."""
     try:
         found = detect_symmetry(mesh, kind)
     except SymmetryError:
@@ -113,11 +115,13 @@ def _symmetry(mesh: TriangleMesh, kind: SymmetryKind) -> dict[str, Any] | None:
 
 def _symmetry_words(kind: str, symmetry: dict[str, Any] | None) -> str:
     if symmetry is None:
-        return "none found"
+        return "not found"
     across = "with normal" if kind == "mirror" else "by 180 degrees about"
     axis = " ".join(f"{value:.3g}" for value in np.round(symmetry["axis"], 3) + 0.0)
-    carried = "vertices to vertices" if symmetry["is_permutation"] else "vertices between vertices"
-    return f"{across} {axis}, {carried}, at most {symmetry['error']:.1g} length scales off"
+    images = "vertices" if symmetry["is_permutation"] else "points between vertices"
+    return (
+        f"{across} {axis}, maps vertices to {images}, error {symmetry['error']:.1g} length scales"
+    )
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:
@@ -129,7 +133,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         "genus": facts["genus"],
         "boundary": f"{loops} loop{'s' if loops > 1 else ''}" if loops else "none (closed)",
         "area": f"{facts['area']:.6g}",
-        "length scale": f"{scale:.6g}   (square root of the area: the unit of Gaussian widths)",
+        "length scale": f"{scale:.6g}   (square root of the area; unit of Gaussian widths)",
         "bounding box": "  to  ".join(box),
         "edge lengths": f"{shortest:.4g} to {longest:.4g}, median {median:.4g}",
         "edge ratio": f"{facts['edge_ratio']:.4g}   (longest to shortest)",
@@ -137,4 +141,4 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     }
     lines = [f"  {name:<14}{value}" for name, value in rows.items()]
     notes = [f"  note: {message}" for message in facts["messages"]]
-    return [*lines, *notes, "  the solver has no objection"]
+    return [*lines, *notes, "  no defects: this mesh can be used"]

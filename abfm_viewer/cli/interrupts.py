@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: cancel at the first signal, end at the second."""
+"""Cancellation by signals: the first one cancels the work, the second one ends the program."""
 
 import os
 import time
@@ -10,19 +10,18 @@ from types import FrameType
 from abfm.workers import Control
 from abfm_viewer import signals
 
-# seconds: `timeout` and terminals may send a signal to a process and to its group
-_DOUBLE_SIGNAL_SECONDS = 0.1
+_DOUBLE_SIGNAL_SECONDS = 0.1  # `timeout` and terminals may send a signal twice
 
 
 @dataclass
 class Interrupt:
-    """The number of the signal that came; None if none did."""
+    """The number of the received signal, or None."""
 
     number: int | None = None
 
     @property
     def status(self) -> int | None:
-        """The exit status after the signal."""
+        """The exit status after the signal; None without a signal."""
         return None if self.number is None else signals.status(self.number)
 
 
@@ -30,20 +29,23 @@ class Interrupt:
 def cancelled_by_signals(
     control: Control, what: str = "with the best result so far"
 ) -> Iterator[Interrupt]:
-    """Cancel at the first signal, and print with what; end at a second one, if it comes later."""
-    interrupt, came = Interrupt(), 0.0
+    """Cancel work at the first signal, and end the program at a later second one.
+
+    ``what`` describes the remaining result in the printed message.
+    """
+    interrupt, signal_time = Interrupt(), 0.0
 
     def stop(number: int, frame: FrameType | None) -> None:
-        nonlocal came
+        nonlocal signal_time
         if interrupt.number is None:
-            interrupt.number, came = number, time.monotonic()
+            interrupt.number, signal_time = number, time.monotonic()
             control.cancel()
-            with suppress(OSError):  # not print, which may just have been interrupted
-                os.write(2, f"stopping {what}; Ctrl-C again to leave at once\n".encode())
-        elif time.monotonic() - came > _DOUBLE_SIGNAL_SECONDS:
+            with suppress(OSError):  # print may have been interrupted
+                os.write(2, f"stopping {what}; press Ctrl-C again to exit immediately\n".encode())
+        elif time.monotonic() - signal_time > _DOUBLE_SIGNAL_SECONDS:
             handled.close()
             os.kill(os.getpid(), number)
 
     with ExitStack() as handled:
-        handled.enter_context(signals.taken_over(stop))
+        handled.enter_context(signals.signal_handler(stop))
         yield interrupt

@@ -1,4 +1,4 @@
-"""`abfm map`: the map that a result's flow makes of the surface."""
+"""`abfm map`: the map of the flow of a match, or of a registration."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _report(
     lines: list[str],
     accuracy: MapAccuracy | None,
 ) -> int:
-    """Print what a map does, how near it is to a known one, and where it was written."""
+    """Print the report of a map, its accuracy if known, and the written file."""
     out = arguments.out
     if accuracy is not None:
         lines.append(accuracy.report())
@@ -121,26 +121,35 @@ def _report(
 
 
 def _of_two_surfaces(arguments: argparse.Namespace, found: Correspondence) -> int:
-    asked = arguments.time, arguments.carry, arguments.functional_map
-    if any(each is not None for each in asked):
+    requested = arguments.time, arguments.carry, arguments.functional_map
+    if any(each is not None for each in requested):
         raise UsageError(
-            "--time, --carry and --functional-map are for results on one surface; "
-            "for a registration see abfm apply"
+            "--time, --carry and --functional-map need a result on one surface; for a registration "
+            "use abfm apply"
         )
     accuracy = None
-    way = found.inverse() if arguments.inverse else found
+    correspondence = found.inverse() if arguments.inverse else found
     if arguments.truth:
         same = arguments.truth == "identity"
-        accuracy = way.accuracy(None if same else _true_vertices(way, arguments.truth))
+        accuracy = correspondence.accuracy(
+            None if same else _true_vertices(correspondence, arguments.truth)
+        )
     if arguments.out is not None:
-        write_values(arguments.out, vertex_numbers(way.points))
-    return _report(arguments, {"map": report.map_details(way)}, report.map_lines(way), accuracy)
+        write_values(arguments.out, vertex_numbers(correspondence.points))
+    return _report(
+        arguments,
+        {"map": report.map_details(correspondence)},
+        report.map_lines(correspondence),
+        accuracy,
+    )
 
 
-def _true_vertices(way: Correspondence, path: str) -> IntArray:
-    found = map_from_file(way.a, way.b, path)
+def _true_vertices(correspondence: Correspondence, path: str) -> IntArray:
+    found = map_from_file(correspondence.a, correspondence.b, path)
     if isinstance(found, Landmarks):
-        raise ParameterError(f"{path} holds pairs of points; expected a vertex for each of B")
+        raise ParameterError(
+            f"{path} has pairs of points; expected a vertex of A for each vertex of B"
+        )
     return found.nearest_vertices()
 
 
@@ -157,21 +166,21 @@ def _table(
     arguments: argparse.Namespace, match: Match, points: PointMap, time: float
 ) -> NDArray[Any]:
     if arguments.functional_map is not None:
-        way = -1 if arguments.inverse else 1
-        return match.functional_map(arguments.functional_map, way * time)
+        sign = -1 if arguments.inverse else 1
+        return match.functional_map(arguments.functional_map, sign * time)
     if arguments.carry:
-        return _carried(points, arguments.carry)
+        return _moved_table(points, arguments.carry)
     return vertex_numbers(points)
 
 
-def _carried(points: PointMap, path: str) -> NDArray[Any]:
-    """Return a table, a row per vertex, transferred along the flow; NaN where no face is."""
+def _moved_table(points: PointMap, path: str) -> NDArray[Any]:
+    """Return a table, one row per vertex, moved along the flow; NaN at vertices without faces."""
     rows = read_values(path, points.domain).table()
     if not np.isfinite(rows).all():
         raise FunctionError(
-            f"file {path!r}: some values are not finite; only finite ones can be carried"
+            f"file {path!r}: some values are not finite; --carry needs finite values"
         )
     values = points.pull_back(rows)
     if not np.isfinite(values).all():
-        raise ParameterError("the carried values overflow: use a shorter time")
+        raise ParameterError("the transferred values overflow; use a shorter time")
     return points.domain.on_file(values)

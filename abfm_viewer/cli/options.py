@@ -1,4 +1,4 @@
-"""The parser, whose errors are one line, and options that several commands share."""
+"""The parser of command lines, and options that several commands share."""
 
 import argparse
 import math
@@ -19,7 +19,7 @@ from abfm.tasks.inputs import mesh_options as options_in
 from abfm_viewer.cli.exit_status import UsageError, print_note
 
 OUTPUT = "output"
-"""Heading of options about files."""
+"""Heading of the options of output files."""
 _DISTANCE = re.compile(r"auto|[-+.\d][-+.\de]*", re.IGNORECASE)
 
 
@@ -113,8 +113,8 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{message}; see {self.prog} --help")
 
     def parse_all(self, words: list[str]) -> argparse.Namespace:
-        """Parse words that must all be understood; the `parser` of the result is in charge."""
-        arguments, unknown = self.parse_known_args(_with_distance(words))
+        """Parse arguments and refuse unknown ones; the result has the `parser` of its command."""
+        arguments, unknown = self.parse_known_args(_with_merge_distance(words))
         if unknown:
             command: Parser = arguments.parser
             name = unknown[0].partition("=")[0]
@@ -122,7 +122,7 @@ class Parser(argparse.ArgumentParser):
             setting = name.removeprefix("--").replace("-", "_")
             if setting in FIELDS and "--set" in command._option_string_actions:
                 hint = f"; write --set {setting}=VALUE"
-            command.error(f"{unknown[0]!r} is not understood{hint}")
+            command.error(f"{unknown[0]!r} is not an option{hint}")
         return arguments
 
 
@@ -135,8 +135,8 @@ class _HelpAll(argparse.Action):
         parser.exit()
 
 
-def _with_distance(words: list[str]) -> list[str]:
-    """Return the words with ``--merge=auto`` for a ``--merge`` that no distance follows."""
+def _with_merge_distance(words: list[str]) -> list[str]:
+    """Return the words with ``--merge=auto`` for each ``--merge`` without a distance."""
     found = []
     for word, following in zip(words, [*words[1:], ""], strict=False):
         is_alone = word == f"--{MERGE}" and not _DISTANCE.fullmatch(following)
@@ -145,7 +145,7 @@ def _with_distance(words: list[str]) -> list[str]:
 
 
 def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
-    """Return a short `add_argument`; an option without metavar and settings is a flag."""
+    """Return a short form of `add_argument`, where an option without metavar is a flag."""
 
     def add(name: str, help: str, metavar: object = None, **settings: Any) -> None:
         value = {"metavar": metavar} if metavar or settings else {"action": "store_true"}
@@ -155,13 +155,13 @@ def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
 
 
 def add_up(add: Callable[..., None]) -> None:
-    """Declare the axis that points upwards on pictures and pages."""
+    """Declare the option of the axis that points upwards in pictures and pages."""
     about = "axis that points upwards in pictures and pages (default: z for a cortex of known"
     add("--up", f"{about} hemisphere, seen from the side; otherwise y)", choices=("x", "y", "z"))
 
 
 def add_folder(parser: argparse.ArgumentParser, is_required: bool = False) -> None:
-    """Declare the folder of many results, and what is reported of them."""
+    """Declare the options of the folder of many results, and of their report."""
     add = adder(parser.add_argument_group(OUTPUT))
     about = "folder for the results, created if missing"
     add("--out", about, "DIR", type=folder, required=is_required)
@@ -171,7 +171,7 @@ def add_folder(parser: argparse.ArgumentParser, is_required: bool = False) -> No
 
 
 def add_report(add: Callable[..., None]) -> None:
-    """Declare how a result is reported."""
+    """Declare the options of the report of a result."""
     add("--json", "print the result as one JSON object")
     add("--quiet", "do not show progress")
 
@@ -182,23 +182,23 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     what = "number of processes on this machine (default: one per core)"
     add("--jobs", what, "N", type=processes)
     what = (
-        "address of a Dask scheduler that solves instead, such as tcp://10.0.0.1:8786; use only a "
-        "trusted one, which can run programs on this machine and on its workers"
+        "address of a Dask scheduler that solves instead, such as tcp://10.0.0.1:8786. Use only a "
+        "trusted one: it can run programs on this machine and on its workers"
     )
     add("--scheduler", what, "ADDRESS", type=address)
     add("--scheduler-file", "the same, by the file with its address", "FILE", type=Path)
 
 
 def cluster_of(arguments: argparse.Namespace) -> Cluster:
-    """Return who solves."""
+    """Return the processes or the cluster that the options select."""
     given = arguments.jobs, arguments.scheduler, arguments.scheduler_file
     if sum(each is not None for each in given) > 1:
-        raise UsageError("give one of --jobs, --scheduler and --scheduler-file, or none")
+        raise UsageError("--jobs, --scheduler and --scheduler-file exclude each other; give one")
     return Cluster(*given)
 
 
 def add_inputs(parser: Parser, inputs: Sequence[Input], without: Iterable[str] = ()) -> None:
-    """Declare an option, or an argument, for each input; `given_texts` returns their texts."""
+    """Declare an option or an argument for each input; `given_texts` returns their texts."""
     groups: dict[str, argparse._ActionsContainer] = {"": parser}
     rare = [each for each in inputs if each.is_rare]
     for each in inputs:
@@ -230,7 +230,7 @@ def add_inputs(parser: Parser, inputs: Sequence[Input], without: Iterable[str] =
 
 
 def _setting(each: Input) -> argparse.Action:
-    """Return what describes a parameter in the text of ``--help-all``."""
+    """Return the description of a parameter in ``--help-all``."""
     name = f"{each.name.replace('-', '_')}={each.metavar}"
     help = f"{each.help} (default: {each.default})".replace("%", "%%")
     return argparse.Action([], each.name, metavar=name, help=help)
@@ -239,7 +239,7 @@ def _setting(each: Input) -> argparse.Action:
 def given_texts(
     arguments: argparse.Namespace, inputs: Sequence[Input]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the names and texts of the inputs that were given."""
+    """Yield the name and the text of each given input."""
     rare, settings = by_name(each for each in inputs if each.is_rare), dict[str, str]()
     own = [option(name) for name in MAIN_FIELDS]
     for word in arguments.set if rare else ():
@@ -249,10 +249,10 @@ def given_texts(
             raise UsageError(f"--set {brief(word)}: {name} has its own option, --{name}")
         if name not in rare:
             nearest = did_you_mean(name, [*own, *rare]) or f"; expected one of {', '.join(rare)}"
-            raise UsageError(f"--set: {brief(name)} is not known{nearest}")
+            raise UsageError(f"--set: {brief(name)} is not a parameter{nearest}")
         if not sign:
             raise UsageError(f"--set {brief(word)} is not NAME=VALUE")
-        settings[name] = text.strip()  # the last one counts, as of options
+        settings[name] = text.strip()  # the last one is used, as for options
     yield from settings.items()
     for each in inputs:
         if each.is_rare:
@@ -262,22 +262,22 @@ def given_texts(
         for value in several:
             text = shlex.join(value) if isinstance(value, list) else value
             if not text.strip():
-                raise UsageError(f"{shown(each)} is empty; give a value or leave it out")
+                raise UsageError(f"{shown_name(each)} is empty; give a value, or omit the option")
             yield each.name, text
 
 
-def shown(each: Input) -> str:
-    """Return what an input is called on the command line."""
+def shown_name(each: Input) -> str:
+    """Return the name of an input on the command line."""
     return each.metavar if each.is_argument else f"--{each.name}"
 
 
 def add_mesh_options(parser: Parser) -> None:
-    """Declare how meshes are read."""
+    """Declare the options of reading meshes."""
     add_inputs(parser, MESH_INPUTS)
 
 
 def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
-    """Return how meshes are to be read."""
+    """Return the options of reading meshes."""
     inputs, values = by_name(MESH_INPUTS), dict[str, Any]()
     for name, text in given_texts(arguments, MESH_INPUTS):
         try:
@@ -288,27 +288,29 @@ def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
 
 
 def load_result(path: str, *expected: type) -> Any:
-    """Read a result of one of these types, and warn of what its field contradicts."""
-    found = abfm.load(path, *expected)
-    warn_if_recomputed(path, found)
-    return found
+    """Read a result of one of these types; warn of stored values that contradict its field."""
+    result = abfm.load(path, *expected)
+    warn_if_recomputed(path, result)
+    return result
 
 
-def warn_if_recomputed(path: str, found: object) -> None:
-    """Warn of values in a result's file that the field of its match contradicts."""
-    match = getattr(found, "match", found)
+def warn_if_recomputed(path: str, result: object) -> None:
+    """Warn of values in the file of a result that contradict the field of its match."""
+    match = getattr(result, "match", result)
     if load_warning := getattr(match, "load_warning", ""):
         text = f"values stored in {path} do not match its field and were recomputed: {load_warning}"
         print_note(text, "warning")
 
 
 def size(text: str) -> tuple[int, int]:
-    """Read a picture's size: ``1600x900``."""
+    """Return the width and height of a picture for a text such as ``1600x900``."""
     width, cross, height = text.partition("x")
     if not cross or not (width.isdecimal() and height.isdecimal()):
         raise argparse.ArgumentTypeError(f"{text!r} is not a size such as 1600x900")
     if not (320 <= int(width) <= 16384 and 240 <= int(height) <= 16384):
-        raise argparse.ArgumentTypeError(f"{text!r} is out of range: from 320x240 to 16384x16384")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is out of range; expected 320x240 to 16384x16384"
+        )
     return int(width), int(height)
 
 
@@ -324,25 +326,27 @@ def _within(
     return value
 
 
-# types for argparse
+# readers for argparse
 positive = partial(_within, float, math.ulp(0), 86400, "a number above 0 and at most 86400")
-angle = partial(_within, float, -360_000, 360_000, "an angle up to 360000 degrees")
-seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")
-count = partial(_within, int, 1, 1_000_000, "a whole number from 1 to 1000000")
+angle = partial(_within, float, -360_000, 360_000, "an angle from -360000 to 360000 degrees")
+seed = partial(_within, int, 0, 1e39, "an integer of at least 0")
+count = partial(_within, int, 1, 1_000_000, "an integer from 1 to 1000000")
 processes = partial(_within, int, 1, 4096, "a number of processes, 1 to 4096")
-width = partial(_within, int, 32, 2000, "a whole number from 32 to 2000")
-texels = partial(_within, int, 4, 16384, "a whole number from 4 to 16384")
+width = partial(_within, int, 32, 2000, "an integer from 32 to 2000")
+texels = partial(_within, int, 4, 16384, "an integer from 4 to 16384")
 
 
 def folder(text: str) -> Path:
-    """Read the name of a folder: an empty one, as of a variable that is not set, would be this."""
+    """Return the path of a folder; refuse an empty text, such as that of an unset variable."""
     if not text.strip():
-        raise argparse.ArgumentTypeError(f"{text!r} names no folder; . is the present one")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a folder; the current one is .")
     return Path(text)
 
 
 def address(text: str) -> str:
-    """Read a scheduler's address."""
+    """Return the address of a scheduler."""
     if not text.strip():
-        raise argparse.ArgumentTypeError(f"{text!r} is no address, such as tcp://10.0.0.1:8786")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not an address; expected one such as tcp://10.0.0.1:8786"
+        )
     return text

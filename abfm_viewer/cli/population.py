@@ -1,4 +1,4 @@
-"""`abfm population`: subjects on a template."""
+"""`abfm population`: registration of many subjects to a template."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from abfm_viewer.reports.pages import population_page
 
 SUMMARY = "iteratively register subjects to a template; report the mean and the outliers"
 DESCRIPTION = """\
-Register each subject of a table to a template by its functions, compute the mean, register to the
-mean, and repeat until the mean hardly changes. Report means, deviations, the variation of areas and
-of positions, and outliers, which the mean excludes.
+Register each subject of a table to a template by its functions, and compute the mean. Register to
+the mean, and repeat until it hardly changes. The report has means, deviations, the variation of
+areas and positions, and outliers, which the mean excludes.
 
 Examples:
   abfm population subjects.csv --template fsaverage.sphere.surf.gii --out pop
@@ -35,8 +35,8 @@ files of values:
   name,surface,sulc,curv
   sub-01,sub-01/lh.sphere,sub-01/lh.sulc,sub-01/lh.curv
 
-The exit status is 0 if the mean has converged, 3 if it has not, 4 if a subject could not be
-registered, 2 for bad input.
+The exit status is 0 if the mean has converged, 3 if not, 4 if a subject could not be registered, 2
+for bad input.
 """
 DETAILS = f"""\
 Columns of SUBJECTS.csv (paths begin at the folder of the table):
@@ -80,7 +80,7 @@ def add_arguments(parser: options.Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Register, write and report."""
+    """Register the subjects, and write and print the result."""
     if arguments.template is None:
         raise UsageError("--template is missing; give the surface to which subjects are registered")
     folder: Path = arguments.out
@@ -103,8 +103,8 @@ def run(arguments: argparse.Namespace) -> int:
         **solved.to_dict(),
     }
     written = [*solved.outputs, folder / "population.html"]
-    drawn = _drawn(solved.found, arguments)
-    outputs.write_text(written[-1], population_page(facts, solved.found.facts, drawn))
+    drawn = _drawn(solved.result, arguments)
+    outputs.write_text(written[-1], population_page(facts, solved.result.facts, drawn))
     if arguments.json:
         print(json.dumps(facts | {"outputs": list(map(str, written))}))
     else:

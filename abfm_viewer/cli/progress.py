@@ -1,4 +1,4 @@
-"""How far work is, on stderr: a bar on a terminal, plain lines elsewhere."""
+"""Progress on stderr: a bar on a terminal, plain lines elsewhere."""
 
 import json
 import os
@@ -24,8 +24,8 @@ from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError, print_line
 from abfm_viewer.document.verdict_words import stage_text
 
-_WARNING_ITERATIONS = 10  # iterations: what looks wrong for less mostly passes
-_LONG_STEP_SECONDS = 2.0  # seconds
+_WARNING_ITERATIONS = 10  # shorter warnings mostly resolve by themselves
+_LONG_STEP_SECONDS = 2.0
 _TENTHS = _LINES_EVERY = _LINES_OF_A_MOVIE = 10
 _BAR = BarColumn(bar_width=None)
 _COUNT = TextColumn("{task.completed}/{task.total}")
@@ -33,15 +33,15 @@ _COUNT = TextColumn("{task.completed}/{task.total}")
 
 @contextmanager
 def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
-    """Show the steps of a task, and yield what to call with its partial results.
+    """Show the steps of a task; yield a function to call with its partial results.
 
-    A terminal has a bar; elsewhere a line is printed for each tenth of a counted step, and for each
-    tenth iteration. A warning that lasts is printed once, quiet or not.
+    A terminal shows a bar. Elsewhere one line is printed per tenth of a counted step, and per ten
+    iterations. A warning that persists is printed once, also if ``quiet``.
     """
     printed = "", 0  # a step and its tenths
     warned = 0  # consecutive iterations with a warning
 
-    def say(completed: float, text: str, line: str) -> None:
+    def print_progress(completed: float, text: str, line: str) -> None:
         if line:
             print_line(line)
 
@@ -67,14 +67,14 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
 
     columns = (_BAR, "{task.fields[text]}", TimeElapsedColumn())
     with (
-        _told(quiet, say, 1.0, *columns, text="starting") as update,
+        _progress_bar(quiet, print_progress, 1.0, *columns, text="starting") as update,
         nullcontext() if quiet else reporting_steps(show),
     ):
         yield report
 
 
 def _line_of(step: Step) -> str:
-    """Return the line that is printed of a step; empty if it is short."""
+    """Return the line to print for a step; empty for a short step."""
     if step.done is None:
         return step.text() if (step.expected or 0) >= _LONG_STEP_SECONDS else ""
     return f"{step.task}: {int(_TENTHS * step.done) * 100 // _TENTHS}%" if step.done > 0 else ""
@@ -82,23 +82,26 @@ def _line_of(step: Step) -> str:
 
 @contextmanager
 def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[[int], None]]:
-    """Yield what to call with the number of frames done; for a machine JSON lines on stdout."""
+    """Yield a function to call with the number of finished frames.
+
+    If ``machine``, print one line of JSON per frame to stdout.
+    """
     every = max(count // _LINES_OF_A_MOVIE, 1)
 
-    def tell(frame: int) -> None:
+    def print_json(frame: int) -> None:
         print(json.dumps({"frame": frame, "count": count}), flush=True)
         if getattr(sys.stdout, "problem", None):
-            raise UsageError("no movie: who asked for its progress has gone")
+            raise UsageError("no movie was written, because the reader of its progress is gone")
 
-    def say(completed: int) -> None:
+    def print_progress(completed: int) -> None:
         if completed % every == 0:
             print_line(f"frame {completed} of {count}")
 
     if machine:
-        yield tell
+        yield print_json
         return
     columns = ("frame", _BAR, _COUNT, TimeElapsedColumn(), TimeRemainingColumn())
-    with _told(quiet, say, count, *columns) as update:
+    with _progress_bar(quiet, print_progress, count, *columns) as update:
         yield lambda frame: update(completed=frame)
 
 
@@ -106,72 +109,80 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
 def row_progress(
     count: int, quiet: bool, title: str = "rows", reported: Collection[str] = ()
 ) -> Iterator[Callable[[str], None]]:
-    """Yield what to call with a line about each of so many rows once it is done; of 0 they are not
-    counted, and lines are for terminals alone. Steps whose names begin so are reported, too.
+    """Yield a function to call with a line of text for each finished row.
+
+    Parameters
+    ----------
+    count : int
+        Number of rows. If it is 0, rows are not counted, and only terminals show progress.
+    reported : collection of str
+        Steps whose names begin with one of these words are shown as well.
     """
     done = 0
 
-    def say(completed: int, text: str) -> None:
+    def print_progress(completed: int, text: str) -> None:
         if count:
             print_line(f"{completed} of {count}: {text}")
 
     columns = (title, _BAR, *((_COUNT,) if count else ()), "{task.fields[text]}")
     ends = (TimeElapsedColumn(), TimeRemainingColumn()) if count else (TimeElapsedColumn(),)
-    with _told(quiet, say, count or None, *columns, *ends, text="starting") as update:
+    with _progress_bar(
+        quiet, print_progress, count or None, *columns, *ends, text="starting"
+    ) as update:
 
         def show(step: Step | None) -> None:
             if step and step.task.startswith(tuple(reported)):
                 update(completed=done, text=step.task)
 
-        def tell(text: str) -> None:
+        def report(text: str) -> None:
             nonlocal done
             done += 1
             update(completed=done, text=text)
 
         with reporting_steps(show):
-            yield tell
+            yield report
 
 
 @contextmanager
 def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """Yield what to call with what is being done, and the share that is behind it."""
-    said = ""
+    """Yield a function to call with the current work and the completed share, 0 to 1."""
+    printed = ""
 
-    def say(completed: float, text: str) -> None:
-        nonlocal said
-        if text != said:
-            said = text
+    def print_progress(completed: float, text: str) -> None:
+        nonlocal printed
+        if text != printed:
+            printed = text
             print_line(f"{title}: {text}")
 
     columns = (title, _BAR, "{task.fields[text]}", TimeElapsedColumn())
-    with _told(quiet, say, 1.0, *columns, text="") as update:
+    with _progress_bar(quiet, print_progress, 1.0, *columns, text="") as update:
         yield lambda text, share: update(completed=share, text=text)
 
 
 @contextmanager
-def _told(
+def _progress_bar(
     quiet: bool,
-    say: Callable[..., None],
+    print_progress: Callable[..., None],
     total: float | None,
     *columns: str | ProgressColumn,
     **state: Any,
 ) -> Iterator[Callable[..., None]]:
-    """Yield what to call with the new state, for a bar of these columns or a line that is said."""
+    """Yield a function to call with the new state, which updates a bar or prints a line."""
     if quiet:
         yield lambda **state: None
     elif sys.stderr.isatty():
         with (
-            # a signal clears the line of the bar and shows the cursor again
-            signals.tidied(partial(os.write, 2, b"\r\x1b[2K\x1b[?25h")),
+            # a signal clears the bar and shows the cursor again
+            signals.cleanup_on_signal(partial(os.write, 2, b"\r\x1b[2K\x1b[?25h")),
             Progress(*columns, console=Console(stderr=True), transient=True) as bar,
         ):
             yield partial(bar.update, bar.add_task("", total=total, **state))
     else:
-        yield say
+        yield print_progress
 
 
 def long_steps(quiet: bool) -> AbstractContextManager[None]:
-    """Print the steps of work that take seconds."""
+    """Print the steps of work that take seconds, unless ``quiet``."""
     return nullcontext() if quiet else reporting_steps(_print_long)
 
 

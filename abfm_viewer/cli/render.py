@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 SUMMARY = "draw a picture, a movie or a page of a result or a project"
 DESCRIPTION = """\
-Draw a result or a project: a picture (.png), a movie of the flow (.mp4, .gif), or an interactive
-page for a browser (.html), in one file without external resources.
+Draw a result or a project as a picture (.png), a movie of the flow (.mp4, .gif), or an interactive
+page for a browser (.html). The page is one file without external resources.
 
 Examples:
   abfm render match.npz --out match.png
@@ -80,8 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--size", "size in pixels, such as 1600x900", "WxH", type=size)
     add(
         "--time",
-        "time of a picture, 0 to 2 tau (default: that of the project, or tau); repeatable for a "
-        "sheet (default: quarters of tau, or six times of a sequence)",
+        "time of a picture, 0 to 2 tau (default: that of the project, or tau). It is repeatable "
+        "for a sheet (default: quarters of tau, or six times of a sequence)",
         "T",
         type=float,
         action="append",
@@ -119,13 +119,13 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.check(out, [".png", *_MOVIES, _PAGE])
     if out.suffix == _PAGE:
         every = (*_PICTURE_OPTIONS, *_WINDOW_OPTIONS, *_MOVIE_OPTIONS)
-        _refuse(arguments, every, f"is for pictures and movies, and {out} is a page")
+        _refuse(arguments, every, f"needs a picture or a movie, but {out} is a page")
     elif out.suffix in _MOVIES:
         _check_movie(arguments)
     else:
-        _refuse(arguments, _MOVIE_OPTIONS, f"is for movies, and {out} is a picture")
+        _refuse(arguments, _MOVIE_OPTIONS, f"needs a movie, but {out} is a picture")
     if arguments.fade and not arguments.streaks:
-        raise UsageError("--fade is for streaks; add --streaks")
+        raise UsageError("--fade needs --streaks")
     document, known = read_document(Path(arguments.input))
     warn_if_recomputed(arguments.input, document)
     size = ""
@@ -142,7 +142,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str) -> None:
-    """Refuse options that would do nothing."""
+    """Refuse options that have no effect."""
     for name in names:
         value = getattr(arguments, name)
         if value is not None and value is not False:
@@ -153,18 +153,22 @@ def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str) -> No
 def _check_movie(arguments: argparse.Namespace) -> None:
     suffix, fps = arguments.out.suffix, arguments.fps
     if arguments.style == "sheet":
-        raise UsageError("--style sheet is for pictures; a movie shows what the window shows")
-    why = f"is for pictures (.png); a {suffix} file has a ground"
+        raise UsageError(
+            "--style sheet needs a picture (.png); movies have the style of the window"
+        )
+    why = f"needs a picture (.png); a {suffix} file has no transparency"
     _refuse(arguments, ("transparent",), why)
-    _refuse(arguments, ("time",), "is for pictures; a movie takes --from and --to")
+    _refuse(arguments, ("time",), "needs a picture; use --from and --to for a movie")
     slowest, fastest = outputs.FPS_MIN, outputs.FPS_MAX[suffix]
     if fps is not None and not slowest <= fps <= fastest:
-        raise UsageError(f"--fps {fps:g}: a {suffix} file takes {slowest:g} to {fastest:g}")
+        raise UsageError(
+            f"--fps {fps:g} is out of range for {suffix} files; expected {slowest:g} to {fastest:g}"
+        )
 
 
 def _write_page(arguments: argparse.Namespace, document: Document) -> None:
     if document.result is None:
-        raise ParameterError(f"{arguments.input} holds no result to make a page of")
+        raise ParameterError(f"{arguments.input} has no result, which a page needs")
     outputs.write(arguments.out, document.complete_result, arguments.up)
 
 
@@ -172,7 +176,7 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
     channel, count = arguments.channel, document.channel_count
     if channel is not None:
         if not 0 <= channel < count:
-            raise ParameterError(f"--channel {channel}: there are channels 0 to {count - 1}")
+            raise ParameterError(f"--channel {channel} is out of range; expected 0 to {count - 1}")
         document = replace(document, channel=channel)
     if arguments.streaks:
         moving = {"fade": arguments.fade, "animate": arguments.out.suffix in _MOVIES}
@@ -186,23 +190,23 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
 
 
 def _picture(arguments: argparse.Namespace, document: Document, known: Known) -> Image.Image:
-    """Draw a sheet of a result, or what the window shows of projects and registrations."""
+    """Draw a sheet of a result, or a project or registration in the style of the window."""
     is_shown = arguments.input.lower().endswith(PROJECT) or document.initial_map is not None
     is_sheet = arguments.style == "sheet" or (arguments.style is None and not is_shown)
     if is_sheet:
-        _refuse(arguments, _WINDOW_OPTIONS, "is not for sheets; add --style window")
+        _refuse(arguments, _WINDOW_OPTIONS, "is not possible for sheets; add --style window")
     document = _chosen(arguments, document)
     if is_sheet:
         draw = pictures.SHEETS.get(type(document.result))
         if draw is None:
             raise ParameterError(
-                f"{arguments.input} holds no result to make a sheet of; add --style window"
+                f"{arguments.input} has no result, which a sheet needs; add --style window"
             )
         return draw(document.result, arguments.time, arguments.size, document.channel, arguments.up)
     times = arguments.time or [document.time]
     if len(times) > 1:
         raise UsageError(
-            "--time is given more than once, and a picture of the window shows one time"
+            "--time is given more than once; a picture in the style of the window shows one time"
         )
     with _renderer(arguments, document, known) as renderer:
         return renderer.picture(times[0])
@@ -228,7 +232,7 @@ def _write_movie(arguments: argparse.Namespace, document: Document, known: Known
 def _renderer(
     arguments: argparse.Namespace, document: Document, known: Known
 ) -> pictures.DocumentRenderer:
-    """Return what draws the document, seen from where an axis that was asked for points upwards."""
+    """Return the renderer of a document, viewed so that the axis of --up points upwards."""
     if arguments.up is not None:
         result, turned = document.match, document
         functions = [] if result is None else [result.source[:, 0], result.target[:, 0]]

@@ -1,4 +1,4 @@
-"""`abfm report`: one page of a registration for people, with its numbers for machines."""
+"""`abfm report`: a page about a registration, with its numbers as JSON."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from abfm_viewer.reports.pages import COVERAGE_MIN, RETURN_EDGES_MAX, report_pag
 
 SUMMARY = "write a page about a registration: pictures, distortion, warnings"
 DESCRIPTION = f"""\
-Write a page (.html) about a registration, to print or send: verdict, pictures of both surfaces and
-their functions, distortion, the steps of the continuation, parameters. It has no external files.
+Write a page (.html) about a registration, to print or send. It has the verdict, pictures of both
+surfaces and their functions, the distortion, the steps of the continuation and the parameters.
+Results of `abfm match` and `abfm symmetric` and maps of `Correspondence.save` also work.
 
-The page warns of folded faces, of a map that covers less than {100 * COVERAGE_MIN:g}% of A, and of
-a round-trip error above {RETURN_EDGES_MAX:g} edges at 5% of the vertices. The element with id
-"facts" contains all numbers as JSON. Results of `abfm match` and `abfm symmetric` and maps of
-`Correspondence.save` also work.
+The page warns of folded faces and of a map that covers less than {100 * COVERAGE_MIN:g}% of A. It
+also warns if 5% of the vertices have a round-trip error above {RETURN_EDGES_MAX:g} edges. The
+element with id "facts" contains all numbers as JSON.
 
 Examples:
   abfm report reg.npz --out report.html
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _loaded(path: str) -> Correspondence:
-    """Return the map of a file; a match on one surface as a registration of it to itself."""
+    """Return the map of a file, for a match a registration of the surface to itself."""
     found: Match | Correspondence = options.load_result(path, Match, Correspondence)
     if isinstance(found, Match):
         return Registration(Correspondence.of_same_faces(found.mesh, found.mesh), found)
@@ -111,7 +111,7 @@ def _facts(
 
 
 def _of_registration(found: Registration) -> dict[str, Any]:
-    """Return what a registration has besides its map and verdict."""
+    """Return the facts of a registration besides its map and verdict."""
     match = found.match
     facts: dict[str, Any] = {
         "notes": [*found.notes, *match.mesh.messages],
@@ -135,7 +135,7 @@ def _sizes(mesh: TriangleMesh) -> dict[str, int]:
 
 def _warnings(of_map: dict[str, Any], reported: Facts | None) -> list[str]:
     folded, collapsed, faces = (of_map[name] for name in ("folded", "collapsed", "faces"))
-    apart, covered = of_map["there_and_back"]["p95"], of_map["coverage"]
+    round_trip, covered = of_map["there_and_back"]["p95"], of_map["coverage"]
     texts = [] if reported is None else list(reported.warnings)
     if folded and reported is None:
         part = percents(folded / faces, ".3g")
@@ -144,13 +144,15 @@ def _warnings(of_map: dict[str, Any], reported: Facts | None) -> list[str]:
         texts.append(f"{collapsed:,} of {faces:,} faces collapse to a line or a point")
     if covered < COVERAGE_MIN:
         texts.append(f"only {percents(covered, '.3g')} of A is covered")
-    if apart > RETURN_EDGES_MAX:
-        texts.append(f"5% of the vertices come back {apart:.2g} edges or more from where they were")
+    if round_trip > RETURN_EDGES_MAX:
+        texts.append(
+            f"5% of the vertices have a round-trip error of {round_trip:.2g} edges or more"
+        )
     return texts
 
 
 def _finite(value: Any) -> Any:
-    """Return facts with None for numbers that JSON does not have."""
+    """Return facts with None for infinite numbers and NaN, which JSON lacks."""
     if isinstance(value, dict):
         return {name: _finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):

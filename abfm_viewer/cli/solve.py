@@ -1,4 +1,4 @@
-"""Commands that solve one task: options from its inputs, progress, files, and the report."""
+"""Commands that solve one task: options, progress, output files and report."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Command:
         self.MAIN_OPTIONS = (*task.main_options, "out", "json")
 
     def add_arguments(self, parser: options.Parser) -> None:
-        """Declare the inputs and the outputs."""
+        """Declare the options of the inputs and the outputs."""
         options.add_inputs(parser, self.task.inputs)
         add = options.adder(parser.add_argument_group(options.OUTPUT))
         about = f"{self.task.output_help}; repeatable"
@@ -46,9 +46,9 @@ class Command:
         options.add_report(add)
 
     def run(self, arguments: argparse.Namespace) -> int:
-        """Solve, write and print the result; return the exit status.
+        """Solve the task, write and print the result, and return the exit status.
 
-        It is 3 when the target was not reached, and 128 and its number after a signal.
+        It is 3 if the target was not reached, and 128 plus the number of the signal after a signal.
         """
         task = self.task
         row = row_of(arguments, task)
@@ -72,21 +72,23 @@ class Command:
 
 
 def row_of(arguments: argparse.Namespace, task: type[Task]) -> Row:
-    """Return the inputs that were given, checked, with paths that begin at the current folder."""
-    shown = {
-        each.name: f"--set {each.name}" if each.is_rare else options.shown(each)
+    """Return the given inputs, checked, as a row whose paths begin at the current folder."""
+    names = {
+        each.name: f"--set {each.name}" if each.is_rare else options.shown_name(each)
         for each in task.inputs
     }
     try:
         return Row("", options.given_texts(arguments, task.inputs), "", task)
     except ParameterError as error:
-        text = re.sub(r"^column ([\w-]+)", lambda found: shown.get(found[1], found[1]), str(error))
+        text = re.sub(
+            r"^column ([\w-]+)", lambda column: names.get(column[1], column[1]), str(error)
+        )
         raise UsageError(f"{text}; see {arguments.parser.prog} --help") from error
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """The files of a result, its tables by name, and the axis that points upwards on pages."""
+    """Output files of a result, its tables by name, and the upward axis of pages."""
 
     files: list[Path]
     tables: Mapping[str, Path] = field(default_factory=dict)
@@ -97,7 +99,7 @@ class Outputs:
         return [*self.files, *self.tables.values()]
 
     def check(self, task: type[Task], read: Iterable[str]) -> None:
-        """Refuse files that could not be written, that are read, or have the same name."""
+        """Refuse files that cannot be written, that are also inputs, or that have the same name."""
         for path in self.files:
             outputs.check_result(path, task)
         for path in self.tables.values():
@@ -105,36 +107,37 @@ class Outputs:
         for path in self.all:
             outputs.check_not_read(path, read)
         if len(set(self.all)) < len(self.all):
-            raise UsageError("two outputs have the same name; give each its own")
+            raise UsageError("two outputs have the same name; give them different names")
 
 
 @dataclass(frozen=True)
 class Solved:
-    """A result that was written to files."""
+    """A result and the files that were written."""
 
     task: type[Task]
-    found: Any
+    result: Any
     seconds: float
     outputs: list[Path]
     status: int
-    checkpoints: list[Path]  # of a run that a signal ended
+    checkpoints: list[Path]  # only after a signal
 
     def summary(self) -> str:
-        """Return the report for people, with what to try next."""
+        """Return the report as text, with advice."""
         names = list(map(printable, self.outputs))
         lines = [
-            *self.task.report.lines(self.found),
+            *self.task.report.lines(self.result),
             f"in {self.seconds:.1f} s; wrote {', '.join(names)}",
         ]
         if self.checkpoints:
-            lines.append(f"the same command resumes from {printable(self.checkpoints[0])}")
-        result = next((name for name in names if name.endswith(".npz")), "RESULT.npz")
-        if advice := self.task.report.advice(self.found, result):
-            lines.append(f"to try: {advice}")
+            lines.append(f"run the same command to resume from {printable(self.checkpoints[0])}")
+        file = next((name for name in names if name.endswith(".npz")), "RESULT.npz")
+        if advice := self.task.report.advice(self.result, file):
+            lines.append(f"advice: {advice}")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        details = self.task.report.details(self.found)
+        """Return the report as plain numbers and texts."""
+        details = self.task.report.details(self.result)
         return {**details, "seconds": self.seconds, "outputs": list(map(str, self.outputs))}
 
 
@@ -148,7 +151,7 @@ def status_of(facts: Facts) -> int:
 def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None = None) -> Solved:
     """Solve a task with progress on stderr and write the result, also after a signal.
 
-    ``checkpoint`` is that of the monitor; by default the first output.
+    ``checkpoint`` is the checkpoint of the monitor; by default the first output.
     """
     for note in task.notes():
         print_note(note)
@@ -163,24 +166,24 @@ def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None
         )
         with cancelled_by_signals(monitor.control) as interrupt:
             try:
-                found = task.solve(monitor)
-            except CancelledError:  # a task that has no result before its end
-                print_note("run the same command to resume, finished rows are kept")
+                result = task.solve(monitor)
+            except CancelledError:  # a task without a partial result
+                print_note("run the same command to resume; finished rows are kept")
                 raise signals.EndedBySignal(interrupt.number or signal.SIGINT) from None
             seconds = time.perf_counter() - start
-            is_kept = True
+            is_written = True
             try:
                 with long_steps(quiet):
-                    for note in outputs.write_all(out.files, found, out.up, out.tables):
+                    for note in outputs.write_all(out.files, result, out.up, out.tables):
                         print_note(note)
             except outputs.LostResultError:
-                is_kept = False
+                is_written = False
                 raise
             finally:
-                if is_kept and interrupt.number is None:
+                if is_written and interrupt.number is None:
                     for path in monitor.checkpoints:
                         with suppress(OSError):
                             path.unlink()
-    status = interrupt.status or status_of(found.facts)
-    left = [path for path in monitor.checkpoints if path.is_file()]
-    return Solved(type(task), found, seconds, out.all, status, left)
+    status = interrupt.status or status_of(result.facts)
+    checkpoints = [path for path in monitor.checkpoints if path.is_file()]
+    return Solved(type(task), result, seconds, out.all, status, checkpoints)

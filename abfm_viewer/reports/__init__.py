@@ -1,1 +1,1 @@
-"""Static pages about results: HTML templates, filled with facts, tables and pictures."""
+"""Static pages about results: HTML templates with facts, tables and pictures."""

@@ -1,4 +1,4 @@
-"""What is reported of a batch: its rows, the best of them, and a page of the worst."""
+"""Reports of a batch: its rows, the best rows, and a page of the worst rows."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from typing import Any, NamedTuple
 from abfm.batch import KINDS, LedgerEntry
 from abfm.outcome import Facts, Outcome
 from abfm.parameters import FIELDS, option
-from abfm_viewer.reports.pages import cut, render
+from abfm_viewer.reports.pages import abbreviated, render
 
 ROWS_SHOWN_MAX = 1000
-"""Rows on a page, which has about 6 MB with their pictures."""
+"""Most rows on a page, which has about 6 MB with their pictures."""
 _NUMBERS = ("residual", "verified_residual", "folded", "log2_area")
 _HEADS = ("", "residual", "by flow lines", "folded", "|log2\u00a0J|", "seconds")
 _SETTINGS = {*map(option, FIELDS), "start", "initial", "max-distortion"}
-"""Options that say how a problem is solved, not which."""
+"""Options of the solution of a problem, not of the problem itself."""
 
 
 class SummaryRow(NamedTuple):
-    """A row of a batch and its facts; without numbers if it has no result."""
+    """A row of a batch and its facts, which have numbers only if there is a result."""
 
     entry: LedgerEntry
     facts: Facts
@@ -48,7 +48,7 @@ class SummaryRow(NamedTuple):
         return _or_infinite(self.facts.number("log2_area"))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers and texts; None for what is unknown."""
+        """Return plain numbers and texts; None if unknown."""
         entry, facts = self.entry, self.facts
         return {
             "name": self.name,
@@ -68,9 +68,7 @@ def counts(rows: Iterable[SummaryRow]) -> dict[Outcome, int]:
 
 
 def worst(rows: Sequence[SummaryRow]) -> list[SummaryRow]:
-    """Return the rows with the worst outcomes, then the largest residuals, at most
-    `ROWS_SHOWN_MAX`.
-    """
+    """Return at most `ROWS_SHOWN_MAX` rows, by worst outcome and then by largest residual."""
     return heapq.nsmallest(ROWS_SHOWN_MAX, rows, key=_goodness)
 
 
@@ -80,44 +78,57 @@ def _goodness(row: SummaryRow) -> tuple[int, float]:
 
 
 class Best(NamedTuple):
-    """Of rows that solve one problem: the closest, of those that reached their target if there are
-    any, and of these the one whose map changes areas least, if that is known of any.
+    """The best rows of a batch that solves one problem with several settings.
+
+    If some rows reached their target, only these are compared.
+
+    Attributes
+    ----------
+    closest : SummaryRow
+        The row with the smallest residual.
+    least_distorted : SummaryRow or None
+        The row whose map changes areas least, if known.
+    reached : bool
+        Whether the compared rows reached their target.
+    undominated : frozenset of str
+        Names of the rows without another row that is better in residual and in area change.
     """
 
     closest: SummaryRow
-    gentlest: SummaryRow | None
-    reached: bool  # whether they reached their target
-    unbeaten: frozenset[str]  # names of those that no other beats in both
+    least_distorted: SummaryRow | None
+    reached: bool
+    undominated: frozenset[str]
 
     def to_dict(self) -> dict[str, str | None]:
         """Return the names of the rows."""
-        gentlest = None if self.gentlest is None else self.gentlest.name
-        return {"closest": self.closest.name, "areas_change_least": gentlest}
+        other = None if self.least_distorted is None else self.least_distorted.name
+        return {"closest": self.closest.name, "areas_change_least": other}
 
     def sentences(self) -> list[str]:
-        """Return it in words."""
-        first, other = self.closest, self.gentlest
+        """Return sentences about the best rows."""
+        first, other = self.closest, self.least_distorted
         if other is None or other is first:
-            both = "" if other is None else ", and areas change least"
-            found = [f"closest{both}: {_cost_words(first)}"]
+            both = "" if other is None else " and least change of areas"
+            found = [f"closest match{both}: {_cost_text(first)}"]
         else:
-            which = "of those that reached their target, " if self.reached else ""
+            which = " among the rows that reached their target" if self.reached else ""
             found = [
-                f"closest: {_cost_words(first)}",
-                f"{which}areas change least: {_cost_words(other)}",
+                f"closest match: {_cost_text(first)}",
+                f"least change of areas{which}: {_cost_text(other)}",
             ]
         has_sigma = dict(first.entry.row.options).get("sigma", "auto") != "auto"
         if first.facts.outcome is Outcome.REGISTERED and has_sigma:
             found.append(
-                "the functions were measured, and a residual below their noise is no better: "
-                "sigma auto stops where held-out data gain no more"
+                "the functions were measured, and a residual below their noise is not better; "
+                "sigma auto stops where held-out data no longer improve"
             )
         return found
 
 
 def best_of(rows: Sequence[SummaryRow]) -> Best | None:
-    """Return which rows are best; None where they do not solve one problem in several ways, or
-    fewer than two are done, or their results have no map whose areas change.
+    """Return the best rows of a batch that solves one problem with several settings.
+
+    It is None for other batches, with fewer than two results, or without maps that change areas.
     """
     if not rows or any(_problem(row) != _problem(rows[0]) for row in rows):
         return None
@@ -127,9 +138,9 @@ def best_of(rows: Sequence[SummaryRow]) -> Best | None:
     good = [row for row in known if row.facts.outcome.is_good]
     compared = good or known
     closest = min(compared, key=lambda row: (row.residual, row.areas))
-    gentle = [row for row in compared if row.areas < math.inf]
-    gentlest = min(gentle, key=lambda row: (row.areas, row.residual), default=None)
-    return Best(closest, gentlest, bool(good), _unbeaten(gentle))
+    with_areas = [row for row in compared if row.areas < math.inf]
+    least_distorted = min(with_areas, key=lambda row: (row.areas, row.residual), default=None)
+    return Best(closest, least_distorted, bool(good), _undominated(with_areas))
 
 
 def _problem(row: SummaryRow) -> list[tuple[str, str]]:
@@ -140,8 +151,8 @@ def _or_infinite(value: float) -> float:
     return math.inf if math.isnan(value) else value
 
 
-def _unbeaten(rows: Sequence[SummaryRow]) -> frozenset[str]:
-    """Return the names of those than which no other leaves less and changes areas less."""
+def _undominated(rows: Sequence[SummaryRow]) -> frozenset[str]:
+    """Return the names of the rows without another row of smaller residual and area change."""
     found, least, last = set[str](), math.inf, (math.nan, math.nan)
     for row in sorted(rows, key=lambda row: (row.residual, row.areas)):
         pair = row.residual, row.areas
@@ -151,25 +162,31 @@ def _unbeaten(rows: Sequence[SummaryRow]) -> frozenset[str]:
     return frozenset(found)
 
 
-def _cost_words(row: SummaryRow) -> str:
+def _cost_text(row: SummaryRow) -> str:
     cost = f", mean |log2 J| {row.areas:.2f}" if row.areas < math.inf else ""
-    return f"{row.name}: {100 * row.residual:.2g}% left{cost}"
+    return f"{row.name}: residual {100 * row.residual:.2g}%{cost}"
 
 
 class Grid(NamedTuple):
-    """Rows by the values of two options."""
+    """Rows arranged by the values of two options."""
 
     across: list[str]
     down: list[tuple[str, list[SummaryRow]]]
 
 
 def batch_page(
-    title: str, rows: Sequence[SummaryRow], pictures: Mapping[str, bytes], why_none: str = ""
+    title: str, rows: Sequence[SummaryRow], pictures: Mapping[str, bytes], no_pictures: str = ""
 ) -> str:
-    """Return the page of rows, the worst of them first and with a picture (PNG) by digest if there
-    is one.
+    """Return the page of a batch, worst rows first.
 
-    Its size is bounded: it shows at most `ROWS_SHOWN_MAX` rows, and refers to the table for all.
+    It shows at most `ROWS_SHOWN_MAX` rows and refers to the table for all of them.
+
+    Parameters
+    ----------
+    pictures : mapping of str to bytes
+        Pictures (PNG) of rows by digest.
+    no_pictures : str
+        Reason for missing pictures.
     """
     shown = worst(rows)
     kinds = Counter(row.entry.row.kind for row in rows)
@@ -180,7 +197,7 @@ def batch_page(
         batch=title,
         sizes=[_counted(count, kind) for kind, count in kinds.items()],
         counts=counts(rows),
-        no_pictures=why_none,
+        no_pictures=no_pictures,
         shared=_shared(rows),
         best=best_of(rows),
         grid=_grid(rows) if len(shown) == len(rows) else None,
@@ -199,7 +216,9 @@ def _counted(number: int, kind: str) -> str:
 
 def _facts(row: SummaryRow) -> dict[str, object]:
     found = row.to_dict()
-    return {key: cut(value) if isinstance(value, str) else value for key, value in found.items()}
+    return {
+        key: abbreviated(value) if isinstance(value, str) else value for key, value in found.items()
+    }
 
 
 def _shared(rows: Sequence[SummaryRow]) -> list[tuple[str, str]]:
@@ -215,7 +234,7 @@ def _shared(rows: Sequence[SummaryRow]) -> list[tuple[str, str]]:
 
 
 def _grid(rows: Sequence[SummaryRow]) -> Grid | None:
-    """Return a grid of all combinations of two options; None if the rows are anything else."""
+    """Return the grid of rows that are all combinations of two options; None for other rows."""
     every = [dict(row.entry.row.options) for row in rows]
     varied = [name for name in every[0] if len({each.get(name) for each in every}) > 1]
     if len(varied) != 2:

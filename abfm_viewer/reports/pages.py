@@ -1,4 +1,4 @@
-"""Pages about results in one file each: templates filled with facts and pictures."""
+"""Pages about results, one file each: templates with facts and pictures."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from abfm_viewer.pictures.registration_pictures import RegistrationPictures
 
 COVERAGE_MIN = 0.98
-"""Share of A that a map covers, below which a report warns."""
+"""A report warns of a map that covers a smaller share of A."""
 RETURN_EDGES_MAX = 0.1
-"""Edges from the start at which 5% of the vertices may return without a warning."""
+"""A report warns if 5% of the vertices have a larger round-trip error, in edges."""
 TEXT_LENGTH_MAX = 400
 """Characters of a name, an option or a reason on the page of a batch."""
-_PICTURE_COLORS = 256  # a third of the bytes, and the eye sees no difference
+_PICTURE_COLORS = 256  # a third of the bytes, without a visible difference
 _TABLE_1_COLUMNS = {
     "tau": "τ",
     "alpha": "α",
@@ -74,7 +74,7 @@ def figures_page(entries: Sequence[Any]) -> str:
 
 
 def render(template: str, **values: Any) -> str:
-    """Return the page of a template in `abfm_viewer/reports/templates`."""
+    """Return the page of a template of `abfm_viewer/reports/templates`."""
     page = _environment().get_template(template)
     style = stylesheet(_TEMPLATES / "style.css")
     return page.render(policy=_POLICY, style=style, version=version("abfm"), **values)
@@ -84,7 +84,7 @@ def render(template: str, **values: Any) -> str:
 def _environment() -> Environment:
     found = environment(_TEMPLATES)
     found.filters |= {
-        "cut": cut,
+        "abbreviated": abbreviated,
         "gradient": gradient,
         "number": number_text,
         "percents": percents,
@@ -95,13 +95,13 @@ def _environment() -> Environment:
     return found
 
 
-def cut(text: str) -> str:
+def abbreviated(text: str) -> str:
     """Return a text in one line of bounded length."""
     return one_line(text, TEXT_LENGTH_MAX)
 
 
 def _png(picture: Image.Image | bytes, colors: int | None = _PICTURE_COLORS) -> str:
-    """Return the address of a picture that the page contains."""
+    """Return a picture as a data URL."""
     if not isinstance(picture, bytes):
         stream = io.BytesIO()
         (picture.quantize(colors) if colors else picture).save(stream, "PNG", optimize=True)

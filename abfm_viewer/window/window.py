@@ -199,7 +199,7 @@ class Window(Context):
         A signal that ends programs raises `EndedBySignal`, a KeyboardInterrupt, after the last
         frame. An exception inside a frame would stop polyscope permanently.
         """
-        with signals.taken_over(self._interrupt):
+        with signals.signal_handler(self._interrupt):
             try:
                 self.frame()
                 warm_up.start()

@@ -32,7 +32,7 @@ from tests.shapes import icosphere
 from tests.viewer.cli.batches import MAIN, anew, results, start, victims, write_table, written
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_SAID = ("stopping with the best result so far", "stopping with what was", "abfm: interrupted")
+_SAID = ("stopping with the best result so far", "stopping with the finished", "abfm: interrupted")
 _PROGRESS = ("iteration ", "compiling", "note: ")
 _PATIENCE = 60.0  # seconds after which a process does not end
 _ROWS, _KILLS, _SECONDS_MAX = 12, 3, 4.0  # of a batch

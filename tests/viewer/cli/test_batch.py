@@ -327,7 +327,7 @@ sys.exit(main())
     [
         ("abfm.batch.table", "_row", "{t}/table.csv --out={t}/new --jobs=1"),
         ("abfm.batch.ledger:Ledger", "record", "{t}/table.csv --out={t}/new --jobs=1"),
-        ("abfm_viewer.reports.pages", "cut", "--status {t}/out"),
+        ("abfm_viewer.reports.pages", "abbreviated", "--status {t}/out"),
     ],
 )
 def test_signal_ends_a_large_batch_before_it_is_complete(place, name, line, tmp_path):

@@ -277,7 +277,7 @@ def test_advice_can_be_typed_and_helps(tmp_path, abfm):
     assert "\nthe flow squeezed the source to nothing" in told.out
     warning = r"warning: iteration \d+: the source is being squeezed to nothing .*\n"
     assert re.fullmatch(warning, told.err)
-    options = shlex.split(re.search(r"^to try: reach further \((.*?)\)$", told.out, re.M)[1])
+    options = shlex.split(re.search(r"^advice: reach further \((.*?)\)$", told.out, re.M)[1])
     before = load(tmp_path / "m.npz").residual
     abfm(line, *options)
     assert load(tmp_path / "m.npz").residual < 0.2 * before

@@ -282,5 +282,5 @@ def test_advice_names_no_start_of_a_registration(files, abfm):
     pair = "--source gaussian:vertex=5 --target gaussian:vertex=300 --initial=connectivity"
     line = f"register {{f}}/b.ply {{f}}/b.ply {pair} --set=iterations=3 --refine=0 --quiet"
     told = abfm(f"{line} --out {{t}}/r.npz", f=files, status=3).out
-    assert "\nto try: " in told
+    assert "\nadvice: " in told
     assert "--start" not in told

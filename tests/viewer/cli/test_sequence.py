@@ -1,6 +1,5 @@
 """`abfm sequence`, and what `abfm info` and `abfm render` make of its files, in this process."""
 
-import argparse
 import errno
 import json
 import os
@@ -210,7 +209,7 @@ def test_failed_output_leaves_no_unfinished_file(files, tmp_path, abfm, monkeypa
 
 
 def test_help_has_the_defaults_of_sequences():
-    parser = argparse.ArgumentParser(formatter_class=lambda prog: argparse.HelpFormatter(prog, 99))
+    parser = options.Parser("abfm sequence", "")
     options.add_inputs(parser, SequenceTask.inputs)
     text = " ".join(parser.format_help().split())
     for option, default in (("--divergence", "1.0"), ("--sigma", "auto")):

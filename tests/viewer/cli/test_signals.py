@@ -99,7 +99,7 @@ def test_signal_ends_a_benchmark_with_finished_rows(tmp_path):
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
     told, errors = ended(process, signal.SIGTERM)
-    said = "stopping with what was finished; Ctrl-C again to leave at once"
+    said = "stopping with the finished problems; press Ctrl-C again to exit immediately"
     lines = errors.splitlines()
     assert lines.count(said) == 1
     lines.remove(said)  # what is finished by then may be told before or after it
@@ -175,18 +175,19 @@ from pathlib import Path
 from unittest.mock import Mock
 from abfm.io import temporary_folder, write_atomically
 from abfm_viewer.cli.exit_status import program_status
-from abfm_viewer.signals import leave_on_signals, tidied
+from abfm_viewer.signals import exit_on_signals, cleanup_on_signal
 
 def run():
-    with write_atomically("m.npz"), temporary_folder(Path.cwd()) as folder, tidied(tidy):
+    saving = write_atomically("m.npz"), temporary_folder(Path.cwd())
+    with saving[0], saving[1] as folder, cleanup_on_signal(clean_up):
         (folder / "frame").touch()
         os.kill(os.getpid(), signal.SIGTERM)
 
-def tidy():
+def clean_up():
     os.kill(os.getpid(), signal.SIGINT)  # another one meanwhile
     sum(range(10**6))
 
-leave_on_signals("abfm")
+exit_on_signals("abfm")
 print("before", end="")
 sys.exit(program_status("abfm", run))
 """
@@ -201,10 +202,10 @@ def test_second_signal_lets_files_be_removed(tmp_path):
 
 def test_ignored_signal_stays_ignored():
     done = python(
-        "import os, signal; from abfm_viewer.signals import leave_on_signals, taken_over\n"
+        "import os, signal; from abfm_viewer.signals import exit_on_signals, signal_handler\n"
         "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "leave_on_signals('abfm')\n"
-        "with taken_over(print): os.kill(os.getpid(), signal.SIGHUP)\n"
+        "exit_on_signals('abfm')\n"
+        "with signal_handler(print): os.kill(os.getpid(), signal.SIGHUP)\n"
         "os.kill(os.getpid(), signal.SIGHUP)\n"
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -34,7 +34,7 @@ def facts(verdict, residual, log2_area):
     return Facts(Outcome(verdict), verdict, numbers=found)
 
 
-def test_closest_gentlest_and_unbeaten_rows():
+def test_best_rows():
     rows = swept((0.02, 0.5), (0.03, 0.4), (0.035, 0.45), (0.04, 0.2), (0.05, 0.2), None)
     best = best_of(rows)
     assert numbers(rows, best) == (0, 3, [0, 1, 3])
@@ -48,11 +48,11 @@ def test_closest_gentlest_and_unbeaten_rows():
 
 
 def numbers(rows, best):
-    """Numbers of the closest, of the one that changes areas least, and of those unbeaten."""
+    """Numbers of the closest, of the one that changes areas least, and of those undominated."""
     of = {row.name: number for number, row in enumerate(rows)}
     told = best.to_dict()
-    unbeaten = sorted(of[name] for name in best.unbeaten)
-    return of[told["closest"]], of.get(told["areas_change_least"]), unbeaten
+    undominated = sorted(of[name] for name in best.undominated)
+    return of[told["closest"]], of.get(told["areas_change_least"]), undominated
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_of_several_problems_none_is_best():
     assert best_of([SummaryRow(film, of_film)] * 2) is None
 
 
-def test_page_frames_unbeaten_rows():
+def test_page_frames_undominated_rows():
     over = {"alpha": ["0.01", "0.02"], "sigma-unit": ["relative", "absolute"]}
     rows = swept((0.02, 0.5), (0.03, 0.6), (0.04, 0.2), (0.05, 0.3), over=over)
     text = batch_page("a sweep", rows, {})
