@@ -1,4 +1,4 @@
-"""Seconds to a match on ever finer meshes.
+"""Seconds to a match on finer and finer meshes.
 
 Run it with ``python -m benchmarks.arrival`` and the options of ``abfm bench --arrival``.
 """
@@ -36,7 +36,7 @@ def gaussians(subdivision: int) -> Problem:
 
 def run(log: Log, subdivisions: Sequence[int] = (5, 6, 7)) -> Report:
     """Measure the default solver on each mesh."""
-    watched_match(gaussians(4))  # compiles kernels before anything is timed
+    watched_match(gaussians(4))  # compile kernels before the timed runs
     rows = []
     for subdivision in subdivisions:
         size = 10 * 4**subdivision + 2

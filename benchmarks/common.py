@@ -1,4 +1,4 @@
-"""What the benchmarks share: tables, their command line, and a description of the machine."""
+"""Tables and command line of the benchmarks, and a description of the machine."""
 
 import argparse
 import os
@@ -28,7 +28,7 @@ Result = TypeVar("Result")
 
 
 class Table(NamedTuple):
-    """A table of the documentation: its headings and its rows, which are computed one by one."""
+    """A table of the documentation: headings, and rows that are computed one by one."""
 
     headings: Cells
     rows: Iterable[Cells]
@@ -53,7 +53,7 @@ def main(
     required: Mapping[str, str] | None = None,
     **options: str,
 ) -> None:
-    """Run a benchmark from the command line: compute its tables, print them, put them in a page.
+    """Run a benchmark from the command line: compute its tables, print them, write them to a page.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def main(
     arguments = parser.parse_args()
     named = tables(arguments)
     if unknown := {*(arguments.only or ())} - named.keys():
-        parser.error(f"there is no table {min(unknown)}; expected {', '.join(named)}")
+        parser.error(f"unknown table {min(unknown)}; expected {', '.join(named)}")
     for name in arguments.only or named:
         text = markdown(named[name].headings, _reported(named[name].rows))
         print(f"{name}\n\n{text}\n", flush=True)
@@ -93,7 +93,7 @@ def put_between(page: Path, name: str, text: str) -> None:
     before, start, rest = page.read_text(encoding="utf-8").partition(f"<!-- table: {name} -->")
     _, end, after = rest.partition(f"<!-- end: {name} -->")
     if not end:
-        raise SystemExit(f"{page} has no place for the table {name}")
+        raise SystemExit(f"{page} has no comments around the table {name}")
     page.write_text(f"{before}{start}\n\n{text}\n\n{end}{after}", encoding="utf-8")
 
 
@@ -106,9 +106,9 @@ def bench(*words: str) -> None:
 def mapped(
     function: Callable[[Argument], Result], arguments: Sequence[Argument], jobs: int | None
 ) -> Iterator[Result]:
-    """Yield the results of a module's function for each argument, in order.
+    """Yield the results of a module-level function for each argument, in order.
 
-    They are computed by ``jobs`` processes of one thread each, by default one for each core.
+    They are computed by ``jobs`` processes of one thread each, by default one per core.
     """
     jobs = min(jobs or os.cpu_count() or 1, len(arguments))
     if jobs <= 1:

@@ -1,4 +1,4 @@
-"""Registrations of a subject's cortex, compared with the map of FreeSurfer.
+"""Registrations of the cortex of a subject, compared with the map of FreeSurfer.
 
     python -m benchmarks.cortex --subject sub-001 --labels lh.aparc.annot --write docs/cortex.md
 
@@ -96,20 +96,21 @@ def read_template(side: str, labels: Path | None = None) -> Hemisphere:
 
 
 def label_names(path: Path) -> tuple[str, ...]:
-    """Return the name of each vertex's label."""
+    """Return the name of the label of each vertex."""
     found = read_labels(str(path))
     return tuple(found.names.get(int(key), "unknown") for key in found.values)
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Measures maps from A to a template B on the cortex of B."""
+    """Measures of maps from A to a template B, on the cortex of B."""
 
     a: Hemisphere
     b: Hemisphere
     cortex: BoolArray
 
     def row(self, name: str, found: Correspondence, seconds: float | None = None) -> list[str]:
+        """Return the cells of a map."""
         distortion = found.distortion()
         area, shape = distortion.log2_area, distortion.log2_shape
         numbers = [
@@ -131,6 +132,7 @@ class Evaluation:
         ]
 
     def timed_row(self, name: str, find: Callable[[], Correspondence]) -> list[str]:
+        """Compute a map, and return its cells with the processor time."""
         start = process_time()
         found = find()
         return self.row(name, found, process_time() - start)
@@ -141,22 +143,22 @@ class Evaluation:
         return float(np.corrcoef(one[known], other[known])[0, 1])
 
     def dice(self, found: Correspondence) -> float:
-        """Return the mean Dice coefficient over the labels of B's cortex, NaN without labels."""
+        """Return the mean Dice coefficient over the labels of the cortex of B; or NaN."""
         names = sorted({*self.a.labels, *self.b.labels})
         if not (self.a.labels and self.b.labels):
             return float("nan")
-        ours, theirs = (np.searchsorted(names, side.labels) for side in (self.b, self.a))
-        carried = found.transfer_labels(theirs)
+        b_labels, a_labels = (np.searchsorted(names, side.labels) for side in (self.b, self.a))
+        transferred = found.transfer_labels(a_labels)
         values = []
         for index, name in enumerate(names):
-            one, other = (ours == index) & self.cortex, (carried == index) & self.cortex
+            one, other = (b_labels == index) & self.cortex, (transferred == index) & self.cortex
             if name.lower() not in _LABELS_OUTSIDE_CORTEX and one.any():
                 values.append(2 * (one & other).sum() / (one.sum() + other.sum()))
         return float(np.mean(values))
 
 
 def through_sphere(registered: TriangleMesh, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
-    """Return the map of a sphere (that of A, registered by others) to the sphere B."""
+    """Return the map of the sphere of A, registered by another program, to the sphere B."""
     return Correspondence.through_sphere(a, b, sphere_directions(registered), sphere_directions(b))
 
 
@@ -167,8 +169,8 @@ def subject_rows(
     cortex = template.cortex
     evaluation = Evaluation(subject, template, cortex)
     a, b, f, g = subject.sphere, template.sphere, subject.depth, template.depth
-    theirs = through_sphere(registered, a, b)
-    yield evaluation.row("FreeSurfer, `sphere.reg`", theirs)
+    freesurfer_map = through_sphere(registered, a, b)
+    yield evaluation.row("FreeSurfer, `sphere.reg`", freesurfer_map)
     given = MapInput(a, b, f[None], g[None], None, cortex.astype(np.float64))
     rotation = initial_map("sphere", given).correspondence
     yield evaluation.row("rotation of the sphere only", rotation)
@@ -189,7 +191,7 @@ def subject_rows(
         yield evaluation.timed_row(name, find)
     a, b = subject.surface, template.surface
     embedded = initial_map("embedding", given._replace(a=a, b=b)).correspondence
-    yield evaluation.row("spheres made by ourselves, turned", embedded)
+    yield evaluation.row("computed spheres (`embedding`), rotated", embedded)
     on_surface = partial(register, a, b, f, g, initial="embedding", mask_b=cortex)
     back = partial(register, b, a, g, f, initial="embedding", mask_a=cortex)
     size = f"{len(a.vertices):,} vertices"
@@ -212,7 +214,7 @@ def masks(template: Hemisphere) -> dict[str, BoolArray | None]:
 
 
 def score_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
-    """Yield the scores of the last steps with each mask; the chosen sigma is in bold."""
+    """Yield the scores of the last steps with each mask; the selected step is in bold."""
     for name, mask in masks(template).items():
         found = register(
             subject.sphere, template.sphere, subject.depth, template.depth, mask_b=mask
@@ -273,6 +275,6 @@ if __name__ == "__main__":
     main(
         __doc__,
         tables,
-        required={"subject": "FreeSurfer's folder of a subject"},
-        labels="the template's labels",
+        required={"subject": "folder of a subject in FreeSurfer"},
+        labels="labels of the template",
     )

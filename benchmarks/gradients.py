@@ -32,9 +32,9 @@ PARAMETERS = Parameters.of(
 """Row "Fig. 3" of Table 1 with constant sigma; only the iteration limit ends a match."""
 SUBSTEPS = (1, 10, 40)
 SUBDIVISION = 5
-"""Of the icosphere of the table."""
+"""Subdivision of the icosphere of the table."""
 ITERATIONS = 300
-"""To the field at which gradients are compared."""
+"""Iterations to the field at which gradients are compared."""
 
 _SOURCE_WIDTH = 0.12  # standard deviation as a fraction of sqrt(area)
 _TARGET_WIDTH = 0.06
@@ -69,15 +69,15 @@ def cosines(problem: Problem, velocity: FloatArray) -> list[Report]:
 
     - ``cosine`` is between both gradients of the mismatch; the gradient of the regularity is
       the same
-    - ``length`` is that of the bracket gradient of the mismatch, relative to the exact gradient
-    - ``whole_cosine`` is between the gradients of the whole energy
-    - ``completed_cosine`` is ``cosine`` with the factor ``exp(-dtau D_v)`` that is dropped in print
+    - ``length`` is the length of the bracket gradient of the mismatch over that of the exact one
+    - ``whole_cosine`` is between the gradients of the complete energy
+    - ``completed_cosine`` is ``cosine`` with the factor ``exp(-dtau D_v)`` that the paper omits
     """
     exact_energy = MatchingEnergy(problem.with_parameters(PARAMETERS))
     fields = to_frame(exact_energy.mesh, velocity[None] / exact_energy.length_scale)
     regularity = PARAMETERS.tau * exact_energy.regularizer().apply(fields[0]).ravel()
-    whole = exact_energy.objective(PARAMETERS.last_sigma).evaluate(fields).gradient.ravel()
-    exact = whole - regularity
+    complete = exact_energy.objective(PARAMETERS.last_sigma).evaluate(fields).gradient.ravel()
+    exact = complete - regularity
 
     def cosine(a: FloatArray, b: FloatArray) -> float:
         return float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
@@ -93,7 +93,7 @@ def cosines(problem: Problem, velocity: FloatArray) -> list[Report]:
                 "substeps": n,
                 "cosine": cosine(printed - regularity, exact),
                 "length": float(np.linalg.norm(printed - regularity) / np.linalg.norm(exact)),
-                "whole_cosine": cosine(printed, whole),
+                "whole_cosine": cosine(printed, complete),
                 "completed_cosine": cosine(completed - regularity, exact),
             }
         )

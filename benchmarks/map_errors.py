@@ -1,4 +1,4 @@
-"""Errors of the maps between noisy functions whose true map is known.
+"""Errors of maps between noisy functions with a known true map.
 
 Run it with ``python -m benchmarks.map_errors`` and the options of ``abfm bench --measured``.
 """
@@ -21,20 +21,20 @@ from abfm.matching.objective.regularizer import regularizer
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
 from benchmarks.common import Report, bench, decimals, machine_line, markdown
-from benchmarks.trials import Posed, Trials, measured
+from benchmarks.trials import MeasuredProblem, Trials, measured
 
 SIGMAS = (6.0, 2.0, 1.0, 0.5, 0.25, 0.1)
-"""Given values of sigma; the default is compared with the best of them."""
+"""Values of sigma; the best of them is compared with the default."""
 SMOOTHNESSES = (0.03, 0.01)
-"""Of true flows: alpha of the norm in which they are random."""
+"""Smoothness of true flows: alpha of the norm in which they are random."""
 SIZES = (0.05, 0.1)
-"""Of true flows: root mean square of their speed for a time of 1, over sqrt(area)."""
+"""Size of true flows: root mean square of their speed for a time of 1, over sqrt(area)."""
 LENGTHS = (0.03, 0.05)
 """Correlation lengths of textures, over sqrt(area)."""
 NOISE = 0.2
 """Standard deviation of the target's noise over that of the texture."""
 RATIO_NEAR = 1.1
-"""Largest ratio to the best error at which the default's error counts as near it."""
+"""Largest ratio of the default error to the best error that counts as close."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Trial:
     seed: tuple[int, ...]
 
     def texture(self) -> FloatArray:
-        """Return a random smooth function (V,) of mean 0 and deviation 1."""
+        """Return a random smooth function (V,) of mean 0 and standard deviation 1."""
         rng, mesh = np.random.default_rng([*self.seed, 0]), self.mesh.normalized()
         areas = vertex_areas(mesh)
         form = sparse.diags_array(areas) + 0.5 * self.length**2 * cotangent_laplacian(mesh)
@@ -70,7 +70,7 @@ class Trial:
         return Flow(self.mesh, to_ambient(mesh, v) * self.mesh.length_scale, 1.0)
 
     def noise(self) -> FloatArray:
-        """Return the target's noise, (V,)."""
+        """Return the noise of the target, (V,)."""
         rng = np.random.default_rng([*self.seed, 2])
         return NOISE * rng.normal(size=len(self.mesh.vertices))
 
@@ -97,8 +97,8 @@ def map_distance(first: PointMap, second: PointMap) -> float:
     return float(np.average(distances, weights=vertex_areas(mesh)) / mesh.length_scale)
 
 
-def _posed(trial: Trial, folder: Path) -> Posed:
-    """State a trial with defaults and with each of `SIGMAS`."""
+def _posed(trial: Trial, folder: Path) -> MeasuredProblem:
+    """Return the matches of a trial, with defaults and with each of `SIGMAS`."""
     flow, f = trial.flow(), trial.texture()
     truth = flow.point_map()
     g = truth.pull_back(f) + trial.noise()
@@ -121,7 +121,7 @@ def _posed(trial: Trial, folder: Path) -> Posed:
         return {"problem": described, "fixed": found, "defaults": found.pop("defaults")}
 
     matches = {"defaults": row(None), **{f"{sigma:g}": row(sigma) for sigma in SIGMAS}}
-    return Posed(matches, measure)
+    return MeasuredProblem(matches, measure)
 
 
 def _result(entry: LedgerEntry, truth: PointMap) -> Report:
@@ -138,7 +138,7 @@ def _result(entry: LedgerEntry, truth: PointMap) -> Report:
             "verdict": match.verdict.kind,
             "seconds": entry.record.seconds,
         }
-    except AbfmError as error:  # also of fields whose flow lines do not end
+    except AbfmError as error:  # also for fields whose flow lines do not end
         return {"error": None, "verdict": str(error)}
 
 
@@ -156,12 +156,12 @@ def run(trials: Trials) -> Report:
     ``problem``, the result by ``defaults``, and those with each ``fixed`` sigma.
     """
 
-    def pose(folder: Path) -> Iterator[Posed]:
+    def pose(folder: Path) -> Iterator[MeasuredProblem]:
         for trial in map_problems(trials.meshes, trials.seed, trials.count):
             try:
                 yield _posed(trial, folder)
-            except AbfmError as error:  # of meshes on which there is no such flow
-                trials.log(f"left out: {trial.mesh_name}: {error}")
+            except AbfmError as error:  # for meshes without such a flow
+                trials.log(f"skipped: {trial.mesh_name}: {error}")
 
     rows = measured(trials, pose, lambda row: ", ".join(_cells(row)))
     return trials.report(rows, noise=NOISE)
@@ -199,7 +199,7 @@ def _cells(row: Report) -> list[str]:
 
 
 def report_text(report: Report) -> str:
-    """Return the report as a table in Markdown, and what it shows."""
+    """Return the report as a table in Markdown, with a summary."""
     rows, settings = report["rows"], report["settings"]
     ratios = [ratio for row in rows if (ratio := _ratio(row)) is not None]
     near = sum(ratio <= RATIO_NEAR for ratio in ratios)

@@ -18,8 +18,8 @@ _BUMPS = 9
 def given_meshes(paths: Sequence[Path], log: Log) -> dict[str, TriangleMesh]:
     """Read files by name, and all meshes of folders by ``folder/name``, sorted by name.
 
-    A refused mesh is read with the options that its error advises. Files that cannot be used are
-    left out, and `log` prints them and all repairs.
+    A refused mesh is read with the options that its error suggests. Files that cannot be used are
+    skipped. `log` prints these and all repairs.
 
     Raises
     ------
@@ -30,12 +30,12 @@ def given_meshes(paths: Sequence[Path], log: Log) -> dict[str, TriangleMesh]:
     for name, path in (each for given in paths for each in _files(given)):
         if name in found:
             raise ParameterError(
-                f"two meshes are called {name}; rename one, as problems are identified by the name"
+                f"two meshes have the name {name}, which identifies their problems; rename one"
             )
         try:
             found[name] = _repaired(path)
         except MeshError as error:
-            log(f"left out: {error}")
+            log(f"skipped: {error}")
             continue
         for message in found[name].messages:
             log(f"{name}: {message}")
@@ -58,8 +58,8 @@ def _files(given: Path) -> list[tuple[str, Path]]:
     return [(f"{given.resolve().name}/{path.name}", path) for path in files]
 
 
-def own_meshes() -> dict[str, TriangleMesh]:
-    """Return bundled and generated surfaces by name, closed and open: 300 to 12,300 vertices."""
+def bundled_meshes() -> dict[str, TriangleMesh]:
+    """Return bundled and generated surfaces by name, closed and open, of 300 to 12,300 vertices."""
     ball, rough = even_sphere(5_000), even_sphere(8_000)
     rng = np.random.default_rng(_BUMPS)
     places = rng.normal(size=(_BUMPS, 3))
@@ -77,9 +77,9 @@ def own_meshes() -> dict[str, TriangleMesh]:
     }
 
 
-def few_meshes() -> dict[str, TriangleMesh]:
-    """Return three of them: round, bumpy, and with limbs; 5,000 to 8,000 vertices."""
-    meshes = own_meshes()
+def three_meshes() -> dict[str, TriangleMesh]:
+    """Return three surfaces, round, bumpy and with limbs, of 5,000 to 8,000 vertices."""
+    meshes = bundled_meshes()
     return {name: meshes[name] for name in ("ellipsoid", "bumpy", "limbs")}
 
 

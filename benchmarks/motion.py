@@ -1,4 +1,4 @@
-"""Sequences whose motion is known, and the errors of fields compared with linear Horn-Schunck."""
+"""Sequences with known motion, and errors of fields compared with linear Horn-Schunck."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from abfm.calculus.operators import edge_lengths, face_areas, gradient
 from abfm.types import BoolArray, FloatArray
 
 SMOOTHNESSES = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
-"""Of Horn-Schunck; the tables have the best one for the known motion."""
+"""Smoothness values of Horn-Schunck; the tables have the best one for the known motion."""
 HEADINGS = ("noise", "edges", *(2 * ("Horn-Schunck", "frame by frame", "together")))
-"""Of the cells of `known_cells` after the kind."""
+"""Headings of the cells of `known_cells` after the kind."""
 
-_GAMMAS = (0.0, 1.0)  # frame by frame, and together in time
-_SLOPE_MIN = 0.5  # of its root mean square, for faces on which errors are measured
+_GAMMAS = (0.0, 1.0)  # interval by interval, and coupled in time
+_SLOPE_MIN = 0.5  # errors are measured on faces of larger slope, relative to its root mean square
 _SPEED_MIN = 0.2
 
 Errors = tuple[float, float]
@@ -70,7 +70,7 @@ class KnownMotion:
         return np.asarray(speeds > _SPEED_MIN * root_mean_square(self.mesh, self.field))
 
     def is_determined(self, frame: int) -> BoolArray:
-        """Return faces (F,) on which the function is not flat and the field not slow."""
+        """Return the faces (F,) where the function is not flat and the field is not slow."""
         slope = slopes(self.mesh, self.frames[frame])
         usual = root_mean_square(self.mesh, slope)
         return np.asarray((np.linalg.norm(slope, axis=1) > _SLOPE_MIN * usual) & self._is_moving)
@@ -84,7 +84,7 @@ class KnownMotion:
 
 
 def sequences(mesh: TriangleMesh, frames: FloatArray) -> list[abfm.Sequence]:
-    """Solve frames (T, V) one by one, and together in time."""
+    """Solve frames (T, V) interval by interval, and coupled in time."""
     return [abfm.sequence(mesh, frames, gamma=gamma) for gamma in _GAMMAS]
 
 

@@ -21,41 +21,45 @@ from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
 MEMORY = 100
-"""Pairs that L-BFGS keeps: minFunc's default."""
-# a hundred times the norm of a good field's exponent; larger ones in line searches take minutes
+"""Number of pairs that L-BFGS stores, the default of minFunc."""
+# a hundred times that of good fields; larger norms occur in line searches and take minutes
 _EXPONENT_NORM_MAX = 1e4
-# times the first energy: L-BFGS-B stops at infinity instead of shortening its step
+# relative to the first energy; L-BFGS-B stops at infinity instead of shortening its step
 _ENERGY_RATIO_MAX = 1e3
 
 
 def exponential_span(matrix: Matrix, x: FloatArray, end: float, intervals: int) -> FloatArray:
-    """Return ``exp(t matrix) x`` at ``intervals + 1`` even times from 0 to ``end``: ``exp_tspan``
-    of Algorithm 1, one per row.
+    """Return ``exp(t matrix) x`` at ``intervals + 1`` even times from 0 to ``end``, one per row.
 
-    Infinite if the matrix is so large that it would take minutes. The span always starts at 0:
-    with another start, SciPy's results were wrong by many orders of magnitude.
+    This is ``exp_tspan`` of Algorithm 1. The result is infinite if the matrix is so large that it
+    would take minutes. The span always starts at 0: with other starts, results of SciPy were wrong
+    by many orders of magnitude.
     """
     if intervals == 0:
         return x[None]
     if not float(abs(matrix).sum(axis=0).max()) * end < _EXPONENT_NORM_MAX:
         return np.full((intervals + 1, len(x)), np.inf)
-    with np.errstate(all="ignore"):  # an unstable flow overflows: its energy is infinite
+    with np.errstate(all="ignore"):  # an unstable flow overflows to an infinite energy
         return np.asarray(
             expm_multiply(matrix, x, start=0.0, stop=end, num=intervals + 1, endpoint=True)
         )
 
 
 class PaperEnergy:
-    """Energy and gradient of NLABFM: Algorithm 1 for one substep, else the n-step form of
-    section 7.
+    """Energy and gradient of NLABFM: Algorithm 1, or the n-step form of section 7.
 
-    The unknowns are coefficients in orthonormal face frames, so that plain L-BFGS takes the same
-    steps as on tangent vectors in space; the bracket is the tangential part of Eq. 11. Energy and
-    norms are those of `abfm.MatchingEnergy`, on the mesh scaled to unit area; of the parameters
-    ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k) are read.
+    The unknowns are coefficients in orthonormal face frames. Plain L-BFGS then takes the same steps
+    as on tangent vectors in space. The bracket is the tangential part of Eq. 11. Energy and norms
+    are those of `abfm.MatchingEnergy`, on the mesh scaled to unit area.
 
-    For ``n > 1``, `as_printed` omits the factor ``exp(-dtau D_v)`` that the n-step form drops in
-    print: the product rule and Eq. 9 have ``n - r + 1`` substeps, the printed form ``n - r``.
+    Parameters
+    ----------
+    parameters : Parameters
+        Only ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k) are
+        used.
+    as_printed : bool
+        For ``n > 1``, omit the factor ``exp(-dtau D_v)``, as the printed n-step form does. The
+        product rule and Eq. 9 have ``n - r + 1`` substeps, the printed form ``n - r``.
     """
 
     def __init__(
@@ -76,7 +80,7 @@ class PaperEnergy:
     def __call__(self, v: FloatArray) -> tuple[float, FloatArray]:
         """Return energy and gradient at frame coefficients (2F,) on the mesh scaled to unit area.
 
-        Infinite, with gradient 0, if one of them overflows or would take minutes.
+        The energy is infinite and the gradient 0 if one of them overflows or would take minutes.
         """
         p = self.parameters
         derivative = directional_derivative(self.mesh, v.reshape(-1, 2))
@@ -88,7 +92,7 @@ class PaperEnergy:
             energy = 0.5 * float(v @ momentum + mu @ difference)
         if not np.isfinite(energy):
             return np.inf, np.zeros_like(v)
-        # sum_r D̄_{f_(r-1)}^T exp(-(n - r + 1) dtau D_v)^T mu, without the factor dropped in print
+        # sum_r D̄_{f_(r-1)}^T exp(-(n - r + 1) dtau D_v)^T mu, without the factor omitted in print
         n, dt = p.paper.substeps, p.tau / p.paper.substeps
         steps = n - self.dropped
         backward = Matrix(-derivative.T)
@@ -104,7 +108,7 @@ class PaperEnergy:
 
 @dataclass(frozen=True)
 class PaperDescent:
-    """The result of the paper's algorithm.
+    """Result of the algorithm of the paper.
 
     Attributes
     ----------
@@ -124,18 +128,19 @@ class PaperDescent:
 
 
 class _OutOfTimeError(Exception):
-    """Raised instead of an evaluation after the time limit."""
+    """Raised at the first evaluation after the time limit."""
 
 
 def minimise(
     mesh: TriangleMesh, f: ArrayLike, g: ArrayLike, parameters: Parameters, seconds: float = 60.0
 ) -> PaperDescent:
-    """Run the paper's algorithm from ``v = 0`` until it stops or the time is over, setup included.
+    """Run the algorithm of the paper from ``v = 0`` until it stops, or until the time limit.
 
-    The evaluation that runs when the time is over still counts. Two replacements of minFunc were
-    tried, both with its memory of `MEMORY` pairs, its scaling and a strong Wolfe search: SciPy's
-    L-BFGS-B found lower energies than this package's L-BFGS without preconditioner, which has
-    minFunc's first step and constants.
+    The time includes the setup. An evaluation that runs at the time limit still counts.
+
+    Two replacements of minFunc were tried, with its memory of `MEMORY` pairs, its scaling and a
+    strong Wolfe search. L-BFGS-B of SciPy found lower energies than the L-BFGS of this package
+    without preconditioner, which has the first step and the constants of minFunc.
     """
     start = perf_counter()
     energy = PaperEnergy(mesh, f, g, parameters)

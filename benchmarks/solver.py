@@ -1,4 +1,4 @@
-"""The solver compared with the paper's algorithm and with plain L-BFGS, and its cost by mesh size.
+"""Comparison of the solver with the algorithm of the paper and plain L-BFGS; cost by mesh size.
 
 Run it with ``python -m benchmarks.solver`` and the options of ``abfm bench``.
 """
@@ -20,8 +20,10 @@ from benchmarks.paper_algorithm import PaperDescent, minimise
 from benchmarks.watched import MISMATCH, watched_match
 
 MULTIGRID = PARAMETERS.with_values(iterations=10**9, levels=3, reach=1.0)
-"""The paper's energy with coarser meshes first, on which the norm of mismatches has a long range.
-Only iterates on the mesh itself are compared, as only their energy is the paper's."""
+"""Parameters of the paper's energy with multigrid levels and a long-range mismatch norm on them.
+
+Only iterates on the mesh itself are compared, because only their energy is that of the paper.
+"""
 PLAIN_LBFGS = PARAMETERS.with_values(iterations=10**9, preconditioner="none")
 COOLING = PARAMETERS.with_values(cooling_stages=3, iterations=500)
 SIGMAS = {"default_cooling": "default cooling", "constant_sigma": "constant sigma"}
@@ -29,13 +31,13 @@ SIGMAS = {"default_cooling": "default cooling", "constant_sigma": "constant sigm
 
 @dataclass(frozen=True)
 class Settings:
-    """The extent of the benchmark; each number of repeats has its median reported."""
+    """Extent of the benchmark; medians of repeated runs are reported."""
 
     seconds: float = 60.0  # of each baseline
     subdivision: int = 5  # of the icosphere of the race and of the cosines
     subdivisions: Sequence[int] = (4, 5, 6)  # for iterations and costs by mesh size, coarse to fine
     iterations: int = (
-        100  # at constant sigma on each mesh, before the gradient is timed; at least 20
+        100  # at constant sigma on each mesh, before the gradient is timed; 20 or more
     )
     cosine_iterations: int = 300  # before gradients are compared
     repeats: int = 3  # of the solver in the race
@@ -43,11 +45,11 @@ class Settings:
 
 
 def run(log: Log, settings: Settings) -> Report:
-    """Measure the solver against both baselines; takes about four minutes.
+    """Compare the solver with both baselines, which takes about four minutes.
 
-    The report has ``ratios``, the numbers that they are ratios of, ``settings`` and ``machine``.
-    A number is None if its level was not reached. All numbers are the same in every run except
-    times and what depends on how far a baseline got in its time.
+    The report has ``ratios``, the numbers behind them, ``settings`` and ``machine``. A number is
+    None if its level was not reached. All numbers are the same in every run, except times and
+    numbers that depend on the progress of a baseline within its time.
     """
     report: Report = {"ratios": {}}
     _add_race(report, settings, log)
@@ -74,7 +76,7 @@ def _race(settings: Settings, log: Log) -> tuple[PaperDescent, FloatArray, list[
     run of the solver. All start from zero on new meshes, and their times include all setup.
     """
     size, seconds, repeats = settings.subdivision, settings.seconds, settings.repeats
-    for parameters in (MULTIGRID, PLAIN_LBFGS):  # compiles kernels first
+    for parameters in (MULTIGRID, PLAIN_LBFGS):  # compile kernels first
         watched_match(sphere_problem(3, parameters.with_values(iterations=40)))
     log(f"the paper's algorithm, {seconds:g} s")
     problem = sphere_problem(size)
@@ -90,7 +92,7 @@ def _race(settings: Settings, log: Log) -> tuple[PaperDescent, FloatArray, list[
 
 
 def time_below(history: FloatArray, energy: float) -> float | None:
-    """Return the seconds until a history was below an energy, None if it never was."""
+    """Return the seconds until a history falls below an energy, or None."""
     below = np.flatnonzero(history[:, 1] < energy)
     return float(history[below[0], 0]) if len(below) else None
 

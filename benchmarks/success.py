@@ -1,4 +1,4 @@
-"""How often the default parameters match random problems on many meshes.
+"""Success rate of the default parameters on random problems on many meshes.
 
 Run it with ``python -m benchmarks.success`` and the options of ``abfm bench --success``.
 """
@@ -21,31 +21,31 @@ from abfm.maps import SymmetryError, detect_symmetry
 from abfm.matching.solvability import RESOLUTION_MIN, first_difference, range_bound, resolution
 from abfm.types import FloatArray
 from benchmarks.common import Report, bench, decimals, machine_line, markdown
-from benchmarks.trials import Posed, Trials, measured
+from benchmarks.trials import MeasuredProblem, Trials, measured
 
 GOAL = Parameters.goal
 """Largest residual of a success, by the discrete flow and by flow lines."""
 RESIDUAL_CONFIRMED = 0.1
-"""Residual by flow lines that is also counted."""
+"""Residual by flow lines that counts as confirmed."""
 FOLDED_MAX = 0.01
 """Largest share of folded faces of a match that counts as unfolded."""
 
 Family = Literal["gaussian", "one to two", "disc", "eigenfunction", "descriptor"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
-"""What is matched, by name.
+"""Families of source and target.
 
-- gaussian: one to another of the same width
-- one to two: one to two others, narrower by the root of two, so that the area above each level is
-  the same
-- disc: the indicator of a geodesic disc to another; the radius is twice the width, where a Gaussian
-  has fallen to 0.14
-- eigenfunction: of the Laplacian, to the next one
+- gaussian: a Gaussian and another of the same width
+- one to two: a Gaussian and two others, narrower by the root of two, so that the area above each
+  level is the same
+- disc: the indicators of two geodesic discs; the radius is twice the width, where a Gaussian has
+  the value 0.14
+- eigenfunction: an eigenfunction of the Laplacian and the next one
 - descriptor: the distance to a landmark and its mirror image, if the surface has a mirror symmetry
 """
 WIDTHS = (0.05, 0.1, 0.15)
-"""Of the source, as fractions of sqrt(area)."""
+"""Widths of the source, as fractions of sqrt(area)."""
 DISTANCES = {"quarter": (0.2, 0.3), "half": (0.45, 0.55), "far": (0.9, 1.0)}
-"""From the source's centre to the target's, as fractions of the largest geodesic distance."""
+"""Distances of source and target, as fractions of the largest geodesic distance."""
 GROUPS = (
     ("resolved",),
     ("distance",),
@@ -73,7 +73,7 @@ _MIRROR_DISTANCE_MIN = 0.2  # of a landmark from its image, as a fraction of sqr
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A source and a target on a mesh as text; some families have no width and no distance."""
+    """A source and a target on a mesh as text; some families have no width or distance."""
 
     mesh_name: str
     index: int
@@ -89,8 +89,9 @@ class Trial:
         return function(self.mesh, self.source), function(self.mesh, self.target)
 
     def to_dict(self) -> Report:
-        """Return what identifies it, whether the mesh resolves it, and whether it is solvable as
-        far as the functions alone show.
+        """Return its identity, whether the mesh resolves it, and whether it may be solvable.
+
+        A problem counts as solvable unless its functions alone show that it is not.
         """
         f, g = self.functions()
         edges = resolution(self.mesh, np.stack([f, g], axis=1))
@@ -115,8 +116,8 @@ def success_problems(
     """Yield ``count`` problems on each mesh: first problem 0 of all meshes, then problem 1, ...
 
     Problem k of a mesh depends only on the seed, the mesh and its name. Families alternate, each
-    mesh starts with another one, and places are random. There is no descriptor on a mesh without
-    mirror symmetry.
+    mesh starts with another family, and places are random. Meshes without mirror symmetry have no
+    descriptor problem.
     """
     for index in range(count):
         for name, mesh in meshes.items():
@@ -140,7 +141,7 @@ def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | No
         source = f"geodesic:vertex={landmark}"
         return Trial(name, index, mesh, family, source, f"permuted:mirror({source})")
     distance = tuple(DISTANCES)[turn % len(DISTANCES)]
-    # nine consecutive ones are all pairs of width and distance
+    # nine consecutive problems have all pairs of width and distance
     width = WIDTHS[(turn + turn // len(DISTANCES)) % len(WIDTHS)]
     here, there, other = (int(mesh.vertex_ids[v]) for v in _places(mesh, rng, DISTANCES[distance]))
 
@@ -159,7 +160,7 @@ def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | No
 def _places(
     mesh: TriangleMesh, rng: np.random.Generator, distance: tuple[float, float]
 ) -> tuple[int, int, int]:
-    """Return a random vertex, one at the given distance from it, and another, not near this one."""
+    """Return a random vertex, and two vertices at a distance from it and from each other."""
     here = int(rng.integers(len(mesh.vertices)))
     distances = geodesic_distance(mesh, [here])
     there = _choice(rng, distances, distance)
@@ -171,7 +172,10 @@ def _places(
 
 
 def _choice(rng: np.random.Generator, distances: FloatArray, within: tuple[float, float]) -> int:
-    """Return a vertex in a range of fractions of the largest distance, or the closest to it."""
+    """Return a vertex whose distance is in a range of fractions of the largest distance.
+
+    Without such a vertex it is the one closest to the middle of the range.
+    """
     fractions = distances / (distances.max() or 1.0)
     low, high = within
     fitting = np.flatnonzero((fractions >= low) & (fractions <= high))
@@ -181,7 +185,7 @@ def _choice(rng: np.random.Generator, distances: FloatArray, within: tuple[float
 
 
 def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
-    """Return a vertex as in the file, not near its mirror image; None without a mirror."""
+    """Return a vertex of the file that is far from its mirror image; None without a symmetry."""
     try:
         mirror = detect_symmetry(mesh, "mirror")
     except SymmetryError:
@@ -193,9 +197,9 @@ def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
 
 
 def record_of(entry: LedgerEntry) -> Report:
-    """Return the measurements of a matched row, which is verified anew.
+    """Return the measurements of a matched row, which is verified again.
 
-    - ``residual``, ``verified``: by the discrete flow and by flow lines; None if there is none
+    - ``residual``, ``verified``: by the discrete flow and by flow lines; None if unknown
     - ``folded``: the share of folded faces
     - ``row_products``: products of rows of ``D_v`` in all advections and adjoints
     - ``seconds``: of the match on a new mesh and of writing the result
@@ -226,7 +230,7 @@ def record_of(entry: LedgerEntry) -> Report:
                 "stop_reason": found.stop_reason,
                 "verdict": found.verdict.kind,
             }
-            with suppress(AbfmError):  # of fields whose flow lines do not end
+            with suppress(AbfmError):  # for fields whose flow lines do not end
                 lines = found.verify(subdivided=False)
                 record |= {"verified": lines.residual, "folded": lines.folded}
         except AbfmError as error:
@@ -243,23 +247,23 @@ def _or_inf(value: float | None) -> float:
 
 
 def run(trials: Trials, only_solvable: bool = False, **parameters: Any) -> Report:
-    """Match random problems with the default parameters, or with other ones.
+    """Match random problems with the default or other parameters.
 
     The report has ``rows``, each with the ``problem`` and its ``result``, ``interrupted``,
     ``settings`` and ``machine``.
     """
     used = Parameters.of(**parameters)
 
-    def pose(folder: Path) -> Iterator[Posed]:
+    def pose(folder: Path) -> Iterator[MeasuredProblem]:
         for trial in success_problems(trials.meshes, trials.seed, trials.count):
             try:
                 described = trial.to_dict()
                 if described["solvable"] or not only_solvable:
                     problem = Problem(trial.mesh, trial.source, trial.target, used)
                     row = problem_row(problem, folder, trial.mesh_name)
-                    yield Posed({"result": row}, _measure(described))
-            except AbfmError as error:  # of meshes on which a function is undefined
-                trials.log(f"left out: {trial.mesh_name}: {error}")
+                    yield MeasuredProblem({"result": row}, _measure(described))
+            except AbfmError as error:  # for meshes on which a function is undefined
+                trials.log(f"skipped: {trial.mesh_name}: {error}")
 
     rows = measured(trials, pose, _line)
     return trials.report(rows, solvable=only_solvable, level=GOAL, parameters=used.to_dict())
@@ -282,7 +286,7 @@ def _count(key: str) -> Callable[[list[Report]], str]:
 
 
 def _median(key: str) -> Callable[[list[Report]], str]:
-    """Return the median as text; missing numbers are infinite."""
+    """Return a function for the median as text, where missing numbers are infinite."""
 
     def cell(results: list[Report]) -> str:
         values = [_or_inf(result[key]) for result in results]
@@ -329,7 +333,7 @@ def report_text(report: Report) -> str:
 
 
 def _groups(rows: list[Report]) -> dict[str, list[Report]]:
-    """Return rows by the values of each of `GROUPS`; no, none and no folder make no group."""
+    """Return rows by the values of each of `GROUPS`; false and empty values have no group."""
     groups = {"all": rows}
     for keys in GROUPS:
         for row in rows:

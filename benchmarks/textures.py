@@ -1,10 +1,10 @@
-"""Fields of `abfm.sequence` between two frames of textures on spheres, whose motion is known.
+"""Fields of `abfm.sequence` between two frames of textures with known motion on spheres.
 
     python -m benchmarks.textures --write docs/sequences.md
 
-Textures are sums of random plane waves in space, evaluated where an exact tracer finds the origin
-of each vertex, so that no interpolation favours a method. The fields are a rotation, and the sum of
-a gradient and a rotated gradient of random waves.
+Textures are sums of random plane waves in space. They are evaluated at the exact origin of each
+vertex, so that no interpolation favours a method. The fields are a rotation, and the sum of a
+gradient and a rotated gradient of random waves.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from benchmarks.common import Table, main, mapped
 from benchmarks.motion import KnownMotion, compared, edge_length, error_cells
 
 WAVELENGTHS = {"smooth": 20.0, "rough": 9.0}
-"""Of textures, in mean edges."""
+"""Wavelengths of textures, in mean edges."""
 MOTIONS = ("turn", "waves")
 NOISES = (0.0, 0.05, 0.1)
-"""Standard deviation, relative to that of the frames."""
+"""Standard deviation of the noise, relative to that of the frames."""
 DISPLACEMENTS = (0.25, 0.5, 1.0, 2.5, 4.0)
-"""Root mean square, in mean edges."""
+"""Root mean square of the displacement, in mean edges."""
 SUBDIVISIONS = (3, 4, 5)
-"""Of the spheres of 642, 2,562 and 10,242 vertices in the table by size."""
+"""Subdivisions of the spheres of 642, 2,562 and 10,242 vertices in the table by size."""
 SUBDIVISION = 4
-"""Of all other spheres."""
+"""Subdivision of all other spheres."""
 HEADINGS = (
     "vertices",
     "texture",
@@ -130,7 +130,7 @@ class Case(NamedTuple):
     subdivision: int = SUBDIVISION
 
     def row(self) -> list[str]:
-        """Return errors of Horn-Schunck, of order 1 and of the chosen norm, and which that is."""
+        """Return errors of Horn-Schunck, of order 1 and of the chosen norm, and this norm."""
         mesh = sphere(self.subdivision)
         moving = moving_texture(mesh, self.texture, self.motion, self.displacement)
         frames = moving.noisy(self.noise, _NOISE_SEED)

@@ -16,20 +16,20 @@ from benchmarks.common import Log, Report, machine
 
 @dataclass(frozen=True)
 class Trials:
-    """Which problems are matched, where, and how.
+    """Settings of random problems and of their matches.
 
     Attributes
     ----------
     meshes : dict
-        By name, on which problems depend.
+        Meshes by name; problems depend on the name.
     seed, count : int
-        Of random numbers, and of problems on each mesh.
+        Seed of random numbers, and number of problems on each mesh.
     folder : path, optional
-        For results, which later runs reuse; None for a temporary one.
+        Folder of results, which later runs reuse; None for a temporary folder.
     cluster : Cluster
-        The processes that match.
+        The processes or cluster that solve the matches.
     control : Control
-        Ends the run early: the report then has the finished problems.
+        Cancels the run; the report then has the finished problems.
     """
 
     meshes: Mapping[str, TriangleMesh]
@@ -41,7 +41,7 @@ class Trials:
     control: Control = field(default_factory=Control)
 
     def report(self, rows: list[Report], **settings: Any) -> Report:
-        """Return the report of all rows with what identifies the problems and the machine."""
+        """Return the report of all rows, with the settings of the problems and the machine."""
         sizes = {name: len(mesh.vertices) for name, mesh in self.meshes.items()}
         return {
             "rows": rows,
@@ -52,23 +52,30 @@ class Trials:
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
-    """A problem: the matches that it needs, by name, and what is measured of them."""
+class MeasuredProblem:
+    """The matches of a problem by name, and the function that measures their results."""
 
     matches: Mapping[str, batch.Row]
     measure: Callable[[Mapping[str, LedgerEntry]], Report]
 
 
 def measured(
-    trials: Trials, pose: Callable[[Path], Iterator[Posed]], line: Callable[[Report], str]
+    trials: Trials, pose: Callable[[Path], Iterator[MeasuredProblem]], line: Callable[[Report], str]
 ) -> list[Report]:
-    """Pose problems in a folder, match them, and return the measurements of finished ones in order.
+    """Solve problems in a folder, and return the measurements of the finished ones, in order.
 
-    Each is printed as a line when it is finished. Matches are not ended by a clock, so all numbers
+    A line is printed for each finished problem. No time limit ends a match, so that all numbers
     except seconds are the same in every run.
+
+    Parameters
+    ----------
+    pose : function
+        Yields the problems, whose files are in a folder.
+    line : function
+        Returns the line of a measurement.
     """
     with temporary_folder() if trials.folder is None else nullcontext(trials.folder) as folder:
-        trials.log("stating problems")
+        trials.log("preparing problems")
         posed = [*takewhile(lambda _: not trials.control.cancelled, pose(folder))]
         found, entries = dict[int, Report](), dict[str, LedgerEntry]()
 

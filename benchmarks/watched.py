@@ -1,4 +1,4 @@
-"""Matches that are timed on the mesh itself, and stopped where a benchmark has what it needs."""
+"""Matches with a history of their iterates on the mesh itself, and with early stops."""
 
 from dataclasses import dataclass
 from math import inf
@@ -12,14 +12,18 @@ from abfm.types import FloatArray
 from abfm.workers import Control
 
 MISMATCH = Parameters.goal
-"""Relative mismatch to which iterations and seconds are counted."""
+"""Relative mismatch up to which iterations and seconds are counted."""
 
 
 @dataclass(frozen=True)
 class WatchedMatch:
-    """A match, and the seconds, energy and mismatch of its iterates on the mesh itself (rows, 3).
+    """A match, and the history of its iterates on the mesh itself.
 
-    Seconds start with the match, so they include coarser meshes and the setup of the problem.
+    Attributes
+    ----------
+    history : (rows, 3) array
+        Seconds, energy and mismatch. Seconds start with the match, so that they include coarser
+        meshes and the setup of the problem.
     """
 
     match: Match
@@ -28,13 +32,13 @@ class WatchedMatch:
 
     @property
     def iterations_to_mismatch(self) -> int | None:
-        """Iterations on the mesh itself until the mismatch is at most `MISMATCH`, None if never."""
+        """Iterations on the mesh itself until the mismatch is at most `MISMATCH`, or None."""
         reached = np.flatnonzero(self.history[:, 2] <= MISMATCH)
         return int(reached[0]) if len(reached) else None
 
     @property
     def seconds_to_mismatch(self) -> float | None:
-        """Seconds until then."""
+        """Seconds until the mismatch is at most `MISMATCH`, or None."""
         reached = self.iterations_to_mismatch
         return None if reached is None else float(self.history[reached, 0])
 
@@ -42,7 +46,7 @@ class WatchedMatch:
 def watched_match(
     problem: Problem, seconds: float = inf, energy: float = -inf, mismatch: float = -inf
 ) -> WatchedMatch:
-    """Match until the time is up, or energy or mismatch on the mesh itself are low enough."""
+    """Match until the time limit, or until energy or mismatch on the mesh itself are low enough."""
     control = Control()
     functions = problem.functions
     # the paper's mismatch is relative to the norm of the target

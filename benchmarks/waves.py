@@ -1,8 +1,8 @@
-"""Fields of `abfm.sequence` for waves on a cortex, whose motion is known.
+"""Fields of `abfm.sequence` for waves with known motion on a cortex.
 
     python -m benchmarks.waves --write docs/sequences.md --picture docs/images/waves.png
 
-The surface is nilearn's white surface of fsaverage5, left, unless another one is given.
+The default surface is the left white surface of fsaverage5 of nilearn.
 """
 
 from __future__ import annotations
@@ -35,21 +35,22 @@ from benchmarks.motion import (
 
 KINDS = ("travelling", "rotating", "source and sink")
 NOISES = (0.0, 0.1, 0.3)
-"""Standard deviation, relative to that of the frames."""
+"""Standard deviation of the noise, relative to that of the frames."""
 DISPLACEMENTS = (0.5, 1.0, 2.0, 4.0)
-"""Root mean square from frame to frame, in mean edges."""
+"""Root mean square of the displacement between frames, in mean edges."""
 FRAMES = 6
 WAVELENGTH = 16.0
-"""In mean edges, at the root mean square slope of the phase."""
+"""Wavelength in mean edges, at the root mean square slope of the phase."""
 
 _FIELDS = {"travelling": 1, "rotating": 1, "source and sink": 4}  # eigenfunctions
 _PHASES = {"travelling": 1, "rotating": 2, "source and sink": 4}
 
 
 def wave(mesh: TriangleMesh, kind: str, displacement: float) -> KnownMotion:
-    """Return a wave of a kind; its field is the slope of an eigenfunction, rotated if it rotates.
+    """Return a wave of a kind.
 
-    The field is constant in time, and flow lines carry the phase along it.
+    Its field is the gradient of an eigenfunction, turned by 90 degrees for a rotating wave. The
+    field is constant in time and advects the phase along its flow lines.
     """
     basis, edge = eigenbasis(mesh, 5)[1], edge_length(mesh)
     slope = slopes(mesh, basis[:, _FIELDS[kind]])
@@ -74,7 +75,7 @@ class Case(NamedTuple):
     noise: float
 
     def errors(self) -> FloatArray:
-        """Return the errors (3, 2) of Horn-Schunck, frame by frame, and together."""
+        """Return the errors (3, 2) of Horn-Schunck, without coupling in time, and with coupling."""
         moving = wave(_mesh(self.surface), self.kind, self.displacement)
         return compared(sequences(moving.mesh, moving.noisy(self.noise)), moving.errors)
 
@@ -92,7 +93,7 @@ def _rows(cases: list[Case], jobs: int | None, picture: Path | None) -> Iterator
 
 
 def draw(results: list[tuple[Case, FloatArray]], path: Path) -> None:
-    """Plot errors over displacements, a column for each noise, as means over the kinds."""
+    """Plot mean errors over the kinds against displacements, one column per noise."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 5.6), layout="constrained")
@@ -119,7 +120,7 @@ def draw(results: list[tuple[Case, FloatArray]], path: Path) -> None:
                 plot.set_ylabel(f"error of {word}")
         plots[0, column].set_title(f"{100 * noise:g}% noise" if noise else "no noise")
         plots[1, column].set_xlabel("displacement (edges per frame)")
-    for row in plots:  # the plots of a row share their range
+    for row in plots:  # plots in a row share their range
         row[0].set_ylim(bottom=0)
     plots[0, 0].legend(frameon=False, fontsize=8.5)
     figure.savefig(path, dpi=115)

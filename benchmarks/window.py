@@ -1,4 +1,4 @@
-"""The window's cost: the solver with and without it, its frames, its launch.
+"""Cost of the window: its launch, its frames, and the solver with and without it.
 
 Run it with ``python -m benchmarks.window`` and the options of ``abfm bench --viewer``.
 """
@@ -28,10 +28,10 @@ from abfm_viewer.window.window import Window
 from benchmarks.common import Log, Report, bench, markdown
 
 THROUGHPUT_MIN = 0.8
-"""Iterations per second with the window over those without it."""
+"""Minimum of iterations per second with the window over those without it."""
 FRAME_SECONDS_MAX = 0.040
 LAUNCH_RATIO_MAX = 1.5
-"""Of the app to bare polyscope."""
+"""Maximum of the launch time of the app over that of plain polyscope."""
 
 _SIZE = (1280, 800)
 _POLYSCOPE_SCRIPT = """
@@ -66,25 +66,25 @@ def run(
     long: int = 300,
     repeats: int = 5,
 ) -> Report:
-    """Measure launch, throughput and frames. Ratios are of medians of alternating runs.
+    """Measure launch, throughput and frames; ratios are those of medians of alternating runs.
 
     Parameters
     ----------
     subdivisions : sequence of int
-        Of the icospheres on which the solver runs.
+        Subdivisions of the icospheres on which the solver runs.
     parameters : Parameters, optional
-        Of the solver; the default ones if None.
+        Parameters of the solver; the defaults if None.
     long : int
-        Iterations of the solve, on the first mesh, during which frames are measured.
+        Iterations of the match on the first mesh, during which frames are measured.
     repeats : int
-        Runs of each kind.
+        Number of runs of each kind.
     """
     backend: Backend = (
         opengl.WINDOW
         if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
         else opengl.OFFSCREEN_BACKEND
     )
-    log("launch to the first frame, of the app and of bare polyscope")
+    log("launch to the first frame, of the app and of plain polyscope")
     launch, throughput = _launch(backend, repeats), []
     frames: Report = {}
     for subdivision in subdivisions:
@@ -106,7 +106,7 @@ def run(
 
 @contextmanager
 def _opened(mesh: TriangleMesh, backend: Backend, parameters: Parameters) -> Iterator[Window]:
-    """Yield the app's window in the state in which a user presses Match."""
+    """Yield the window of the app, ready for the Match button."""
     session = Session(mesh, "sphere")
     window = Window(session, backend, _SIZE)
     session.editor.set_parameter(**parameters.to_dict())
@@ -124,7 +124,7 @@ def _in_turns(
     repeats: int, runs: Mapping[str, Callable[[], float]]
 ) -> tuple[dict[str, list[float]], float]:
     """Alternate runs; return their results, and the ratio of the first median to the second."""
-    for run in runs.values():  # fills disk caches, compiles and factors
+    for run in runs.values():  # fill disk caches, compile and factor
         run()
     taken: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(repeats):
@@ -135,7 +135,7 @@ def _in_turns(
 
 
 def _launch(backend: Backend, repeats: int) -> Report:
-    """Return seconds from starting Python to the end of the first frame."""
+    """Return the seconds from the start of Python to the end of the first frame."""
     arguments = str(asset_path("human_A.off")), backend
     runs = {
         name: partial(_until_drawn, [sys.executable, "-c", code, *arguments])
@@ -196,7 +196,7 @@ def _throughput(window: Window, repeats: int) -> Report:
 
 
 def _drawn(window: Window, condition: Callable[[], bool]) -> list[float]:
-    """Draw frames while a condition holds; return the seconds from each to the next."""
+    """Draw frames while a condition is true; return the seconds between frames."""
     ends = [time.perf_counter()]
     while condition():
         window.frame()
@@ -205,7 +205,7 @@ def _drawn(window: Window, condition: Callable[[], bool]) -> list[float]:
 
 
 def _frames(window: Window, iterations: int) -> Report:
-    """Return seconds from frame to frame during a long solve."""
+    """Return the seconds between frames during a long match."""
     session = window.session
     slow = PAPER | {"max_displacement": 1e-3, "tolerance": 0.0, "cooling_stages": 1}
     session.editor.set_parameter(**slow, iterations=iterations)
@@ -224,13 +224,13 @@ def report_text(report: Report) -> str:
     launch, frames, settings = (report[name] for name in ("launch", "frames", "settings"))
     rows = [
         (
-            "from the launch to the first frame, over bare polyscope",
+            "from the launch to the first frame, over plain polyscope",
             f"{launch['ratio']:.2f}",
             str(launch["at_most"]),
         ),
         *(
             (
-                "solver throughput with a window that follows, over `abfm.match`, "
+                "solver throughput with the window, over `abfm.match`, "
                 f"{each['vertices']:,} vertices",
                 f"{each['ratio']:.2f}; frames {_milliseconds(each['frames'])}",
                 str(each["at_least"]),
@@ -244,7 +244,7 @@ def report_text(report: Report) -> str:
         ),
     ]
     note = f"{settings['repeats']} runs each, {settings['backend']}, {settings['cores']} cores"
-    return f"{markdown(('what', 'measured', 'aim'), rows)}\n\n{note}"
+    return f"{markdown(('quantity', 'measured', 'target'), rows)}\n\n{note}"
 
 
 def _milliseconds(frames: Report) -> str:

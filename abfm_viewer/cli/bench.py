@@ -171,11 +171,11 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _meshes(arguments: argparse.Namespace) -> dict[str, TriangleMesh]:
     """Return the meshes of the problems by name."""
-    from benchmarks.meshes import few_meshes, given_meshes, own_meshes
+    from benchmarks.meshes import bundled_meshes, given_meshes, three_meshes
 
     own: dict[str, TriangleMesh] = {}
     if not arguments.only_given:
-        own = own_meshes() if arguments.success else few_meshes()
+        own = bundled_meshes() if arguments.success else three_meshes()
     given = given_meshes(arguments.meshes, lambda line: print(line, file=sys.stderr))
     repeated = sorted(own.keys() & given.keys())
     if repeated:
