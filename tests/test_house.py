@@ -333,7 +333,7 @@ def test_run_test_installs_what_tests_of_windows_and_pages_need(house, bare_mach
     ("apt", "advice"),
     [
         (None, "install them"),
-        ("exit 1", "type: sudo apt-get install xvfb xdotool chromium chromium-driver"),
+        ("exit 1", "run: sudo apt-get install xvfb xdotool chromium chromium-driver"),
     ],
 )
 def test_run_test_says_what_to_install_where_it_cannot(house, bare_machine, apt, advice):
