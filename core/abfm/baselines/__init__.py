@@ -1,4 +1,4 @@
-"""What a user would compare with: the linear blend, optimal transport, a reduced basis."""
+"""Methods for comparison: linear blend, optimal transport, optical flow and a reduced basis."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Linear optical flow on a surface: Horn and Schunck's, with one vector for each face."""
+"""Linear optical flow on a surface by Horn and Schunck, with one vector per face."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.types import FloatArray
 
-_RIDGE = 1e-6  # weight of the squared field, so that fields without data are determined
+_RIDGE = 1e-6  # weight of the squared field, which makes the solution unique without data
 
 
 def horn_schunck(
@@ -28,15 +28,17 @@ def horn_schunck(
 ) -> FloatArray:
     """Return the field that minimises ``int (dF/dt + <v, grad F>)^2 + smoothness int |grad v|^2``.
 
-    This is the energy of [Lefèvre & Baillet, IEEE TPAMI 30 (2008), section 3] with another
-    discretisation: a tangent vector for each face and the time derivative at the face's middle.
+    This is the energy of [Lefèvre & Baillet, IEEE TPAMI 30 (2008), section 3]. Its discretisation
+    here differs: a tangent vector for each face, and the time derivative at the face's centroid.
     Gradients are those halfway between both frames, which makes the linearisation second order.
-    The smoothness is a finite volume: ``sum w_e |P_e v_f - v_f'|^2`` over edges, where ``P_e``
-    unfolds one face into the plane of the other, and ``w_e = 3 l_e^2 / (2 (A_f + A_f'))`` is the
-    length of the edge over the distance between the middles.
 
-    The field is linear in the change between the frames. It is accurate as long as displacements
-    are small compared with a wavelength.
+    The smoothness term is a finite-volume one: ``sum w_e |P_e v_f - v_f'|^2`` over edges. ``P_e``
+    unfolds one face into the plane of the other. The weight
+    ``w_e = 3 l_e^2 / (2 (A_f + A_f'))`` is the length of the edge divided by the distance between
+    the centroids.
+
+    The field is linear in the change between the frames. It is accurate if displacements are small
+    compared with a wavelength.
 
     Parameters
     ----------
@@ -44,10 +46,10 @@ def horn_schunck(
     f, g : (V,) or (V, C) arrays
         Two frames.
     duration : float
-        The time between them.
+        Time between the frames.
     smoothness : float
-        In the mesh scaled to unit area, for functions of standard deviation 1 and displacements
-        over the whole duration: the same for any unit.
+        Weight of the smoothness term, independent of units. It applies to the mesh scaled to unit
+        area, functions with standard deviation 1, and displacements over the complete duration.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def horn_schunck(
     Raises
     ------
     AbfmError
-        If the frames or numbers do not fit.
+        If the frames do not fit the mesh, or a number is not positive.
     """
     for name, value in (("duration", duration), ("smoothness", smoothness)):
         if not (is_finite_number(value) and value > 0):
@@ -64,33 +66,36 @@ def horn_schunck(
     unit = mesh.normalized()
     first, last = channels(mesh, f, "f"), channels(mesh, g, "g")
     if first.shape != last.shape:
-        raise ParameterError(f"f has {len(first)} and g {len(last)} channels; give as many of each")
+        raise ParameterError(
+            f"f has {len(first)} and g has {len(last)} channels; expected equal numbers"
+        )
     areas, vertex_weights = face_areas(unit), vertex_areas(unit)
     rows = np.concatenate([first, last])
     deviations = rows - (rows @ vertex_weights)[:, None]
     size = float(np.sqrt(np.mean(deviations**2 @ vertex_weights))) or 1.0
-    blocks, wanted = np.zeros((len(areas), 2, 2)), np.zeros((len(areas), 2))
+    blocks, right_side = np.zeros((len(areas), 2, 2)), np.zeros((len(areas), 2))
     for start, end in zip(first / size, last / size, strict=True):
         slopes = (gradient(unit) @ (0.5 * (start + end))).reshape(-1, 2)
         changes = (end - start)[unit.faces].mean(axis=1)
         blocks += np.einsum("f,fa,fb->fab", areas, slopes, slopes)
-        wanted -= (areas * changes)[:, None] * slopes
-    places = np.arange(len(areas))
-    data = sparse.bsr_array((blocks, places, np.arange(len(areas) + 1)))
+        right_side -= (areas * changes)[:, None] * slopes
+    numbers = np.arange(len(areas))
+    data = sparse.bsr_array((blocks, numbers, np.arange(len(areas) + 1)))
     ridge = _RIDGE * sparse.diags_array(np.repeat(areas, 2))
-    found = factor(Matrix(data + float(smoothness) * _stiffness(unit) + ridge))(wanted.ravel())
+    matrix = Matrix(data + float(smoothness) * _stiffness(unit) + ridge)
+    found = factor(matrix)(right_side.ravel())
     return to_ambient(mesh, found.reshape(-1, 2)) * (mesh.length_scale / float(duration))
 
 
 @per_mesh
 def _stiffness(mesh: TriangleMesh) -> Matrix:
-    """Return the form ``sum w_e |P_e v_f - v_f'|^2`` of coefficients in frames, (2F, 2F)."""
+    """Return the matrix (2F, 2F) of ``sum w_e |P_e v_f - v_f'|^2`` for coefficients in frames."""
     inner = ~mesh.is_boundary_edge
     slots = mesh.edge_slots[inner]  # (E, 2)
     faces, corner = np.divmod(slots, 3)
     places = corners(mesh).places
     along = places[faces, (corner + 2) % 3] - places[faces, (corner + 1) % 3]
-    # both faces have the same orientation, so each goes along the edge the other way
+    # both faces have the same orientation, so they traverse the edge in opposite directions
     turns = -along[:, 1] / along[:, 0]
     turns /= np.abs(turns)
     areas = face_areas(mesh)

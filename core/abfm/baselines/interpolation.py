@@ -1,4 +1,4 @@
-"""Interpolations without a flow: the linear blend, and convolutional optimal transport.
+"""Interpolations without a flow: linear blend and convolutional optimal transport.
 
 Source: Solomon, de Goes, Peyré, Cuturi, Butscher, Nguyen, Du, Guibas: Convolutional Wasserstein
 Distances, ACM TOG 34(4), 2015, algorithms 2 (barycentres) and 3 (entropic sharpening).
@@ -19,50 +19,53 @@ from abfm.numerics.real_numbers import is_finite_number, is_integer, real_number
 from abfm.types import FloatArray
 
 _ITERATIONS = 500
-# L1 change of the interpolated density, whose mass is 1, from one iteration to the next
-_TOLERANCE = 1e-5
-_LEAST_HEAT = 1e-150  # squares and quotients of smaller densities underflow
+_TOLERANCE = 1e-5  # L1 change of the interpolated density, with mass 1, in one iteration
+_HEAT_MIN = 1e-150  # squares and quotients of smaller densities underflow
 _EXPONENT_MAX = 64.0
 _WIDTH_MAX = 1e3
 _STEPS_MAX = 10_000
-_NEGATIVE_SHARE_MAX = 0.01  # of the largest value: what a function may be below zero
-_TIME_MAX = 1e100  # times tau, of a blend
+_NEGATIVE_SHARE_MAX = 0.01  # of the largest value: tolerance for negative values
+_TIME_MAX = 1e100  # of a blend, relative to tau
 
 
 def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> FloatArray:
-    """Return ``(1 - t / tau) f + (t / tau) g``; AbfmError if an array or a time does not fit."""
+    """Return ``(1 - t / tau) f + (t / tau) g``.
+
+    Raises an AbfmError if the arrays have different shapes, or a value or time is not finite.
+    """
     finite = is_finite_number(t) and is_finite_number(tau)
     if not (finite and tau > 0 and abs(float(t)) < _TIME_MAX * float(tau)):
         raise ParameterError(
-            f"t is {brief(t)} and tau {brief(tau)}; expected a finite time and a positive one"
+            f"t is {brief(t)} and tau is {brief(tau)}; expected a finite t and a positive tau"
         )
     source = real_numbers(f, "source f", FunctionError)
     target = real_numbers(g, "target g", FunctionError)
     if source.shape != target.shape:
         raise FunctionError(
-            f"source and target have shapes {source.shape} and {target.shape}; expected them alike"
+            f"source and target have shapes {source.shape} and {target.shape}; expected equal "
+            "shapes"
         )
     if not (np.isfinite(source).all() and np.isfinite(target).all()):
-        raise FunctionError("source or target has values that are not finite; expected finite ones")
+        raise FunctionError("source or target has values that are not finite")
     share = float(t) / float(tau)
     return (1 - share) * source + share * target
 
 
 class HeatKernel:
-    """Heat flow on a surface: a positive symmetric smoothing that keeps the integral.
+    """Heat flow on a surface: a positive symmetric smoothing that preserves the integral.
 
-    Implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation, L without negative weights:
-    every entry is positive, and exact to rounding. Several steps are like a Gaussian up to
-    distances of about ``sqrt(2 steps) width``; the width, the flat kernel's standard deviation
-    along an axis, is a fraction of sqrt(area).
+    It takes implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation. L has no negative
+    weights, so every entry of the kernel is positive, up to rounding. Several steps approximate a
+    Gaussian up to distances of about ``sqrt(2 steps) width``. The width is the standard deviation
+    of the flat kernel along an axis, as a fraction of sqrt(area).
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:
         in_range = is_finite_number(width) and 0 < width <= _WIDTH_MAX
         if not (in_range and is_integer(steps, 1, _STEPS_MAX)):
             raise ParameterError(
-                f"blur is {brief(width)}, steps is {brief(steps)}; expected a blur above 0, at "
-                f"most {_WIDTH_MAX:g}, and a whole number of steps from 1 to {_STEPS_MAX}"
+                f"blur is {brief(width)} and steps is {brief(steps)}; expected a blur above 0, up "
+                f"to {_WIDTH_MAX:g}, and an integer of steps from 1 to {_STEPS_MAX}"
             )
         unit = mesh.normalized()
         self.areas = vertex_areas(unit)  # (V,), on the mesh scaled to unit area
@@ -89,17 +92,18 @@ def optimal_transport(
 ) -> FloatArray:
     """Return the entropic displacement interpolation of two non-negative functions.
 
-    At time t the Wasserstein barycentre with weights 1 - t and t of both functions scaled to mass
-    1, times ``(1 - t) mass(f) + t mass(g)``. All of it is blurred: at times 0 and 1 by the kernel,
-    between them somewhat more. A smaller blur is sharper, but where ``blur^2`` is far below the
-    product of distance and edge length, mass lingers near both ends and hurries in the middle.
+    At time t it is the Wasserstein barycentre, with weights 1 - t and t, of both functions scaled
+    to mass 1, times ``(1 - t) mass(f) + t mass(g)``. The result is blurred: by the kernel at times
+    0 and 1, and slightly more between. A smaller blur is sharper. If ``blur^2`` is far below the
+    product of distance and edge length, mass moves slowly near both ends and fast between them.
 
     Parameters
     ----------
     f, g : (V,) arrays
-        With a positive integral each; values below zero by at most 1% of the largest count as 0.
+        Functions with a positive integral. Negative values of up to 1% of the largest value count
+        as 0.
     times : float or (T,) array
-        From 0 (f) to 1 (g).
+        Times from 0 (f) to 1 (g).
     blur : float
         Standard deviation of the `HeatKernel`, as a fraction of sqrt(area).
     steps : int
@@ -114,21 +118,21 @@ def optimal_transport(
     Raises
     ------
     AbfmError
-        If a function or number does not fit, or heat does not reach across the mesh.
+        If a function or number is invalid, or the kernel does not reach across the mesh.
     """
     moments = np.atleast_1d(real_numbers(times, "times", ParameterError))
     if moments.ndim != 1 or not ((moments >= 0) & (moments <= 1)).all():
         raise ParameterError(
-            f"times is {brief(times)}; expected a time from 0 to 1 or a list of them"
+            f"times is {brief(times)}; expected a time from 0 to 1, or a list of such times"
         )
     functions = [_non_negative(mesh, f, "source f"), _non_negative(mesh, g, "target g")]
     heat = HeatKernel(mesh, blur, steps)
     masses = [float(heat.areas @ values) for values in functions]
     densities = [values / mass for values, mass in zip(functions, masses, strict=True)]
-    if min(heat(density).min() for density in densities) < _LEAST_HEAT:
+    if min(heat(density).min() for density in densities) < _HEAT_MIN:
         raise ParameterError(
-            f"blur is {blur:g} in {steps} steps: heat does not reach from one end of this mesh to "
-            "the other in numbers that can be computed with; give a larger blur or fewer steps"
+            f"blur is {blur:g} in {steps} steps, with which the heat kernel underflows between "
+            "distant parts of this mesh. Use a larger blur or fewer steps."
         )
     bound = max(_entropy(heat.areas, density) for density in densities) if sharpen else np.inf
     means = [(1 - t) * masses[0] + t * masses[1] for t in moments]
@@ -140,7 +144,7 @@ def optimal_transport(
 def _barycentre(
     heat: HeatKernel, densities: list[FloatArray], t: float, bound: float
 ) -> FloatArray:
-    """Run algorithm 2 for two densities with weights 1 - t and t: iterated Bregman projections."""
+    """Return the barycentre with weights 1 - t and t, by iterated Bregman projections (alg. 2)."""
     areas, tiny = heat.areas, np.finfo(np.float64).tiny
     scalings = [np.ones_like(density) for density in densities]
     found = np.zeros_like(densities[0])
@@ -160,7 +164,7 @@ def _barycentre(
 
 
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
-    """Run algorithm 3: the smallest power from 1 on, of mass 1, with at most this entropy."""
+    """Return the smallest power, from 1 on, with at most the entropy ``bound`` (algorithm 3)."""
 
     def power(exponent: float) -> FloatArray:
         raised = (density / density.max()) ** exponent
@@ -181,9 +185,9 @@ def _entropy(areas: FloatArray, density: FloatArray) -> float:
 def _positive_laplacian(mesh: TriangleMesh) -> Matrix:
     """Return the cotangent Laplacian without the edges whose weight is negative, (V, V)."""
     entries = cotangent_laplacian(mesh).tocoo()
-    kept = (entries.row != entries.col) & (entries.data < 0)
-    places = entries.row[kept], entries.col[kept]
-    weights = Matrix((-entries.data[kept], places), shape=entries.shape)
+    is_positive = (entries.row != entries.col) & (entries.data < 0)
+    indices = entries.row[is_positive], entries.col[is_positive]
+    weights = Matrix((-entries.data[is_positive], indices), shape=entries.shape)
     return Matrix(sparse.diags_array(weights.sum(axis=1)) - weights)
 
 
@@ -191,21 +195,21 @@ def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArra
     rows = channels(mesh, values, name)
     if len(rows) != 1:
         raise FunctionError(
-            f"{name} has {len(rows)} channels; optimal transport takes one function (vertices,)"
+            f"{name} has {len(rows)} channels; optimal transport needs one function (V,)"
         )
     row = rows[0]
     worst, largest = int(row.argmin()), row.max()
     if row[worst] < -_NEGATIVE_SHARE_MAX * largest:
         raise FunctionError(
             f"{name} is negative at {np.count_nonzero(row < 0)} of {len(row)} vertices, down to "
-            f"{row[worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport moves mass, "
-            "never negative"
+            f"{row[worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport needs a "
+            "function that is not negative"
         )
     if not row.any():
-        raise FunctionError(f"{name} is zero everywhere; optimal transport needs some mass to move")
+        raise FunctionError(f"{name} is 0 everywhere; optimal transport needs a positive integral")
     if not VALUE_MIN <= largest <= VALUE_MAX:
         raise FunctionError(
-            f"{name} has values of up to {largest:.3g}, which over- or underflow; scale it to "
-            f"between {VALUE_MIN:g} and {VALUE_MAX:g}"
+            f"the largest value of {name} is {largest:.3g}, which overflows or underflows; scale "
+            f"it to between {VALUE_MIN:g} and {VALUE_MAX:g}"
         )
     return np.asarray(np.maximum(row, 0))

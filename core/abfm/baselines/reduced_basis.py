@@ -1,11 +1,13 @@
 """Continuous matching in a reduced spectral basis: few smooth fields, dense exponentials.
 
-In the manner of Corman, Ovsjanikov, Chambolle: Continuous Matching via Vector Field Flow, SGP 2015.
-A field is a combination of the first gradients and rotated gradients of eigenfunctions, and its
-operator a small dense matrix in the eigenbasis. A given functional map is composed with its flow so
-as to come near a wanted one. The derivative of the exponential is exact: a block of a larger
-exponential, as there, but taken once for all fields, by its adjoint, where they take one per field.
-Harmonic fields, which surfaces with handles have, are left out.
+The method follows Corman, Ovsjanikov, Chambolle: Continuous Matching via Vector Field Flow, SGP
+2015. A field is a combination of gradients and rotated gradients of the first eigenfunctions. Its
+operator is a small dense matrix in the eigenbasis. A given functional map is composed with the flow
+of the field to approximate another functional map.
+
+The derivative of the exponential is exact, as a block of a larger exponential. It is computed once
+for all fields by its adjoint, while the paper computes one for each field. Harmonic fields, which
+exist on surfaces with handles, are not included.
 """
 
 from dataclasses import dataclass
@@ -34,25 +36,40 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
-# pairs that L-BFGS keeps, and the most steps that it takes
-_MEMORY = 30
-_ITERATIONS = 150
+_MEMORY = 30  # pairs stored by L-BFGS
+_ITERATIONS_MAX = 150  # of L-BFGS
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedMatch:
+    """The result of a match in a reduced basis."""
+
     velocity: FloatArray  # (F, 3), in the input's units
     functional_map: FloatArray  # (k, m), in the reduced basis
-    start_mismatch: float  # ``||C - C_target|| / ||C_target||`` in the Frobenius norm
-    mismatch: float
+    start_mismatch: float  # ``||C - C_target|| / ||C_target||`` of the start, Frobenius norm
+    mismatch: float  # the same of the result
 
 
 class ReducedEnergy:
-    """``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``
-    and its gradient, with eigenfields of the Hodge Laplacian and their eigenvalues ``Lambda``.
+    """The energy of a field in a reduced basis, and its gradient.
 
-    Start and target (k, m) are functional maps to the mesh, in its first k eigenfunctions; so many
-    fields are gradients, and as many rotated ones. AbfmError if they do not fit.
+    The energy of coefficients a is
+    ``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``.
+    The basis consists of eigenfields of the Hodge Laplacian with eigenvalues ``Lambda``.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    start, target : (k, m) arrays
+        Functional maps to the mesh, in its first k eigenfunctions.
+    parameters : Parameters
+    fields : int
+        Number of gradients, and of rotated gradients, in the basis.
+
+    Raises
+    ------
+    AbfmError
+        If the functional maps or the number of fields are invalid.
     """
 
     def __init__(
@@ -69,12 +86,14 @@ class ReducedEnergy:
         if self.start.ndim != 2 or self.start.shape != self.target.shape or 0 in self.start.shape:
             raise ParameterError(
                 f"functional maps have shapes {self.start.shape} and {self.target.shape}; "
-                "expected two matrices alike"
+                "expected two matrices of equal shape"
             )
         if not (np.isfinite(self.start).all() and np.isfinite(self.target).all()):
-            raise ParameterError("a functional map has values that are not finite")
+            raise ParameterError(
+                "a functional map has values that are not finite; expected finite values"
+            )
         if not fields >= 1:
-            raise ParameterError(f"fields is {fields}; expected a positive number")
+            raise ParameterError(f"fields is {fields}; expected a positive integer")
         self.mesh, self.length_scale = mesh.normalized(), mesh.length_scale
         self.tau, self.sigma = parameters.tau, parameters.last_sigma
         eigenvalues, self.basis = hodge_basis(self.mesh, fields)
@@ -82,10 +101,11 @@ class ReducedEnergy:
         self.operators = _operators(self.mesh, self.basis, len(self.start))
 
     def exponent(self, a: FloatArray) -> FloatArray:
+        """Return the matrix ``-tau D(a)``, (k, k)."""
         return -self.tau * np.tensordot(a, self.operators, 1)
 
     def __call__(self, a: FloatArray) -> tuple[float, FloatArray]:
-        """Return energy and gradient at coefficients (M,): infinite and 0 where it overflows."""
+        """Return the energy and its gradient at coefficients (M,); infinity and 0 on overflow."""
         exponent = self.exponent(a)
         with np.errstate(all="ignore"):
             difference = expm(exponent) @ self.start - self.target
@@ -99,23 +119,25 @@ class ReducedEnergy:
 
 
 def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
-    """Find the smooth field whose flow improves a functional map, by L-BFGS from ``a = 0``."""
-    best = fmin_l_bfgs_b(energy, np.zeros(len(energy.weights)), m=_MEMORY, maxiter=_ITERATIONS)[0]
-    carried, size = expm(energy.exponent(best)) @ energy.start, np.linalg.norm(energy.target)
+    """Find a smooth field whose flow improves a functional map, by L-BFGS from ``a = 0``."""
+    first = np.zeros(len(energy.weights))
+    best = fmin_l_bfgs_b(energy, first, m=_MEMORY, maxiter=_ITERATIONS_MAX)[0]
+    final, size = expm(energy.exponent(best)) @ energy.start, np.linalg.norm(energy.target)
     field = to_ambient(energy.mesh, (energy.basis @ best).reshape(-1, 2))
     return ReducedMatch(
         velocity=field * energy.length_scale,
-        functional_map=carried,
+        functional_map=final,
         start_mismatch=float(np.linalg.norm(energy.start - energy.target) / size),
-        mismatch=float(np.linalg.norm(carried - energy.target) / size),
+        mismatch=float(np.linalg.norm(final - energy.target) / size),
     )
 
 
 def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return eigenvalues (2 count,) of the Hodge Laplacian and frame coefficients (2F, 2 count) of
-    gradients, then rotated gradients, of the first eigenfunctions but the constant, of norm 1.
+    """Return eigenvalues (2 count,) of the Hodge Laplacian and eigenfields (2F, 2 count) in frames.
 
-    On a boundary the rotated ones are of functions that vanish there: no field has flux through it.
+    The eigenfields have norm 1. They are gradients, then rotated gradients, of the first
+    eigenfunctions except the constant one. If there is a boundary, the rotated gradients are those
+    of functions that vanish there, so no field has a flux through it.
     """
     values, functions = (part[..., 1:] for part in eigenbasis(mesh, count + 1))
     gradients = gradient(mesh) @ functions / np.sqrt(values)
@@ -125,8 +147,8 @@ def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]
     inner = rotated_gradient.shape[1]
     if not count < inner:
         raise ParameterError(
-            f"{count} fields asked for; with {inner} vertices off the boundary it can be "
-            f"{inner - 1}"
+            f"fields is {count}; expected at most {inner - 1} on a mesh with {inner} vertices off "
+            "the boundary"
         )
     root_mass = np.sqrt(vertex_areas(mesh)[~mesh.is_boundary_vertex])
     scale = diags_array(1 / root_mass)

@@ -1,4 +1,4 @@
-"""Points of surfaces, maps between surfaces, and how good they are."""
+"""Points of surfaces, maps between surfaces, and measures of their quality."""
 
 import lazy_loader
 

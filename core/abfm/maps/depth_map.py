@@ -1,4 +1,4 @@
-"""What of a surface is nearest to an eye, pixel by pixel."""
+"""Depth maps: the nearest depth of a surface at each pixel of a picture."""
 
 import numpy as np
 
@@ -6,22 +6,23 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IntArray
 
 
-def nearest_depths(seen: FloatArray, faces: IntArray, width: int, height: int) -> FloatArray:
-    """Draw faces (F, 3) of vertices (V, 3), in pixels and with a depth that is larger where they
-    are nearer and linear in the picture: the largest at each pixel's middle, (height, width), or
-    -inf where there is nothing.
+def nearest_depths(vertices: FloatArray, faces: IntArray, width: int, height: int) -> FloatArray:
+    """Return the largest depth at the centre of each pixel, (height, width).
+
+    The vertices (V, 3) are in pixels with a depth, which is larger for nearer points and linear in
+    the picture. Pixels without a face have the value -inf.
     """
     nearest = np.full((height, width), -np.inf)
-    draw_nearest(seen, faces, nearest)
+    rasterize_depths(vertices, faces, nearest)
     return nearest
 
 
 @kernel
-def draw_nearest(seen: FloatArray, faces: IntArray, nearest: FloatArray) -> None:
-    """Draw faces (F, 3) of vertices (V, 3), in pixels, into what is nearest at pixels' middles."""
+def rasterize_depths(vertices: FloatArray, faces: IntArray, nearest: FloatArray) -> None:
+    """Rasterize faces (F, 3) of vertices (V, 3) into the nearest depths at pixel centres."""
     height, width = nearest.shape
     for f in range(len(faces)):
-        a, b, c = seen[faces[f, 0]], seen[faces[f, 1]], seen[faces[f, 2]]
+        a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
         double = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         if double == 0.0:
             continue

@@ -1,4 +1,4 @@
-"""What maps do to lengths, areas, angles and sides of faces, and which part they turn over."""
+"""Distortion of maps: changes of lengths, areas, angles and orientation of faces."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from abfm.mesh import TriangleMesh
 from abfm.types import BoolArray, FloatArray, IntArray
 
 BOUNDED_SHARE = 0.99
-"""Share of the faces that keep a bound: single ones, as at the ends of creases, may exceed it."""
-CUT_FACES_MAX = 2048  # faces that are looked at closely, unless said
-_PARTS = 8  # along each side
-# Share of a face's parts beyond which it is folded: of slivers along a bent surface about half look
-# turned over, in 36 of 38 maps of flows never more than this; of folded faces nearly all.
-_TURNED_SHARE_MIN = 0.75
-_INWARD_SHARE = 1e-6  # of the way to the centre, so that no point lies on two faces
-# of its size before: a part that has less area now has collapsed, not turned over
-_AREA_ROUNDING = 1e-12
-_COLLAPSED_AREA_MAX = 1e-9  # of a face's area: less is left by rounding
-_CHUNK = 4096  # faces that are cut at once, 184,320 points
-_STRETCH_MIN = 1e-6  # of a stretch: logarithms of less are those of this
-# A triangle between mapped corners says little where it is stretched this much and the surface's
-# normals at its corners have a mean this short: they are about 30 degrees apart
+"""Share of the faces that must satisfy a bound; a few, as at the ends of creases, may exceed it."""
+CUT_FACES_MAX = 2048  # default number of faces that are subdivided
+_PARTS = 8  # along each side of a subdivided face
+# A face is folded if more than this share of its parts is flipped. Of slivers along a bent surface
+# about half of the parts seem flipped, in 36 of 38 maps of flows never more than this share. Of
+# folded faces nearly all parts are flipped.
+_FLIPPED_SHARE_MIN = 0.75
+_INWARD_SHARE = 1e-6  # of the distance to the centroid, so that no point lies on two faces
+_AREA_ROUNDING = 1e-12  # of the area before: a smaller part has collapsed and is not flipped
+_COLLAPSED_AREA_MAX = 1e-9  # of a face's area: smaller areas are rounding errors
+_CHUNK = 4096  # faces subdivided at a time, with 184,320 points
+_STRETCH_MIN = 1e-6  # smaller stretches are clipped before taking logarithms
+# A face is measured in parts if its stretch exceeds the first number and the surface is bent below
+# it. Then the mean unit normal at its corners is shorter than the second number (about 30 degrees)
 _LONG_STRETCH = 2.0
 _BENT_NORMAL_LENGTH = 0.95
 SurfaceMap = Callable[[SurfacePoints], SurfacePoints]
 
 
 class Log2Statistics(NamedTuple):
-    """The absolute value of a logarithm to base 2 over a surface, by area."""
+    """Statistics over a surface of the absolute value of a base-2 logarithm, weighted by area."""
 
     mean: float
     p95: float  # percentiles
@@ -44,42 +44,41 @@ class Log2Statistics(NamedTuple):
     maximum: float
 
     def report(self) -> str:
-        """Return the numbers in a few words."""
+        """Return the numbers as text."""
         return (
-            f"mean {self.mean:.3f}, 95% {self.p95:.2f}, 98% {self.p98:.2f}, most {self.maximum:.2f}"
+            f"mean {self.mean:.3f}, 95% {self.p95:.2f}, 98% {self.p98:.2f}, max {self.maximum:.2f}"
         )
 
 
 class Bound(NamedTuple):
-    """How a map keeps a bound of ``|log2 J|`` and ``|log2 R|``."""
+    """A bound of ``|log2 J|`` and ``|log2 R|``, and how well a map satisfies it."""
 
     max_distortion: float
-    share: float  # of the faces, 0 to 1, that are within it
-    largest: float  # what 99% of the faces are within
-    folded: int  # faces
+    share: float  # of the faces, 0 to 1, that satisfy the bound
+    largest: float  # smallest bound that 99% of the faces satisfy
+    folded: int  # number of folded faces
 
     @classmethod
     def of(cls, numbers: ArrayLike) -> Bound:
-        """Return the bound of four numbers, as files hold them."""
+        """Return the bound from four numbers, as files store them."""
         most, share, largest, folded = np.asarray(numbers).tolist()
         return cls(most, share, largest, int(folded))
 
     @property
     def is_kept(self) -> bool:
-        """Return whether 99% of the faces are within the bound, and none is folded."""
+        """Whether 99% of the faces satisfy the bound and none is folded."""
         return self.share >= BOUNDED_SHARE and not self.folded
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Distortion:
-    """What a map does to each of F faces; see `chord_distortion` and `PointMap.distortion`."""
+    """Distortion of each of F faces by a map, see `chord_distortion` and `PointMap.distortion`."""
 
     singular_values: FloatArray  # (F, 2), largest and smallest stretch ``s_1 >= s_2 >= 0``
     area: FloatArray  # (F,), ``J = s_1 s_2``: mapped area over area
-    conformal: FloatArray  # (F,), ``R = s_1 / s_2 >= 1``; inf where a face collapses
-    # (F,), True where the mapped face looks against the surface that it landed on
-    flipped: BoolArray
-    weights: FloatArray  # (F,), the faces' own areas
+    conformal: FloatArray  # (F,), ``R = s_1 / s_2 >= 1``; inf if a face collapses
+    flipped: BoolArray  # (F,), whether the map reverses the orientation of the face
+    weights: FloatArray  # (F,), areas of the faces before mapping
 
     @property
     def folded(self) -> int:
@@ -88,38 +87,36 @@ class Distortion:
 
     @property
     def collapsed(self) -> int:
-        """The number of faces that are mapped to a line or a point."""
+        """The number of faces whose images are a line or a point."""
         return int((self.area <= _COLLAPSED_AREA_MAX).sum())
 
     @property
     def log2_area(self) -> Log2Statistics:
-        """``|log2 J|``, as HCP's and MSM's pipelines tell how much areas change."""
+        """``|log2 J|``, the change of areas as reported by the pipelines of HCP and MSM."""
         return self._log2(self.area)
 
     @property
     def log2_shape(self) -> Log2Statistics:
-        """``|log2 R|``, as they tell how much shapes change."""
+        """``|log2 R|``, the change of shapes as reported by the same pipelines."""
         return self._log2(self.conformal)
 
     def share_within(self, most: float) -> float:
-        """Return the share of the faces, 0 to 1, with neither ``|log2 J|`` nor ``|log2 R|`` above
-        ``most``.
-        """
+        """Return the share of faces, 0 to 1, with ``|log2 J|`` and ``|log2 R|`` up to ``most``."""
         logs = np.log2(np.clip([self.area, self.conformal], _STRETCH_MIN, 1 / _STRETCH_MIN))
         return float((np.abs(logs) <= most).all(axis=0).mean())
 
     def bound_of(self, share: float) -> float:
-        """Return the least ``most`` that this share of the faces keeps, see `share_within`."""
+        """Return the smallest bound that this share of the faces satisfies, see `share_within`."""
         logs = np.log2(np.clip([self.area, self.conformal], _STRETCH_MIN, 1 / _STRETCH_MIN))
         largest = np.sort(np.abs(logs).max(axis=0))
         return float(largest[max(int(np.ceil(share * len(largest))), 1) - 1])
 
     def bound(self, most: float) -> Bound:
-        """Return how a bound of ``|log2 J|`` and ``|log2 R|`` is kept."""
+        """Return how well the map satisfies a bound of ``|log2 J|`` and ``|log2 R|``."""
         return Bound(most, self.share_within(most), self.bound_of(BOUNDED_SHARE), self.folded)
 
     def scaled(self, factor: float) -> Distortion:
-        """Return it with all stretches times a factor, as of surfaces in other units of length."""
+        """Return the distortion with all stretches multiplied by a factor, to change units."""
         values = factor * self.singular_values
         return Distortion(values, factor**2 * self.area, self.conformal, self.flipped, self.weights)
 
@@ -141,17 +138,20 @@ class Distortion:
 def chord_distortion(
     mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMesh | None = None
 ) -> Distortion:
-    """Measure the map that is linear on faces and takes each vertex to its position (V, 3) on a
-    surface, by default the mesh itself: by the singular values ``s_1 >= s_2`` of each face's
-    Jacobian, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners. A face is flipped
-    where its mapped normal makes an obtuse angle with the surface's normal at the point closest to
-    its mapped centroid. For flow maps the error is of first order in the edge length.
+    """Measure the distortion of a map that is linear on faces.
+
+    The map takes each vertex to its position in ``mapped_positions`` (V, 3), on the surface
+    ``onto``, by default the mesh itself. The stretches are the singular values ``s_1 >= s_2`` of
+    each face's Jacobian ``J = sum_i x_i (grad phi_i)^T`` with the mapped corners ``x_i``. A face is
+    flipped if its mapped normal makes an obtuse angle with the normal of ``onto`` at the point
+    closest to its mapped centroid. For maps of flows the error is of first order in the edge
+    length.
     """
     mapped = finite_points(mapped_positions)
     if len(mapped) != len(mesh.vertices):
         raise AbfmError(
-            f"{len(mapped)} mapped positions for {len(mesh.vertices)} vertices: give one row per "
-            "vertex"
+            f"there are {len(mapped)} mapped positions, but the mesh has {len(mesh.vertices)} "
+            "vertices; expected one row per vertex"
         )
     return _of_corners(mesh, np.arange(len(mesh.faces)), mapped[mesh.faces], onto or mesh)
 
@@ -159,9 +159,10 @@ def chord_distortion(
 def log2_changes(
     mesh: TriangleMesh, faces: IntArray, corners: FloatArray
 ) -> tuple[float, float, float]:
-    """Return the mean and the 95th percentile of ``|log2 J|`` and the mean of ``|log2 R|``, by
-    area, over some faces (S,), by number, whose corners are mapped to (S, 3, 3), with triangles
-    between these.
+    """Return statistics of the distortion of faces (S,) whose corners are mapped to (S, 3, 3).
+
+    They are the mean and the 95th percentile of ``|log2 J|``, and the mean of ``|log2 R|``, all
+    weighted by area. The map is linear on each face.
     """
     found = np.maximum(_stretches(corners, hat_gradients(mesh)[faces]), _STRETCH_MIN)
     logs, areas = np.log2(found), face_areas(mesh)[faces]
@@ -174,22 +175,21 @@ def log2_changes(
 def distortion_of_flow(
     mesh: TriangleMesh, faces: IntArray, corners: SurfacePoints, interior_map: SurfaceMap
 ) -> Distortion:
-    """Measure what a map that is known inside faces, too, does to some faces (S,), by number, whose
-    corners it takes to points (3 S,).
+    """Measure the distortion of faces (S,) by a map that also is known inside faces.
 
-    Faces that triangles between their mapped corners measure badly are cut into 64 parts, each
-    mapped by itself: those that look turned over, as smooth flows make slivers of faces, and those
-    that are stretched along a bent surface. Their stretches are the geometric means over the parts,
-    and they are flipped by the rule of `folded_shares`. The others are measured as in
-    `chord_distortion`.
+    ``corners`` (3 S,) are the images of the faces' corners. The triangle between them is a bad
+    approximation in two cases. It seems flipped, as smooth flows make slivers of faces, or it is
+    stretched along a bent surface. These faces are divided into 64 parts, which are mapped
+    separately. Their stretches are the geometric means over the parts, and `folded_shares` defines
+    whether they are flipped. Other faces are measured as in `chord_distortion`.
     """
     chords = _of_corners(mesh, faces, corners.positions.reshape(-1, 3, 3), corners.mesh)
     normals = face_normals(corners.mesh)[corners.faces].reshape(-1, 3, 3).mean(axis=1)
     bent = np.linalg.norm(normals, axis=1) < _BENT_NORMAL_LENGTH
     cut = np.flatnonzero(chords.flipped | (bent & (chords.singular_values[:, 0] > _LONG_STRETCH)))
-    turned, stretches = stretches_by_parts(mesh, interior_map, faces[cut])
+    shares, stretches = stretches_by_parts(mesh, interior_map, faces[cut])
     flipped, values = chords.flipped.copy(), chords.singular_values.copy()
-    flipped[cut] &= turned > _TURNED_SHARE_MIN
+    flipped[cut] &= shares > _FLIPPED_SHARE_MIN
     values[cut] = stretches
     return _of_stretches(values, flipped, chords.weights)
 
@@ -211,8 +211,9 @@ def _of_stretches(values: FloatArray, flipped: BoolArray, weights: FloatArray) -
 
 
 def _stretches(corners: FloatArray, gradients: FloatArray) -> FloatArray:
-    """Return singular values (..., 2) of maps of triangles to corners (..., 3, 3), by gradients
-    (..., 3, 2) of the hat functions there.
+    """Return the singular values (..., 2) of linear maps of triangles to corners (..., 3, 3).
+
+    ``gradients`` (..., 3, 2) are the gradients of the hat functions on the triangles.
     """
     jacobian = np.einsum("...cx,...ck->...xk", corners - corners[..., :1, :], gradients)
     first, second = jacobian[..., 0], jacobian[..., 1]
@@ -224,9 +225,9 @@ def _stretches(corners: FloatArray, gradients: FloatArray) -> FloatArray:
 
 
 def flipped_triangles(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
-    """Say which triangles (S, 3, 3) look against the surface closest to their middles, (S,)."""
-    landed = project_onto_surface(mesh, corners.mean(axis=1))
-    return np.asarray((_areas(corners) * face_normals(mesh)[landed.faces]).sum(axis=1) < 0)
+    """Return whether triangles (S, 3, 3) are opposite to the surface at their centroids, (S,)."""
+    closest = project_onto_surface(mesh, corners.mean(axis=1))
+    return np.asarray((_areas(corners) * face_normals(mesh)[closest.faces]).sum(axis=1) < 0)
 
 
 def folded_shares(
@@ -236,27 +237,28 @@ def folded_shares(
     corners: FloatArray,
     most: int = CUT_FACES_MAX,
 ) -> tuple[float, float]:
-    """Return the shares of some faces (S,), by number, that a map folds, and that its mapped
-    vertices alone, ``corners`` (S, 3, 3), turn over.
+    """Return the share of faces (S,) that a map folds, and the share of flipped triangles.
 
-    Smooth flows that stretch faces to slivers seem to turn several percent of them over. So a face
-    is folded where more than three quarters of its 64 parts, each mapped by itself, are turned
-    over, too. Of more than ``most`` faces to cut, evenly chosen ones stand for all.
+    The triangles are those between the mapped corners (S, 3, 3). Smooth flows that stretch faces to
+    slivers seem to flip several percent of them. A face therefore is folded only if more than three
+    quarters of its 64 parts, which are mapped separately, are also flipped. At most ``most``
+    flipped faces, evenly chosen, are divided.
     """
-    overturned = faces[flipped_triangles(mesh, corners)]
-    if not len(overturned):
+    flipped = faces[flipped_triangles(mesh, corners)]
+    if not len(flipped):
         return 0.0, 0.0
-    share = len(overturned) / len(faces)
-    chosen = np.linspace(0, len(overturned) - 1, min(len(overturned), most)).astype(np.int64)
-    turned, _ = stretches_by_parts(mesh, interior_map, overturned[chosen])
-    return share * float((turned > _TURNED_SHARE_MIN).mean()), share
+    share = len(flipped) / len(faces)
+    chosen = np.linspace(0, len(flipped) - 1, min(len(flipped), most)).astype(np.int64)
+    shares, _ = stretches_by_parts(mesh, interior_map, flipped[chosen])
+    return share * float((shares > _FLIPPED_SHARE_MIN).mean()), share
 
 
 def stretches_by_parts(
     mesh: TriangleMesh, interior_map: SurfaceMap, faces: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the share of the 64 parts of each of S faces that a map turns over, (S,), and the
-    geometric means of the parts' stretches.
+    """Return the share of flipped parts of S faces, (S,), and mean stretches of the parts, (S, 2).
+
+    Each face is divided into 64 parts, and the means are geometric.
     """
     weights, parts = _grid(_PARTS)
     weights = (1 - _INWARD_SHARE) * weights + _INWARD_SHARE / 3
@@ -283,8 +285,9 @@ def _areas(corners: FloatArray) -> FloatArray:
 
 
 def _grid(n: int) -> tuple[FloatArray, IntArray]:
-    """Return barycentric weights of a grid with n steps a side, and its n^2 triangles, like the
-    face or turned by half a turn, with corners in its order.
+    """Return the barycentric weights of a grid with n steps a side, and its n^2 triangles.
+
+    The corners of all triangles are in the order of the face.
     """
     steps = np.indices((n + 1, n + 1)).reshape(2, -1)
     second, third = steps[:, steps.sum(axis=0) <= n]

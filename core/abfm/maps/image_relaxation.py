@@ -1,9 +1,9 @@
-"""The image of one surface on another, moved to less distortion and nearer to where it belongs.
+"""Relaxation of the image of one surface on another: less distortion, smaller distance to targets.
 
-Both surfaces are on one sphere, B over A, so that each vertex of B is at a point of A; no face of B
-turns over there. The energy of a face of B is the symmetric Dirichlet energy of the triangle
-between the images of its corners, in space, and a little of its conformal energy on the sphere,
-which is infinite where it turns over.
+Both surfaces are on the same sphere, so each vertex of B corresponds to a point of A. No face of B
+is flipped on the sphere. The energy of a face of B has two parts. One is the symmetric Dirichlet
+energy of the triangle between the images of its corners in space. The other is a small multiple of
+its conformal energy on the sphere, which is infinite for flipped faces.
 """
 
 from typing import NamedTuple
@@ -28,31 +28,31 @@ from abfm.mesh.coarsening import next_slot
 from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
-_ON_SPHERE = 0.02  # weight of the conformal energy
-_GUARD = 1e-300
+_CONFORMAL_WEIGHT = 0.02  # of the conformal energy on the sphere
+_GUARD = 1e-300  # prevents division by 0
 
 
 class Codomain(NamedTuple):
-    """Surface A, closed, on the sphere."""
+    """The closed surface A on the sphere."""
 
     layout: Faces
     points: FloatArray  # (V, 3), in space
 
 
 class Image(NamedTuple):
-    """Surface B on A."""
+    """The image of surface B on surface A."""
 
     state: Embedding
     codomain: Codomain
-    faces: IntArray  # (V_B,), of A, that hold its vertices
-    places: FloatArray  # (V_B, 3), where these are in space
-    targets: FloatArray  # (V_B, 3), where they belong
-    weights: FloatArray  # (V_B,), of squared distances from there
+    faces: IntArray  # (V_B,), faces of A with the images of B's vertices
+    places: FloatArray  # (V_B, 3), positions of these images in space
+    targets: FloatArray  # (V_B, 3), target positions
+    weights: FloatArray  # (V_B,), of squared distances from the targets
 
 
 @unfused_kernel
 def relocate(image: Image) -> None:
-    """Find the images of all vertices, from their faces before and where they are on the sphere."""
+    """Update the images of all vertices from their directions on the sphere."""
     for v in range(image.faces.size):
         image.faces[v] = _locate(
             image.codomain, image.state.sphere[v], image.faces[v], image.places[v]
@@ -61,7 +61,7 @@ def relocate(image: Image) -> None:
 
 @unfused_kernel
 def _locate(codomain: Codomain, direction: FloatArray, face: int, place: FloatArray) -> int:
-    """Find the face in a direction, beginning at another one, and the place in space."""
+    """Return the face in a direction, starting at another face, and write its position."""
     found, weights = np.array([face]), np.empty((1, 3))
     walk(codomain.layout, direction.reshape(1, 3), found, weights)
     place[:] = 0.0
@@ -72,7 +72,7 @@ def _locate(codomain: Codomain, direction: FloatArray, face: int, place: FloatAr
 
 @unfused_kernel
 def push_to_sphere(image: Image, moves: FloatArray, workspace: Workspace) -> None:
-    """Turn moves of images in space into those of their vertices on the sphere."""
+    """Convert moves of images in space to moves of their vertices on the sphere."""
     slopes = np.empty((2, 3))
     for v in range(image.faces.size):
         _set_frame(image, v, workspace.axes, slopes)
@@ -82,8 +82,9 @@ def push_to_sphere(image: Image, moves: FloatArray, workspace: Workspace) -> Non
 
 @unfused_kernel
 def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> None:
-    """Compute two axes in the face of A that holds a vertex, and how it moves on the sphere when
-    its image moves along them.
+    """Compute two axes in the face of A with the image of a vertex, and slopes for them.
+
+    The slopes are the velocities of the vertex on the sphere when its image moves along the axes.
     """
     (layout, points), direction = image.codomain, image.state.sphere[v]
     corners = layout.corners[image.faces[v]]
@@ -106,7 +107,7 @@ def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> No
 
 @unfused_kernel
 def relax(image: Image, workspace: Workspace) -> None:
-    """Move each vertex by a Newton step toward the least energy of its faces."""
+    """Move each vertex by a Newton step that reduces the energy of its faces."""
     slopes, place = np.empty((2, 3)), np.empty(3)
     for v in range(image.faces.size):
         size = set_shapes(image.state, v, workspace)
@@ -134,7 +135,7 @@ def relax(image: Image, workspace: Workspace) -> None:
 def _energy(
     image: Image, v: int, direction: FloatArray, place: FloatArray, around: Workspace
 ) -> float:
-    """Return the energy of the faces at a vertex in some direction, with its image at a place."""
+    """Return the energy of the faces at a vertex for a direction and the place of its image."""
     (_, surface, sphere), places = image.state, image.places
     total: float = 0.0
     for k in range(around.star.size):
@@ -144,7 +145,7 @@ def _energy(
         dirichlet, normal = _dirichlet(around.shapes[k], place, places[b], places[c])
         total += 0.25 * dirichlet * (1 + (2 * area) ** 2 / (scalar(normal, normal) + _GUARD))
         dirichlet, _ = _dirichlet(around.shapes[k], direction, sphere[b], sphere[c])
-        total += _ON_SPHERE * area * dirichlet / volume(direction, sphere[b], sphere[c])
+        total += _CONFORMAL_WEIGHT * area * dirichlet / volume(direction, sphere[b], sphere[c])
     gap = difference(place, image.targets[v])
     total += image.weights[v] * scalar(gap, gap)
     return total
@@ -154,8 +155,9 @@ def _energy(
 def _dirichlet(
     shape: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
 ) -> tuple[float, tuple[float, float, float]]:
-    """Return the Dirichlet energy of a face mapped to a triangle, and the triangle's normal, as
-    long as twice its area.
+    """Return the Dirichlet energy of a face mapped to a triangle, and the triangle's normal.
+
+    The length of the normal is twice the triangle's area.
     """
     p, q, r = difference(b, c), difference(c, a), difference(a, b)
     total = shape[0] * scalar(p, p) + shape[1] * scalar(q, q) + shape[2] * scalar(r, r)
@@ -164,7 +166,7 @@ def _dirichlet(
 
 @unfused_kernel
 def _set_model(image: Image, v: int, slopes: FloatArray, around: Workspace) -> None:
-    """Compute the derivatives of the energy along the axes in the vertex' face."""
+    """Compute the derivatives of the energy along the axes in the face of A."""
     (_, surface, sphere), places, model = image.state, image.places, around.model
     model[:] = 0.0
     metric = (
@@ -183,7 +185,9 @@ def _set_model(image: Image, v: int, slopes: FloatArray, around: Workspace) -> N
         height_square = scalar(normal, normal) + _GUARD
         add_product(
             model,
-            _first(dirichlet, around.shapes[k], around.axes, (places[v], places[b], places[c])),
+            _with_derivatives(
+                dirichlet, around.shapes[k], around.axes, (places[v], places[b], places[c])
+            ),
             (size, 0.0, size),
             (
                 scalar(around.axes[0], height) / height_square,
@@ -193,10 +197,12 @@ def _set_model(image: Image, v: int, slopes: FloatArray, around: Workspace) -> N
         )
         dirichlet, _ = _dirichlet(around.shapes[k], sphere[v], sphere[b], sphere[c])
         normal, covered = cross(sphere[b], sphere[c]), volume(sphere[v], sphere[b], sphere[c])
-        share = _ON_SPHERE * area / covered
+        share = _CONFORMAL_WEIGHT * area / covered
         add_product(
             model,
-            _first(dirichlet, around.shapes[k], slopes, (sphere[v], sphere[b], sphere[c])),
+            _with_derivatives(
+                dirichlet, around.shapes[k], slopes, (sphere[v], sphere[b], sphere[c])
+            ),
             (size * metric[0], size * metric[1], size * metric[2]),
             (scalar(slopes[0], normal) / covered, scalar(slopes[1], normal) / covered),
             (share, -share, 2 * share),
@@ -208,13 +214,13 @@ def _set_model(image: Image, v: int, slopes: FloatArray, around: Workspace) -> N
 
 
 @unfused_kernel
-def _first(
+def _with_derivatives(
     dirichlet: float,
     shape: FloatArray,
     axes: FloatArray,
     corners: tuple[FloatArray, FloatArray, FloatArray],
 ) -> tuple[float, float, float]:
-    """Return a Dirichlet energy and its first derivatives, as the first corner moves."""
+    """Return a Dirichlet energy and its first derivatives for moves of the first corner."""
     q, r = difference(corners[2], corners[0]), difference(corners[0], corners[1])
     first = 2 * (shape[2] * scalar(axes[0], r) - shape[1] * scalar(axes[0], q))
     return dirichlet, first, 2 * (shape[2] * scalar(axes[1], r) - shape[1] * scalar(axes[1], q))

@@ -25,19 +25,20 @@ from abfm.types import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class PointMap:
-    """A map from one surface to another: where on the codomain each vertex of the domain lies.
+    """A map from the vertices of one surface, the domain, to points of another, the codomain.
 
     Attributes
     ----------
+    domain, codomain : TriangleMesh
     faces : (V,) array of int
-        The face of the codomain that holds the image of each of the domain's V vertices.
+        Face of the codomain with the image of each of the domain's V vertices.
     barycentric : (V, 3) array
-        Weights of its corners, not negative, summing to 1.
+        Weights of the corners of this face, not negative, with sum 1.
     distances : (V,) array, optional
-        How far images were from the codomain before they were brought onto it, in its units; or 0.
+        Distances of the images from the codomain before projection, in its units; by default 0.
     interior_map : callable, optional
-        Takes points inside faces of the domain to points of the codomain; else these are between
-        the images of corners.
+        Map of points inside faces of the domain to points of the codomain. By default these points
+        are interpolated between the images of corners.
     """
 
     domain: TriangleMesh
@@ -51,7 +52,8 @@ class PointMap:
         count = len(self.domain.vertices)
         if len(self.points.faces) != count:
             raise AbfmError(
-                f"{len(self.points.faces)} points for {count} vertices: give one point per vertex"
+                f"the map has {len(self.points.faces)} points, but the domain has {count} "
+                "vertices; expected one point per vertex"
             )
         distances = real_numbers(self.distances, "distances", AbfmError)
         if distances.shape not in ((), (1,), (count,)):
@@ -64,7 +66,7 @@ class PointMap:
     def of_vertices(
         cls, domain: TriangleMesh, codomain: TriangleMesh, vertices: ArrayLike | None = None
     ) -> PointMap:
-        """Return a vertex-to-vertex map (V,); by default each goes to the one with its number."""
+        """Return a vertex-to-vertex map (V,), by default to the vertex with the same number."""
         return cls.of_points(domain, vertex_points(codomain, vertices))
 
     @classmethod
@@ -75,7 +77,7 @@ class PointMap:
         interior_map: SurfaceMap | None = None,
         distances: FloatArray | None = None,
     ) -> PointMap:
-        """Return the map to points (V,) of a surface."""
+        """Return the map to points (V,) of a surface, which is the codomain."""
         off = np.zeros(1) if distances is None else distances
         return cls(domain, points.mesh, points.faces, points.barycentric, off, interior_map)
 
@@ -89,6 +91,7 @@ class PointMap:
 
     @cached_property
     def points(self) -> SurfacePoints:
+        """The images of the vertices."""
         return SurfacePoints(self.codomain, self.faces, self.barycentric)
 
     @property
@@ -97,7 +100,7 @@ class PointMap:
         return self.points.positions
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Compose a function (V',) or (V', C) on the codomain with the map, (V,) or (V, C)."""
+        """Compose a function (V',) or (V', C) of the codomain with the map, (V,) or (V, C)."""
         return self.points.pull_back(h)
 
     def nearest_vertices(self) -> IntArray:
@@ -111,19 +114,22 @@ class PointMap:
         return sparse.csr_array(entries, shape=(count, len(self.codomain.vertices)))
 
     def at(self, points: SurfacePoints) -> SurfacePoints:
-        """Return where points of the domain lie; between the images of corners, which are brought
-        onto the codomain, where points inside faces are not known.
+        """Return the images of points of the domain.
+
+        Without an interior map they are interpolated between the images of corners and projected
+        onto the codomain.
         """
         if self.interior_map is None:
             return project_onto_surface(self.codomain, points.pull_back(self.positions))
         return self.interior_map(points)
 
     def followed_by(self, other: PointMap) -> PointMap:
-        """Return this map and then another one, whose domain is this one's codomain."""
+        """Return the composition with another map, whose domain is this map's codomain."""
         if not np.array_equal(other.domain.faces, self.codomain.faces):
             raise AbfmError(
-                f"a map from a surface of {len(other.domain.faces)} faces cannot follow one to "
-                f"another surface, of {len(self.codomain.faces)}"
+                f"cannot compose maps: the domain of the second map has "
+                f"{len(other.domain.faces)} faces, which differ from the "
+                f"{len(self.codomain.faces)} faces of the codomain of the first map"
             )
         found = other.at(self.points)
         return PointMap(
@@ -135,44 +141,51 @@ class PointMap:
         )
 
     def onto_mirror(self) -> PointMap:
-        """Return the map onto the codomain seen in a mirror, whose faces are turned round."""
+        """Return the map to the mirror image of the codomain, with reversed faces."""
         surface, order = self.codomain, np.array([0, 2, 1])
         mirror = TriangleMesh(surface.vertices * [-1, 1, 1], surface.faces[:, order])
 
-        def seen(found: SurfacePoints) -> SurfacePoints:
+        def reflected(found: SurfacePoints) -> SurfacePoints:
             return SurfacePoints(mirror, found.faces, found.barycentric[:, order])
 
-        own = self.interior_map
-        interior_map = None if own is None else lambda given: seen(own(given))
-        return PointMap.of_points(self.domain, seen(self.points), interior_map)
+        original = self.interior_map
+        interior_map = None if original is None else lambda given: reflected(original(given))
+        return PointMap.of_points(self.domain, reflected(self.points), interior_map)
 
     def inverse(self) -> PointMap:
-        """Return where each vertex of the codomain comes from: by the point of the mapped domain,
-        flat between the images of its vertices, that is closest to it. Where a map leaves gaps or
-        covers the codomain twice this is no inverse: ``distances`` tell the gaps.
+        """Return a map from the codomain to the domain, by closest images.
+
+        Each vertex of the codomain is mapped to the point of the domain whose image is closest.
+        Faces of the domain are flat between the images of their vertices here. The result is not an
+        inverse where the map leaves gaps or covers the codomain twice; its ``distances`` measure
+        the gaps.
         """
         if not (twice_areas(self.positions, self.domain.faces) > 0).any():
-            raise AbfmError("all points are mapped to one line or place: there is no way back")
-        places = self.codomain.vertices
-        found = self._nearest_image(places)
-        lying = np.einsum(
+            raise AbfmError(
+                "the map has no inverse, because it takes all points to one point or to a line"
+            )
+        vertices = self.codomain.vertices
+        found = self._nearest_image(vertices)
+        images = np.einsum(
             "pc,pcx->px", found.barycentric, self.positions[self.domain.faces[found.faces]]
         )
-        distances = np.linalg.norm(places - lying, axis=1)
+        distances = np.linalg.norm(vertices - images, axis=1)
 
         def interior_map(points: SurfacePoints) -> SurfacePoints:
             return self._nearest_image(points.positions)
 
         return PointMap.of_points(self.codomain, found, interior_map, distances)
 
-    def _nearest_image(self, places: FloatArray) -> SurfacePoints:
-        """Return the points of the domain whose images are closest to places in space (P, 3)."""
-        return ClosestPoints(self.domain, self.positions).to(places)
+    def _nearest_image(self, positions: FloatArray) -> SurfacePoints:
+        """Return the points of the domain whose images are closest to positions (P, 3)."""
+        return ClosestPoints(self.domain, self.positions).to(positions)
 
     def distortion(self) -> Distortion:
-        """Measure what the map does to each face: by its corners, where points inside faces are
-        not known (`chord_distortion`), and else by parts where these mislead
-        (`abfm.maps.distortion.distortion_of_flow`).
+        """Measure the distortion of each face of the domain.
+
+        Without an interior map it is measured by the images of corners, see `chord_distortion`.
+        Otherwise faces for which the corners mislead are measured in parts, see
+        `abfm.maps.distortion.distortion_of_flow`.
         """
         if self.interior_map is None:
             return chord_distortion(self.domain, self.positions, self.codomain)

@@ -1,5 +1,7 @@
-"""How good a map is: geodesic errors against a known one; or how far its points came from the
-surface, and how many faces it folds.
+"""Measures of the quality of maps.
+
+They are geodesic errors relative to a known map, distances from the surface before projection,
+folded faces, and errors of round trips.
 """
 
 from dataclasses import dataclass
@@ -17,41 +19,42 @@ from abfm.maps.surface_points import vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
-ERROR_BOUNDS = (0.05, 0.1, 0.25)  # errors whose shares a report gives, in sqrt(area)
-# A map has faults beyond distances from the surface, in sqrt(area), or a share of folded faces.
-# Of 30 flows of known smooth fields on five surfaces every one beyond the first had points more
-# than 0.16 from the ends of exact flow lines; every one beyond the second was wrong by 0.03 on
-# average; those within all three by at most 0.022, the others by up to 0.13.
-DISTANCE_MAX = 0.1
-RMS_DISTANCE_MAX = 0.02
-FOLDED_SHARE_MAX = 0.1
-_ASKED_VERTICES_MAX = 10_000  # vertices that go there and back
-RETURN_DISTANCE_MAX = 1.0  # edges from where they were that 5% of the vertices may come back
+ERROR_BOUNDS = (0.05, 0.1, 0.25)  # sqrt(area); reports give the shares of smaller errors
+# A map has faults if one of the next three bounds is exceeded. They were chosen with 30 flows of
+# known smooth fields on five surfaces. Every flow beyond the first bound had points with a distance
+# above 0.16 from the ends of exact flow lines. Every flow beyond the second bound had a mean error
+# of at least 0.03. Flows within all bounds had mean errors of at most 0.022, others of up to 0.13.
+DISTANCE_MAX = 0.1  # sqrt(area), from the surface
+RMS_DISTANCE_MAX = 0.02  # sqrt(area), from the surface
+FOLDED_SHARE_MAX = 0.1  # of the faces
+_ROUND_TRIP_VERTICES_MAX = 10_000  # vertices measured by a round trip
+RETURN_DISTANCE_MAX = 1.0  # edges, for 95% of the vertices after a round trip
 
 
 @dataclass(frozen=True, eq=False)
 class MapAccuracy:
-    """Geodesic distances (S,) between images and true images, over the square root of the surface's
-    area, and the vertices (S,), ascending, that they are of.
-    """
+    """Geodesic errors of a map at some vertices."""
 
-    vertices: IntArray
-    errors: FloatArray
+    vertices: IntArray  # (S,), ascending
+    errors: FloatArray  # (S,), distances between images and true images, in sqrt(area)
 
     @property
     def mean(self) -> float:
+        """Mean error, in sqrt(area)."""
         return float(self.errors.mean())
 
     @property
     def median(self) -> float:
+        """Median error, in sqrt(area)."""
         return float(np.median(self.errors))
 
     @property
     def maximum(self) -> float:
+        """Largest error, in sqrt(area)."""
         return float(self.errors.max())
 
     def share_under(self, bound: ArrayLike) -> FloatArray:
-        """Return the share of vertices with an error of at most ``bound``, in its shape."""
+        """Return the share of vertices with an error of at most ``bound``, with its shape."""
         at_most = self.errors <= np.asarray(bound, dtype=np.float64)[..., None]
         return np.asarray(at_most.sum(axis=-1) / len(self.errors))
 
@@ -67,19 +70,22 @@ class MapAccuracy:
 
 
 def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
-    """Measure a map against a known one (V,), by default each vertex to the one with its number, by
-    `path_length`. Of more vertices than ``most``, so many drawn at random (always the same ones)
-    are measured: on 12,000 vertices each takes about 10 ms.
+    """Measure the geodesic errors of a map.
+
+    ``truth`` (V,) holds the true vertex of the codomain for each vertex of the domain, by default
+    the vertex with the same number. Distances are measured by `path_length`. With more than
+    ``most`` vertices, this many are drawn at random, always the same ones, because each takes about
+    10 ms on 12,000 vertices.
     """
     count, mesh = len(points.faces), points.codomain
     expected = np.arange(len(mesh.vertices)) if truth is None else np.asarray(truth)
     if expected.shape != (count,):
         raise ParameterError(
-            f"truth has shape {expected.shape}; expected ({count},), a vertex for each row of the "
-            "map"
+            f"truth has shape {expected.shape}; expected ({count},), one vertex for each vertex of "
+            "the domain"
         )
     if not most >= 1:
-        raise ParameterError(f"{most} vertices are to be measured; expected at least 1")
+        raise ParameterError(f"most is {most}; expected at least 1 vertex to measure")
     vertex_points(mesh, expected)
     chosen = np.arange(count)
     if count > most:
@@ -90,34 +96,33 @@ def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1
 
 
 def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArray) -> float:
-    """Return the distance along the surface from a vertex to a point in a face: the smaller of a
-    linear interpolation between corners, which in flat places is never too short, and a way over
-    one.
+    """Return the distance along the surface from a vertex to a point in a face.
+
+    It is the smaller one of two upper bounds. One is the interpolation of the corners' distances,
+    which on flat parts is never too short. The other is the shortest path through a corner.
     """
     corners = mesh.faces[face]
-    place = barycentric @ mesh.vertices[corners]
-    straight = float(np.linalg.norm(place - mesh.vertices[vertex]))
+    point = barycentric @ mesh.vertices[corners]
+    straight = float(np.linalg.norm(point - mesh.vertices[vertex]))
     if vertex in corners:
         return straight
     used = barycentric > 0
     to_corners = np.array([path_length(mesh, vertex, int(corner)) for corner in corners[used]])
-    over_corners = to_corners + np.linalg.norm(mesh.vertices[corners[used]] - place, axis=1)
-    return max(straight, min(float(barycentric[used] @ to_corners), float(over_corners.min())))
+    through_corners = to_corners + np.linalg.norm(mesh.vertices[corners[used]] - point, axis=1)
+    return max(straight, min(float(barycentric[used] @ to_corners), float(through_corners.min())))
 
 
 @dataclass(frozen=True)
 class MapQuality:
-    """Numbers that tell a map from none: how far its points were from the surface before they were
-    brought onto it, in sqrt(area), and the share of the faces, 0 to 1, that it turns over.
-    """
+    """Distances of the images from the surface before projection, and folded faces."""
 
-    largest_distance: float
-    rms_distance: float
-    folded: float
+    largest_distance: float  # sqrt(area)
+    rms_distance: float  # sqrt(area)
+    folded: float  # share of the faces, 0 to 1, that are flipped
 
     @property
     def faults(self) -> str:
-        """Name what exceeds its bound, in a few words; empty where nothing does."""
+        """Description of the exceeded bounds; empty if there are none."""
         wrong = []
         if self.largest_distance > DISTANCE_MAX or self.rms_distance > RMS_DISTANCE_MAX:
             wrong.append(
@@ -137,40 +142,44 @@ class MapQuality:
 
 
 def map_quality(points: PointMap) -> MapQuality:
-    """Measure how far a map leaves its codomain and how many faces it folds."""
+    """Measure the distances of a map's images from its codomain, and its folded faces."""
     distances = points.distances / points.codomain.length_scale
     rms, folded = np.sqrt(np.mean(distances**2)), points.distortion().flipped.mean()
     return MapQuality(float(distances.max()), float(rms), float(folded))
 
 
 class RoundTrip(NamedTuple):
-    """How far from where they were vertices come back, in edges, each in the mean of its own."""
+    """Displacements of vertices by a map and a map back, in mean lengths of their edges."""
 
     median: float
     p95: float  # percentile
 
     def report(self) -> str:
         """Return the numbers in a line."""
-        return f"there and back: median {self.median:.2g}, 95% {self.p95:.2g} edges from the start"
+        return f"round-trip error: median {self.median:.2g}, 95% {self.p95:.2g} edges"
 
 
-def round_trip(there: PointMap, back: SurfaceMap) -> RoundTrip:
-    """Measure how far each vertex is from where a map, and then a way back for points, such as
-    `PointMap.at` of another one, bring it; on large meshes 10,000 vertices, evenly chosen.
+def round_trip(points: PointMap, back: SurfaceMap) -> RoundTrip:
+    """Measure how far vertices are displaced by a map and a map back.
+
+    ``back`` maps points of the codomain to points of the domain, such as `PointMap.at` of another
+    map. On larger meshes 10,000 evenly chosen vertices are measured.
     """
-    mesh, count = there.domain, len(there.faces)
+    mesh, count = points.domain, len(points.faces)
     ends, lengths = mesh.edges.ravel(), np.repeat(edge_lengths(mesh), 2)
     edges = np.bincount(ends, lengths, count) / np.bincount(ends, minlength=count)
-    asked = np.linspace(0, count - 1, min(count, _ASKED_VERTICES_MAX)).astype(np.int64)
-    off = back(there.points[asked]).distances_from(mesh.vertices[asked]) / edges[asked]
-    median, p95 = np.percentile(off, (50, 95))
+    sample = np.linspace(0, count - 1, min(count, _ROUND_TRIP_VERTICES_MAX)).astype(np.int64)
+    errors = back(points.points[sample]).distances_from(mesh.vertices[sample]) / edges[sample]
+    median, p95 = np.percentile(errors, (50, 95))
     return RoundTrip(float(median), float(p95))
 
 
 @dataclass(frozen=True)
 class FlowMapQuality:
-    """What is told of the map of a flow and its inverse: what it does to faces, and whether points
-    come back, which they do not where the field gathers many into less than rounding tells apart.
+    """Distortion of the map of a flow, and the error of its round trip.
+
+    Points do not return if the field compresses many of them into a region that rounding does not
+    resolve.
     """
 
     distortion: Distortion
@@ -178,15 +187,15 @@ class FlowMapQuality:
 
     @property
     def warning(self) -> str | None:
-        """Say why this is no map, and what helps; None where nothing exceeds its bound."""
-        folded, off = self.distortion.flipped.mean(), self.round_trip.p95
+        """Description of the exceeded bounds, with advice; None if there are none."""
+        folded, error = self.distortion.flipped.mean(), self.round_trip.p95
         wrong = [f"{100 * folded:.0f}% of the faces are folded"] * bool(folded > FOLDED_SHARE_MAX)
-        if off > RETURN_DISTANCE_MAX:
-            wrong.append(f"5% of the vertices come back {off:.2g} edges from where they were")
+        if error > RETURN_DISTANCE_MAX:
+            wrong.append(f"5% of the vertices return {error:.2g} or more edges from their start")
         if not wrong:
             return None
-        advice = "a shorter time, a larger alpha or a finer mesh helps"
-        return f"this map is not to be trusted: {' and '.join(wrong)}; {advice}"
+        advice = "Use a shorter time, a larger alpha or a finer mesh."
+        return f"this map is not reliable: {' and '.join(wrong)}. {advice}"
 
     def report(self) -> str:
         """Return the numbers in two lines."""

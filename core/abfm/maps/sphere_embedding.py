@@ -1,10 +1,10 @@
-"""Surfaces of genus 0 on the unit sphere, with no face turned over and areas changed little.
+"""Embeddings of surfaces of genus 0 in the unit sphere, without flipped faces.
 
-The surface is collapsed to a tetrahedron and unfolded again, vertex by vertex [PH03]. Each comes
-back at a place from which all sides of its ring are seen from inside; there is one, next to the
-vertex that it was collapsed to, as that one's faces fill the ring. Then vertices move to where the
-symmetric Dirichlet energy [SS15] of their faces is less, but never past a side of their rings: it
-is infinite there.
+The surface is collapsed to a tetrahedron and unfolded again, vertex by vertex [PH03]. A vertex is
+inserted at a position from which all sides of its ring are visible from inside. There is such a
+position next to the vertex that it was collapsed to, because the faces of that vertex fill the
+ring. Then vertices move to reduce the symmetric Dirichlet energy [SS15] of their faces, which also
+limits changes of area. They never cross a side of their rings, where the energy is infinite.
 
 References
 ----------
@@ -42,65 +42,66 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-# after each round: over all vertices, and moves more of few vertices
-_SWEEPS = 10
-_MOVES = 10_000
-# to the vertex that one was collapsed to, where it comes back
+_SWEEPS = 10  # over all vertices after each round
+_MOVES = 10_000  # additional moves of vertices after each round
+# steps of an inserted vertex toward the vertex that it was collapsed to
 _STEP_FACTOR = 0.6
 _STEP_MIN = 1e-15
 _AREA = 4 * np.pi
 _THIN_FACES_MESSAGE = (
-    "some faces are so thin or small that rounding folds them on the sphere; expected a mesh of "
-    "even faces: remesh it"
+    "some faces are so thin or small that rounding folds them on the sphere; expected a mesh with "
+    "faces of similar size. Remesh the surface."
 )
 
 
 def sphere_embedding(mesh: TriangleMesh) -> FloatArray:
-    """Embed a surface of genus 0 in the unit sphere: unit vectors (V, 3) of its vertices.
+    """Embed a surface of genus 0 in the unit sphere and return unit vectors (V, 3).
 
-    Every face, as its corners' three planes through the centre cut it out, lies on the left of its
-    sides, seen from outside, so that faces overlap nowhere, and those of a closed surface cover the
-    sphere. Where there are boundaries, these surround what faces leave uncovered. The result is a
-    local minimum, nearly, of the symmetric Dirichlet energy; the turn is arbitrary.
+    The faces become spherical triangles, which do not overlap and have the orientation of the
+    surface, seen from outside. The faces of a closed surface cover the sphere. Boundaries surround
+    the parts that are not covered. The result is close to a local minimum of the symmetric
+    Dirichlet energy; its rotation is arbitrary.
 
     Raises
     ------
     MeshError
-        If the surface has handles or pinched vertices, or its faces are too thin for rounding.
+        If the surface has handles or pinched vertices, or if rounding folds thin faces.
     """
-    return embed(*filled(mesh))[: len(mesh.vertices)]
+    return embed(*close_holes(mesh))[: len(mesh.vertices)]
 
 
 def embed(points: FloatArray, faces: IntArray) -> FloatArray:
     """Return the `sphere_embedding` of a closed surface of genus 0."""
     with step("embedding in the sphere", len(points)) as done:
-        for state, alive in unfolding(points, faces):
-            done(len(alive) / len(points))
+        for state, active in unfolding(points, faces):
+            done(len(active) / len(points))
             sphere = state.sphere
     check_embedded(sphere, faces)
     return sphere
 
 
 def check_embedded(sphere: FloatArray, faces: IntArray) -> None:
-    """Raise a MeshError if faces do not look outward."""
+    """Raise a MeshError if a face is flipped on the sphere."""
     a, b, c = np.moveaxis(sphere[faces], 1, 0)
     if not (np.einsum("fx,fx->f", a, np.cross(b - a, c - a)) > 0).all():
         raise MeshError(_THIN_FACES_MESSAGE)
 
 
-def filled(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
-    """Close each hole of a surface of genus 0 with a fan of faces around its middle, or raise a
-    MeshError: points (V', 3), the first ones the vertices, and faces (F', 3).
+def close_holes(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
+    """Close each hole of a surface of genus 0 with a fan of faces around a new vertex.
+
+    Returns points (V', 3), which begin with the vertices, and faces (F', 3). Raises a MeshError if
+    the surface has handles or pinched vertices.
     """
     if pinched := int(mesh.is_pinched_vertex.sum()):
         raise MeshError(
-            f"a mesh for the sphere has {pinched} pinched vertices; expected none: split or remove "
-            "them"
+            f"the mesh has {pinched} pinched vertices; an embedding in the sphere needs a mesh "
+            "without them. Split or remove them."
         )
     if mesh.genus:
         raise MeshError(
-            f"a mesh for the sphere has genus {mesh.genus}; expected 0, a surface without handles: "
-            "cut them off, or close them"
+            f"the mesh has genus {mesh.genus}; an embedding in the sphere needs genus 0, a surface "
+            "without handles. Cut or close the handles."
         )
     loops, count = mesh.boundary_loops, len(mesh.vertices)
     points = [mesh.vertices, *(mesh.vertices[loop].mean(axis=0)[None] for loop in loops)]
@@ -113,7 +114,8 @@ def filled(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
     return np.concatenate(points), np.concatenate([mesh.faces, fans])
 
 
-def surface_of(faces: IntArray, count: int) -> Surface:
+def build_surface(faces: IntArray, count: int) -> Surface:
+    """Return the connectivity of faces (F, 3) of ``count`` vertices."""
     edges, face_edges = edges_of_faces(faces, count)
     slots, corners = edge_slots(face_edges, len(edges)), faces.ravel().copy()
     twins, corner_of = np.empty_like(corners), np.empty(count, dtype=np.int64)
@@ -123,19 +125,19 @@ def surface_of(faces: IntArray, count: int) -> Surface:
 
 
 def _tetrahedron(surface: Surface, count: int, collapses: Collapses) -> FloatArray:
-    """Place the vertices that are left on a regular tetrahedron, (V, 3), 0 at the others."""
-    left = np.setdiff1d(np.arange(count), collapses.vertices)
-    corner = surface.corner_of[left[0]]
+    """Place the four remaining vertices on a regular tetrahedron, (V, 3); other rows are 0."""
+    remaining = np.setdiff1d(np.arange(count), collapses.vertices)
+    corner = surface.corner_of[remaining[0]]
     face = surface.faces[[corner, next_slot(corner), next_slot(next_slot(corner))]]
     sphere = np.zeros((count, 3))
-    sphere[[*face, *np.setdiff1d(left, face)]] = np.array(
+    sphere[[*face, *np.setdiff1d(remaining, face)]] = np.array(
         [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]
     ) / np.sqrt(3)
     return sphere
 
 
 class Embedding(NamedTuple):
-    """A surface on its way to the sphere."""
+    """A surface that is being embedded in the sphere."""
 
     points: FloatArray  # (V, 3), in space
     surface: Surface
@@ -143,41 +145,43 @@ class Embedding(NamedTuple):
 
 
 def unfolding(points: FloatArray, faces: IntArray) -> Iterator[tuple[Embedding, IntArray]]:
-    """Embed a closed surface (V, 3) of genus 0: give, from the tetrahedron on, after every round,
-    the same arrays as they are then, in space with the sphere's area, and the vertices that are
-    there. They may be moved meanwhile, if no face turns over.
+    """Embed a closed surface (V, 3) of genus 0, and yield the state after every round.
+
+    The first state is the tetrahedron. A state has the embedding, whose points in space are scaled
+    to the sphere's area, and the active vertices. All states share their arrays. Between rounds the
+    caller may move vertices on the sphere if no face is flipped.
     """
-    count, surface = len(points), surface_of(faces, len(points))
+    count, surface = len(points), build_surface(faces, len(points))
     collapses, workspace = collapse(points, surface), allocate_workspace(count)
-    whole = Embedding(points, surface, _tetrahedron(surface, count, collapses))
+    full = Embedding(points, surface, _tetrahedron(surface, count, collapses))
     ends = collapses.rounds
-    alive = np.setdiff1d(np.arange(count), collapses.vertices)
-    state = _scaled(whole, alive, workspace)
-    yield state, alive
+    active = np.setdiff1d(np.arange(count), collapses.vertices)
+    state = _scaled(full, active, workspace)
+    yield state, active
     for start, end in zip(ends[-2::-1], ends[:0:-1], strict=True):
         checkpoint()
-        if not _put_back(
+        if not _insert_vertices(
             state, collapses.vertices[start:end], collapses.slots[start:end], workspace
         ):
             raise MeshError(_THIN_FACES_MESSAGE)
-        alive = np.setdiff1d(np.arange(count), collapses.vertices[:start])
-        state = _scaled(whole, alive, workspace)
-        for _ in range(_SWEEPS + _MOVES // len(alive)):
+        active = np.setdiff1d(np.arange(count), collapses.vertices[:start])
+        state = _scaled(full, active, workspace)
+        for _ in range(_SWEEPS + _MOVES // len(active)):
             checkpoint()
-            sweep(state, alive, workspace)
-        yield state, alive
+            sweep(state, active, workspace)
+        yield state, active
 
 
-def _scaled(state: Embedding, alive: IntArray, workspace: Workspace) -> Embedding:
-    return state._replace(points=state.points * np.sqrt(_AREA / _area_at(state, alive, workspace)))
+def _scaled(state: Embedding, active: IntArray, workspace: Workspace) -> Embedding:
+    return state._replace(points=state.points * np.sqrt(_AREA / _area_at(state, active, workspace)))
 
 
 @unfused_kernel
-def _area_at(state: Embedding, alive: IntArray, workspace: Workspace) -> float:
-    """Return the area in space of the faces at vertices."""
+def _area_at(state: Embedding, active: IntArray, workspace: Workspace) -> float:
+    """Return the area in space of the faces at active vertices."""
     points, (faces, twins, corner_of), _ = state
     total = 0.0
-    for v in alive:
+    for v in active:
         for corner in workspace.star[: fill_star(workspace.star, twins, corner_of[v])]:
             b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
             if v < b and v < c:
@@ -186,24 +190,27 @@ def _area_at(state: Embedding, alive: IntArray, workspace: Workspace) -> float:
 
 
 @unfused_kernel
-def sweep(state: Embedding, alive: IntArray, workspace: Workspace) -> None:
-    """Move each of some vertices by one step."""
-    for v in alive:
+def sweep(state: Embedding, active: IntArray, workspace: Workspace) -> None:
+    """Move each active vertex by one step."""
+    for v in active:
         _move(state, v, 1, workspace)
 
 
 @unfused_kernel
-def _put_back(state: Embedding, vertices: IntArray, slots: IntArray, workspace: Workspace) -> bool:
-    """Put vertices back, the last first, each with a few steps of itself and of its neighbours;
-    return whether there was place for all.
+def _insert_vertices(
+    state: Embedding, vertices: IntArray, slots: IntArray, workspace: Workspace
+) -> bool:
+    """Insert vertices in reverse order, with a few steps of each vertex and its neighbours.
+
+    Returns whether a position was found for all.
     """
     surface = state.surface
     around = np.empty_like(workspace.star)
     for i in range(vertices.size - 1, -1, -1):
-        v, kept = vertices[i], surface.faces[next_slot(slots[i])]
+        v, anchor = vertices[i], surface.faces[next_slot(slots[i])]
         size = unfold(surface, v, slots[i], workspace.star)
         around[:size] = workspace.star[:size]
-        if not _place(state, v, kept, around[:size]):
+        if not _place_vertex(state, v, anchor, around[:size]):
             return False
         _move(state, v, 3, workspace)
         for corner in around[:size]:
@@ -213,17 +220,19 @@ def _put_back(state: Embedding, vertices: IntArray, slots: IntArray, workspace: 
 
 
 @unfused_kernel
-def _place(state: Embedding, v: int, kept: int, star: IntArray) -> bool:
-    """Place a vertex where its faces look outward: in the middle of its neighbours, or near the one
-    that it was collapsed to, whose two sides of the ring look in the direction between their
-    normals; return whether rounding lets it.
+def _place_vertex(state: Embedding, v: int, anchor: int, star: IntArray) -> bool:
+    """Place a vertex at a position where none of its faces is flipped.
+
+    The first try is the mean of its neighbours. Other tries are near ``anchor``, the vertex that it
+    was collapsed to. Their direction is the sum of the normals of the anchor's two sides of the
+    ring. Returns whether a position was found despite rounding.
     """
     faces, sphere = state.surface.faces, state.sphere
     place, inward, normal = np.zeros(3), np.zeros(3), np.empty(3)
     for corner in star:
         b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
         place += sphere[b]
-        if kept in (b, c):
+        if anchor in (b, c):
             normal[:] = cross(sphere[b], difference(sphere[c], sphere[b]))
             inward += normal / np.sqrt(scalar(normal, normal))
     length = 1.0
@@ -231,13 +240,14 @@ def _place(state: Embedding, v: int, kept: int, star: IntArray) -> bool:
         sphere[v] = place / np.sqrt(scalar(place, place))
         if is_outward(state, star, sphere[v]):
             return True
-        place[:] = sphere[kept] + length * inward
+        place[:] = sphere[anchor] + length * inward
         length *= _STEP_FACTOR
     return False
 
 
 @unfused_kernel
 def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
+    """Return whether no face at a vertex is flipped if the vertex is moved to ``place``."""
     faces, sphere = state.surface.faces, state.sphere
     for corner in star:
         b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
@@ -248,7 +258,7 @@ def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
 
 @unfused_kernel
 def set_shapes(state: Embedding, v: int, workspace: Workspace) -> int:
-    """Find the corners at a vertex and the shapes of their faces; return how many there are."""
+    """Find the corners at a vertex and the shapes of their faces; return their number."""
     points, (faces, twins, corner_of), _ = state
     size = fill_star(workspace.star, twins, corner_of[v])
     for k in range(size):
@@ -259,7 +269,7 @@ def set_shapes(state: Embedding, v: int, workspace: Workspace) -> int:
 
 @unfused_kernel
 def _move(state: Embedding, v: int, steps: int, workspace: Workspace) -> None:
-    """Take Newton steps of a vertex toward the least energy of its faces."""
+    """Move a vertex by Newton steps to reduce the energy of its faces."""
     size, place, axes = set_shapes(state, v, workspace), state.sphere[v].copy(), workspace.axes
     for _ in range(steps):
         set_tangents(place, axes)
@@ -281,8 +291,10 @@ def _move(state: Embedding, v: int, steps: int, workspace: Workspace) -> None:
 
 @unfused_kernel
 def _energy(state: Embedding, place: FloatArray, size: int, workspace: Workspace) -> float:
-    """Return the symmetric Dirichlet energy of the faces at a vertex at some place, ``area (s_1^2 +
-    s_2^2 + s_1^-2 + s_2^-2)`` with the stretches of each; infinite if one does not look outward.
+    """Return the symmetric Dirichlet energy of the faces at a vertex moved to ``place``.
+
+    The energy of a face with stretches s_1 and s_2 is ``area (s_1^2 + s_2^2 + s_1^-2 + s_2^-2)``.
+    It is infinite for a flipped face.
     """
     faces, sphere, total = state.surface.faces, state.sphere, 0.0
     for k in range(size):
@@ -300,7 +312,7 @@ def _energy(state: Embedding, place: FloatArray, size: int, workspace: Workspace
 
 @unfused_kernel
 def _set_model(state: Embedding, place: FloatArray, size: int, workspace: Workspace) -> None:
-    """Compute the derivatives of the energy along two axes, on the sphere."""
+    """Compute the derivatives of the energy along two axes on the sphere."""
     faces, sphere, (first, second) = state.surface.faces, state.sphere, workspace.axes
     workspace.model[:] = 0.0
     for k in range(size):
@@ -314,7 +326,7 @@ def _set_model(state: Embedding, place: FloatArray, size: int, workspace: Worksp
         covered, normal = volume(place, b, c), cross(b, c)
         slopes = scalar(first, normal) / covered, scalar(second, normal) / covered
         inverse = (2 * area / covered) ** 2
-        # what the sphere's bend takes from second derivatives
+        # the curvature of the sphere changes the second derivatives
         outward = 2 * (at_c * scalar(place, r) - at_b * scalar(place, q)) * (1 + inverse)
         bend = (2 * dirichlet * inverse - outward) / (1 + inverse)
         curvature = 2 * (at_b + at_c) + bend

@@ -1,7 +1,8 @@
-"""A surface on the sphere pulled toward where its vertices belong, without a fold.
+"""Moves of a surface on the sphere toward target positions, without flipping faces.
 
-All vertices move together, by averages over their neighbours of what is missing: where a torn map
-contradicts itself, this averages out. Where a face would turn over, its corners move less.
+All vertices move at the same time. Their moves are averages of the offsets to the targets over
+neighbours, so contradictions of a discontinuous map average out. The corners of a face that would
+be flipped move less.
 """
 
 from typing import NamedTuple
@@ -16,87 +17,90 @@ from abfm.mesh.coarsening import fill_star, next_slot
 from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
-_STEP = 0.5  # of the way
-_VOLUME_SHARE_MIN = 0.1  # of a face's volume that a move leaves
-_HALVINGS = 12
+_STEP = 0.5  # share of a move that is taken first
+_VOLUME_SHARE_MIN = 0.1  # smallest volume of a face after a move, relative to the one before
+_HALVINGS_MAX = 12  # of a move; then the corners of a flipped face stay
 
 
 class MoveArrays(NamedTuple):
-    """Workspace for moves of V vertices."""
+    """Arrays for the moves of V vertices."""
 
     moves: FloatArray  # (V, 3)
-    spare: FloatArray  # (V, 3)
-    shares: FloatArray  # (V,)
+    spare: FloatArray  # (V, 3), for temporary values
+    shares: FloatArray  # (V,), of the moves that are taken
 
 
 def allocate_moves(count: int) -> MoveArrays:
+    """Return arrays for the moves of ``count`` vertices."""
     return MoveArrays(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count))
 
 
 @unfused_kernel
 def set_moves(
-    places: FloatArray, targets: FloatArray, most: float, alive: IntArray, moves: FloatArray
+    places: FloatArray, targets: FloatArray, most: float, active: IntArray, moves: FloatArray
 ) -> None:
-    """Set the ways of some vertices to their targets, none longer than ``most``."""
-    for v in alive:
+    """Set the moves of active vertices to their offsets from the targets, at most ``most`` long."""
+    for v in active:
         moves[v] = targets[v] - places[v]
         moves[v] /= max(1.0, np.sqrt(scalar(moves[v], moves[v])) / most)
 
 
 @unfused_kernel
 def average(
-    surface: Surface, rounds: int, alive: IntArray, pull: MoveArrays, star: IntArray
+    surface: Surface, rounds: int, active: IntArray, pull: MoveArrays, star: IntArray
 ) -> None:
-    """Average moves over neighbours, so many times."""
+    """Average the moves over neighbours, ``rounds`` times."""
     faces, twins, corner_of = surface
     moves, spare = pull.moves, pull.spare
     for _ in range(rounds):
-        for v in alive:
+        for v in active:
             size = fill_star(star, twins, corner_of[v])
             for x in range(3):
                 total = moves[v, x]
                 for corner in star[:size]:
                     total += moves[faces[next_slot(corner)], x]
                 spare[v, x] = total / (size + 1)
-        for v in alive:
+        for v in active:
             moves[v] = spare[v]
 
 
 @unfused_kernel
-def shift(state: Embedding, alive: IntArray, pull: MoveArrays, workspace: Workspace) -> None:
-    """Move vertices on the sphere by half of their moves; those of faces that would turn over, or
-    come near to it, by half as much, and so on.
+def shift(state: Embedding, active: IntArray, pull: MoveArrays, workspace: Workspace) -> None:
+    """Move vertices on the sphere by half of their moves.
+
+    The moves of corners of faces that would be flipped, or nearly flipped, are halved repeatedly.
     """
     moves, moved, shares = pull
-    for v in alive:
+    for v in active:
         moves[v] -= scalar(moves[v], state.sphere[v]) * state.sphere[v]
         shares[v] = _STEP
-    tries, turned = 0, True
-    while turned:
-        for v in alive:
+    tries, is_flipped = 0, True
+    while is_flipped:
+        for v in active:
             moved[v] = state.sphere[v] + shares[v] * moves[v]
             normalize(moved[v])
         tries += 1
-        turned = _hold_back(state, alive, pull, 0.5 if tries <= _HALVINGS else 0.0, workspace)
-    for v in alive:
+        factor = 0.5 if tries <= _HALVINGS_MAX else 0.0
+        is_flipped = _reduce_shares(state, active, pull, factor, workspace)
+    for v in active:
         state.sphere[v] = moved[v]
 
 
 @unfused_kernel
-def _hold_back(
-    state: Embedding, alive: IntArray, pull: MoveArrays, factor: float, workspace: Workspace
+def _reduce_shares(
+    state: Embedding, active: IntArray, pull: MoveArrays, factor: float, workspace: Workspace
 ) -> bool:
-    """Reduce the shares of corners of faces that are turned over; return whether there are any."""
+    """Reduce the shares of the corners of flipped faces; return whether there are such faces."""
     (faces, twins, corner_of), sphere, moved = state.surface, state.sphere, pull.spare
-    turned = False
-    for v in alive:
+    is_flipped = False
+    for v in active:
         for corner in workspace.star[: fill_star(workspace.star, twins, corner_of[v])]:
             b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
             if b < v or c < v:
                 continue
             least = max(FLAT_VOLUME, _VOLUME_SHARE_MIN * volume(sphere[v], sphere[b], sphere[c]))
             if not volume(moved[v], moved[b], moved[c]) > least:
-                turned = True
+                is_flipped = True
                 for end in (v, b, c):
                     pull.shares[end] *= factor
-    return turned
+    return is_flipped

@@ -1,4 +1,4 @@
-"""Points spread evenly over a surface, in an order in which any first few are, too."""
+"""Points spread evenly over a surface, ordered so that every initial part is also spread evenly."""
 
 from __future__ import annotations
 
@@ -13,52 +13,51 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
 SPACING_MIN = 0.014
-"""How near to each other points may be, in square roots of the area."""
-_CANDIDATES = 32_768  # 0.006 from each other on average, in these units
-# cosine of normals: points that look away from each other are no neighbours
-_OPPOSITE_COSINE = -0.5
+"""Smallest distance between points, in sqrt(area)."""
+_CANDIDATES = 32_768  # with a mean distance of 0.006 sqrt(area)
+_OPPOSITE_COSINE = -0.5  # of normals: points with opposite normals are not neighbours
 
 
 @dataclass(frozen=True, eq=False)
 class SpreadPoints:
-    """Points (P,) of a surface, each of them the farthest one from those before it, and how far
-    that is, ``gaps`` (P,), descending, in square roots of the area; infinite where none before it
-    looks the same way. ``normals`` (P, 3) turn smoothly from face to face.
-    """
+    """Points of a surface, each of which is the farthest one from the points before it."""
 
-    points: SurfacePoints
+    points: SurfacePoints  # (P,)
+    # (P,), distances from the points before, descending, in sqrt(area); infinite if none before
+    # has a similar normal
     gaps: FloatArray
-    normals: FloatArray
+    normals: FloatArray  # (P, 3), interpolated smoothly between faces
 
     def with_spacing(self, spacing: float) -> SurfacePoints:
-        """Return points no two of which are nearer than a spacing, in square roots of the area,
-        while every place is about as near to one of them. The spacing is at least `SPACING_MIN`;
-        points of a larger one are among those of a smaller one.
+        """Return points with at least a given spacing, in sqrt(area), which cover the surface.
+
+        Every place on the surface is within about the same distance of one of them. The spacing is
+        at least `SPACING_MIN`. The points for a larger spacing are a subset of those for a smaller
+        one.
         """
         return self.points[np.arange(self.count(spacing))]
 
     def count(self, spacing: float) -> int:
-        """Return how many points are `with_spacing`: the first ones."""
+        """Return the number of points with a spacing, which are the first ones."""
         return int(np.count_nonzero(self.gaps >= spacing))
 
     def thinned(self, order: IntArray, spacing: float) -> IntArray:
-        """Return of points by number, (N,), one after the other those that are no nearer than a
-        spacing to one that was taken before.
-        """
+        """Select points greedily from numbers ``order`` (N,), with at least a given spacing."""
         unit = self.points[order].positions / self.points.mesh.length_scale
         taken = np.empty(len(order), dtype=np.int64)
-        return order[taken[: _first_come(unit, self.normals[order], spacing, taken)]]
+        return order[taken[: _select(unit, self.normals[order], spacing, taken)]]
 
 
 @per_mesh
 def spread_points(mesh: TriangleMesh) -> SpreadPoints:
-    """Choose points of a surface one by one, each as far as can be from all before it: the farthest
-    points of Gonzalez, Clustering to minimize the maximum intercluster distance, 1985, of points
-    that are spread by area.
+    """Choose points of a surface one by one, each as far as possible from all points before it.
 
-    Distances are those in space, as long as normals do not look away from each other: both sides of
-    a thin part have points of their own. The same mesh always has the same ones, which turn, move
-    and grow with it.
+    This is farthest-point sampling (Gonzalez, Clustering to minimize the maximum intercluster
+    distance, 1985) of candidates that are spread by area.
+
+    Distances are measured in space between points with similar normals, so both sides of a thin
+    part have separate points. The result is deterministic, and moves, rotates and scales with the
+    mesh.
     """
     unit = mesh.normalized()
     candidates = points_by_area(unit, _CANDIDATES)
@@ -72,7 +71,7 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
 
 
 def _smooth_normals(mesh: TriangleMesh, points: SurfacePoints) -> FloatArray:
-    """Return unit normals that turn smoothly from face to face: those of needles say nothing."""
+    """Return unit normals interpolated between vertices, as the normals of slivers are random."""
     weighted = face_areas(mesh)[:, None] * face_normals(mesh)
     corners, count = mesh.faces.ravel(), len(mesh.vertices)
     at_vertices = [np.bincount(corners, np.repeat(w, 3), count) for w in weighted.T]
@@ -88,14 +87,17 @@ def _unit(vectors: FloatArray) -> FloatArray:
 def _farthest_first(
     places: FloatArray, axis: int, normals: FloatArray, numbers: IndexArray
 ) -> tuple[IndexArray, FloatArray]:
-    """Return the order (m,) in which places (n, 3) are chosen, by their numbers (n,), and their
-    gaps (m,), down to `SPACING_MIN`. Number 0 is the first one.
+    """Return the order (m,) in which places (n, 3) are chosen, and their gaps (m,).
 
-    Places are sorted by their coordinate along an axis. No place is farther from the chosen ones
-    than the next one is, so that this one comes nearer only to places within that distance.
+    The order holds ``numbers`` (n,) of places and begins with number 0. The gaps descend to
+    `SPACING_MIN`.
+
+    Places are sorted by their coordinate along ``axis``. The next chosen place has the largest
+    distance of all places from the chosen ones. It therefore reduces the distances only of places
+    within that distance.
     """
     order, gaps = np.empty(len(places), dtype=np.int64), np.empty(len(places))
-    squares = np.full(len(places), np.inf)  # of distances to the nearest one chosen
+    squares = np.full(len(places), np.inf)  # squared distances to the nearest chosen place
     chosen = int(np.argmin(numbers))
     for count in range(len(places)):
         farthest_square = squares[chosen]
@@ -124,8 +126,8 @@ def _farthest_first(
 
 
 @kernel
-def _first_come(places: FloatArray, normals: FloatArray, spacing: float, taken: IndexArray) -> int:
-    """Write which of the places (n, 3) are taken; return how many these are."""
+def _select(places: FloatArray, normals: FloatArray, spacing: float, taken: IndexArray) -> int:
+    """Write the numbers of selected places (n, 3) to ``taken`` and return how many there are."""
     count = 0
     for i in range(len(places)):
         is_free = True
@@ -134,7 +136,7 @@ def _first_come(places: FloatArray, normals: FloatArray, spacing: float, taken: 
             for x in range(3):
                 square += (places[i, x] - places[taken[k], x]) ** 2
                 cosine += normals[i, x] * normals[taken[k], x]
-            # what is taken as it is has its gap to rounding alone
+            # points selected before with this spacing may be closer by rounding
             if square < 0.999999 * spacing * spacing and cosine > _OPPOSITE_COSINE:
                 is_free = False
                 break

@@ -1,8 +1,8 @@
-"""Moves of single vertices of a mesh toward less energy of the faces around them.
+"""Moves of single vertices of a mesh that reduce the energy of the faces around them.
 
-Energies are products ``D phi(V)`` of a face's Dirichlet energy D, quadratic in a corner's place,
-and a function of its area or volume V, which is taken as linear in it. Kernels that take two axes
-work in the plane that these span.
+Energies are products ``D phi(V)`` of two functions of a corner's position. D is a face's Dirichlet
+energy, which is quadratic. V is the face's area or volume, which is treated as linear. Kernels with
+two axes work in the plane that the axes span.
 """
 
 from typing import NamedTuple
@@ -13,50 +13,52 @@ from abfm.maps.surface_points import Vector, cross, scalar
 from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
-# what sides are longer by, as a share of their face's mean: needles need not stay such
-_MOLLIFICATION = 0.01
-_CURVATURE_SHARE_MIN = 0.01  # least curvature, as a share of the largest
-FLAT_VOLUME = 1e-15  # a face's volume, see `volume`, that rounding may turn over
-# steps that do not go down
-STEP_FACTOR = 0.4
-STEP_TRIES = 12
+_MOLLIFICATION = 0.01  # of the mean side of a face, added to its sides, so slivers may change shape
+_CURVATURE_SHARE_MIN = 0.01  # smallest curvature of a model, as a share of the largest one
+FLAT_VOLUME = 1e-15  # rounding may flip faces with a smaller volume, see `volume`
+STEP_FACTOR = 0.4  # reduces a step that does not decrease the energy
+STEP_TRIES = 12  # number of such reductions
 
 
 class Workspace(NamedTuple):
-    """Workspace for what is around a vertex of a mesh with V vertices."""
+    """Arrays for the neighbourhood of a vertex of a mesh with V vertices."""
 
-    star: IntArray  # (V,), its corners
+    star: IntArray  # (V,), corners at the vertex
     shapes: FloatArray  # (V, 4), of their faces, see `shape`
-    axes: FloatArray  # (2, 3), of the plane that it moves in
-    model: FloatArray  # (5,), two first derivatives and the second ones: 11, 12, 22
+    axes: FloatArray  # (2, 3), of the plane in which the vertex moves
+    model: FloatArray  # (5,), two first derivatives, and second derivatives 11, 12, 22
 
 
 def allocate_workspace(count: int) -> Workspace:
+    """Return arrays for a mesh with ``count`` vertices."""
     star, shapes = np.empty(count, dtype=np.int64), np.empty((count, 4))
     return Workspace(star, shapes, np.empty((2, 3)), np.empty(5))
 
 
 @unfused_kernel
 def difference(a: FloatArray, b: FloatArray) -> Vector:
+    """Return ``a - b``."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @unfused_kernel
 def normalize(a: FloatArray) -> None:
+    """Scale a vector to length 1, in place."""
     a /= np.sqrt(scalar(a, a))
 
 
 @unfused_kernel
 def volume(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
-    """Return six times the volume of a tetrahedron with the centre of the unit sphere: of a small
-    face on it, twice the area; negative where it is turned over.
+    """Return six times the signed volume of the tetrahedron of a face and the sphere's centre.
+
+    For a small face on the unit sphere it is twice the area. It is negative for a flipped face.
     """
     return scalar(a, cross(difference(b, a), difference(c, a)))
 
 
 @unfused_kernel
 def shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float, float]:
-    """Return half the cotangents of a face's angles, and its area, its sides somewhat longer."""
+    """Return half the cotangents of a face's angles and its area, after lengthening its sides."""
     p, q, r = difference(b, c), difference(c, a), difference(a, b)
     first, second, third = np.sqrt(scalar(p, p)), np.sqrt(scalar(q, q)), np.sqrt(scalar(r, r))
     more = _MOLLIFICATION * (first + second + third) / 3
@@ -67,7 +69,7 @@ def shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, fl
 
 @unfused_kernel
 def set_tangents(normal: FloatArray, axes: FloatArray) -> None:
-    """Compute two unit vectors perpendicular to a third and to each other."""
+    """Compute two unit vectors perpendicular to ``normal`` and to each other."""
     least = np.argmin(np.abs(normal))
     axes[0] = -normal[least] * normal
     axes[0, least] += 1.0
@@ -83,8 +85,18 @@ def add_product(
     logarithm: tuple[float, float],
     phi: tuple[float, float, float],
 ) -> None:
-    """Add derivatives of ``D phi(V)`` along two axes, given D and its first derivatives, its second
-    ones, first ones of ``log V``, and ``phi``, ``V phi'`` and ``V^2 phi''``.
+    """Add the derivatives of ``D phi(V)`` along two axes to a model.
+
+    Parameters
+    ----------
+    dirichlet : tuple of three floats
+        D and its first derivatives.
+    metric : tuple of three floats
+        Second derivatives of D: 11, 12, 22.
+    logarithm : tuple of two floats
+        First derivatives of ``log V``.
+    phi : tuple of three floats
+        ``phi``, ``V phi'`` and ``V^2 phi''``.
     """
     value, d1, d2 = dirichlet
     v1, v2 = logarithm
@@ -97,7 +109,7 @@ def add_product(
 
 @unfused_kernel
 def step_to_minimum(model: FloatArray) -> tuple[float, float]:
-    """Return the step along two axes to the minimum of a quadratic model, made convex."""
+    """Return the step along two axes to the minimum of a quadratic model, which is made convex."""
     g1, g2, h11, h12, h22 = model
     middle, gap = (h11 + h22) / 2, np.hypot((h11 - h22) / 2, h12)
     more = max(0.0, _CURVATURE_SHARE_MIN * (abs(middle) + gap) - (middle - gap))

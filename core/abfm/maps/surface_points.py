@@ -1,4 +1,4 @@
-"""Points of a surface, by the faces that hold them, and those closest to points in space."""
+"""Points of a surface by face and barycentric weights, and closest points."""
 
 from __future__ import annotations
 
@@ -20,22 +20,26 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IndexArray, IntArray
 
 Vector: TypeAlias = tuple[float, float, float]
-# igl keeps the GIL for a whole query: about 15 ms each, so that a window stays alive
+# igl holds the GIL during a query. Queries of this size take about 15 ms, so a window stays alive
 POINTS_PER_QUERY = 8192
-_ROUNDING = 1e-9  # of barycentric weights
-# fractional parts of multiples of these are spread evenly over a square (Roberts' R2 sequence)
+_ROUNDING = 1e-9  # tolerance for barycentric weights
+# fractional parts of their multiples are spread evenly over a square (Roberts' R2 sequence)
 _SPREAD_FRACTIONS = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """P points of a mesh, by the faces (P,) that hold them and the barycentric weights (P, 3) of
-    their corners, not negative, summing to 1; a ParameterError says what else they are.
+    """P points of a mesh.
+
+    Raises
+    ------
+    ParameterError
+        If faces or weights do not fit the mesh.
     """
 
     mesh: TriangleMesh
-    faces: IntArray
-    barycentric: FloatArray
+    faces: IntArray  # (P,), the face of each point
+    barycentric: FloatArray  # (P, 3), weights of its corners, not negative, with sum 1
 
     def __post_init__(self) -> None:
         faces = np.asarray(self.faces)
@@ -43,7 +47,7 @@ class SurfacePoints:
         if faces.ndim != 1 or faces.dtype.kind not in "iu" or weights.shape != (len(faces), 3):
             raise ParameterError(
                 f"points have faces {faces.shape} of {faces.dtype} and barycentric "
-                f"{weights.shape}; expected (P,) whole numbers and (P, 3)"
+                f"{weights.shape}; expected (P,) integers and (P, 3)"
             )
         last = len(self.mesh.faces) - 1
         if len(faces) and not (faces.min() >= 0 and faces.max() <= last):
@@ -53,8 +57,8 @@ class SurfacePoints:
         off = np.abs(weights.sum(axis=1) - 1)
         if not ((weights >= -_ROUNDING).all() and (off <= _ROUNDING).all()):
             raise ParameterError(
-                "points have barycentric weights that are negative or do not sum to 1: give "
-                "points of faces"
+                "points have barycentric weights that are negative or do not sum to 1; expected "
+                "points inside faces"
             )
         object.__setattr__(self, "faces", faces.astype(np.int64, copy=False))
         object.__setattr__(self, "barycentric", weights)
@@ -69,29 +73,29 @@ class SurfacePoints:
         return SurfacePoints(self.mesh, self.faces[rows], self.barycentric[rows])
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Evaluate a vertex function (V,) or (V, C), linear inside faces, (P,) or (P, C)."""
+        """Interpolate a function (V,) or (V, C) linearly at the points, (P,) or (P, C)."""
         at_corners = channels(self.mesh, h, "h")[:, self.mesh.faces[self.faces]]
         values: FloatArray = np.einsum("pc,kpc->pk", self.barycentric, at_corners)
         return values.reshape(-1, *np.shape(h)[1:])
 
     def nearest_vertices(self) -> IntArray:
-        """Round each point to the nearest corner of its own face, (P,)."""
+        """Round each point to the nearest corner of its face, (P,)."""
         corners = self.mesh.faces[self.faces]
         squared = ((self.mesh.vertices[corners] - self.positions[:, None]) ** 2).sum(axis=2)
         return np.take_along_axis(corners, squared.argmin(axis=1)[:, None], axis=1)[:, 0]
 
-    def distances_from(self, places: FloatArray) -> FloatArray:
-        """Return how far each point is from its own place in space (P, 3), (P,)."""
-        return np.asarray(np.linalg.norm(places - self.positions, axis=1))
+    def distances_from(self, positions: FloatArray) -> FloatArray:
+        """Return the distances (P,) of the points from positions (P, 3), row by row."""
+        return np.asarray(np.linalg.norm(positions - self.positions, axis=1))
 
 
 def vertex_points(mesh: TriangleMesh, vertices: ArrayLike | None = None) -> SurfacePoints:
-    """Return vertices (P,), by index, as points of the surface; all of them by default."""
+    """Return vertices (P,), given by index, as points of the surface; by default all."""
     count = len(mesh.vertices)
     given = np.arange(count) if vertices is None else np.asarray(vertices)
     if given.ndim != 1 or given.dtype.kind not in "iu":
         raise AbfmError(
-            f"vertices have shape {given.shape} of {given.dtype}; expected (P,) whole numbers"
+            f"vertices have shape {given.shape} of {given.dtype}; expected (P,) integers"
         )
     if len(given) and not 0 <= given.min() <= given.max() < count:
         raise AbfmError(f"vertices are {given.min()} to {given.max()}; expected 0 to {count - 1}")
@@ -102,7 +106,7 @@ def vertex_points(mesh: TriangleMesh, vertices: ArrayLike | None = None) -> Surf
 
 
 def points_by_area(mesh: TriangleMesh, count: int) -> SurfacePoints:
-    """Return so many points (count,) of a surface, evenly spread by area, always the same ones."""
+    """Return ``count`` points of a surface, spread evenly by area, always the same ones."""
     before = np.cumsum(face_areas(mesh))
     at = (np.arange(count) + 0.5) / count * before[-1]
     faces = np.searchsorted(before, at).clip(max=len(before) - 1)
@@ -113,29 +117,33 @@ def points_by_area(mesh: TriangleMesh, count: int) -> SurfacePoints:
 
 
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
-    """Find the closest point of the surface to each point in space (P, 3), in the mesh's units:
-    exact up to rounding, and always the same where several faces are equally close.
+    """Return the point of the surface closest to each point in space (P, 3), in the mesh's units.
+
+    It is exact up to rounding, and deterministic if several faces are equally close.
     """
     return ClosestPoints(mesh).to(points)
 
 
 class ClosestPoints:
-    """A tree of faces, where they are or at other places (V, 3) of the vertices, of which those
-    without area are left out; not kept with the mesh, as igl's must not live when the program ends.
+    """A search tree of the faces of a mesh.
+
+    With ``positions`` (V, 3) the vertices are moved there first, and faces without area are
+    excluded. The tree is not cached with the mesh, because igl's trees must be deleted before the
+    program ends.
     """
 
-    def __init__(self, mesh: TriangleMesh, places: FloatArray | None = None) -> None:
+    def __init__(self, mesh: TriangleMesh, positions: FloatArray | None = None) -> None:
         self._mesh, self._tree, self._faces = mesh, igl.AABB(), None
         self._vertices, corners = mesh.vertices, mesh.faces
-        if places is not None:
-            self._vertices = np.ascontiguousarray(places)
-            self._faces = np.flatnonzero(twice_areas(places, corners) > 0)
+        if positions is not None:
+            self._vertices = np.ascontiguousarray(positions)
+            self._faces = np.flatnonzero(twice_areas(positions, corners) > 0)
             corners = corners[self._faces]
         self._tree.init(self._vertices, corners)
         self._corners = corners
 
     def to(self, points: ArrayLike) -> SurfacePoints:
-        """Return the points of the mesh whose places are closest to points in space (P, 3)."""
+        """Return the points of the mesh that are closest to points in space (P, 3)."""
         given, vertices, corners = finite_points(points), self._vertices, self._corners
         faces = np.empty(len(given), dtype=np.int64)
         barycentric = np.empty((len(given), 3))
@@ -149,17 +157,17 @@ class ClosestPoints:
 
 
 def finite_points(points: ArrayLike) -> FloatArray:
-    """Check points in space (P, 3)."""
+    """Check points in space and return them as an array (P, 3)."""
     given = real_numbers(points, "points", AbfmError)
     if given.ndim != 2 or given.shape[1] != 3:
         raise AbfmError(
-            f"points have shape {given.shape}; expected (P, 3): give one row x, y, z per point"
+            f"points have shape {given.shape}; expected (P, 3), one row x, y, z per point"
         )
     bad = np.flatnonzero(~np.isfinite(given).all(axis=1))
     if len(bad):
         raise AbfmError(
             f"{len(bad)} of {len(given)} points are not finite (first: row {bad[0]}); expected "
-            "finite coordinates: if they come from a flow, use a shorter time"
+            "finite coordinates. If a flow computed them, use a shorter time."
         )
     return given
 
@@ -172,8 +180,10 @@ def barycentric_weights(
     corners: IndexArray,
     out: FloatArray,
 ) -> None:
-    """Compute barycentric weights (P, 3) of points on these ``faces``: of the three sides and the
-    inside what really comes closest, as on a needle the weights of the inside lose their digits.
+    """Compute the barycentric weights (P, 3) of points that lie on ``faces`` (P,).
+
+    The closest candidate on the three sides and inside the face is chosen, because on slivers the
+    weights computed for the inside are inaccurate.
     """
     sides, offsets, inside, tried = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     for p in range(faces.size):
@@ -204,10 +214,12 @@ def barycentric_weights(
 
 @kernel
 def cross(a: FloatArray | Vector, b: FloatArray | Vector) -> Vector:
+    """Return the cross product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
 def scalar(a: FloatArray | Vector, b: FloatArray | Vector) -> float:
+    """Return the scalar product of two vectors."""
     product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return product

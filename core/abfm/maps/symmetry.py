@@ -1,4 +1,4 @@
-"""Extrinsic symmetry: the mirror plane or rotation that carries a surface to itself."""
+"""Extrinsic symmetry: a reflection or rotation that maps a surface to itself."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
@@ -17,42 +17,40 @@ SymmetryKind = Literal["mirror", "rotation"]
 KINDS: tuple[SymmetryKind, ...] = get_args(SymmetryKind)
 TOLERANCE = 0.02
 
-_ROUNDING = 1e-6  # of sqrt(area): what is nearer is the same place
-_NO_MOTION = 1e-3  # of sqrt(area), root mean square: the plane of a flat surface is no mirror
-_PARTNERS = 60  # vertices that one vertex may be carried to
-_PARTNER_DISTANCE_MIN = 0.1  # of sqrt(area): partners that do not look alike
-# vertices that candidates are screened, and refined, on
-_SCREENED_COUNT = 64
-_REFINED_COUNT = 400
-_AXIS_TOLERANCE = 1e-4  # 1 - cosine of axes: 0.8 degrees
-_CANDIDATES = 12  # candidates that are refined
-_REFINEMENTS = 8
+_ROUNDING = 1e-6  # sqrt(area); closer points are equal
+_MOTION_MIN = 1e-3  # sqrt(area), root mean square; excludes reflection in a flat surface's plane
+_PARTNERS_MAX = 60  # vertices that may be the image of one vertex
+_PARTNER_DISTANCE_MIN = 0.1  # sqrt(area), between partners chosen by distance only
+_SCREENING_VERTICES = 64
+_REFINING_VERTICES = 400
+_AXIS_TOLERANCE = 1e-4  # 1 - cosine of the angle between equal axes: 0.8 degrees
+_CANDIDATES_MAX = 12  # candidates that are refined
+_REFINEMENTS = 8  # iterations
 
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """An isometry that carries a surface to itself: ``x -> centre + linear (x - centre)``."""
+    """An isometry that maps a surface to itself: ``x -> centre + linear (x - centre)``."""
 
     kind: SymmetryKind
-    # after how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``
-    order: int
+    order: int  # 2 for a mirror, n for a rotation by ``2 pi / n``
     # (3,), unit normal of the mirror, or axis of the rotation; its largest component is positive
     axis: FloatArray
     centre: FloatArray  # (3,), a point of the mirror's plane or of the axis, in the mesh's units
     linear: FloatArray  # (3, 3), orthogonal, with determinant -1 for a mirror and 1 for a rotation
-    # (V,), where each vertex is carried; to the nearest on the face where it lands, if to none
+    # (V,), image of each vertex: the nearest vertex of the face closest to it
     vertex_map: IntArray
-    # whether the map takes every vertex once, as where the mesh itself has the symmetry
+    # whether the map is a permutation, which it is if the mesh itself has the symmetry
     is_permutation: bool
-    # how far from the surface the worst vertex is carried, as a fraction of sqrt(area)
-    error: float
+    error: float  # largest distance of a vertex's image from the surface, in sqrt(area)
 
     def apply(self, points: FloatArray) -> FloatArray:
+        """Return the images of points (P, 3)."""
         return _apply(self.linear, self.centre, points)
 
 
 class SymmetryError(AbfmError):
-    """No symmetry of this kind; `error` is that of the best candidate."""
+    """The surface has no symmetry of this kind; `error` is the error of the best candidate."""
 
     def __init__(self, message: str, error: float) -> None:
         super().__init__(message)
@@ -62,14 +60,22 @@ class SymmetryError(AbfmError):
 def detect_symmetry(
     mesh: TriangleMesh, kind: SymmetryKind, order: int = 2, tolerance: float = TOLERANCE
 ) -> Symmetry:
-    """Find the mirror plane, or the axis of a rotation by ``2 pi / order``, of a surface, made once
-    per mesh; a SymmetryError says how far the best one is off if that is more than a tolerance.
+    """Find the mirror plane of a surface, or the axis of a rotation by ``2 pi / order``.
 
-    Candidates are the principal axes of the surface and, as these say nothing where two moments are
-    equal, the mirrors and rotations that carry one of three vertices to another one as far from the
-    centroid. The best are refined by turns of closest points and best axes (not for orders above
-    2), then tried on all vertices. Permutations of the vertices go before others, then smaller
-    errors before larger ones, then the one that moves the surface most is chosen.
+    The result is cached with the mesh.
+
+    Candidates are the principal axes of the surface. They are arbitrary if two moments are equal.
+    Additional candidates therefore are the symmetries that map one of three vertices to another
+    vertex with the same distance from the centroid. The best candidates are refined by iterating
+    closest points and best axes (not for orders above 2), and then tested on all vertices.
+    Permutations of the vertices are preferred, then smaller errors, then larger motions.
+
+    Raises
+    ------
+    SymmetryError
+        If the error of the best candidate exceeds ``tolerance``, in sqrt(area).
+    ParameterError
+        If the kind or order is invalid.
     """
     if kind not in KINDS:
         raise ParameterError(f"kind is {kind!r}; expected {' or '.join(map(repr, KINDS))}")
@@ -82,16 +88,16 @@ def detect_symmetry(
         axis = f"axis of rotation by {360 / order:g} degrees"
         what = "mirror plane" if kind == "mirror" else axis
         raise SymmetryError(
-            f"the surface has no {what}: the best one found carries a vertex {found.error:.3g} "
-            f"sqrt(area) away from the surface, and {tolerance:g} is allowed; a symmetry may also "
-            "be given as a file of vertex numbers",
+            f"the surface has no {what}: the best one found moves a vertex {found.error:.3g} "
+            f"sqrt(area) away from the surface; expected at most {tolerance:g}. Use a file of "
+            "vertex numbers if you know the symmetry.",
             found.error,
         )
     return found
 
 
 class _Isometries(NamedTuple):
-    """The mirrors, or rotations by one angle, that may carry a surface of unit area to itself."""
+    """The reflections, or rotations by one angle, that may map a surface of unit area to itself."""
 
     surface: TriangleMesh
     closest: ClosestPoints
@@ -99,7 +105,7 @@ class _Isometries(NamedTuple):
     order: int
 
     def linear(self, axes: FloatArray) -> FloatArray:
-        """Return mirrors or rotations (..., 3, 3) by their unit axes (..., 3)."""
+        """Return the matrices (..., 3, 3) of reflections or rotations by their unit axes."""
         along = axes[..., :, None] * axes[..., None, :]
         if self.kind == "mirror":
             return np.eye(3) - 2 * along
@@ -111,17 +117,17 @@ class _Isometries(NamedTuple):
 
 @per_mesh
 def _best(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
-    """Find the symmetry to choose, whatever its error."""
-    with step("looking for symmetries", len(mesh.vertices)):
-        return _chosen(mesh, kind, order)
+    """Return the best symmetry, whatever its error."""
+    with step("searching for symmetries", len(mesh.vertices)):
+        return _search(mesh, kind, order)
 
 
-def _chosen(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
+def _search(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     unit = mesh.normalized()
     group = _Isometries(unit, ClosestPoints(unit), kind, order)
     centroid, axes = principal_axes(unit)
     x = unit.vertices - centroid
-    # three vertices in independent directions, not all left in place by a symmetry
+    # three vertices in independent directions, which no symmetry fixes all
     first = int(np.linalg.norm(x, axis=1).argmax())
     second = int(np.linalg.norm(np.cross(x, x[first]), axis=1).argmax())
     third = int(np.abs(x @ np.cross(x[first], x[second])).argmax())
@@ -130,7 +136,7 @@ def _chosen(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     by_distance = unit.vertices[np.argsort(np.linalg.norm(x, axis=1), kind="stable")]
     few, many = (
         by_distance[np.linspace(0, len(x) - 1, n).astype(int)]
-        for n in (_SCREENED_COUNT, _REFINED_COUNT)
+        for n in (_SCREENING_VERTICES, _REFINING_VERTICES)
     )
     axes = _screened(group, centroid, axes, few)
     axes, centres, errors = _refined(group, axes, np.tile(centroid, (len(axes), 1)), many)
@@ -140,12 +146,12 @@ def _chosen(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     vertices, scale = mesh.vertices, mesh.length_scale
 
     def gap(s: Symmetry) -> float:
-        """How far the worst vertex is carried from that of the map, in sqrt(area)."""
+        """Return the largest distance between an image and its vertex of the map, in sqrt(area)."""
         offsets = s.apply(vertices) - vertices[s.vertex_map]
         return float(np.linalg.norm(offsets, axis=1).max()) / scale if exact else s.error
 
     def motion(s: Symmetry) -> float:
-        """How far the symmetry moves vertices, squared, on average."""
+        """Return the mean squared displacement of vertices."""
         return float(((s.apply(vertices) - vertices) ** 2).sum(axis=1).mean())
 
     gaps = [gap(s) for s in exact or tried]
@@ -160,7 +166,7 @@ def _apply(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatA
 
 
 def principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
-    """Return the centroid (3,), and unit eigenvectors of the exact second moments in rows."""
+    """Return the centroid (3,) and the unit eigenvectors of the exact second moments, in rows."""
     corners, areas = mesh.vertices[mesh.faces], face_areas(mesh)
     centroid = np.average(corners.mean(axis=1), axis=0, weights=areas)
     offsets = corners - centroid
@@ -171,20 +177,24 @@ def principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
 
 
 def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
-    """Return axes (K, 3) of symmetries that carry vertex p to one as far out, alike or apart."""
+    """Return the axes (K, 3) of symmetries that map vertex p to a partner.
+
+    Partners have a similar distance from the centroid. One half of them is well spread, the other
+    half has a similar vertex area.
+    """
     distance = np.linalg.norm(x, axis=1)
-    unlike = np.abs(distance - distance[p])
+    difference = np.abs(distance - distance[p])
     spread: list[int] = []
-    for q in np.argsort(unlike, kind="stable")[: 20 * _PARTNERS]:
+    for q in np.argsort(difference, kind="stable")[: 20 * _PARTNERS_MAX]:
         if all(np.linalg.norm(x[q] - x[r]) > _PARTNER_DISTANCE_MIN for r in spread):
             spread.append(int(q))
     size = np.sqrt(vertex_areas(group.surface))
-    same = np.argsort(unlike + np.abs(size - size[p]), kind="stable")[:_PARTNERS]
-    to = x[np.concatenate([spread[:_PARTNERS], same])]
+    same = np.argsort(difference + np.abs(size - size[p]), kind="stable")[:_PARTNERS_MAX]
+    to = x[np.concatenate([spread[:_PARTNERS_MAX], same])]
     if group.kind == "mirror":
         return _unit_rows(x[p] - to)
-    # An axis a keeps a.p = a.q, so it lies in the plane of p + q and p x q; |p - q| says how far p
-    # is from it.
+    # An axis a satisfies a.p = a.q, so it lies in the plane of p + q and p x q. The distance of p
+    # from the axis follows from |p - q|.
     half = np.linalg.norm(x[p] - to, axis=1) / 2
     middle, normal = (x[p] + to) / 2, np.cross(x[p], to)
     height = np.linalg.norm(middle, axis=1)
@@ -198,7 +208,7 @@ def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
 
 
 def _unit_rows(vectors: FloatArray) -> FloatArray:
-    """Return those that are not zero, scaled to length 1."""
+    """Scale rows to length 1 and remove rows that are zero."""
     lengths = np.linalg.norm(vectors, axis=1)
     return np.asarray(vectors[lengths > _ROUNDING] / lengths[lengths > _ROUNDING, None])
 
@@ -206,57 +216,63 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 def _screened(
     group: _Isometries, centre: FloatArray, axes: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """Select axes that carry points nearest to the surface, but move them, most before less."""
-    carried = _apply(group.linear(axes), centre, points)
-    motion = ((carried - points) ** 2).sum(axis=2).mean(axis=1)
-    most = np.argsort(-np.round(motion, 6), kind="stable")
-    moving = most[motion[most] > _NO_MOTION**2]
-    axes, carried = axes[moving], carried[moving]
-    places = carried.reshape(-1, 3)
-    distances = group.closest.to(places).distances_from(places).reshape(len(axes), -1)
+    """Return the axes whose symmetries move points but keep them closest to the surface.
+
+    Among equally good axes those with larger motions come first.
+    """
+    moved = _apply(group.linear(axes), centre, points)
+    motion = ((moved - points) ** 2).sum(axis=2).mean(axis=1)
+    by_motion = np.argsort(-np.round(motion, 6), kind="stable")
+    moving = by_motion[motion[by_motion] > _MOTION_MIN**2]
+    axes, moved = axes[moving], moved[moving]
+    positions = moved.reshape(-1, 3)
+    distances = group.closest.to(positions).distances_from(positions).reshape(len(axes), -1)
     return axes[
-        _distinct(axes, np.maximum((distances**2).mean(axis=1), _ROUNDING**2))[:_CANDIDATES]
+        _distinct(axes, np.maximum((distances**2).mean(axis=1), _ROUNDING**2))[:_CANDIDATES_MAX]
     ]
 
 
 def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
-    """Return axes by ascending error, without those that are like an earlier one."""
-    kept: list[int] = []
+    """Return the numbers of axes by ascending error, without near duplicates of better ones."""
+    distinct: list[int] = []
     for i in np.argsort(errors, kind="stable"):
-        if (np.abs(axes[kept] @ axes[i]) < 1 - _AXIS_TOLERANCE).all():
-            kept.append(int(i))
-    return kept
+        if (np.abs(axes[distinct] @ axes[i]) < 1 - _AXIS_TOLERANCE).all():
+            distinct.append(int(i))
+    return distinct
 
 
 def _refined(
     group: _Isometries, axes: FloatArray, centres: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Move axes (K, 3) and points on them so that gaps to the surface shrink; returns all three."""
-    for left in reversed(range(_REFINEMENTS if group.order == 2 else 1)):
-        carried = _apply(group.linear(axes), centres[:, None], points)
-        places = carried.reshape(-1, 3)
-        landed = group.closest.to(places)
-        gaps = landed.distances_from(places).reshape(len(axes), -1).max(axis=1)
-        if not left or gaps.max() < _ROUNDING:
+    """Refine axes (K, 3) and points on them (K, 3); return both and the distances (K,).
+
+    The distances are the largest ones of the images from the surface.
+    """
+    for remaining in reversed(range(_REFINEMENTS if group.order == 2 else 1)):
+        moved = _apply(group.linear(axes), centres[:, None], points)
+        positions = moved.reshape(-1, 3)
+        closest = group.closest.to(positions)
+        gaps = closest.distances_from(positions).reshape(len(axes), -1).max(axis=1)
+        if not remaining or gaps.max() < _ROUNDING:
             break
-        pairs = landed.positions.reshape(carried.shape)
+        pairs = closest.positions.reshape(moved.shape)
         centres = (points + pairs).mean(axis=1) / 2
         products = np.swapaxes(points - centres[:, None], 1, 2) @ (pairs - centres[:, None])
         vectors = np.linalg.eigh(products + np.swapaxes(products, 1, 2))[1]
-        rough = gaps[:, None] > _ROUNDING  # what is exact stays as it is
-        axes = np.where(rough, vectors[:, :, 0 if group.kind == "mirror" else 2], axes)
+        is_inexact = gaps[:, None] > _ROUNDING  # exact axes are not changed
+        axes = np.where(is_inexact, vectors[:, :, 0 if group.kind == "mirror" else 2], axes)
     return axes, centres, gaps
 
 
 def _verified(
     group: _Isometries, length_scale: float, axis: FloatArray, centre: FloatArray
 ) -> Symmetry:
-    """Try the symmetry by its axis and a point on it, both for unit area, on all vertices."""
+    """Test a symmetry on all vertices, by its axis and a point on it in units of unit area."""
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     linear = group.linear(axis)
-    places = _apply(linear, centre, group.surface.vertices)
-    landed = group.closest.to(places)
-    vertex_map, error = landed.nearest_vertices(), float(landed.distances_from(places).max())
+    positions = _apply(linear, centre, group.surface.vertices)
+    closest = group.closest.to(positions)
+    vertex_map, error = closest.nearest_vertices(), float(closest.distances_from(positions).max())
     is_permutation = bool(np.bincount(vertex_map).max() == 1)
-    placed = axis, centre * length_scale, linear
-    return Symmetry(group.kind, group.order, *placed, vertex_map, is_permutation, error)
+    motion = axis, centre * length_scale, linear
+    return Symmetry(group.kind, group.order, *motion, vertex_map, is_permutation, error)

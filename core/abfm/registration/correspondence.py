@@ -18,7 +18,7 @@ from abfm.io import results
 from abfm.maps.distortion import Distortion, flipped_triangles
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import MapAccuracy, RoundTrip, map_accuracy, round_trip
-from abfm.maps.spherical import SphereLayout, through_sphere
+from abfm.maps.spherical import SphereLayout, map_through_sphere
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import File, FloatArray, IntArray
@@ -333,7 +333,7 @@ class _ThroughSphere(Correspondence):
     """A correspondence by layouts of both surfaces on one sphere, which files store."""
 
     def __init__(self, a: SphereLayout, b: SphereLayout) -> None:
-        super().__init__(through_sphere(b, a), through_sphere(a, b))
+        super().__init__(map_through_sphere(b, a), map_through_sphere(a, b))
         self._layouts = a, b
 
     def _point_arrays(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from abfm.assets import asset_path
 from abfm.errors import MeshError
 from abfm.maps import PointMap, continuous_map, functional_map, point_map, zoom_out
-from abfm.maps.spherical import SphereLayout, through_sphere
+from abfm.maps.spherical import SphereLayout, map_through_sphere
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.shapes import torus, two_armed
 from abfm.registration import Correspondence
@@ -53,7 +53,7 @@ def mended(bent):
 
 def test_a_torn_map_becomes_a_homeomorphism_nearer_to_the_truth(mended):
     start, on_a, on_b = mended
-    found = through_sphere(on_b, on_a)
+    found = map_through_sphere(on_b, on_a)
     assert start.distortion().flipped.mean() > 0.2
     assert len(on_a.folded) == len(on_b.folded) == 0
     assert found.distortion().flipped.mean() == 0
@@ -62,7 +62,7 @@ def test_a_torn_map_becomes_a_homeomorphism_nearer_to_the_truth(mended):
 
 def test_there_and_back_is_the_identity(mended):
     _, on_a, on_b = mended
-    there, back = through_sphere(on_b, on_a), through_sphere(on_a, on_b)
+    there, back = map_through_sphere(on_b, on_a), map_through_sphere(on_a, on_b)
     assert_allclose(back.at(there.points).positions, on_b.mesh.vertices, atol=1e-9)
 
 
@@ -80,7 +80,7 @@ def test_units_do_not_matter(mended):
 def test_a_continuous_map_stays_nearly_as_it_is(bent):
     a, b = bent
     on_a, on_b = layouts(PointMap.of_vertices(b, a))
-    found = through_sphere(on_b, on_a)
+    found = map_through_sphere(on_b, on_a)
     assert errors(found).mean() < 0.01
     assert found.distortion().log2_area.mean < 0.3
 
@@ -90,7 +90,7 @@ def test_a_map_of_eigenfunctions_between_two_poses_becomes_continuous():
     C = zoom_out(a, b, functional_map(PointMap.of_vertices(b, a), 20), 32, step=4)
     start = point_map(a, b, C)
     on_a, on_b = layouts(start)
-    found = through_sphere(on_b, on_a)
+    found = map_through_sphere(on_b, on_a)
     assert start.distortion().flipped.mean() > 0.03
     assert len(on_b.folded) == 0
     assert found.distortion().flipped.mean() < 0.005
@@ -103,7 +103,7 @@ def test_a_map_that_tells_no_front_from_back_becomes_continuous(bent):
     flat = KDTree(a.vertices[:, :2]).query(b.vertices[:, :2] + 1e-9)[1]
     on_a, on_b = layouts(PointMap.of_vertices(b, a, flat))
     assert len(on_a.folded) == len(on_b.folded) == 0
-    assert through_sphere(on_b, on_a).distortion().flipped.mean() == 0
+    assert map_through_sphere(on_b, on_a).distortion().flipped.mean() == 0
 
 
 def test_holes_are_kept():
@@ -125,7 +125,7 @@ def test_maps_onto_the_mirror_image(bent):
     mirrored = TriangleMesh(a.vertices * [1, 1, -1], a.faces[:, ::-1])
     same = PointMap.of_vertices(mirrored, a)
     spheres = continuous_map(same.onto_mirror())
-    found = through_sphere(SphereLayout(mirrored, spheres[1]), SphereLayout(a, spheres[0]))
+    found = map_through_sphere(SphereLayout(mirrored, spheres[1]), SphereLayout(a, spheres[0]))
     gaps = np.linalg.norm(found.positions - a.vertices, axis=1)
     assert gaps.mean() < 0.01 * a.length_scale
     assert Correspondence(found).is_mirrored

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from abfm.errors import AbfmError
-from abfm.maps.spherical import SphereLayout, is_sphere, sphere_directions, through_sphere
+from abfm.maps.spherical import SphereLayout, is_sphere, map_through_sphere, sphere_directions
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh.shapes import even_sphere
 from tests.messages import raises
@@ -36,7 +36,7 @@ def test_a_point_is_found_where_its_direction_leads_and_the_other_way_round(mirr
 
 def test_two_layouts_make_a_map_with_an_exact_way_back():
     one, other = SphereLayout(BALL, BALL.vertices), SphereLayout(OTHER, OTHER.vertices)
-    there, back = through_sphere(one, other), through_sphere(other, one)
+    there, back = map_through_sphere(one, other), map_through_sphere(other, one)
     points = somewhere(BALL)
     assert_allclose(back.at(there.at(points)).positions, points.positions, atol=1e-12)
     assert there.distortion().folded == 0

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from abfm.maps import sphere_embedding
 from abfm.maps.image_relaxation import Codomain, Image, relax, relocate
-from abfm.maps.sphere_embedding import Embedding, surface_of, sweep
+from abfm.maps.sphere_embedding import Embedding, build_surface, sweep
 from abfm.maps.spherical import Faces
 from abfm.maps.star_moves import add_product, allocate_workspace, shape, step_to_minimum, volume
 from abfm.mesh.shapes import geodesic_sphere, two_armed
@@ -81,7 +81,7 @@ def test_sweeps_on_the_sphere_go_down():
     sphere = mesh.vertices + noise
     sphere /= np.linalg.norm(sphere, axis=1)[:, None]
     count = len(sphere)
-    state = Embedding(mesh.vertices.copy(), surface_of(mesh.faces.copy(), count), sphere)
+    state = Embedding(mesh.vertices.copy(), build_surface(mesh.faces.copy(), count), sphere)
     energies = [stretches(mesh.vertices, sphere, mesh.faces)]
     for _ in range(4):
         sweep(state, np.arange(count), allocate_workspace(count))
@@ -96,7 +96,7 @@ def test_an_image_relaxes_to_an_isometry():
     own, count = sphere_embedding(mesh), len(mesh.vertices)
     turn = np.array([[np.cos(0.05), -np.sin(0.05), 0], [np.sin(0.05), np.cos(0.05), 0], [0, 0, 1]])
     points, corners = mesh.vertices.copy(), mesh.faces.copy()  # kernels are compiled for such
-    sphere, surface = own @ turn, surface_of(corners, count)
+    sphere, surface = own @ turn, build_surface(corners, count)
     layout = Faces(corners, surface.twins.reshape(-1, 3), own.copy(), 1.0)
     faces, places = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
     weights = np.full(count, 1e2 / count)
