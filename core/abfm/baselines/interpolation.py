@@ -65,7 +65,7 @@ class HeatKernel:
         if not (in_range and is_integer(steps, 1, _STEPS_MAX)):
             raise ParameterError(
                 f"blur is {brief(width)} and steps is {brief(steps)}; expected a blur above 0, up "
-                f"to {_WIDTH_MAX:g}, and an integer of steps from 1 to {_STEPS_MAX}"
+                f"to {_WIDTH_MAX:g}, and 1 to {_STEPS_MAX} steps"
             )
         unit = mesh.normalized()
         self.areas = vertex_areas(unit)  # (V,), on the mesh scaled to unit area
