@@ -1,4 +1,4 @@
-"""What the tests of the calculus share."""
+"""Fixtures of the tests of calculus."""
 
 import pytest
 
@@ -7,5 +7,5 @@ from tests.core.surfaces import SURFACES
 
 @pytest.fixture(params=SURFACES)
 def mesh(request):
-    """Every kind of surface."""
+    """Each kind of surface."""
     return SURFACES[request.param]

@@ -1,4 +1,4 @@
-"""Lie brackets and transport by their exponential: Eq. 11 as printed, exact brackets, rotations."""
+"""Lie brackets and pushforward: Eq. 11 as printed, exact brackets, and rotations."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ from tests.messages import raises
 from tests.shapes import icosphere, square
 
 TORI = exact.refined(4)
-# kinks along coarser edges: the bracket has order 1/2 in L2, 2 when tested against smooth fields
+# Kinks along coarser edges: the bracket has order 1/2 in L2, and 2 against smooth test fields.
 SPHERES = [icosphere(level) for level in (2, 3, 4)]
 
 
@@ -34,12 +34,12 @@ def close(actual, expected, scale=1.0):
 
 
 def largest_bracket(mesh):
-    """Bound on the bracket of two wavy fields, of maximum norm ``length_scale``."""
+    """Return a bound of the bracket of two wavy fields of maximum norm ``length_scale``."""
     return abs(op.gradient(mesh)).max() * mesh.length_scale**2
 
 
 def printed_bracket(mesh, v):
-    """Eq. 11 as printed: (3F, 3F), on fields in space, components one after the other."""
+    """Return Eq. 11 as printed: (3F, 3F), on fields in space, component by component."""
     corners = mesh.vertices[mesh.faces]
     opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     hats = np.cross(op.face_normals(mesh)[:, None], opposite)
@@ -52,7 +52,7 @@ def printed_bracket(mesh, v):
     return sparse.block_diag([derivative] * 3) - sparse.block_array(dual)
 
 
-def test_bracket_is_the_printed_operator_on_tangent_planes(mesh):
+def test_bracket_equals_the_printed_operator(mesh):
     v, u = wavy_field(mesh, 1), wavy_field(mesh, 2)
     found, scale = lie_bracket_of(mesh, v, u), largest_bracket(mesh)
     printed = (printed_bracket(mesh, v) @ u.T.ravel()).reshape(3, -1).T
@@ -62,12 +62,12 @@ def test_bracket_is_the_printed_operator_on_tangent_planes(mesh):
 
 
 def first(mesh):
-    """``sin v d/du + d/dv``."""
+    """Return the field ``sin v d/du + d/dv``."""
     return exact.face_field(mesh, lambda u, v: np.sin(v), lambda u, v: 1.0)
 
 
 def second(mesh):
-    """``cos u d/dv``."""
+    """Return the field ``cos u d/dv``."""
     return exact.face_field(mesh, lambda u, v: 0 * u, lambda u, v: np.cos(u))
 
 
@@ -122,14 +122,16 @@ def test_rotations_of_the_sphere():
         found = lie_bracket_of(mesh, r_x, r_y)
         assert relative_error(mesh, found, r_z) > 1.9
         errors.append(relative_error(mesh, found, -r_z))
-        weak.append(abs(op.face_areas(mesh) @ ((found + r_z) * turned(mesh, 0.0)).sum(axis=1)))
+        weak.append(
+            abs(op.face_areas(mesh) @ ((found + r_z) * rotated_field(mesh, 0.0)).sum(axis=1))
+        )
     assert errors[-1] < 0.05
     assert last_order(errors) == pytest.approx(0.5, abs=0.05)
     assert last_order(weak) == pytest.approx(2, abs=0.1)
 
 
-def turned(mesh, angle):
-    """A field without symmetry on the sphere, turned by an angle about the x axis."""
+def rotated_field(mesh, angle):
+    """Return a field without symmetry on the sphere, rotated by an angle about the x axis."""
     turn = Rotation.from_rotvec([angle, 0, 0]).as_matrix()
     points = mesh.vertices[mesh.faces].mean(axis=1) @ turn
     x, y, z = points.T
@@ -138,21 +140,23 @@ def turned(mesh, angle):
 
 
 @pytest.mark.parametrize("t", [0.25, -0.25, 1.0])
-def test_pushforward_turns_a_field_along_with_the_sphere(t):
-    """Only with the minus sign: ``exp(t ad_v)``, the pushforward for ``-t``, turns it back."""
+def test_pushforward_rotates_fields_with_the_sphere(t):
+    """The minus sign matters: ``exp(t ad_v)``, the pushforward for ``-t``, rotates them back."""
     errors = []
     for mesh in SPHERES:
-        spin, field = rotation_field(mesh, [1, 0, 0]), turned(mesh, 0.0)
-        errors.append(relative_error(mesh, pushforward(mesh, spin, field, t), turned(mesh, t)))
+        spin, field = rotation_field(mesh, [1, 0, 0]), rotated_field(mesh, 0.0)
+        errors.append(
+            relative_error(mesh, pushforward(mesh, spin, field, t), rotated_field(mesh, t))
+        )
         printed = pushforward(mesh, spin, field, -t)
-        assert relative_error(mesh, printed, turned(mesh, -t)) < 2 * errors[-1]
-        assert relative_error(mesh, printed, turned(mesh, t)) > 1.5 * abs(t)
+        assert relative_error(mesh, printed, rotated_field(mesh, -t)) < 2 * errors[-1]
+        assert relative_error(mesh, printed, rotated_field(mesh, t)) > 1.5 * abs(t)
     assert errors[-1] < 0.05 * abs(t)
     assert last_order(errors) > 0.5
 
 
 def test_pushforward_has_order_one():
-    """Turning a torus about its axis by half a radian."""
+    """A torus is rotated about its axis by half a radian."""
     errors = []
     for mesh in TORI[:3]:
         spin = exact.face_field(mesh, lambda u, v: 1.0, lambda u, v: 0 * u)
@@ -164,11 +168,12 @@ def test_pushforward_has_order_one():
     assert last_order(errors) == pytest.approx(1, abs=0.05)
 
 
-def test_pullback_undoes_the_pushforward_and_a_field_is_carried_to_itself_by_its_own_flow(mesh):
+def test_pullback_undoes_the_pushforward(mesh):
+    """The flow of a field maps the field to itself."""
     v, u = wavy_field(mesh, 1), wavy_field(mesh, 2)
-    carried = pushforward(mesh, v, u, 0.3)
-    close(pushforward(mesh, v, carried, -0.3), u, abs(carried).max())
-    close(pushforward(mesh, v, pushforward(mesh, v, u, 0.1), 0.2), carried, abs(carried).max())
+    pushed = pushforward(mesh, v, u, 0.3)
+    close(pushforward(mesh, v, pushed, -0.3), u, abs(pushed).max())
+    close(pushforward(mesh, v, pushforward(mesh, v, u, 0.1), 0.2), pushed, abs(pushed).max())
     close(pushforward(mesh, v, u, 0.0), u, abs(u).max())
     close(pushforward(mesh, v, v, 0.2), v, abs(v).max())
 
@@ -190,7 +195,7 @@ def test_pushforward_starts_with_the_bracket():
         (lambda m, v: pushforward(m, v, wavy_field(m, 2), 1e9), AdvectionError, ()),
     ],
 )
-def test_bad_input_is_refused_in_words(call, error, named):
+def test_invalid_input_is_refused(call, error, named):
     mesh = SURFACES["tetrahedron"]
     with raises(error, *named):
         call(mesh, wavy_field(mesh, 1))
@@ -202,13 +207,13 @@ X = np.random.default_rng(1).normal(size=40)
 
 
 @pytest.mark.parametrize("t", [0.0, 1e-9, 0.3, -0.3, 4.0])
-def test_exponential_equals_the_dense_one_of_scipy(t):
+def test_exponential_equals_dense_exponential_of_scipy(t):
     expected = expm(t * RANDOM.toarray()) @ X
     near(exponential_action(RANDOM, X, t), expected, 1e-12 * abs(expected).max())
 
 
-def test_exponentials_of_many_steps_and_of_nilpotent_and_zero_matrices():
-    """A rotation by 100 rad takes 25 steps."""
+def test_exponentials_of_special_matrices():
+    """A rotation by 100 rad takes 25 steps; nilpotent and zero matrices are exact."""
     turn = Matrix(np.array([[0.0, -1.0], [1.0, 0.0]]))
     found = exponential_action(turn, np.array([1.0, 0.0]), 100.0)
     near(found, [np.cos(100), np.sin(100)], 1e-13)
@@ -226,16 +231,16 @@ def test_exponential_scales_with_tiny_and_huge_vectors():
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-10)
 
 
-def test_exponential_ends_and_shows_what_is_not_finite():
-    spoilt = [(RANDOM, np.where(np.arange(40) == 3, bad, 1.0), 3.0) for bad in (np.nan, np.inf)]
+def test_exponential_of_invalid_values_is_not_finite():
+    invalid = [(RANDOM, np.where(np.arange(40) == 3, bad, 1.0), 3.0) for bad in (np.nan, np.inf)]
     with np.errstate(invalid="ignore", over="ignore"):
-        for words in (*spoilt, (Matrix(np.eye(2)), np.ones(2), 1e4)):
-            assert not np.isfinite(exponential_action(*words)).all()
+        for given in (*invalid, (Matrix(np.eye(2)), np.ones(2), 1e4)):
+            assert not np.isfinite(exponential_action(*given)).all()
 
 
 @pytest.mark.parametrize(
     ("scale", "t"), [(1.0, np.nan), (1.0, np.inf), (np.nan, 1.0), (np.inf, 1.0), (1e30, 1.0)]
 )
-def test_exponential_over_too_long_a_time_is_refused(scale, t):
+def test_exponential_over_too_long_times_is_refused(scale, t):
     with raises(AdvectionError):
         exponential_action(Matrix(np.array([[scale, 1.0], [1.0, 0.0]])), np.ones(2), t)

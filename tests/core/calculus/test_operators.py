@@ -1,4 +1,4 @@
-"""Operators against identities, libigl, SciPy, and exact derivatives and spectra in the limit."""
+"""Operators, compared with identities, libigl, SciPy, and exact derivatives and spectra."""
 
 import igl
 import numpy as np
@@ -34,14 +34,15 @@ def close(actual, expected, scale=None):
 
 
 def relative_size(matrix, *factors):
-    """Largest entry of a product over what rounding would leave of it if nothing cancelled."""
+    """Return the largest entry of a product relative to that without cancellation."""
     bound = abs(factors[0])
     for factor in factors[1:]:
         bound = bound @ abs(factor)
     return abs(matrix).max() / bound.max() if 0 not in matrix.shape else 0.0
 
 
-def test_frames_are_orthonormal_tangent_right_handed_and_turned_by_a_right_angle(mesh):
+def test_frames_are_right_handed_and_rotate_by_90_degrees(mesh):
+    """Frames are orthonormal and tangent."""
     frames, normals = op.face_frames(mesh), op.face_normals(mesh)
     close(np.einsum("fkx,flx->fkl", frames, frames), np.tile(np.eye(2), (len(frames), 1, 1)))
     close(np.cross(frames[:, 0], frames[:, 1]), normals)
@@ -75,7 +76,8 @@ def test_libigl_agrees(mesh):
     close(stiffness.toarray(), igl.crouzeix_raviart_cotmatrix(vertices, faces, *edges).toarray())
 
 
-def test_averaging_keeps_constants_and_is_the_adjoint_of_the_mean_over_corners(mesh):
+def test_averaging_preserves_constants(mesh):
+    """It is the adjoint of the mean over corners."""
     average, ones = op.averaging(mesh), np.ones(len(mesh.vertices))
     close(average @ np.ones(len(mesh.faces)), ones)
     h = np.random.default_rng(1).normal(size=len(mesh.faces))
@@ -86,7 +88,7 @@ def test_averaging_keeps_constants_and_is_the_adjoint_of_the_mean_over_corners(m
 
 
 def test_divergence_and_curl_are_adjoint_to_the_gradients(mesh):
-    """``<f, div v> = -<grad f, v>`` and ``<f, curl v> = -<J grad f, v>`` by the masses."""
+    """They satisfy ``<f, div v> = -<grad f, v>`` and ``<f, curl v> = -<J grad f, v>``."""
     v, f, mass = random_field(mesh), surfaces.random_function(mesh), op.field_mass(mesh)
     h = np.random.default_rng(1).normal(size=len(mesh.edges))
     slope, edge_slope = op.gradient(mesh) @ f, op.edge_gradient(mesh) @ h
@@ -100,8 +102,8 @@ def test_divergence_and_curl_are_adjoint_to_the_gradients(mesh):
         assert weighted @ (operator @ v) == pytest.approx(-gradient @ (mass @ v), abs=1e-12 * size)
 
 
-def test_gradients_have_no_curl_and_turned_gradients_no_divergence(mesh):
-    """Away from the boundary; at edges too, of functions that are zero on it."""
+def test_gradients_have_no_curl(mesh):
+    """Rotated gradients have no divergence, nor at edges if functions vanish on the boundary."""
     inner = ~mesh.is_boundary_vertex
     gradient, turned = op.gradient(mesh), op.rotation(mesh) @ op.gradient(mesh)
     for operator, field in ((op.curl(mesh), gradient), (op.divergence(mesh), turned)):
@@ -110,14 +112,14 @@ def test_gradients_have_no_curl_and_turned_gradients_no_divergence(mesh):
     assert relative_size((at_edges @ turned)[:, inner], at_edges, turned) < 1e-13
 
 
-def test_ranges_of_the_hodge_gradients_are_orthogonal(mesh):
+def test_ranges_of_hodge_gradients_are_orthogonal(mesh):
     a, b = op.hodge_gradients(mesh)
     mass = op.field_mass(mesh)
     assert relative_size(a.T @ mass @ b, a.T, mass, b) < 1e-13
 
 
 @pytest.mark.parametrize("name", surfaces.SURFACES)
-def test_harmonic_fields_count_the_loops(name):
+def test_dimension_of_harmonic_fields_is_number_of_loops(name):
     mesh = surfaces.SURFACES[name]
     laplacian = op.hodge_laplacian(mesh).toarray()
     close(laplacian, laplacian.T)
@@ -127,7 +129,7 @@ def test_harmonic_fields_count_the_loops(name):
 
 
 @pytest.mark.parametrize("mesh", [SPHERES[0], torus(9, 6), square(5), open_cylinder(8, 3)])
-def test_hodge_spectrum_is_that_of_two_scalar_problems(mesh):
+def test_hodge_spectrum_combines_two_scalar_spectra(mesh):
     scalar = [eigh(form.toarray(), np.diag(m), eigvals_only=True) for form, m in hodge_parts(mesh)]
     mass = op.field_mass(mesh).toarray()
     fields = eigh(op.hodge_laplacian(mesh).toarray(), mass, eigvals_only=True)
@@ -138,7 +140,7 @@ def test_hodge_spectrum_is_that_of_two_scalar_problems(mesh):
 
 
 def test_function_norm_is_the_integral(mesh):
-    """``int w f^2 + beta w |grad f|^2``, on faces by their least weight; 0 leaves a value out."""
+    """It is ``int w f^2 + beta w |grad f|^2``; a face has the smallest weight of its corners."""
     f, w = surfaces.random_function(mesh), np.random.default_rng(1).random(len(mesh.vertices))
     squared_slope = ((op.gradient(mesh) @ f).reshape(-1, 2) ** 2).sum(axis=1)
     for weight, at_vertices, at_faces in ((None, 1.0, 1.0), (w, w, w[mesh.faces].min(axis=1))):
@@ -151,7 +153,7 @@ def test_function_norm_is_the_integral(mesh):
 
 
 def test_vector_norm_is_the_integral(mesh):
-    """``int |v|^2 + alpha (div v)^2 + alpha (curl v)^2``, at edges and inner vertices."""
+    """It is ``int |v|^2 + alpha (div v)^2 + alpha (curl v)^2``, at edges and inner vertices."""
     v, inner = random_field(mesh), ~mesh.is_boundary_vertex
     expected = v @ (op.field_mass(mesh) @ v)
     expected += 0.3 * (op.edge_areas(mesh) * (surfaces.edge_divergence(mesh) @ v) ** 2).sum()
@@ -237,13 +239,13 @@ def test_gradient_has_order_one_on_faces():
     ],
     ids=["averaged gradient", "divergence", "curl", "derivative"],
 )
-def test_values_on_vertices_have_order_two(values, answer):
+def test_vertex_values_have_order_two(values, answer):
     errors = [abs(values(mesh) - answer(mesh.vertices)).max() for mesh in TORI]
     assert surfaces.last_order(errors) == pytest.approx(2, abs=0.05)
 
 
-def test_directional_derivative_on_the_sphere_has_order_one_and_a_half():
-    """Less than 2: icospheres have kinks along the edges of all their coarser levels."""
+def test_derivative_on_the_sphere_has_order_1_5():
+    """The order is below 2, as icospheres have kinks along the edges of coarser levels."""
 
     def bent(points):
         x, y, z = points.T
@@ -262,15 +264,15 @@ def test_directional_derivative_on_the_sphere_has_order_one_and_a_half():
 
 
 def lowest(stiffness, mass, count):
-    """Lowest eigenvalues, ascending, of a symmetric pencil; ``mass`` is a diagonal."""
-    # with room for multiplicities, of which a start by chance may else miss one
-    room = {"v0": np.random.default_rng(0).normal(size=len(mass)), "ncv": 4 * count}
+    """Return the lowest eigenvalues, ascending, of a symmetric pencil with a diagonal ``mass``."""
+    # a large Krylov space, as a random start vector may otherwise miss one of equal eigenvalues
+    options = {"v0": np.random.default_rng(0).normal(size=len(mass)), "ncv": 4 * count}
     pencil = sparse.csc_array(stiffness), count, sparse.csc_array(sparse.diags_array(mass))
-    return np.sort(eigsh(*pencil, sigma=-1.0, return_eigenvectors=False, **room))
+    return np.sort(eigsh(*pencil, sigma=-1.0, return_eigenvectors=False, **options))
 
 
 def hodge_parts(mesh):
-    """Stiffness and mass of both parts: of edge functions, curl-free, and of vertex functions."""
+    """Yield stiffness and mass of edge functions (curl-free) and of vertex functions."""
     (a, b), mass = op.hodge_gradients(mesh), op.field_mass(mesh)
     yield a.T @ mass @ a, op.edge_areas(mesh)
     yield b.T @ mass @ b, op.vertex_areas(mesh)[~mesh.is_boundary_vertex]
@@ -278,7 +280,7 @@ def hodge_parts(mesh):
 
 @pytest.mark.parametrize("part", [0, 1], ids=["curl-free", "divergence-free"])
 def test_hodge_eigenvalues_of_the_unit_sphere(part):
-    """2, 6, 12 with multiplicities 3, 5, 7 in both parts, of order 2."""
+    """They are 2, 6, 12 with multiplicities 3, 5, 7 in both parts, with order 2."""
     answer = np.repeat([2, 6, 12], [3, 5, 7])
     errors = []
     for mesh in SPHERES:
@@ -291,7 +293,7 @@ def test_hodge_eigenvalues_of_the_unit_sphere(part):
 
 
 def test_hodge_eigenvalues_of_the_unit_square():
-    """``v . n = 0``: pi^2 twice and 2 pi^2 of ``cos cos``, 2 pi^2 of turned ``sin sin``."""
+    """With ``v . n = 0``: pi^2 twice, 2 pi^2 of ``cos cos`` and of rotated ``sin sin``."""
     errors = []
     for n in (8, 16, 32):
         curl_free, divergence_free = (lowest(*part, 4) for part in hodge_parts(square(n)))
@@ -300,8 +302,8 @@ def test_hodge_eigenvalues_of_the_unit_square():
     assert surfaces.last_order(errors) == pytest.approx(2, abs=0.05)
 
 
-def test_fields_of_the_unit_square_leave_the_boundary_alone():
-    """The lowest field has the eigenvalue pi^2 and no flux through the sides."""
+def test_lowest_field_of_the_square_has_no_boundary_flux():
+    """Its eigenvalue is pi^2."""
     flux = []
     for n in (8, 16, 32):
         mesh = square(n)

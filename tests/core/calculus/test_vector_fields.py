@@ -1,4 +1,4 @@
-"""Fields as operators, their parts, and the smoothest fields that commute."""
+"""Fields as operators, Helmholtz-Hodge parts, and the smoothest commuting fields."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,8 @@ def close(actual, expected, scale=1.0):
     near(actual, expected, 1e-12 * scale)
 
 
-def test_frame_coefficients_are_the_tangent_vectors_of_several_fields_at_once(mesh):
+def test_frame_coefficients_of_several_fields_at_once(mesh):
+    """They represent the tangential parts of vectors in space."""
     fields = np.random.default_rng(0).normal(size=(3, len(mesh.faces), 3))
     coefficients = vf.to_frame(mesh, fields)
     for field, part in zip(fields, coefficients, strict=True):
@@ -36,8 +37,8 @@ def test_frame_coefficients_are_the_tangent_vectors_of_several_fields_at_once(me
     close(vf.to_frame(mesh, op.face_normals(mesh)), 0)
 
 
-def test_derivative_is_its_definition(mesh):
-    """At a vertex: the mean of ``<v, grad f>`` over the adjacent faces, weighted by their areas."""
+def test_derivative_equals_its_definition(mesh):
+    """It is the mean of ``<v, grad f>`` over the adjacent faces, weighted with areas."""
     v, f = random_frame_field(mesh), surfaces.random_function(mesh)
     slope = vf.to_ambient(mesh, (op.gradient(mesh) @ f).reshape(-1, 2))
     on_faces = (vf.to_ambient(mesh, v) * slope).sum(axis=1)
@@ -54,7 +55,7 @@ def test_derivative_is_its_definition(mesh):
 
 
 def test_symmetric_part_is_the_divergence(mesh):
-    """``(G_V D_v + its transpose) / 2``: ``A^T G_F v / 12``, diagonal ``grad^T G_F v / 3``."""
+    """The symmetric part of ``G_V D_v`` is ``A^T G_F v / 12``, diagonal ``grad^T G_F v / 3``."""
     v = random_frame_field(mesh)
     matrix = (op.vertex_areas(mesh)[:, None] * vf.directional_derivative(mesh, v)).toarray()
     symmetric = (matrix + matrix.T) / 2
@@ -66,7 +67,7 @@ def test_symmetric_part_is_the_divergence(mesh):
 
 
 @pytest.mark.parametrize("name", surfaces.SURFACES)
-def test_fields_without_divergence_keep_integral_and_norm(name):
+def test_divergence_free_fields_preserve_integral_and_norm(name):
     mesh = surfaces.SURFACES[name]
     turned = op.hodge_gradients(mesh)[1]
     potential = np.random.default_rng(0).normal(size=turned.shape[1])
@@ -81,8 +82,8 @@ def test_fields_without_divergence_keep_integral_and_norm(name):
     assert areas @ advected**2 == pytest.approx(areas @ f**2, rel=1e-12)
 
 
-def test_rotation_of_the_sphere_turns_linear_functions():
-    """``D_v z = (e_x cross p)_z = y`` for the rotation about x."""
+def test_rotation_of_the_sphere_rotates_linear_functions():
+    """It is ``D_v z = (e_x cross p)_z = y`` for the rotation about x."""
     errors = []
     for mesh in map(icosphere, (2, 3, 4)):
         derivative = vf.directional_derivative(
@@ -113,7 +114,7 @@ def test_product_rule_has_order_two():
         (np.full((4, 3), np.nan), ("v",)),
     ],
 )
-def test_bad_fields_are_refused_in_words(field, named):
+def test_invalid_fields_are_refused(field, named):
     for call in (vf.helmholtz_hodge, lambda mesh, v: vf.check_field(mesh, v, "v")):
         with raises(ParameterError, *named):
             call(surfaces.SURFACES["tetrahedron"], field)
@@ -123,8 +124,8 @@ def random_field(mesh, seed=0):
     return tangent(mesh, np.random.default_rng(seed).normal(size=(len(mesh.faces), 3)))
 
 
-def test_parts_are_projections_and_orthogonal_without_curl_and_divergence(mesh):
-    """They sum to the field, and stay themselves; a normal part is dropped."""
+def test_hodge_parts_are_orthogonal_projections(mesh):
+    """They sum to the field without its normal part."""
     v, mass = random_field(mesh), op.field_mass(mesh)
     parts = vf.helmholtz_hodge(mesh, v)
     near(sum(parts), v, 1e-14)
@@ -144,15 +145,15 @@ def test_parts_are_projections_and_orthogonal_without_curl_and_divergence(mesh):
 
 
 @pytest.mark.parametrize("name", surfaces.SURFACES)
-def test_harmonic_parts_span_as_many_dimensions_as_there_are_loops(name):
+def test_harmonic_parts_span_one_dimension_per_loop(name):
     mesh = surfaces.SURFACES[name]
     parts = [vf.helmholtz_hodge(mesh, random_field(mesh, seed))[2].ravel() for seed in range(6)]
     sizes = np.linalg.svd(np.array(parts), compute_uv=False)
     assert (sizes > 1e-9 * np.sqrt(len(mesh.faces))).sum() == surfaces.LOOPS.get(name, 0)
 
 
-def test_gradients_and_rotations_of_the_sphere():
-    """A linear function's gradient and a rotation, told apart with order 1: fields that jump."""
+def test_parts_of_gradient_and_rotation_on_the_sphere():
+    """They are separated with order 1, as piecewise constant fields jump."""
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
@@ -167,7 +168,7 @@ def test_gradients_and_rotations_of_the_sphere():
 
 
 def test_harmonic_fields_of_the_torus():
-    """``ring^-2 d/du`` and ``ring^-1 d/dv`` have neither divergence nor curl."""
+    """The fields ``ring^-2 d/du`` and ``ring^-1 d/dv`` have neither divergence nor curl."""
     errors = []
     for mesh in exact.refined(3):
         harmonic = exact.face_field(
@@ -192,7 +193,7 @@ def test_gradient_takes_the_flux_through_the_boundary():
 
 
 def test_pinched_surfaces_are_decomposed():
-    """Two ellipsoids that share a vertex: edge functions have a constant to spare on each."""
+    """Two ellipsoids share a vertex, so edge functions have a free constant on each."""
     one = surfaces.SURFACES["ellipsoid"]
     count, tip = len(one.vertices), int(np.argmax(one.vertices[:, 0]))
     vertices = np.concatenate([one.vertices, 2 * one.vertices[tip] - one.vertices])
@@ -206,18 +207,19 @@ def test_pinched_surfaces_are_decomposed():
 
 
 def up_to_scale(mesh, found, answer):
-    """Relative error of a field that is known up to a factor."""
+    """Return the relative error of a field that is known up to a factor."""
     found, answer = found / surfaces.norm(mesh, found), answer / surfaces.norm(mesh, answer)
     return min(surfaces.relative_error(mesh, sign * found, answer) for sign in (1, -1))
 
 
 def roughness(mesh, u):
-    """Hodge energy times area over the squared norm."""
+    """Return the Hodge energy times the area over the squared norm."""
     c, area = vf.to_frame(mesh, u).ravel(), op.face_areas(mesh).sum()
     return area * (c @ (op.hodge_laplacian(mesh) @ c)) / (c @ (op.field_mass(mesh) @ c))
 
 
-def test_rotation_of_a_torus_commutes_with_the_harmonic_field_around_the_tube():
+def test_torus_rotation_commutes_with_a_harmonic_field():
+    """The harmonic field runs around the tube."""
     errors, brackets = [], []
     for mesh in exact.refined(3, 16):
         v = rotation_field(mesh, [0, 0, 1])
@@ -230,8 +232,8 @@ def test_rotation_of_a_torus_commutes_with_the_harmonic_field_around_the_tube():
     assert surfaces.last_order(brackets) > 0.85
 
 
-def test_rotation_of_a_sphere_commutes_with_the_gradient_along_its_axis():
-    """Both are conformal; the others orthogonal to the rotation do not commute with it."""
+def test_sphere_rotation_commutes_with_an_axial_gradient():
+    """Both fields are conformal; other orthogonal fields do not commute with the rotation."""
     errors, brackets = [], []
     for level in (2, 3, 4):
         mesh = icosphere(level)
@@ -246,8 +248,8 @@ def test_rotation_of_a_sphere_commutes_with_the_gradient_along_its_axis():
     assert surfaces.last_order(brackets) > 0.4  # icospheres: see test_lie_bracket
 
 
-def test_smoother_fields_that_do_not_commute_are_passed_over():
-    """On a flat spheroid the smoothest fields turn about, or point along, horizontal axes."""
+def test_smoother_fields_that_do_not_commute_are_rejected():
+    """On a flat spheroid the smoothest fields rotate about, or point along, horizontal axes."""
     mesh = ellipsoid(3, 1.2, 1.2, 0.6)
     v = rotation_field(mesh, [0, 0, 1])
     (smoothest,), (u,) = vf.commuting_fields(mesh, v, weight=0), vf.commuting_fields(mesh, v)
@@ -257,8 +259,8 @@ def test_smoother_fields_that_do_not_commute_are_passed_over():
     assert abs(around) < 1e-9 * surfaces.norm(mesh, u) * surfaces.norm(mesh, v)
 
 
-def test_multiples_of_a_field_by_functions_of_its_stream_function_commute():
-    """``[v, h(f) v] = 0`` for the turned gradient ``v`` of ``f``: where nothing else commutes."""
+def test_multiples_by_stream_functions_commute():
+    """For the rotated gradient ``v`` of ``f``, ``[v, h(f) v] = 0``; other fields do not commute."""
     brackets = []
     for level in (2, 3):
         mesh = ellipsoid(level, 1.0, 0.7, 1.6)
@@ -273,8 +275,8 @@ def test_multiples_of_a_field_by_functions_of_its_stream_function_commute():
 
 
 @pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "square", "cylinder"])
-def test_agrees_with_a_dense_eigensolver(name):
-    """On an orthonormal basis of the complement of ``v``."""
+def test_commuting_fields_agree_with_a_dense_eigensolver(name):
+    """The dense problem uses an orthonormal basis of the complement of ``v``."""
     mesh = surfaces.SURFACES[name]
     v, mass = wavy_field(mesh, 1), op.field_mass(mesh).toarray()
     c, weight = vf.to_frame(mesh, v), 7.0 / surfaces.norm(mesh, v) ** 2 * op.face_areas(mesh).sum()
@@ -295,7 +297,8 @@ def test_agrees_with_a_dense_eigensolver(name):
         assert abs(lowest @ mass @ basis @ vectors[:, 0]) == pytest.approx(1, abs=1e-6)
 
 
-def test_turns_scales_and_is_renumbered_along_with_the_mesh_and_has_no_normal_part():
+def test_commuting_fields_follow_changes_of_the_mesh():
+    """They rotate, scale and are renumbered with the mesh, and ignore normal parts."""
     mesh = ellipsoid(2, 1.0, 0.7, 1.6)
     v = wavy_field(mesh, 1)
     (u,) = vf.commuting_fields(mesh, v)
@@ -314,7 +317,8 @@ def test_turns_scales_and_is_renumbered_along_with_the_mesh_and_has_no_normal_pa
     assert vf.relative_bracket(mesh, tilted, v + tilted) < 1e-12
 
 
-def test_a_larger_weight_gives_a_smaller_bracket_and_a_rougher_field():
+def test_larger_weights_give_smaller_brackets():
+    """The fields become rougher."""
     mesh = torus(24, 12)
     v = wavy_field(mesh, 2)
     found = [vf.commuting_fields(mesh, v, weight=weight)[0] for weight in (0, 1, 10, 100)]
@@ -334,7 +338,7 @@ def test_a_larger_weight_gives_a_smaller_bracket_and_a_rougher_field():
         (np.ones((24, 3)), {"weight": float("nan")}, (0,)),
     ],
 )
-def test_what_nothing_commutes_with_is_refused_in_words(v, options, named):
+def test_invalid_input_of_commuting_fields_is_refused(v, options, named):
     with raises(ParameterError, *named):
         vf.commuting_fields(disc(2), v, **options)
     if not v.any():

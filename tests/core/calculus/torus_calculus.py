@@ -1,8 +1,8 @@
 """Exact calculus in the angles of a torus: ``u`` about the z axis, ``v`` around the tube.
 
-The meshes of `tests.shapes.torus` vary smoothly, so that orders of convergence show without the
-irregular vertices that every mesh of a sphere has. A field is given by its components
-``a d/du + b d/dv``, which have the Lie bracket ``[X, Y] = X(Y) - Y(X)`` componentwise.
+The meshes of `tests.shapes.torus` vary smoothly, so they show the orders of convergence without the
+irregular vertices of a sphere. A field is given by its components ``a d/du + b d/dv``. In these
+components the Lie bracket is ``[X, Y] = X(Y) - Y(X)``.
 """
 
 import numpy as np
@@ -14,24 +14,24 @@ MAJOR, MINOR = 1.0, 0.4
 
 
 def refined(levels, coarsest=24):
-    """Tori of halving edge length."""
+    """Return tori of halving edge length."""
     counts = [coarsest * 2**level for level in range(levels)]
     return [torus(count, count // 2, MAJOR, MINOR) for count in counts]
 
 
 def angles(points):
-    """``u`` and ``v`` of points (n, 3) near the torus."""
+    """Return ``u`` and ``v`` of points (n, 3) near the torus."""
     x, y, z = points.T
     return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y) - MAJOR)
 
 
 def ring(v):
-    """Distance from the z axis: the length of ``d/du``; that of ``d/dv`` is ``MINOR``."""
+    """Return the distance from the z axis, the length of ``d/du``; that of ``d/dv`` is ``MINOR``."""
     return MAJOR + MINOR * np.cos(v)
 
 
 def vectors(points, a, b):
-    """``a d/du + b d/dv`` at points (n, 3), as vectors in space."""
+    """Return ``a d/du + b d/dv`` at points (n, 3), as vectors in space."""
     u, v = angles(points)
     along = np.stack([-np.sin(u), np.cos(u), 0 * u], axis=1) * (a(u, v) * ring(v))[:, None]
     around = np.stack([-np.sin(v) * np.cos(u), -np.sin(v) * np.sin(u), np.cos(v)], axis=1)
@@ -39,5 +39,5 @@ def vectors(points, a, b):
 
 
 def face_field(mesh, a, b):
-    """``a d/du + b d/dv`` at face centres, (F, 3)."""
+    """Return ``a d/du + b d/dv`` at face centres, (F, 3)."""
     return tangent(mesh, vectors(mesh.vertices[mesh.faces].mean(axis=1), a, b))

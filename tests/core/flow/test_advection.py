@@ -1,4 +1,4 @@
-"""Flows and their advection against SciPy's exponential, exact rotations and their own adjoint."""
+"""Flows, compared with SciPy's exponential, exact rotations and their adjoint."""
 
 import tracemalloc
 
@@ -32,22 +32,22 @@ def oracle(mesh, v, f, t):
 
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("t", [0.0, 0.3, -0.3, 2.0])
-def test_equals_the_exponential_of_scipy(name, t):
+def test_advection_equals_exponential_of_scipy(name, t):
     mesh = MESHES[name]
     v, f = wavy_field(mesh, 1), bump(mesh, mesh.vertices[5], 0.2)
     expected = oracle(mesh, v, f, t)
     near(advect(mesh, v, f, t), expected, 1e-8 * np.abs(expected).max())
 
 
-def test_channels_are_carried_one_by_one():
+def test_channels_are_advected_separately():
     v = wavy_field(BALL, 2)
     f = np.stack([bump(BALL, BALL.vertices[i], 0.2) for i in (0, 7, 99)], axis=1)
-    carried = advect(BALL, v, f, 0.7)
+    together = advect(BALL, v, f, 0.7)
     one_by_one = [advect(BALL, v, f[:, c], 0.7) for c in range(3)]
-    np.testing.assert_array_equal(carried, np.stack(one_by_one, axis=1))
+    np.testing.assert_array_equal(together, np.stack(one_by_one, axis=1))
 
 
-def test_very_long_times_and_growing_flows_are_split_until_accurate():
+def test_long_times_and_growing_flows_are_split():
     mesh = icosphere(3)
     v, f, t = rotation_field(mesh, [0, 0, 1]), bump(mesh, [1, 0, 0], 0.2), 400.0
     expected = f
@@ -61,8 +61,8 @@ def test_very_long_times_and_growing_flows_are_split_until_accurate():
     near(advect(mesh, v, f, 6.0), expected, 1e-6 * np.abs(expected).max())
 
 
-def test_a_turning_sphere_carries_functions_and_points_along_with_order_two():
-    """A quarter turn about z takes the bump at x to y, and points came from one before."""
+def test_rotation_advects_with_order_two():
+    """A quarter turn about z moves the bump at x to y; points come from a quarter turn back."""
     sizes, functions, points = [], [], []
     for level in (3, 4, 5):
         mesh = icosphere(level)
@@ -78,7 +78,8 @@ def test_a_turning_sphere_carries_functions_and_points_along_with_order_two():
     assert functions[-1] < 0.02
 
 
-def test_constants_stay_times_add_up_and_a_negative_time_goes_back():
+def test_times_add_up_and_negative_times_undo_the_flow():
+    """Constants do not change."""
     for mesh in (MESHES["genus 1"], BALL):
         v, f = wavy_field(mesh, 3), bump(mesh, mesh.vertices[50], 0.2)
         flow = Flow(mesh, v, 0.8)
@@ -91,19 +92,19 @@ def test_constants_stay_times_add_up_and_a_negative_time_goes_back():
 @pytest.mark.parametrize("method", ["nonlinear", "linearised"])
 @pytest.mark.parametrize("count", [1, 3])
 def test_backward_is_the_adjoint_of_forward_in_f(method, count):
-    """<mu, forward(f)> = <backward(mu), f> for every mu and f: forward is linear in f."""
+    """``<mu, forward(f)> = <backward(mu), f>``, since forward is linear in f."""
     mesh = MESHES["boundary"].normalized()
     fields = np.stack([to_frame(mesh, wavy_field(mesh, seed)) for seed in range(count)])
     f, mu = np.random.default_rng(1).normal(size=(2, len(mesh.vertices)))
     flow = Discretisation(mesh, method).flow(fields, 0.2)
     trajectories = flow.forward(f, keep=True)
-    left = mu @ trajectories[-1].end
+    expected = mu @ trajectories[-1].end
     for j in reversed(range(count)):
         mu = flow.parts[j].backward(trajectories[j], mu, np.zeros_like(fields[j]))
-    assert mu @ f == pytest.approx(left, rel=1e-10)
+    assert mu @ f == pytest.approx(expected, rel=1e-10)
 
 
-def test_kept_and_recomputed_terms_give_the_same_derivative():
+def test_stored_and_recomputed_terms_give_equal_derivatives():
     fields = to_frame(UNIT, wavy_field(UNIT, 1))[None]
     f, mu = np.random.default_rng(2).normal(size=(2, len(UNIT.vertices)))
     flow = Discretisation(UNIT).flow(fields, 1.5)
@@ -115,12 +116,12 @@ def test_kept_and_recomputed_terms_give_the_same_derivative():
 
 
 def reference_state(mesh, fields, f, tau, method, t):
-    """Step by step with SciPy."""
-    step, sign, left = tau / len(fields), np.sign(t), abs(t)
+    """Return the function at a time, step by step with SciPy."""
+    step, sign, remaining = tau / len(fields), np.sign(t), abs(t)
     steps = []
-    while left > 1e-14:
-        steps.append((min(len(steps), len(fields) - 1), min(step, left)))
-        left -= step
+    while remaining > 1e-14:
+        steps.append((min(len(steps), len(fields) - 1), min(step, remaining)))
+        remaining -= step
     for j, length in steps if sign > 0 else reversed(steps):
         D = -sign * length * directional_derivative(mesh, fields[j])
         f = f + D @ f if method == "linearised" else expm_multiply(D, f)
@@ -129,8 +130,8 @@ def reference_state(mesh, fields, f, tau, method, t):
 
 @pytest.mark.parametrize(("method", "within"), [("nonlinear", 1e-8), ("linearised", 1e-12)])
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_times_inside_beyond_and_before(method, within, count):
-    """Fields in a row share the time, the last one goes on, and steps may be partial."""
+def test_times_inside_after_and_before_the_fields(method, within, count):
+    """N fields share the time, the last continues, and steps may be partial."""
     fields = 0.2 * np.stack([wavy_field(UNIT, seed) for seed in range(count)])
     frames, f = to_frame(UNIT, fields), bump(UNIT, UNIT.vertices[0], 0.2)[:, None] ** [1, 2]
     times = np.array([0.0, 0.13, -0.2, 0.5, 1.0, 1.7, -1.0, 0.25, -1.3])
@@ -142,41 +143,42 @@ def test_times_inside_beyond_and_before(method, within, count):
 
 
 @pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
-def test_next_to_nothing_is_nothing_whatever_the_size_of_a_function(size):
-    v, much = wavy_field(BALL, 2), np.where(BUMP > 0.1, size * BUMP, 0.0)
+def test_negligible_values_count_as_zero(size):
+    """The threshold is relative to the largest value."""
+    v, large = wavy_field(BALL, 2), np.where(BUMP > 0.1, size * BUMP, 0.0)
     traces = np.where(BUMP > 0.1, 0.0, 1e-130 * size)
-    expected = advect(BALL, v, much, 0.7)
+    expected = advect(BALL, v, large, 0.7)
     assert np.abs(expected).max() > 0.1 * size
-    np.testing.assert_array_equal(advect(BALL, v, much + traces, 0.7), expected)
+    np.testing.assert_array_equal(advect(BALL, v, large + traces, 0.7), expected)
 
 
-def test_two_flows_on_a_mesh_do_not_disturb_each_other():
+def test_flows_on_one_mesh_are_independent():
     one, other = Flow(BALL, wavy_field(BALL, 1)), Flow(BALL, wavy_field(BALL, 2), 1.0, "linearised")
     before = one.push(BUMP, 0.5)
     other.push(BUMP, 0.5)
     np.testing.assert_array_equal(one.push(BUMP, 0.5), before)
 
 
-ZERO, NOTHING = np.zeros((1280, 3)), np.zeros(642)
+ZERO, ZEROS = np.zeros((1280, 3)), np.zeros(642)
 
 
 @pytest.mark.parametrize(
     ("velocity", "f", "t", "named", "options"),
     [
-        (np.zeros((3, 3)), NOTHING, 1.0, ("velocity",), {}),
-        (np.zeros((0, 1280, 3)), NOTHING, 1.0, ("velocity",), {}),
+        (np.zeros((3, 3)), ZEROS, 1.0, ("velocity",), {}),
+        (np.zeros((0, 1280, 3)), ZEROS, 1.0, ("velocity",), {}),
         (ZERO, np.zeros(5), 1.0, (5,), {}),
-        (ZERO + np.nan, NOTHING, 1.0, (), {}),
-        (ZERO, NOTHING, np.inf, (), {}),
-        (ZERO, NOTHING, [0.0, np.nan], (), {}),
-        (ZERO, NOTHING, [[0, 1]], (), {}),
-        (ZERO, NOTHING, "1", (), {}),
+        (ZERO + np.nan, ZEROS, 1.0, (), {}),
+        (ZERO, ZEROS, np.inf, (), {}),
+        (ZERO, ZEROS, [0.0, np.nan], (), {}),
+        (ZERO, ZEROS, [[0, 1]], (), {}),
+        (ZERO, ZEROS, "1", (), {}),
         (ZERO + 1e9, np.ones(642), 1.0, (), {}),
-        (ZERO, NOTHING, 1.0, ("tau", "0.0"), {"tau": 0.0}),
-        (ZERO, NOTHING, 1.0, ("exact", "nonlinear"), {"method": "exact"}),
+        (ZERO, ZEROS, 1.0, ("tau", "0.0"), {"tau": 0.0}),
+        (ZERO, ZEROS, 1.0, ("exact", "nonlinear"), {"method": "exact"}),
     ],
 )
-def test_bad_input_is_refused_in_words(velocity, f, t, named, options):
+def test_invalid_input_is_refused(velocity, f, t, named, options):
     with raises(AbfmError, *named):
         Flow(BALL, velocity, **options).push(f, t)
     if not options:
@@ -184,14 +186,14 @@ def test_bad_input_is_refused_in_words(velocity, f, t, named, options):
             advect(BALL, velocity, f, t)
 
 
-def test_functions_may_come_with_the_vertices_of_the_file():
+def test_functions_may_have_the_vertices_of_the_file():
     sphere = icosphere(2)
     mesh, f = with_loose_vertex(sphere), np.arange(len(sphere.vertices) + 1.0)
     v = wavy_field(mesh, 0)
     np.testing.assert_array_equal(advect(mesh, v, f, 0.1), advect(mesh, v, np.delete(f, 5), 0.1))
 
 
-def test_overflow_is_an_error_and_not_an_array():
+def test_overflow_raises_an_error():
     mesh = icosphere(1)
     v = 10 * np.random.default_rng(0).normal(size=(len(mesh.faces), 3))
     with raises(AdvectionError):
@@ -199,7 +201,7 @@ def test_overflow_is_an_error_and_not_an_array():
 
 
 @pytest.mark.parametrize("x", [0.0, 1e-100, 1e-5, 3.0, 80.0, 1000.0])
-def test_bessel_coefficients_are_those_of_scipy(x):
+def test_bessel_coefficients_equal_those_of_scipy(x):
     coefficients = bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 40)
     expected = 2 * jv(np.arange(len(coefficients)), x)
     expected[0] /= 2
@@ -216,7 +218,7 @@ def test_tolerance_bounds_the_truncation(tolerance):
 
 
 def differentiated(mesh, v, tau, tolerance, f):
-    """The trajectory of a flow, and a derivative by its field (1, F, 2)."""
+    """Return the trajectory of a flow, and a derivative by its field (1, F, 2)."""
     flow, gradient = Discretisation(mesh).flow(v, tau, tolerance), np.zeros_like(v)
     trajectories = flow.forward(f, keep=True)
     mu = np.random.default_rng(0).normal(size=len(f))
@@ -224,8 +226,8 @@ def differentiated(mesh, v, tau, tolerance, f):
     return trajectories[0], gradient
 
 
-def test_several_terms_in_one_sweep_are_the_same_terms(monkeypatch):
-    """Blocks of rows, as large meshes have them, against one block."""
+def test_sweeps_of_several_terms_change_nothing(monkeypatch):
+    """Large meshes have blocks of rows, compared here with one block."""
     mesh, results = torus(60, 30), []
     v, f = to_frame(mesh, wavy_field(mesh, 1))[None], bump(mesh, mesh.vertices[5], 0.2)
     for least in (10**9, 0):
@@ -239,8 +241,8 @@ def test_several_terms_in_one_sweep_are_the_same_terms(monkeypatch):
     near(gradient, expected, 1e-9 * np.abs(expected).max())
 
 
-def test_little_memory_changes_nothing_but_the_time(monkeypatch):
-    """Short segments whose terms are computed again."""
+def test_scarce_memory_does_not_change_the_result(monkeypatch):
+    """Segments are short and their terms are recomputed."""
     v, f = to_frame(UNIT, wavy_field(UNIT, 1))[None], np.random.default_rng(2).normal(size=642)
     results = []
     for memory in (70_000_000, 70 * len(f)):
@@ -253,16 +255,16 @@ def test_little_memory_changes_nothing_but_the_time(monkeypatch):
     near(gradient, expected, 1e-7 * np.abs(expected).max())
 
 
-def test_of_a_function_at_many_times_nothing_large_stays_with_the_mesh():
+def test_many_times_leave_no_large_cache_on_the_mesh():
     times, field = [0.2, 0.4, 0.8], wavy_field(BALL, 3)
-    Flow(BALL, field).push(BUMP, times)  # all is compiled
+    Flow(BALL, field).push(BUMP, times)  # compiles the kernels
     mesh = icosphere(3, radius=2.0)
     tracemalloc.start()
     try:
         flow = Flow(mesh, field)
         values = flow.push(BUMP, times)
-        stays, _ = tracemalloc.get_traced_memory()
+        size, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert values.shape == (3, len(mesh.vertices))
-    assert stays < 300 * BUMP.nbytes
+    assert size < 300 * BUMP.nbytes

@@ -1,4 +1,4 @@
-"""A continuous field at points, and straight ways from them, where both are known."""
+"""A continuous field at points, and straightest geodesics from them, where both are known."""
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from tests.shapes import icosphere, square
 
 
 def tangential(mesh, vectors):
+    """Return vectors on faces without their normal parts."""
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -17,6 +18,7 @@ def tangential(mesh, vectors):
 
 
 def error_of_rotation(level):
+    """Return the largest error of a rotation at points of a sphere."""
     mesh = icosphere(level)
     points = points_by_area(mesh, 500)
     field = tangential(mesh, np.cross([0, 0, 1.0], mesh.vertices[mesh.faces].mean(axis=1)))
@@ -24,14 +26,14 @@ def error_of_rotation(level):
     return np.abs(found - np.cross([0, 0, 1.0], points.positions)).max()
 
 
-def test_a_rotation_of_the_sphere_is_found_better_on_finer_meshes():
+def test_vectors_of_a_rotation_converge_on_the_sphere():
     errors = [error_of_rotation(level) for level in (2, 3, 4)]
     assert errors[2] < 0.06
     assert errors[0] / errors[1] > 1.7
     assert errors[1] / errors[2] > 1.7
 
 
-def test_a_linear_field_in_the_plane_is_exact_inside():
+def test_linear_fields_of_the_plane_are_exact_inside():
     mesh = square(12)
     centers = mesh.vertices[mesh.faces].mean(axis=1)
     points = points_by_area(mesh, 400)
@@ -46,7 +48,8 @@ def test_a_linear_field_in_the_plane_is_exact_inside():
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-4])
-def test_ways_in_the_plane_end_where_the_vectors_do_or_at_the_boundary(scale):
+def test_geodesics_of_the_plane_are_straight(scale):
+    """They end where the vectors do, or are marked if they meet the boundary."""
     plane = square(9)
     mesh = type(plane)(scale * plane.vertices, plane.faces)
     start = points_by_area(mesh, 300)
@@ -61,6 +64,7 @@ def test_ways_in_the_plane_end_where_the_vectors_do_or_at_the_boundary(scale):
 
 
 def error_of_great_circles(level):
+    """Return the largest error of geodesics on a sphere."""
     mesh = icosphere(level)
     start = points_by_area(mesh, 300)
     begin = start.positions / np.linalg.norm(start.positions, axis=1, keepdims=True)
@@ -74,13 +78,13 @@ def error_of_great_circles(level):
     return np.linalg.norm(ends.positions - wanted, axis=1).max()
 
 
-def test_ways_on_the_sphere_are_great_circles_the_more_the_finer_it_is():
+def test_geodesics_of_the_sphere_converge_to_great_circles():
     errors = [error_of_great_circles(level) for level in (2, 3, 4, 5)]
     assert errors[3] < 0.02
     assert errors[0] / errors[3] > 4
 
 
-def test_a_way_of_no_length_ends_where_it_begins():
+def test_geodesic_of_length_zero_ends_at_its_start():
     mesh = icosphere(1)
     start = SurfacePoints(mesh, np.array([3, 7]), np.array([[1.0, 0, 0], [0.2, 0.3, 0.5]]))
     ends, inside = straightest_geodesics(mesh, start, np.zeros((2, 3)))

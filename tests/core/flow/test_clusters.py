@@ -1,4 +1,4 @@
-"""Clusters of vertices on meshes with needles: partitions, rates, advection, energy, matches."""
+"""Clusters of vertices on meshes with slivers: partitions, rates, advection, energy, matches."""
 
 from functools import cache
 
@@ -29,14 +29,18 @@ from tests.core.verification import near, taylor_order
 from tests.shapes import hemisphere, icosphere, square, torus
 
 
-def edge_graph(mesh, kept=...):
-    a, b = mesh.edges[kept].T
+def edge_graph(mesh, chosen=...):
+    """Return the adjacency matrix of the vertices along chosen edges."""
+    a, b = mesh.edges[chosen].T
     entries = np.ones(2 * len(a)), (np.append(a, b), np.append(b, a))
     return sparse.csr_array(entries, shape=(len(mesh.vertices),) * 2)
 
 
 def knotted(mesh, count, gap, seed=0):
-    """Two rings of neighbours drawn to some vertices: needles; no two edges of one length."""
+    """Return the mesh with two rings of neighbours drawn to some vertices, which makes slivers.
+
+    No two edges have the same length.
+    """
     rng = np.random.default_rng(seed)
     size = 0.02 * mesh.length_scale / np.sqrt(len(mesh.vertices))
     vertices = mesh.vertices + size * rng.normal(size=mesh.vertices.shape)
@@ -54,7 +58,7 @@ def knotted(mesh, count, gap, seed=0):
 
 
 def seamed(n, gap):
-    """Square of n x n cells with three lines of vertices close to each other, from side to side."""
+    """Return a square of n x n cells with three lines of vertices close to each other."""
     lines = square(n).vertices.reshape(n + 1, n + 1, 3).copy()
     middle = slice(n // 2 - 1, n // 2 + 2)
     lines[middle] = lines[n // 2] + gap * (lines[middle] - lines[n // 2])
@@ -76,14 +80,17 @@ def singles(mesh):
 
 
 def some_clusters(mesh, kind):
-    """Those of the mesh, or any, or each vertex on its own."""
+    """Return clusters: those of the mesh, random ones, or each vertex separately."""
     drawn = np.random.default_rng(0).integers(len(mesh.vertices) // 3, size=len(mesh.vertices))
     some = np.unique(drawn, return_inverse=True)[1]
     return {"joined": vertex_clusters(mesh), "random": some, "single": singles(mesh)}[kind]
 
 
 def check_partition(mesh):
-    """Labels from 0 on, of connected sets, with usual rates, each with a vertex whose was not."""
+    """Check that clusters have consecutive labels, are connected and have usual rates.
+
+    Each cluster of several vertices contains a vertex whose own rate is too large.
+    """
     clusters = vertex_clusters(mesh)
     counts = np.bincount(clusters)
     assert 1 <= counts.min() < counts.max()
@@ -98,11 +105,12 @@ def check_partition(mesh):
 @pytest.mark.parametrize(
     "mesh", [*UNEVEN.values(), load_mesh(asset_path("human_fine_A.off"))], ids=[*UNEVEN, "fine"]
 )
-def test_clusters_are_connected_and_have_the_usual_rates(mesh):
+def test_clusters_are_connected_and_have_usual_rates(mesh):
     check_partition(mesh)
 
 
-def test_vertices_in_the_middle_of_a_subdivided_needle_are_held_together_over_longer_edges():
+def test_vertices_inside_subdivided_slivers_are_joined():
+    """Longer edges join them."""
     mesh = refined(load_mesh(asset_path("human_A.off")), 2)
     rates = cluster_rates(mesh, singles(mesh))
     assert rates.max() > 50 * np.median(rates)
@@ -123,7 +131,7 @@ def test_clusters_of_any_knots(gap, count, seed):
 @given(
     turn=st.tuples(*[st.floats(-3, 3)] * 3), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 2**20)
 )
-def test_units_place_and_numbering_do_not_matter(name, turn, scale, seed):
+def test_clusters_do_not_depend_on_units_or_numbering(name, turn, scale, seed):
     mesh = UNEVEN[name]
     expected, rates = vertex_clusters(mesh), cluster_rates(mesh, vertex_clusters(mesh))
     larger = moved(mesh, Rotation.from_rotvec(turn).as_matrix(), scale)
@@ -134,8 +142,8 @@ def test_units_place_and_numbering_do_not_matter(name, turn, scale, seed):
         np.testing.assert_allclose(unit * cluster_rates(found, same), rates, rtol=1e-5)
 
 
-def held(mesh, clusters, v):
-    """``P`` from values of clusters to vertices, ``R`` means over clusters, and ``R D_v P``."""
+def clustered_operator(mesh, clusters, v):
+    """Return ``P`` (clusters to vertices), ``R`` (means over clusters) and ``R D_v P``."""
     P = sparse.csr_array((np.ones(len(clusters)), (singles(mesh), clusters)))
     weighted = P.T @ sparse.diags_array(vertex_areas(mesh))
     R = sparse.diags_array(1 / weighted.sum(axis=1)) @ weighted
@@ -148,29 +156,33 @@ def fields(mesh, count):
 
 
 @pytest.mark.parametrize("kind", ["single", "joined", "random"])
-def test_rates_are_sums_of_the_largest_entries_and_bound_rows(kind):
-    """An entry is linear in the field: on a face, at most the norm of what its axes make."""
+def test_rates_bound_the_rows_of_the_operator(kind):
+    """An entry is linear in the field: at most the norm of its values for both axes."""
     mesh = knotted(square(9), 1, 0.05)
     clusters = some_clusters(mesh, kind)
     found, expected = cluster_rates(mesh, clusters), 0
     for axes in np.eye(2 * len(mesh.faces)).reshape(-1, 2, len(mesh.faces), 2):
-        expected += np.hypot(*(held(mesh, clusters, v)[2].toarray() for v in axes)).sum(axis=1)
+        expected += np.hypot(
+            *(clustered_operator(mesh, clusters, v)[2].toarray() for v in axes)
+        ).sum(axis=1)
     np.testing.assert_allclose(found, expected, rtol=1e-10)
     for angles in np.random.default_rng(1).uniform(0, 2 * np.pi, (20, len(mesh.faces))):
-        D = held(mesh, clusters, np.stack([np.cos(angles), np.sin(angles)], axis=1))[2]
+        D = clustered_operator(mesh, clusters, np.stack([np.cos(angles), np.sin(angles)], axis=1))[
+            2
+        ]
         assert (abs(D).sum(axis=1) <= found * (1 + 1e-12)).all()
 
 
 @uneven
 @pytest.mark.parametrize("kind", ["single", "joined", "random"])
-def test_the_pattern_is_that_of_the_operator(name, kind, monkeypatch):
-    """``R D_v P`` and what goes in and out of it, with adjoints, against sparse products."""
+def test_pattern_equals_the_sparse_operator(name, kind, monkeypatch):
+    """Entries, products and chain rule are compared with sparse products."""
     mesh = TriangleMesh(UNEVEN[name].vertices, UNEVEN[name].faces)
     clusters = some_clusters(mesh, kind)
     monkeypatch.setattr("abfm.flow.derivative.vertex_clusters", lambda _: clusters)
     pattern = derivative_pattern(mesh) if kind == "single" else clustered_pattern(mesh)
     v, w = (to_frame(mesh, wavy_field(mesh, seed)) for seed in (0, 1))
-    P, R, D = held(mesh, clusters, v)
+    P, R, D = clustered_operator(mesh, clusters, v)
     values, largest, starts = pattern.values(v), abs(D).max(), 7 * pattern.indptr.astype(int)
     # of clusters in the pattern's order
     places = pattern.rank[np.unique(clusters, return_index=True)[1]]
@@ -192,11 +204,11 @@ def test_the_pattern_is_that_of_the_operator(name, kind, monkeypatch):
 
 @uneven
 @pytest.mark.parametrize("t", [0.0, 1.0, -3.0])
-def test_the_flow_is_the_exponential_of_scipy(name, t):
-    """Forward, several times at once, and the adjoint in f; constants stay."""
+def test_clustered_flow_equals_exponential_of_scipy(name, t):
+    """Forward, at several times, and the adjoint; constants do not change."""
     mesh = UNEVEN[name].normalized()
     v, f = fields(mesh, 2)[1], bump(mesh, mesh.vertices[5], 0.2)
-    P, R, D = held(mesh, vertex_clusters(mesh), v)
+    P, R, D = clustered_operator(mesh, vertex_clusters(mesh), v)
     flow = ExponentialFlow(clustered_pattern(mesh), v, Workspace(D.shape[0]))
     trajectory = flow.forward(f, t, keep=True)
     expected = [P @ expm_multiply(-s * D, R @ f) for s in (t / 2, t)]
@@ -210,7 +222,7 @@ def test_the_flow_is_the_exponential_of_scipy(name, t):
 
 
 def energy(mesh, channels=1, **changes):
-    """With a mask and weights where there are several channels."""
+    """Return an energy, with a mask and weights if there are several channels."""
     at = np.array([0, 40, 80])[:channels]
     f, g = (np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in at + k], axis=1) for k in (0, 17))
     usual = {**PAPER, "alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3}
@@ -237,13 +249,13 @@ def test_gradient_is_exact(name, channels, segments, reach):
 
 
 @uneven
-def test_the_energy_is_that_of_the_clustered_flow(name):
-    """One field after the other by SciPy; the norms are those of the mesh itself."""
+def test_energy_equals_that_of_the_clustered_flow(name):
+    """SciPy advects along one field after the other; norms are those of the mesh itself."""
     plain, v = energy(UNEVEN[name], 3, segments=2), fields(UNEVEN[name], 2)
     E, clusters = plain.clustered(), vertex_clusters(plain.mesh)
     state = plain.functions.source.T
     for one in v:
-        P, R, D = held(E.mesh, clusters, one)
+        P, R, D = clustered_operator(E.mesh, clusters, one)
         state = P @ expm_multiply(-0.5 * E.parameters.tau * D, R @ state)
     found = E.objective(0.2).evaluate(v)
     near(found.advected, state.T, 1e-8 * np.abs(state).max())
@@ -254,7 +266,7 @@ def test_the_energy_is_that_of_the_clustered_flow(name):
 
 
 @pytest.mark.parametrize("name", EVEN)
-def test_on_even_meshes_nothing_changes(name):
+def test_even_meshes_have_no_clusters(name):
     assert vertex_clusters(EVEN[name]) is None
     plain, v = energy(EVEN[name], 3, segments=2), fields(EVEN[name], 2)
     one, other = (E.objective(0.2).evaluate(v) for E in (plain, plain.clustered()))
@@ -270,7 +282,7 @@ F, G = (bump(KNOTS, [np.cos(angle), np.sin(angle), 0], 0.2) for angle in (0.0, 0
 
 @cache
 def matched(end=None, **changes):
-    """A match, perhaps cancelled; levels and values of each iterate; row products."""
+    """Return a match, perhaps cancelled, levels and sizes of each iterate, and row products."""
     seen, control = [], abfm.workers.Control()
 
     def note(i):
@@ -284,20 +296,20 @@ def matched(end=None, **changes):
     return found, seen, products.count
 
 
-def test_a_match_begins_with_clusters_and_ends_on_the_mesh_itself():
-    """Always alike; one cancelled among clusters leaves what the mesh's own ``D_v`` leaves."""
+def test_match_starts_with_clusters():
+    """Repeated matches are equal, and a cancelled one reports the residual on the mesh itself."""
     (found, *record), (again, *other) = matched(), matched.__wrapped__()
     assert record == other
     np.testing.assert_array_equal(again.velocity, found.velocity)
     seen, products = record
     assert seen == sorted(seen)
-    assert (seen[0], seen[-1]) == ((0, 2, FEW), (0, 2, FEW))  # which is close enough
+    assert (seen[0], seen[-1]) == ((0, 2, FEW), (0, 2, FEW))  # no finer level is needed
     assert set(matched(goal=0.01, refine=0)[1]) == {(0, 2, FEW), (1, 2, MANY)}
     cut = matched(end=12)[0]
     assert (cut.stop_reason, len(cut.energy_history)) == ("cancelled", 13)
     for match in (found, cut):
-        left = l2_norm(KNOTS, abfm.advect(KNOTS, match.velocity[0], F, 1.0) - G)
-        assert match.mismatch == pytest.approx(left / l2_norm(KNOTS, G), rel=1e-4)
+        error = l2_norm(KNOTS, abfm.advect(KNOTS, match.velocity[0], F, 1.0) - G)
+        assert match.mismatch == pytest.approx(error / l2_norm(KNOTS, G), rel=1e-4)
     plain, _, more = matched(levels=1)
     assert max(found.residual, plain.residual) < 0.05
     assert products < 0.5 * more
@@ -310,8 +322,8 @@ def test_some_matches_have_no_clusters(changes):
     assert {of_one[1:] for of_one in matched(iterations=3, **changes)[1]} == {(1, MANY)}
 
 
-def test_clusters_come_between_coarser_meshes_and_the_mesh_itself():
-    """They have the same fields; what is spent last costs about twice what was before."""
+def test_clusters_are_a_level_before_the_mesh():
+    """They have the same fields; the last level may cost about twice as much as before."""
     E, x = MatchingEnergy(KNOTS, F, G, abfm.Parameters.of(levels=2)), fields(KNOTS, 1)
     found = Levels.of_mesh(E).with_coarser().all
     assert [level.energy.discretisation.size for level in found] == [MANY // 4, FEW, MANY]

@@ -1,4 +1,4 @@
-"""Fields made continuous: exact where linear, blind to creases; and points carried along them."""
+"""Fields made continuous, and points moved along them."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ AXIS = np.array([0.3, -0.5, 0.8])
 
 
 def in_space(mesh, field):
-    """Vectors of the continuous field at corners (F, 3, 3)."""
+    """Return the vectors of the continuous field at corners (F, 3, 3)."""
     places = mesh.vertices[mesh.faces]
     corners = np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh))
     weights = np.concatenate([np.ones((*corners.shape[:2], 1)), corners], axis=2)
@@ -31,7 +31,7 @@ def in_space(mesh, field):
 
 
 def walked(mesh, field, face, step, count, turns=1):
-    """Places after steps from a face's centre, and as many back, (n, 3)."""
+    """Return places (n, 3) after steps from a face's centre, and as many steps back."""
     frames, places, flow = face_frames(mesh), mesh.vertices[mesh.faces], smooth_flow(mesh, field)
     x, y = (frames[face] @ (places[face].mean(axis=0) - places[face, 0])).tolist()
     f, found = face, []
@@ -45,23 +45,23 @@ def walked(mesh, field, face, step, count, turns=1):
     return np.array(found)
 
 
-def test_a_constant_field_stays():
+def test_constant_fields_are_preserved():
     mesh = square(5)
     field = np.tile([0.3, -2.0, 0.0], (len(mesh.faces), 1))
     np.testing.assert_allclose(in_space(mesh, field), np.tile(field[:, None], (1, 3, 1)))
 
 
-def test_a_linear_field_is_found_again_up_to_the_boundary():
+def test_linear_fields_are_reproduced_inside():
     mesh = square(8)
     matrix = np.array([[1.0, -2.0, 0], [0.5, 0.7, 0], [0, 0, 0]])
     corners = mesh.vertices[mesh.faces]
     found, exact = in_space(mesh, corners.mean(axis=1) @ matrix.T), corners @ matrix.T
-    near(found, exact, 0.2)  # in a corner with one face
+    near(found, exact, 0.2)  # larger errors in a corner with one face
     inside = (np.abs(corners - 0.5)[..., :2] < 0.49).all(axis=2)
     near(found[inside], exact[inside], 0.01)
 
 
-def test_creases_do_not_matter():
+def test_creases_do_not_change_the_field():
     """A flat mesh folded along its lines has the same vectors in its frames."""
     uneven = square(6)
     x, y = (grid.ravel() / 6 for grid in np.meshgrid(np.arange(7), np.arange(7), indexing="ij"))
@@ -70,11 +70,11 @@ def test_creases_do_not_matter():
     folded = TriangleMesh(np.stack([0.5 * x, y, np.sqrt(0.75) * zigzag], axis=1), flat.faces)
     field = wavy_field(flat, 3)
     coefficients = np.einsum("fkx,fx->fk", face_frames(flat), field)
-    carried = np.einsum("fkx,fk->fx", face_frames(folded), coefficients)
-    near(smooth_flow(folded, carried).vectors, smooth_flow(flat, field).vectors, 1e-12)
+    on_folded = np.einsum("fkx,fk->fx", face_frames(folded), coefficients)
+    near(smooth_flow(folded, on_folded).vectors, smooth_flow(flat, field).vectors, 1e-12)
 
 
-def test_the_error_falls_with_the_square_of_the_edges():
+def test_error_falls_with_the_squared_edge_length():
     axis, errors = np.array([0.2, -0.3, 1.0]), []
     for level in (2, 3, 4):
         mesh = icosphere(level)
@@ -86,7 +86,7 @@ def test_the_error_falls_with_the_square_of_the_edges():
 
 @pytest.mark.parametrize("mesh", [icosphere(2), torus(14, 9), open_cylinder(9, 4)])
 def test_both_sides_of_an_edge_agree(mesh):
-    """Corner vectors relative to the common edge; exactly where angles sum to a full turn."""
+    """Corner vectors agree along the common edge, exactly if angles sum to a full turn."""
     field = wavy_field(mesh, 2)
     vectors, jumps, before = in_space(mesh, field), [], []
     for edge in np.flatnonzero((mesh.edge_faces >= 0).all(axis=1)):
@@ -101,8 +101,8 @@ def test_both_sides_of_an_edge_agree(mesh):
     assert np.sqrt(np.mean(np.square(jumps))) < 0.35 * np.sqrt(np.mean(np.square(before)))
 
 
-def test_walks_follow_circles_that_exact_lines_of_the_faces_miss():
-    """The radius is kept around the centre of a rotation on a coarse mesh, a turn long."""
+def test_flow_lines_follow_circles():
+    """On a coarse mesh, the radius is preserved for a full turn around a rotation's centre."""
     mesh, centre = square(9), np.array([0.53, 0.46, 0.0])
     field = np.cross([0, 0, 1], mesh.vertices[mesh.faces].mean(axis=1) - centre)
     face = int(project_onto_surface(mesh, [[0.72, 0.6, 0.0]]).faces[0])
@@ -118,19 +118,19 @@ def test_walks_follow_circles_that_exact_lines_of_the_faces_miss():
     assert of_smooth < 0.3 * of_exact
 
 
-def test_a_walk_back_returns():
+def test_reversed_flow_line_returns():
     mesh = torus(20, 14)
     end = walked(mesh, wavy_field(mesh, 2), 5, 0.01, 100, turns=2)[-1]
     near(end, mesh.vertices[mesh.faces[5]].mean(axis=0), 0.003)
 
 
 def mean_distance(points, others):
-    """Root mean square of distances between rows (P, 3)."""
+    """Return the root mean square of distances between rows (P, 3)."""
     return float(np.sqrt(((points - others) ** 2).sum(axis=1).mean()))
 
 
 def errors_of_turns(meshes, axis, time, backwards=False):
-    """How far points are from where a rotation takes them, mesh by mesh."""
+    """Return the distance of points from their rotated places, for each mesh."""
     errors, turn = [], Rotation.from_rotvec((-1 if backwards else 1) * time * np.asarray(axis))
     for mesh in meshes:
         flow = ContinuousFlow(mesh, rotation_field(mesh, axis), time)
@@ -142,22 +142,22 @@ def errors_of_turns(meshes, axis, time, backwards=False):
 
 
 @pytest.mark.parametrize("backwards", [False, True])
-def test_a_rotating_sphere_turns_with_order_two(backwards):
+def test_rotation_of_a_sphere_has_order_two(backwards):
     errors = errors_of_turns([icosphere(level) for level in (3, 4, 5)], AXIS, 2.0, backwards)
     assert errors[-1] < 0.0005
     near(observed_orders([4, 2, 1], errors), 2, 0.1)
 
 
-def test_a_torus_turns_about_its_axis_with_order_two_and_a_disc_along_its_boundary():
+def test_rotations_of_torus_and_disc_converge():
     errors = errors_of_turns([torus(n, n // 2) for n in (24, 48, 96)], [0, 0, 1.0], 1.0)
     assert observed_orders([4, 2, 1], errors).min() > 1.8
     errors = errors_of_turns([disc(n) for n in (8, 16, 32)], [0, 0, 1.0], 1.5)
     assert errors[-1] < 0.001
-    # one less on the boundary itself, which is a line
+    # order 1 on the boundary itself
     assert observed_orders([4, 2, 1], errors).min() > 1.5
 
 
-def test_a_constant_field_moves_the_plane_exactly_and_stops_at_its_sides():
+def test_constant_field_moves_the_plane_up_to_its_sides():
     """Also at boundary vertices and in faces with two boundary edges."""
     mesh = square(7)
     field = np.tile([0.31, -0.17, 5.0], (len(mesh.faces), 1))  # the normal part is dropped
@@ -165,7 +165,7 @@ def test_a_constant_field_moves_the_plane_exactly_and_stops_at_its_sides():
     near(ContinuousFlow(mesh, field, 1.0).destinations().positions, exact, 1e-10)
 
 
-def test_there_and_back_is_the_identity_in_the_limit():
+def test_round_trip_converges_to_the_identity():
     errors = []
     for n in (24, 48, 96):
         mesh = torus(n, n // 2)
@@ -175,8 +175,8 @@ def test_there_and_back_is_the_identity_in_the_limit():
     assert observed_orders([4, 2, 1], errors).min() > 1.5
 
 
-def test_several_fields_follow_each_other_and_equal_ones_are_one():
-    """Two quarter turns that do not commute, in this order; backwards the last is undone first."""
+def test_several_fields_are_applied_in_order():
+    """Two quarter turns that do not commute; equal fields act as one."""
     mesh, axes = icosphere(4), np.pi / 2 * np.array([[1.0, 0, 0], [0, 0, 1.0]])
     flow = ContinuousFlow(mesh, np.stack([rotation_field(mesh, axis) for axis in axes]), 2.0)
     first, second = (Rotation.from_rotvec(axis) for axis in axes)
@@ -190,14 +190,14 @@ def test_several_fields_follow_each_other_and_equal_ones_are_one():
 
 
 @pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)
-def test_points_stay_on_the_surface_on_any_mesh(mesh):
+def test_points_stay_on_any_surface(mesh):
     points = ContinuousFlow(mesh, 3 * wavy_field(mesh, 4), 1.0).destinations()
     assert (points.barycentric >= 0).all()
     np.testing.assert_allclose(points.barycentric.sum(axis=1), 1, rtol=1e-12)
     near(project_onto_surface(mesh, points.positions).distances_from(points.positions), 0, 1e-12)
 
 
-def test_no_field_and_no_time_move_nothing():
+def test_zero_field_or_time_moves_nothing():
     mesh = icosphere(2)
     for field, tau in ((np.zeros((len(mesh.faces), 3)), 1.0), (wavy_field(mesh, 1), 0)):
         near(ContinuousFlow(mesh, field, tau).destinations().positions, mesh.vertices, 1e-10)
@@ -208,14 +208,14 @@ def test_no_field_and_no_time_move_nothing():
 
 
 def test_points_do_not_jump_away_from_a_source():
-    """Near a zero of the field steps are short although it is slow; growth is exponential."""
+    """Near a slow zero of the field steps are short; the distance grows exponentially."""
     mesh = disc(6)
     start = project_onto_surface(mesh, mesh.vertices[:1] + np.array([1e-4, 2e-4, 0]))
     end = ContinuousFlow(mesh, 3 * mesh.vertices[mesh.faces].mean(axis=1), 2.0).destinations(start)
     np.testing.assert_allclose(end.positions, start.positions * np.exp(6), rtol=0.2)
 
 
-def test_the_caller_may_end_the_work_between_chunks():
+def test_work_can_be_cancelled_between_chunks():
     control, calls = Control(), []
 
     def is_active():
@@ -228,7 +228,7 @@ def test_the_caller_may_end_the_work_between_chunks():
         ContinuousFlow(mesh, wavy_field(mesh, 2), 0.3).destinations()
 
 
-def test_what_does_not_fit_or_would_take_very_long_is_refused():
+def test_invalid_or_very_long_flows_are_refused():
     mesh = icosphere(2)
     field = wavy_field(mesh, 1)
     wrong = [(field[1:], 1.0, "velocity"), (field * np.nan, 1.0, "")]

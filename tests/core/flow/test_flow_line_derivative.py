@@ -1,4 +1,4 @@
-"""Where flow lines lead, and the exact derivative of that by the field."""
+"""End points of flow lines, and their exact derivative by the field."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from tests.core.verification import near, observed_orders, taylor_order
 from tests.messages import raises
 from tests.shapes import ellipsoid, hemisphere, icosphere
 
-NEEDLES = ellipsoid(3, 1.0, 1.0, 0.01)
+SLIVERS = ellipsoid(3, 1.0, 1.0, 0.01)
 
 
 def some_points(mesh, count, seed):
@@ -32,14 +32,14 @@ def fields(mesh, count, seed, speed=0.3):
 
 
 def outwards(mesh, count):
-    """Fields that lead to the boundary."""
+    """Return fields that lead to the boundary."""
     away = mesh.vertices[mesh.faces].mean(axis=1)
     away = to_frame(mesh, np.broadcast_to(0.6 * (away - [0, 0, 1]), (count, *away.shape)))
     return away + fields(mesh, count, 3, 0.1)
 
 
 @pytest.mark.parametrize("name", SURFACES)
-def test_the_fit_is_that_of_the_continuous_field_and_has_its_adjoint(name):
+def test_fit_equals_the_continuous_field_and_has_an_adjoint(name):
     mesh = SURFACES[name].normalized()
     field = to_frame(mesh, wavy_field(mesh, 2))
     expected = corner_vectors(mesh, to_ambient(mesh, field))
@@ -54,7 +54,7 @@ def test_the_fit_is_that_of_the_continuous_field_and_has_its_adjoint(name):
 
 @pytest.mark.parametrize("count", [1, 3])
 @pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "hemisphere", "cylinder"])
-def test_points_go_where_certified_flow_lines_go(name, count):
+def test_end_points_agree_with_continuous_flow(name, count):
     mesh = SURFACES[name].normalized()
     x = fields(mesh, count, 1)
     for points in (some_points(mesh, 9, 0), vertex_points(mesh, np.arange(9))):
@@ -63,7 +63,7 @@ def test_points_go_where_certified_flow_lines_go(name, count):
         near(found.positions, expected.positions, 0.1 / np.sqrt(len(mesh.faces)))
 
 
-def test_on_a_sphere_a_rotation_is_found_with_second_order():
+def test_rotation_of_a_sphere_has_order_two():
     errors = []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions).normalized()
@@ -78,8 +78,8 @@ def test_on_a_sphere_a_rotation_is_found_with_second_order():
     assert errors[-1] < 3e-4
 
 
-def measured(points, aims):
-    """The sum of products of ends with vectors in space (L, 3), and its derivative."""
+def product_of_ends(points, aims):
+    """Return the sum of products of ends with vectors (L, 3), and its derivative."""
     lines = FlowLineDerivative(points, 1.0)
 
     def evaluate(x):
@@ -93,17 +93,17 @@ def measured(points, aims):
 
 @pytest.mark.parametrize("count", [1, 3])
 @pytest.mark.parametrize("at_vertices", [False, True])
-@pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "square", "needles"])
-def test_the_derivative_is_exact_where_points_stay_in_the_same_faces(name, at_vertices, count):
-    mesh = (SURFACES | {"needles": NEEDLES})[name].normalized()
+@pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "square", "slivers"])
+def test_derivative_is_exact(name, at_vertices, count):
+    mesh = (SURFACES | {"slivers": SLIVERS})[name].normalized()
     points = vertex_points(mesh, np.arange(20, 24)) if at_vertices else some_points(mesh, 4, 2)
     aims = np.random.default_rng(4).normal(size=(4, 3))
     step = 1e-5 * fields(mesh, count, 20)
-    assert taylor_order(measured(points, aims), fields(mesh, count, 5), step) > 1.9
+    assert taylor_order(product_of_ends(points, aims), fields(mesh, count, 5), step) > 1.9
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_it_is_exact_where_points_slide_along_a_boundary(count):
+def test_derivative_is_exact_along_a_boundary(count):
     mesh = hemisphere(8).normalized()
     at_the_boundary = mesh.vertices[:, 2].min() + 1e-9
     points, x = some_points(mesh, 8, 3), outwards(mesh, count)
@@ -111,10 +111,10 @@ def test_it_is_exact_where_points_slide_along_a_boundary(count):
     assert np.count_nonzero(ends[:, 2] < at_the_boundary) >= 3
     aims = np.random.default_rng(5).normal(size=(8, 3))
     step = 1e-5 * fields(mesh, count, 30)
-    assert taylor_order(measured(points, aims), x, step) > 1.9
+    assert taylor_order(product_of_ends(points, aims), x, step) > 1.9
 
 
-def test_where_nothing_moves_the_derivative_is_that_of_the_field_at_the_points():
+def test_derivative_at_the_zero_field_is_the_field():
     mesh = SURFACES["ellipsoid"].normalized()
     points = some_points(mesh, 5, 6)
     lines, rest, field = FlowLineDerivative(points, 2.0), np.zeros((1, 80, 2)), fields(mesh, 1, 7)
@@ -126,7 +126,7 @@ def test_where_nothing_moves_the_derivative_is_that_of_the_field_at_the_points()
     near(moved, 2.0 * np.stack([here.real, here.imag], axis=1), 1e-8)
 
 
-def test_the_jacobian_and_the_gradient_are_adjoint():
+def test_jacobian_and_gradient_are_adjoint():
     mesh = SURFACES["torus"].normalized()
     lines, x = FlowLineDerivative(some_points(mesh, 5, 8), 1.0), fields(mesh, 2, 8)
     walk, rng = lines.walk(x), np.random.default_rng(9)
@@ -137,7 +137,7 @@ def test_the_jacobian_and_the_gradient_are_adjoint():
     assert_allclose(lines.gradient(walk, 0 * slopes), 0)
 
 
-def test_more_speed_takes_more_steps_and_too_much_is_refused():
+def test_steps_grow_with_speed_up_to_a_limit():
     mesh = SURFACES["ellipsoid"].normalized()
     lines, field = FlowLineDerivative(some_points(mesh, 2, 0), 1.0), fields(mesh, 1, 0)[0]
     assert lines.steps(0 * field, 1) == 8

@@ -1,4 +1,4 @@
-"""Flow lines against motions known exactly, against advection, and on fields made to trap them."""
+"""Flow lines, compared with exact motions and advection, and fields that trap them."""
 
 from importlib import import_module
 
@@ -21,7 +21,7 @@ from tests.messages import raises
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 AXIS = np.array([1.0, 2.0, -2.0]) / 3
-MODULE = import_module("abfm.flow.flow_lines")  # the room has a function of this name
+MODULE = import_module("abfm.flow.flow_lines")  # the package exports a function of this name
 
 
 def random_start(mesh, count):
@@ -51,12 +51,12 @@ def endings(lines):
 
 
 def strip(left, right):
-    """Two triangles, left and right of the edge from (0, 0) to (0, 1), and a vector in each."""
+    """Return two triangles beside the edge from (0, 0) to (0, 1), and a vector in each."""
     mesh = TriangleMesh([[0, 0, 0], [0, 1, 0], [-1, 0.5, 0], [1, 0.5, 0]], [[0, 1, 2], [1, 0, 3]])
     return mesh, np.array([left, right], dtype=float)
 
 
-def test_a_constant_field_on_a_plane():
+def test_constant_field_on_a_plane():
     mesh, velocity = square(8), np.array([0.7, -0.4, 0])
     lines = flow_lines(mesh, constant(mesh, velocity), random_start(mesh, 50), 0.3)
     for line in lines:
@@ -78,8 +78,8 @@ def test_places_lie_in_their_faces():
         assert (np.diff(line.times) >= 0).all()
 
 
-def test_a_rotation_of_a_sphere():
-    """A face has the field of its centre; off it the error is of first order."""
+def test_rotation_of_a_sphere_converges():
+    """Each face has the field of its centre, so elsewhere the error is of first order."""
     errors = []
     for level in (3, 4, 5, 6):
         mesh = icosphere(level)
@@ -92,21 +92,21 @@ def test_a_rotation_of_a_sphere():
     assert np.log2(errors[0] / errors[-1]) / 3 > 1.2
 
 
-def test_lines_backwards_end_where_advection_says_that_values_came_from():
+def test_backward_lines_agree_with_advection():
     errors = []
     for level in (3, 4, 5):
         mesh = icosphere(level)
         velocity, at_vertices = wavy_field(mesh, 2), project_onto_surface(mesh, mesh.vertices)
-        carried = advect(mesh, velocity, mesh.vertices, 0.15)
+        origins = advect(mesh, velocity, mesh.vertices, 0.15)
         lines = flow_lines(mesh, velocity, at_vertices, -0.15)
         assert endings(lines) <= {"time", "stagnation"}
-        missed = ends(lines) - project_onto_surface(mesh, carried).positions
+        missed = ends(lines) - project_onto_surface(mesh, origins).positions
         errors.append(l2_norm(mesh, missed) / l2_norm(mesh, mesh.vertices))
     assert errors[2] < 0.02
     assert np.log2(errors[0] / errors[2]) / 2 > 0.8
 
 
-def test_a_reversed_field_returns():
+def test_reversed_field_leads_back():
     mesh = icosphere(4)
     velocity = rotation_field(mesh, AXIS)
     there = flow_lines(mesh, velocity, random_start(mesh, 50), 1.0)
@@ -116,11 +116,12 @@ def test_a_reversed_field_returns():
         back = flow_lines(mesh, -sign * velocity, turned, sign * 1.0)
         distances = np.linalg.norm(ends(back) - starts(there), axis=1)
         assert np.median(distances) < 1e-13
-        # where lines met at an edge the way back may leave it elsewhere
+        # lines that met at an edge may leave it elsewhere on their return
         assert distances.max() < 0.05
 
 
-def test_negative_times_run_backwards_and_lines_start_at_the_points_that_are_given():
+def test_negative_times_run_backwards():
+    """Lines start at the given points."""
     mesh = square(6)
     [line] = flow_lines(mesh, constant(mesh, [0.1, 0, 0]), centre(mesh, 30), -2.0)
     assert line.times[-1] == -2
@@ -135,12 +136,13 @@ def test_negative_times_run_backwards_and_lines_start_at_the_points_that_are_giv
     assert flow_lines(mesh, field, vertex_points(mesh, np.zeros(0, int)), 1.0) == []
 
 
-def test_each_field_lasts_its_part_the_last_goes_on_and_equal_ones_are_one():
+def test_fields_share_the_time_and_the_last_continues():
+    """Equal fields act as one."""
     mesh = square(6)
     fields = constant(mesh, [0.1, 0, 0], [0, 0, 0], [0, 0.15, 0])
     [line] = flow_lines(mesh, fields, centre(mesh, 30), 4.0, tau=3.0)
-    way = {0.5: (0.05, 0), 1: (0.1, 0), 1.7: (0.1, 0), 2: (0.1, 0), 3: (0.1, 0.15), 4: (0.1, 0.3)}
-    for t, place in way.items():
+    path = {0.5: (0.05, 0), 1: (0.1, 0), 1.7: (0.1, 0), 2: (0.1, 0), 3: (0.1, 0.15), 4: (0.1, 0.3)}
+    for t, place in path.items():
         near(line.at(t) - line.positions[0], [*place, 0], 1e-14)
     assert line.ending == "time"
     [back] = flow_lines(mesh, fields, centre(mesh, 30), -0.5, tau=3.0)
@@ -151,8 +153,8 @@ def test_each_field_lasts_its_part_the_last_goes_on_and_equal_ones_are_one():
     near(ends(flow_lines(mesh, np.stack([velocity] * 4), start, 1.2, tau=1.0)), ends(one), 1e-10)
 
 
-def test_slides_along_an_edge_between_opposing_faces_and_rests_between_equal_ones():
-    """Filippov: the mean of (1, 0.4) and (-3, 0.8) with no part across the edge is (0, 0.5)."""
+def test_lines_slide_along_edges_between_opposing_faces():
+    """Filippov: the mean of (1, 0.4) and (-3, 0.8) without a part across the edge is (0, 0.5)."""
     mesh, velocity = strip([1, 0.4, 0], [-3, 0.8, 0])
     start = SurfacePoints(mesh, np.array([0]), np.array([[0.6, 0.3, 0.1]]))
     [line], [longer] = (flow_lines(mesh, velocity, start, t) for t in (0.5, 50.0))
@@ -167,8 +169,8 @@ def test_slides_along_an_edge_between_opposing_faces_and_rests_between_equal_one
     near(line.at(5), [0, 0.5, 0], 1e-15)
 
 
-def test_passes_through_vertices():
-    """Along edges and diagonals of a regular grid, from a vertex, in eight directions."""
+def test_lines_pass_through_vertices():
+    """Eight directions along edges and diagonals of a regular grid, from a vertex."""
     x, y = np.meshgrid(np.arange(9.0), np.arange(9.0), indexing="ij")
     cells = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([cells[:, None] + [0, 9, 10], cells[:, None] + [0, 10, 1]])
@@ -180,7 +182,7 @@ def test_passes_through_vertices():
         near(line.positions[-1], [4, 4, 0] + 3.5 * direction, 1e-12)
 
 
-def test_rests_in_a_sink_and_leaves_a_source():
+def test_lines_rest_in_sinks_and_leave_sources():
     mesh = square(10)
     inner = int(np.argmin(np.linalg.norm(mesh.vertices - [0.5, 0.5, 0], axis=1)))
     outward = mesh.vertices[mesh.faces].mean(axis=1) - mesh.vertices[inner]
@@ -191,8 +193,8 @@ def test_rests_in_a_sink_and_leaves_a_source():
     assert endings(flow_lines(mesh, outward, source, 100.0)) == {"boundary"}
 
 
-def test_whirls_around_a_vertex_end():
-    """Around each vertex of a tetrahedron, inwards: infinitely many edges in finite time."""
+def test_lines_spiralling_into_a_vertex_end():
+    """On a tetrahedron they cross infinitely many edges in finite time."""
     mesh = tetrahedron()
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     towards = mesh.vertices[0] - centres
@@ -201,7 +203,7 @@ def test_whirls_around_a_vertex_end():
     assert endings(lines) <= {"stagnation", "step limit"}
 
 
-def test_ends_at_the_boundary():
+def test_lines_end_at_the_boundary():
     mesh = hemisphere(6)
     field = tangent(mesh, constant(mesh, [0, 0, -1])[0])
     lines = flow_lines(mesh, field, random_start(mesh, 30), 100.0)
@@ -209,7 +211,7 @@ def test_ends_at_the_boundary():
     near(ends(lines)[:, 2], 0, 1e-13)
 
 
-def test_a_zero_field_leaves_points_where_they_are_and_a_long_way_ends_at_the_limit(monkeypatch):
+def test_zero_fields_and_very_long_lines(monkeypatch):
     mesh = icosphere(1)
     for line in flow_lines(mesh, np.zeros((len(mesh.faces), 3)), random_start(mesh, 5), 1.0):
         assert line.ending == "stagnation"
@@ -249,14 +251,14 @@ def test_time_scales_with_speed(scale):
 
 
 BALL, FIELD = icosphere(0), np.ones((20, 3))
-SPOILT = np.where(np.arange(60).reshape(20, 3) == 10, np.nan, FIELD)
+INVALID = np.where(np.arange(60).reshape(20, 3) == 10, np.nan, FIELD)
 
 
 @pytest.mark.parametrize(
     ("named", "field", "start", "times"),
     [
-        ("", SPOILT, BALL, [1.0]),
-        ("", np.nan_to_num(SPOILT, nan=np.inf), BALL, [1.0]),
+        ("", INVALID, BALL, [1.0]),
+        ("", np.nan_to_num(INVALID, nan=np.inf), BALL, [1.0]),
         ("", FIELD, BALL, [np.nan]),
         ("", FIELD, BALL, [np.inf]),
         ("", 1e200 * FIELD, BALL, [1.0]),
@@ -267,6 +269,6 @@ SPOILT = np.where(np.arange(60).reshape(20, 3) == 10, np.nan, FIELD)
         ("", FIELD, BALL, [1.0, -1.0]),
     ],
 )
-def test_what_does_not_fit_is_refused(named, field, start, times):
+def test_invalid_input_is_refused(named, field, start, times):
     with raises(ParameterError, named):
         flow_lines(BALL, field, centre(start, 0), *times)

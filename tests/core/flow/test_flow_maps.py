@@ -1,4 +1,4 @@
-"""The maps of flow lines: their times and inverses, and what they do to areas and shapes."""
+"""Maps of flow lines: times, inverses and distortion."""
 
 import numpy as np
 import pytest
@@ -29,34 +29,36 @@ def centres(mesh):
 
 
 def twist(mesh, speed):
-    """Turns about z the faster the higher a place is: it shears, and keeps all areas."""
+    """Return a rotation about z that grows with height: it shears, and preserves areas."""
     x, y, z = centres(mesh).T
     return speed * np.stack([-z * y, z * x, 0 * z], axis=1)
 
 
-def off(one, other):
+def largest_distance(one, other):
+    """Return the largest distance between the images of two maps."""
     return np.linalg.norm(one.positions - other.positions, axis=1).max()
 
 
 @pytest.mark.parametrize("fields", [TURN, ROW])
 @pytest.mark.parametrize("inverse", [False, True])
-def test_times_are_those_of_push_and_a_negative_one_is_the_other_way(fields, inverse):
+def test_negative_times_give_the_inverse_map(fields, inverse):
+    """The times of maps are those of `push`."""
     flow, lines = Flow(BALL, fields, 0.6), ContinuousFlow(BALL, fields, 0.6)
-    carried = lines.destinations if inverse else lines.origins
-    assert off(flow.point_map(inverse=inverse), carried()) == 0
+    moved = lines.destinations if inverse else lines.origins
+    assert largest_distance(flow.point_map(inverse=inverse), moved()) == 0
     for t in (0.0, 0.1, 0.5, 0.9):
         found = flow.point_map(t, inverse)
-        assert off(found, flow.point_map(-t, not inverse)) == 0
+        assert largest_distance(found, flow.point_map(-t, not inverse)) == 0
         there = flow.push(BALL.vertices, -t if inverse else t)
         assert np.linalg.norm(found.positions - there, axis=1).mean() < 0.02
 
 
 @pytest.mark.parametrize("fields", [TURN, ROW])
 @pytest.mark.parametrize("inverse", [False, True])
-def test_several_times_are_walked_at_once(fields, inverse):
+def test_maps_of_several_times_agree_with_single_maps(fields, inverse):
     flow, times = Flow(BALL, fields, 0.6), [0.0, 0.05, 0.3, 0.3, 0.8, 0.2, -0.1, -0.4]
     for t, found in zip(times, flow.point_maps(times, inverse), strict=True):
-        assert off(found, flow.point_map(t, inverse)) < 0.01
+        assert largest_distance(found, flow.point_map(t, inverse)) < 0.01
     with raises(ParameterError):
         flow.point_maps([0.0, np.nan])
     with raises(ParameterError):
@@ -64,7 +66,7 @@ def test_several_times_are_walked_at_once(fields, inverse):
 
 
 @pytest.mark.parametrize("inverse", [False, True])
-def test_a_finer_field_maps_the_mesh_as_it_maps_its_own(inverse):
+def test_finer_fields_map_the_mesh_itself(inverse):
     fine = subdivided(BALL)
     field = 0.3 * wavy_field(fine, 2)
     on_mesh, on_fine = (Flow(mesh, field).point_map(0.8, inverse) for mesh in (BALL, fine))
@@ -75,7 +77,7 @@ def test_a_finer_field_maps_the_mesh_as_it_maps_its_own(inverse):
     assert found.folded == 0
 
 
-def test_a_map_that_nobody_wants_any_more_ends():
+def test_point_map_can_be_cancelled():
     control = Control()
     control.cancel()
     with controlled(control), pytest.raises(CancelledError):
@@ -86,8 +88,8 @@ MATRICES = [[[-1, 0], [0, -1]], [[-1, 0], [0, -2]], [[-1, 0.8], [0, -1]], [[-0.5
 
 
 @pytest.mark.parametrize("matrix", MATRICES)
-def test_areas_and_shapes_of_a_linear_flow_of_the_plane(matrix):
-    """Inwards, so that nothing ends at the boundary."""
+def test_distortion_of_linear_flows_of_the_plane(matrix):
+    """Flows lead inwards, so that no line ends at the boundary."""
     largest, smallest = np.linalg.svd(expm(np.array(matrix)), compute_uv=False)
     exact, errors = np.log2([largest * smallest, largest / smallest]), []
     for n in (10, 20, 40):
@@ -96,14 +98,14 @@ def test_areas_and_shapes_of_a_linear_flow_of_the_plane(matrix):
         found = Flow(mesh, field).distortion()
         logs = np.log2(np.stack([found.area, found.conformal], axis=1))
         errors.append(np.average(abs(logs - exact), axis=0, weights=face_areas(mesh)))
-        told = np.array([found.log2_area, found.log2_shape])
-        assert (abs(told - np.abs(exact)[:, None])[:, :3] < 0.06).all()
+        summaries = np.array([found.log2_area, found.log2_shape])
+        assert (abs(summaries - np.abs(exact)[:, None])[:, :3] < 0.06).all()
         assert found.folded == 0
     assert (np.array(errors[:-1]) > 1.6 * np.array(errors[1:])).all()
     assert errors[2].max() < 0.003
 
 
-def test_a_twist_shears_by_what_its_speed_changes_and_keeps_areas():
+def test_twist_shears_and_preserves_areas():
     """R of a shear by k is the square of (k + sqrt(k^2 + 4)) / 2."""
     errors = []
     for level in (3, 4, 5):
@@ -118,17 +120,18 @@ def test_a_twist_shears_by_what_its_speed_changes_and_keeps_areas():
     assert (np.array(errors[:-1]) > 1.8 * np.array(errors[1:])).all()
 
 
-def test_a_rigid_motion_changes_nothing():
+def test_rigid_motions_have_no_distortion():
     found = Flow(BALL, np.zeros_like(TURN)).distortion()
-    for told in (found.log2_area, found.log2_shape):
-        near(told, 0, 1e-6)
+    for summary in (found.log2_area, found.log2_shape):
+        near(summary, 0, 1e-6)
     mesh = torus(48, 24)
     found = Flow(mesh, rotation_field(mesh, [0, 0, 1]), 2 * np.pi / 24).distortion()
-    for told in (found.log2_area, found.log2_shape):
-        near(told, 0, 0.03)
+    for summary in (found.log2_area, found.log2_shape):
+        near(summary, 0, 0.03)
 
 
-def test_what_triangles_between_corners_measure_badly_is_measured_by_parts():
+def test_distortion_is_measured_inside_faces():
+    """Triangles between mapped corners would count many folds."""
     mesh = icosphere(2)
     there = Flow(mesh, twist(mesh, 6.0)).point_map(inverse=True)
     chords, parts = chord_distortion(mesh, there.positions), there.distortion()
@@ -139,7 +142,8 @@ def test_what_triangles_between_corners_measure_badly_is_measured_by_parts():
 
 @pytest.mark.parametrize("seed", range(7))
 @pytest.mark.parametrize("t", [0.6, 1.2])
-def test_flipped_faces_are_those_that_folds_counts_and_smooth_flows_have_none(seed, t):
+def test_folded_faces_of_smooth_flows(seed, t):
+    """Overturned triangles between corners are not folds of the map."""
     flow = Flow(BALL, wavy_field(BALL, seed) if seed else twist(BALL, 6.0))
     there, back = flow.point_map(t, inverse=True), flow.point_map(t)
     for found in (there, back):
@@ -154,7 +158,7 @@ def test_flipped_faces_are_those_that_folds_counts_and_smooth_flows_have_none(se
     assert round_trip(there, back.at).median < 0.1
 
 
-def test_there_and_back_is_told_in_edges():
+def test_round_trip_is_measured_in_edges():
     mesh = square(8)
     still = PointMap.of_vertices(mesh, mesh)
     assert round_trip(still, still.at) == (0, 0)
