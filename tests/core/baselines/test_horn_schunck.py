@@ -6,7 +6,12 @@ from numpy.testing import assert_allclose
 
 from abfm import AbfmError, TriangleMesh
 from abfm.baselines import horn_schunck
-from tests.core.sequences.films import SPHERE, coordinates, off, turning
+from tests.core.sequences.known_motions import (
+    SPHERE,
+    coordinates,
+    relative_field_error,
+    rotating_pattern,
+)
 from tests.core.surfaces import last_order
 from tests.messages import raises
 from tests.shapes import icosphere, square
@@ -21,9 +26,9 @@ def test_errors_of_a_rotation_fall_with_the_mesh(wave, smoothness, order, larges
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
-        frames, wanted = turning(mesh, 0.01, 2, wave)
+        frames, wanted = rotating_pattern(mesh, 0.01, 2, wave)
         field = horn_schunck(mesh, *frames, smoothness=smoothness)
-        errors.append(off(mesh, field, wanted, frames[0]))
+        errors.append(relative_field_error(mesh, field, wanted, frames[0]))
     assert last_order(errors) > order
     assert errors[2] < largest
 
@@ -51,7 +56,7 @@ def test_smooth_fields_cross_an_edge_of_a_fold():
 
 
 def test_rotating_the_surface_rotates_the_field():
-    frames, _ = turning(SPHERE, 0.02, 2)
+    frames, _ = rotating_pattern(SPHERE, 0.02, 2)
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     turned = TriangleMesh(SPHERE.vertices @ turn.T + 3, SPHERE.faces)
@@ -60,7 +65,7 @@ def test_rotating_the_surface_rotates_the_field():
 
 
 def test_renumbering_vertices_changes_nothing():
-    frames, _ = turning(SPHERE, 0.02, 2)
+    frames, _ = rotating_pattern(SPHERE, 0.02, 2)
     order = np.random.default_rng(1).permutation(len(SPHERE.vertices))
     other = TriangleMesh(SPHERE.vertices[order], np.argsort(order)[SPHERE.faces])
     found = horn_schunck(other, *frames[:, order])
@@ -69,14 +74,18 @@ def test_renumbering_vertices_changes_nothing():
 
 def test_large_rotations_are_not_found():
     near, far = (
-        off(SPHERE, horn_schunck(SPHERE, *frames, smoothness=1e-6), wanted, frames[0])
-        for frames, wanted in (turning(SPHERE, angle, 2, coordinates) for angle in (0.05, 1.2))
+        relative_field_error(
+            SPHERE, horn_schunck(SPHERE, *frames, smoothness=1e-6), wanted, frames[0]
+        )
+        for frames, wanted in (
+            rotating_pattern(SPHERE, angle, 2, coordinates) for angle in (0.05, 1.2)
+        )
     )
     assert far > 2 * near
 
 
 def test_units_and_constants_change_nothing():
-    frames, _ = turning(SPHERE, 0.02, 2)
+    frames, _ = rotating_pattern(SPHERE, 0.02, 2)
     usual = horn_schunck(SPHERE, *frames)
     large = TriangleMesh(50 * SPHERE.vertices, SPHERE.faces)
     assert_allclose(horn_schunck(large, *frames), 50 * usual, rtol=1e-6, atol=1e-9)
@@ -86,7 +95,7 @@ def test_units_and_constants_change_nothing():
 
 
 def test_channels_add_up():
-    frames, _ = turning(SPHERE, 0.01, 2)
+    frames, _ = rotating_pattern(SPHERE, 0.01, 2)
     one = horn_schunck(SPHERE, *frames, smoothness=0.1)
     twice = horn_schunck(SPHERE, *np.stack([frames, frames], axis=-1), smoothness=0.2)
     assert_allclose(twice, one, rtol=1e-4, atol=1e-7)

@@ -26,7 +26,10 @@ def angles(points):
 
 
 def ring(v):
-    """Return the distance from the z axis, the length of ``d/du``; that of ``d/dv`` is ``MINOR``."""
+    """Return the distance from the z axis, which is the length of ``d/du``.
+
+    The length of ``d/dv`` is ``MINOR``.
+    """
     return MAJOR + MINOR * np.cos(v)
 
 

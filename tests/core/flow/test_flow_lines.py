@@ -51,7 +51,7 @@ def endings(lines):
 
 
 def strip(left, right):
-    """Return two triangles beside the edge from (0, 0) to (0, 1), and a vector in each."""
+    """Return two triangles that share the edge from (0, 0) to (0, 1), and a vector in each."""
     mesh = TriangleMesh([[0, 0, 0], [0, 1, 0], [-1, 0.5, 0], [1, 0.5, 0]], [[0, 1, 2], [1, 0, 3]])
     return mesh, np.array([left, right], dtype=float)
 

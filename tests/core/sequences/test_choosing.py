@@ -7,12 +7,12 @@ import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.sequences import SequenceCheckpoint, SequenceParameters, defaults
 from abfm.sequences.solving.choosing import NORMS, Norm, norms
-from tests.core.sequences.films import turning
+from tests.core.sequences.known_motions import rotating_pattern
 from tests.messages import raises
 from tests.shapes import icosphere
 
 BALL = icosphere(2)
-FRAMES = turning(BALL, 0.1, 3)[0]
+FRAMES = rotating_pattern(BALL, 0.1, 3)[0]
 
 
 @pytest.fixture(scope="module")
@@ -24,8 +24,8 @@ def choice(sequence):
     return sequence.parameters.order, sequence.parameters.alpha, sequence.sigma
 
 
-def test_smooth_motion_without_noise_gets_the_smoother_norm(found):
-    """Order 2 represents a rotation; held-out patches show it."""
+def test_smooth_motion_gets_the_smoother_norm(found):
+    """Order 2 represents a rotation; held-out patches confirm it."""
     assert choice(found)[0] == 2
     assert found.parameters.automatic == ("alpha", "order")
     assert found.parameters.sigma is None
@@ -44,16 +44,16 @@ def test_units_do_not_change_the_choice(found, length, value, shift, time):
     assert choice(other) == choice(found)
 
 
-def test_given_values_are_kept():
+def test_given_values_are_used():
     assert norms(defaults()) == list(NORMS)
     assert norms(defaults(order=1)) == [Norm(1, 1.0)]
     assert norms(defaults(alpha=0.5)) == [Norm(2, 0.5), Norm(1, 0.5)]
     assert norms(defaults(order=2, alpha=0.5)) == [Norm(2, 0.5)]
     assert defaults(alpha=None, order=None, sigma=None) == defaults()
-    kept = abfm.sequence(BALL, FRAMES, parameters=defaults(alpha=0.5, sigma=0.3))
-    assert kept.parameters.alpha == 0.5
-    assert kept.sigma == 0.3
-    assert kept.parameters.automatic == ("order",)
+    given_norm = abfm.sequence(BALL, FRAMES, parameters=defaults(alpha=0.5, sigma=0.3))
+    assert given_norm.parameters.alpha == 0.5
+    assert given_norm.sigma == 0.3
+    assert given_norm.parameters.automatic == ("order",)
 
 
 def test_only_the_norm_can_be_automatic():
@@ -62,7 +62,7 @@ def test_only_the_norm_can_be_automatic():
 
 
 def test_resumed_run_keeps_the_choice(found, tmp_path):
-    """The choice is made once; a resumed run reads it, and finds the same bit for bit."""
+    """The choice is made once; a resumed run reads it and gives the same result bit for bit."""
 
     class KilledError(Exception):
         pass
@@ -71,8 +71,8 @@ def test_resumed_run_keeps_the_choice(found, tmp_path):
         raise KilledError
 
     class AtOnce(SequenceCheckpoint):
-        def keep(self, solver, at_once=True):
-            super().keep(solver, True)
+        def save(self, solver, force=True):
+            super().save(solver)
 
     with pytest.raises(KilledError):
         abfm.sequence(

@@ -1,4 +1,4 @@
-"""Zeros of fields: how many, which, where."""
+"""Zeros of fields: their number, kinds and places."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ CLOSED = {name: mesh for name, mesh in SURFACES.items() if mesh.is_closed}
 
 
 def grid(n: int) -> TriangleMesh:
-    """A square of the plane, [-1, 1]^2."""
+    """Return a square of the plane, [-1, 1]^2."""
     x, y = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1, 1, n), indexing="ij")
     corner = np.arange(n * n).reshape(n, n)
     a, b, c, d = (
@@ -33,7 +33,7 @@ PLANE = grid(12)
 
 
 def linear(matrix, at) -> np.ndarray:
-    """The field ``matrix (p - at)`` of the plane, at the middle of each face."""
+    """Return the field ``matrix (p - at)`` of the plane, at the centre of each face."""
     middles = PLANE.vertices[PLANE.faces].mean(axis=1)[:, :2]
     flat = (middles - at) @ np.asarray(matrix, float).T
     return np.concatenate([flat, np.zeros((len(flat), 1))], axis=1)
@@ -42,7 +42,7 @@ def linear(matrix, at) -> np.ndarray:
 @pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED.keys())
 @given(seed=st.integers(0, 2**31))
 def test_indices_add_up_to_the_euler_characteristic(mesh, seed):
-    """Poincaré and Hopf, for any field without a zero at a vertex, however rough."""
+    """Poincaré-Hopf, for any field without a zero at a vertex, however rough."""
     field = np.random.default_rng(seed).standard_normal((len(mesh.faces), 3))
     euler = len(mesh.vertices) - len(mesh.edges) + len(mesh.faces)
     assert face_indices(mesh, field).sum() == euler
@@ -59,7 +59,7 @@ def test_indices_add_up_to_the_euler_characteristic(mesh, seed):
     ],
 )
 @pytest.mark.parametrize("at", [(0.137, -0.24), (-0.51, 0.33), (0.02, 0.61)])
-def test_a_linear_field_of_the_plane_has_one_zero_and_it_is_found(matrix, kind, index, at):
+def test_zero_of_a_linear_field_is_found(matrix, kind, index, at):
     found = critical_points(PLANE, linear(matrix, at))
     assert found.kinds == (kind,)
     assert_array_equal(found.index, [index])
@@ -69,12 +69,12 @@ def test_a_linear_field_of_the_plane_has_one_zero_and_it_is_found(matrix, kind, 
     assert_allclose(found.curl, m[1, 0] - m[0, 1], rtol=1e-9, atol=1e-9)
 
 
-def test_a_field_without_zeros_has_none():
+def test_fields_without_zeros_have_no_points():
     assert len(critical_points(PLANE, np.tile([1.0, 0.3, 0.0], (len(PLANE.faces), 1)))) == 0
     assert len(critical_points(PLANE, np.zeros((len(PLANE.faces), 3)))) == 0
 
 
-def test_the_gradient_of_a_height_has_a_source_below_and_a_sink_above():
+def test_height_gradient_has_a_source_and_a_sink():
     direction = np.array([0.3, -0.5, 0.8])
     direction /= np.linalg.norm(direction)
     field = to_ambient(SPHERE, (gradient(SPHERE) @ (SPHERE.vertices @ direction)).reshape(-1, 2))
@@ -98,7 +98,7 @@ def test_zeros_at_vertices_are_found(level):
         assert_allclose(np.abs(found.points.positions @ about), 1, atol=0.02)
 
 
-def test_they_go_with_rotations_scales_and_the_sign():
+def test_points_follow_rotations_scales_and_signs():
     rng = np.random.default_rng(3)
     function = np.sin(3 * SPHERE.vertices @ rng.standard_normal(3)) + SPHERE.vertices[:, 0]
     field = to_ambient(SPHERE, (gradient(SPHERE) @ function).reshape(-1, 2))

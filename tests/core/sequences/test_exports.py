@@ -1,4 +1,4 @@
-"""Sequences for other programs come back as they were."""
+"""Exports of sequences, read by other programs."""
 
 import csv
 import re
@@ -27,7 +27,7 @@ from abfm.sequences import (
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import reporting_steps
 from tests.core.reading.vtk_files import point_data
-from tests.core.sequences.turning_film import MESH, SPEED, TIMES, film, solved
+from tests.core.sequences.rotating_sphere import MESH, SPEED, TIMES, rotating_frames, solved
 from tests.messages import check_message, raises
 from tests.shapes import with_loose_vertex
 
@@ -37,11 +37,11 @@ def table(path):
         return list(csv.DictReader(file))
 
 
-def test_paraview_gets_frames_and_fields(tmp_path):
+def test_pvd_has_frames_and_fields(tmp_path):
     sequence, path = solved(), tmp_path / "a film.pvd"
     export_pvd(path, sequence)
     found = read_frames(path, MESH, "frame")
-    assert_array_equal(found.values, film())
+    assert_array_equal(found.values, rotating_frames())
     assert_array_equal(found.times, TIMES)
     entries = read_collection(path)
     assert entries[1][1] == "a film/a film_0001.vtu"
@@ -54,20 +54,23 @@ def test_paraview_gets_frames_and_fields(tmp_path):
         for certainty in ("uncertainty", "determined"):
             assert f'Name="{certainty}"'.encode() in written
             assert getattr(sequence, certainty)[interval].tobytes() in written
-        carried = point_data(tmp_path / name, "carried")[:, 0]
+        advected = point_data(tmp_path / name, "carried")[:, 0]
         if k:
             flow = Flow(MESH, sequence.velocity[k - 1], TIMES[k] - TIMES[k - 1])
-            assert_allclose(carried, flow.push(sequence.frames[k - 1])[:, 0], atol=1e-12)
-            assert np.abs(carried - film()[k]).max() < 0.3 * np.abs(film()[k - 1] - film()[k]).max()
+            assert_allclose(advected, flow.push(sequence.frames[k - 1])[:, 0], atol=1e-12)
+            assert (
+                np.abs(advected - rotating_frames()[k]).max()
+                < 0.3 * np.abs(rotating_frames()[k - 1] - rotating_frames()[k]).max()
+            )
         else:
-            assert_array_equal(carried, film()[0])
+            assert_array_equal(advected, rotating_frames()[0])
 
 
-def test_paraview_is_told_where_values_were_missing(tmp_path):
+def test_pvd_marks_missing_values(tmp_path):
     export_pvd(tmp_path / "whole.pvd", solved())
-    whole = vtk_contents(open_file(tmp_path / "whole/whole_0000.vtu"))
-    assert "measured" not in whole.point_data
-    frames = film()[:3].copy()
+    complete = vtk_contents(open_file(tmp_path / "whole/whole_0000.vtu"))
+    assert "measured" not in complete.point_data
+    frames = rotating_frames()[:3].copy()
     frames[1, 7] = np.nan
     known = np.ones(len(MESH.vertices))
     known[11] = 0
@@ -78,11 +81,11 @@ def test_paraview_is_told_where_values_were_missing(tmp_path):
         measured = point_data(file, "measured")[:, 0]
         assert np.flatnonzero(measured == 0).tolist() == [7, 11]
         assert set(measured) == {0, 1}
-        [told] = re.findall(rb'<DataArray[^>]* Name="measured"[^>]*>', file.read_bytes())
-        assert b'type="UInt8"' in told
+        [tag] = re.findall(rb'<DataArray[^>]* Name="measured"[^>]*>', file.read_bytes())
+        assert b'type="UInt8"' in tag
 
 
-def test_a_film_that_is_cancelled_leaves_what_was_there(tmp_path):
+def test_cancelled_export_changes_no_files(tmp_path):
     def content():
         return {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")}
 
@@ -111,7 +114,8 @@ def test_a_film_that_is_cancelled_leaves_what_was_there(tmp_path):
     assert content() != before
 
 
-def test_frames_that_a_longer_film_of_that_name_lists_go_and_nothing_else(tmp_path):
+def test_surplus_frames_of_a_longer_sequence_are_removed(tmp_path):
+    """Other files in the folder remain."""
     path, folder = tmp_path / "a(1).pvd", tmp_path / "a(1)"
 
     def names():
@@ -128,7 +132,7 @@ def test_frames_that_a_longer_film_of_that_name_lists_go_and_nothing_else(tmp_pa
     rows = "".join(f'<DataSet timestep="{9 + k}" file="{each}"/>' for k, each in enumerate(listed))
     path.write_text(path.read_text().replace("</Collection>", f"{rows}</Collection>"))
     (folder / "a(1)_0060.vtu").touch()
-    short = abfm.sequence(MESH, film()[:3], TIMES[:3])
+    short = abfm.sequence(MESH, rotating_frames()[:3], TIMES[:3])
     export_pvd(path, short)
     assert names() == {*others, *(f"a(1)/a(1)_{k:04}.vtu" for k in range(3))}
     assert len(read_frames(path, MESH, "frame").values) == 3
@@ -138,8 +142,8 @@ def test_frames_that_a_longer_film_of_that_name_lists_go_and_nothing_else(tmp_pa
     assert names() == {*others, *(f"a(1)/a(1)_{k:04}.vtu" for k in range(4))}
 
 
-def test_frames_for_paraview_are_written_where_their_folder_leads(tmp_path):
-    """Files are moved to it, which no system does from one disk to another."""
+def test_pvd_follows_links_of_its_folder(tmp_path):
+    """Files are moved to the target, so they must be written on the same disk."""
     (tmp_path / "disk").mkdir()
     (tmp_path / "a").symlink_to(tmp_path / "disk")
     places = set()
@@ -155,8 +159,8 @@ def test_frames_for_paraview_are_written_where_their_folder_leads(tmp_path):
     assert len(read_frames(tmp_path / "a.pvd", MESH, "frame").values) == len(TIMES)
 
 
-def test_the_speed_at_vertices_is_that_of_a_rotation():
-    """To the order of the mesh's edges, squared."""
+def test_vertex_speed_of_a_rotation():
+    """The error is of the order of the squared edge length."""
     middles = MESH.vertices[MESH.faces].mean(axis=1)
     turning = np.cross([0, 0, SPEED], middles)
     found = vertex_speed(replace(solved(), velocity=np.stack([turning, 2 * turning])))
@@ -166,7 +170,7 @@ def test_the_speed_at_vertices_is_that_of_a_rotation():
     assert_allclose(found[1], 2 * found[0])
 
 
-def test_mne_and_workbench_get_the_speed(tmp_path):
+def test_speed_is_exported_to_mne_and_workbench(tmp_path):
     speed = vertex_speed(solved())
     export_stc(tmp_path / "a-rh.stc", solved())
     found = read_frames(tmp_path / "a-rh.stc", MESH)
@@ -182,8 +186,8 @@ def test_mne_and_workbench_get_the_speed(tmp_path):
     assert image.meta["AnatomicalStructurePrimary"] == "CortexLeft"
 
 
-def test_other_hemisphere_is_kept(tmp_path):
-    """MNE opens both files if they have the same times; a note says if they have not."""
+def test_other_hemisphere_file_is_kept(tmp_path):
+    """MNE opens both files if they have the same times; otherwise a note warns."""
     assert export_stc(tmp_path / "a-lh.stc", solved()) == ""
     assert export_stc(tmp_path / "a-rh.stc", solved()) == ""
     assert mne.read_source_estimate(tmp_path / "a").shape == (
@@ -196,9 +200,9 @@ def test_other_hemisphere_is_kept(tmp_path):
     assert_allclose(read_frames(tmp_path / "a-rh.stc", MESH).times, solved().middles, atol=1e-7)
 
 
-def test_files_with_loose_vertices_are_counted_as_they_are(tmp_path):
+def test_loose_vertices_of_the_file_are_included(tmp_path):
     mesh = with_loose_vertex(MESH)
-    found = abfm.sequence(mesh, film()[:2], gamma=0.0, parameters=solved().parameters)
+    found = abfm.sequence(mesh, rotating_frames()[:2], gamma=0.0, parameters=solved().parameters)
     export_speed(tmp_path / "a.func.gii", found)
     values = nibabel.load(tmp_path / "a.func.gii").agg_data()
     assert_array_equal(np.delete(values, 5), vertex_speed(found)[0].astype(np.float32))
@@ -207,8 +211,8 @@ def test_files_with_loose_vertices_are_counted_as_they_are(tmp_path):
     assert 5 not in abfm.reading.read_stc((tmp_path / "a-lh.stc").read_bytes()).vertices
 
 
-def test_tracks_are_rows_of_points(tmp_path):
-    """The poles of the rotation, on its axis, in all intervals; a note counts omitted ones."""
+def test_tracks_table_has_rows_of_points(tmp_path):
+    """The poles are on the axis of the rotation in all intervals; a note counts omitted tracks."""
     count = len(solved().tracks(1))
     check_message(
         export_tracks(tmp_path / "none.csv", solved(), min_intervals=5), "none.csv", count, 5
@@ -234,26 +238,26 @@ def test_tracks_are_rows_of_points(tmp_path):
         assert abs(float(row["divergence"])) < SPEED
 
 
-def test_intervals_are_rows_with_verdicts(tmp_path):
+def test_intervals_table_has_verdicts(tmp_path):
     export_intervals(tmp_path / "i.csv", solved())
     rows = table(tmp_path / "i.csv")
     assert_array_equal([float(row["start"]) for row in rows], TIMES[:-1])
     assert_array_equal([float(row["end"]) for row in rows], TIMES[1:])
-    for name, wanted in (
+    for name, expected in (
         ("speed", solved().speed),
         ("residual", solved().residual),
         ("by_flow_lines", solved().verified_residual),
         ("folded", solved().folded),
     ):
-        assert_array_equal([float(row[name]) for row in rows], wanted)
+        assert_array_equal([float(row[name]) for row in rows], expected)
     assert [row["verdict"] for row in rows] == [each.kind for each in solved().verdicts]
 
 
-def test_what_was_not_solved_has_empty_cells(tmp_path):
+def test_unsolved_intervals_have_empty_cells(tmp_path):
     control = abfm.workers.Control()
     found = abfm.sequence(
         MESH,
-        film(),
+        rotating_frames(),
         TIMES,
         solved().parameters,
         0.0,
@@ -270,7 +274,7 @@ def cancelled_by(control):
     return lambda _: control.cancel()
 
 
-def test_what_cannot_be_written_is_refused(tmp_path):
+def test_unwritable_exports_are_refused(tmp_path):
     with raises(ResultError, ".pvd"):
         export_pvd(tmp_path / "a.vtu", solved())
     (tmp_path / "taken").write_text("")
@@ -280,6 +284,6 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     with raises(ResultError, "folder"):
         export_pvd(tmp_path / "folder.pvd", solved())
     assert not (tmp_path / "folder").exists()
-    uneven = abfm.sequence(MESH, film()[:4], [0, 1, 2, 5], solved().parameters, 0.0)
+    uneven = abfm.sequence(MESH, rotating_frames()[:4], [0, 1, 2, 5], solved().parameters, 0.0)
     with raises(ResultError):
         export_stc(tmp_path / "a-lh.stc", uneven)

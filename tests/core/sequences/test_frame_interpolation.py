@@ -1,4 +1,4 @@
-"""Frames between two: the blend, and as much of the motion as left-out frames confirm."""
+"""Interpolated frames: the blend, and the share of motion that held-out frames confirm."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from abfm.sequences import defaults, load_sequence
 from abfm.sequences.between.interpolation import interpolate
 from abfm.sequences.between.motion_evidence import motion_evidence
 from abfm.sequences.solving.solve import SequenceSolver
-from tests.core.sequences.films import SPHERE, bumps, turning
+from tests.core.sequences.known_motions import SPHERE, bumps, rotating_pattern
 from tests.messages import check_message
 from tests.shapes import icosphere
 
@@ -24,7 +24,7 @@ FAST = defaults(sigma=0.3, alpha=1.0, order=1)
 
 
 def waves(kind, noise=0.0):
-    """A wave at half steps of time, (11, V), of which every second one is a frame, with noise."""
+    """Return a wave at half steps of time, (11, V), without and with noise."""
     x, y, z = MESH.vertices.T
     turn = 0.05 * STEPS[:, None]
     if kind == "turning":
@@ -32,7 +32,7 @@ def waves(kind, noise=0.0):
         found = np.sin(5 * turned) * np.cos(3 * z)
     elif kind == "travelling":
         found = np.sin(5 * (np.cos(turn) * x + np.sin(turn) * z))
-    elif kind == "source and sink":  # along the gradient of z: tanh(z) moves by the time
+    elif kind == "source and sink":  # along the gradient of z, tanh(z) moves with time
         found = np.cos(5 * np.tanh(np.arctanh(np.clip(z, -1 + 1e-9, 1 - 1e-9)) - turn))
     else:
         found = np.cos(2 * turn + 0.4) * np.cos(5 * x)
@@ -43,7 +43,7 @@ def waves(kind, noise=0.0):
 
 
 def errors(sequence, truth):
-    """Error of frames in between, over the deviation: of the linear blend, and of the sequence."""
+    """Return errors of interpolated frames over the deviation: linear blend and sequence."""
     areas = vertex_areas(MESH) / vertex_areas(MESH).sum()
     found = []
     for i in range(len(sequence)):
@@ -55,23 +55,23 @@ def errors(sequence, truth):
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 @pytest.mark.parametrize("kind", KINDS)
-def test_frames_in_between_are_never_worse_than_the_blend(kind, noise):
+def test_interpolated_frames_are_not_worse_than_the_blend(kind, noise):
     truth, given = waves(kind, noise)
     found = abfm.sequence(MESH, given[::2], parameters=FAST)
-    blend, own = errors(found, truth)
+    blend, interpolated = errors(found, truth)
     if kind.startswith("standing"):
-        assert own == pytest.approx(blend, rel=1e-12)
+        assert interpolated == pytest.approx(blend, rel=1e-12)
         assert found.confirmed == 0
         assert np.isinf(found.uncertainty).all()
         assert not found.determined.any()
         assert found.facts.numbers["motion_share"] == 0
     else:
-        assert own < blend * (1.0 if noise else 0.5)
+        assert interpolated < blend * (1.0 if noise else 0.5)
         assert found.confirmed == len(found)
         assert found.motion_share > 0.75
 
 
-def test_a_standing_wave_with_noise_is_not_confirmed():
+def test_noisy_standing_wave_is_not_confirmed():
     _, given = waves("standing", 0.3)
     found = abfm.sequence(MESH, given[::2], parameters=FAST)
     assert found.confirmed == 0
@@ -82,14 +82,14 @@ def test_a_standing_wave_with_noise_is_not_confirmed():
 
 
 @pytest.mark.parametrize("kind", KINDS[:3])
-def test_motions_with_much_noise_remain_confirmed(kind):
+def test_noisy_motions_remain_confirmed(kind):
     found = abfm.sequence(
         MESH, waves(kind, 0.3)[1][::2], parameters=defaults(sigma=0.9, alpha=1.0, order=1)
     )
     assert found.confirmed == len(found)
 
 
-def test_the_share_is_saved_and_every_way_gives_the_same(tmp_path):
+def test_motion_share_is_saved(tmp_path):
     found = replace(abfm.sequence(MESH, waves("turning", 0.1)[1][::2], None, FAST))
     half = replace(found, motion_share=0.4)
     half.save(tmp_path / "s.npz")
@@ -102,17 +102,17 @@ def test_the_share_is_saved_and_every_way_gives_the_same(tmp_path):
     assert_allclose(blend, 0.7 * found.frames[1, :, 0] + 0.3 * found.frames[2, :, 0], atol=1e-14)
 
 
-def test_in_between_is_the_frames_at_both_ends():
-    frames, field = turning(SPHERE, 0.1, 2)
+def test_interpolation_equals_the_frames_at_both_ends():
+    frames, field = rotating_pattern(SPHERE, 0.1, 2)
     flow = Flow(SPHERE, field, 1.0)
     for motion in (0.0, 0.5, 1.0):
         found = interpolate(flow, *frames, np.array([0.0, 1.0]), motion)
         assert_allclose(found, frames, atol=1e-14)
 
 
-def test_two_frames_have_none_to_leave_out():
-    """The motion is used where it is confirmed, as nothing else tells."""
-    frames, _ = turning(SPHERE, 0.1, 2)
+def test_two_frames_have_none_to_hold_out():
+    """The motion is then used where it is confirmed."""
+    frames, _ = rotating_pattern(SPHERE, 0.1, 2)
     moving = abfm.sequence(SPHERE, frames, parameters=FAST)
     jumping = abfm.sequence(SPHERE, bumps([0.0, np.pi]), parameters=FAST)
     assert np.isnan([moving.motion_share, jumping.motion_share]).all()
@@ -121,30 +121,30 @@ def test_two_frames_have_none_to_leave_out():
     assert_array_equal(jumping.motion_shares, 0)
 
 
-def test_three_uneven_frames_have_one_to_leave_out():
-    frames, _ = turning(SPHERE, 0.05, 4)
+def test_three_uneven_frames_have_one_to_hold_out():
+    frames, _ = rotating_pattern(SPHERE, 0.05, 4)
     found = abfm.sequence(SPHERE, frames[[0, 1, 3]], [0.0, 1.0, 3.0], FAST)
     assert found.motion_share > 0.9
 
 
-def test_neighbours_too_far_apart_say_nothing():
-    """Twelve edges of a wave of sixteen are the same as four back: no motion is given up."""
-    frames, _ = turning(MESH, 1.2, 5, lambda p: (p[:, 0] + 1j * p[:, 1]) ** 3)
+def test_distant_neighbours_are_no_evidence():
+    """Twelve edges forward equal four back for a wave of sixteen, so motion is not rejected."""
+    frames, _ = rotating_pattern(MESH, 1.2, 5, lambda p: (p[:, 0] + 1j * p[:, 1]) ** 3)
     found = abfm.sequence(MESH, np.stack([frames.real, frames.imag], axis=2), parameters=FAST)
     assert np.isnan(found.motion_share) == (found.confirmed > 0)
 
 
-def test_units_and_turns_do_not_change_the_share():
+def test_units_and_rotations_do_not_change_the_share():
     _, given = waves("turning", 0.1)
-    usual = abfm.sequence(MESH, given[::2], parameters=FAST).motion_share
+    reference = abfm.sequence(MESH, given[::2], parameters=FAST).motion_share
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     other = abfm.TriangleMesh(7 * MESH.vertices @ turn.T, MESH.faces)
     there = abfm.sequence(other, 1e3 * given[::2] - 5, 0.01 * np.arange(5), FAST)
-    assert there.motion_share == pytest.approx(usual, rel=1e-4)
+    assert there.motion_share == pytest.approx(reference, rel=1e-4)
 
 
-def test_jumps_among_motions_are_not_left_out():
+def test_jumps_among_motions_are_not_held_out():
     angles = [0.0, 0.1, 0.2, 0.3, 2.0, 2.1, 2.2]
     found = abfm.sequence(SPHERE, bumps(angles, noise=0.0), parameters=FAST)
     assert found.motion_share > 0.9
@@ -152,15 +152,15 @@ def test_jumps_among_motions_are_not_left_out():
     assert sum(verdict.kind.is_good for verdict in found.verdicts) == 5
 
 
-def test_a_still_film_leaves_the_share_unknown():
-    still = np.repeat(turning(SPHERE, 0.1, 1)[0], 4, axis=0)
+def test_still_frames_have_an_unknown_share():
+    still = np.repeat(rotating_pattern(SPHERE, 0.1, 1)[0], 4, axis=0)
     found = abfm.sequence(SPHERE, still, parameters=FAST)
     assert np.isnan(found.motion_share)
     assert found.confirmed == 3
 
 
-def test_leaving_out_changes_no_field():
-    frames, _ = turning(SPHERE, 0.1, 4)
+def test_holding_out_frames_changes_no_field():
+    frames, _ = rotating_pattern(SPHERE, 0.1, 4)
     found = abfm.sequence(SPHERE, frames, parameters=FAST)
     solver = SequenceSolver(found._frames, FAST, 1.0)
     solver.run(lambda i: None)

@@ -1,4 +1,4 @@
-"""One interval: Gauss-Newton against what it stands for."""
+"""The minimisation of one interval, compared with its linear problem."""
 
 import numpy as np
 import pytest
@@ -9,17 +9,17 @@ from abfm.sequences import defaults
 from abfm.sequences.frames import check_frames, interval_parameters
 from abfm.sequences.noise import noise
 from abfm.sequences.solving.interval import Interval, Neighbour, cooling
-from tests.core.sequences.films import SPHERE, turning
+from tests.core.sequences.known_motions import SPHERE, rotating_pattern
 
 RNG = np.random.default_rng(0)
 
 
 def new_interval(sigma=0.5, neighbours=(), channels=1, duration=1.0):
-    frames, _ = turning(SPHERE, 0.08, 2)
+    frames, _ = rotating_pattern(SPHERE, 0.08, 2)
     stacked = np.stack([frames, frames**2, 1 - frames][:channels], axis=-1)
-    film = check_frames(SPHERE, stacked, [0.0, duration], None, None)
-    parameters = interval_parameters(film, defaults(), sigma, 0)
-    energy = MatchingEnergy(film.problem(0, parameters))
+    checked = check_frames(SPHERE, stacked, [0.0, duration], None, None)
+    parameters = interval_parameters(checked, defaults(), sigma, 0)
+    energy = MatchingEnergy(checked.problem(0, parameters))
     return Interval(energy, neighbours), parameters.last_sigma
 
 
@@ -29,14 +29,14 @@ def random_field(size=0.01):
 
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("duration", [1.0, 0.05])
-def test_the_second_derivative_is_that_of_the_linear_problem(channels, duration):
-    """Where nothing moves it is exact for frames that hardly differ."""
-    frames, _ = turning(SPHERE, 1e-5, 2)
+def test_hessian_is_that_of_the_linear_problem(channels, duration):
+    """Without motion it is exact for frames that hardly differ."""
+    frames, _ = rotating_pattern(SPHERE, 1e-5, 2)
     stacked = np.stack([frames, frames**2, 1 - frames][:channels], axis=-1)
-    film = check_frames(SPHERE, stacked, [0.0, duration], None, None)
-    parameters = interval_parameters(film, defaults(), 0.5, 0)
+    checked = check_frames(SPHERE, stacked, [0.0, duration], None, None)
+    parameters = interval_parameters(checked, defaults(), 0.5, 0)
     neighbours = [Neighbour(random_field(), 0.7)]
-    interval = Interval(MatchingEnergy(film.problem(0, parameters)), neighbours)
+    interval = Interval(MatchingEnergy(checked.problem(0, parameters)), neighbours)
     sigma = parameters.last_sigma
     still = np.zeros((len(SPHERE.faces), 2))
     at = interval.minimise(sigma, still, 0).at
@@ -53,7 +53,7 @@ def test_the_second_derivative_is_that_of_the_linear_problem(channels, duration)
     assert_allclose(hessian(direction), change, atol=3e-3 * np.abs(change).max())
 
 
-def test_it_is_symmetric_and_positive():
+def test_hessian_is_symmetric_and_positive():
     interval, sigma = new_interval()
     hessian = interval._hessian(sigma, interval.minimise(sigma, random_field(), 0).at)
     a, b = random_field(), random_field()
@@ -61,7 +61,8 @@ def test_it_is_symmetric_and_positive():
     assert (a * hessian(a)).sum() > 0
 
 
-def test_steps_never_raise_the_energy_and_end_where_the_slope_is_small():
+def test_steps_never_raise_the_energy():
+    """They end at a small gradient."""
     interval, sigma = new_interval(neighbours=[Neighbour(random_field(), 0.5)])
     point = interval.minimise(sigma, np.zeros((len(SPHERE.faces), 2)), 0)
     first = np.linalg.norm(point.at.gradient)
@@ -75,15 +76,15 @@ def test_steps_never_raise_the_energy_and_end_where_the_slope_is_small():
     assert np.linalg.norm(point.at.gradient[0] + coupling) < 0.02 * first
 
 
-def test_a_neighbour_of_great_weight_is_followed():
-    wanted = np.zeros((len(SPHERE.faces), 2))
-    wanted[:, 0] = 0.01
-    interval, sigma = new_interval(neighbours=[Neighbour(wanted, 1e7)])
+def test_neighbour_of_large_weight_determines_the_field():
+    expected = np.zeros((len(SPHERE.faces), 2))
+    expected[:, 0] = 0.01
+    interval, sigma = new_interval(neighbours=[Neighbour(expected, 1e7)])
     found = interval.minimise_by_cooling(sigma, 10 * sigma, None).field
-    assert_allclose(found, wanted, atol=1e-4)
+    assert_allclose(found, expected, atol=1e-4)
 
 
-def test_a_bad_start_is_not_gone_on_from():
+def test_bad_starts_are_ignored():
     interval, sigma = new_interval()
     usual = interval.minimise_by_cooling(sigma, 9 * sigma, None)
     found = interval.minimise_by_cooling(sigma, 9 * sigma, random_field(10.0))
@@ -97,7 +98,7 @@ def test_cooling_ends_at_its_sigma():
 
 
 @pytest.mark.parametrize("level", [0.01, 0.3, 5.0])
-def test_the_noise_of_a_smooth_function_is_found(level):
+def test_noise_of_a_smooth_function_is_estimated(level):
     smooth = SPHERE.vertices[:, 0]
     found = noise(SPHERE, smooth + level * RNG.standard_normal((20, len(smooth))))
     assert found.shape == (20,)

@@ -1,5 +1,6 @@
-"""Which of several fields between two frames is taken: a pattern of period 90 degrees that turns
-back by 20, or on by 70.
+"""The choice between short-range and long-range fields.
+
+A pattern with a period of 90 degrees rotates back by 20 or forward by 70 degrees.
 """
 
 import numpy as np
@@ -20,57 +21,63 @@ def pattern(points, degrees):
     return np.cos(4 * (np.arctan2(y, x) - np.radians(degrees))) * (x**2 + y**2) ** 2
 
 
-def turn(mesh, degrees):
-    """The field (F, 2) that turns the sphere, made of unit area, by so much in a unit of time."""
+def rotation(mesh, degrees):
+    """Return the field (F, 2) that rotates the sphere of unit area by an angle per unit of time."""
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     return to_frame(mesh, np.radians(degrees) * np.cross([0.0, 0.0, 1.0], centres))
 
 
-class Turned:
-    """A solver of which the first interval is known, and points of fields of the second."""
+class RotatedPattern:
+    """A solver with a known first interval, and fields of the second interval."""
 
     def __init__(self):
         frames = np.array([pattern(SPHERE.vertices, degrees) for degrees in (0, 20, 0)])
         rng = np.random.default_rng(0)
-        frames += 0.02 * frames.std() * rng.standard_normal(frames.shape)  # it is measured
-        film = check_frames(SPHERE, frames, None, None, None)
-        self.solver = solve.SequenceSolver(film, defaults(order=1, alpha=1, sigma=0.3), 0.0)
+        frames += (
+            0.02 * frames.std() * rng.standard_normal(frames.shape)
+        )  # noise makes it a measured function
+        checked = check_frames(SPHERE, frames, None, None, None)
+        self.solver = solve.SequenceSolver(checked, defaults(order=1, alpha=1, sigma=0.3), 0.0)
         interval, mesh = self.solver._interval(1, [0]), self.solver.energy(1).mesh
         sigma = self.solver._sigmas(1)[0]
-        fields = [turn(mesh, degrees) for degrees in (0, -20, 70)]
+        fields = [rotation(mesh, degrees) for degrees in (0, -20, 70)]
         self.still, self.back, self.on = (interval.minimise(sigma, field, 0) for field in fields)
-        self.solver.fields[0] = turn(mesh, 20)
+        self.solver.fields[0] = rotation(mesh, 20)
 
     def found(self, monkeypatch, from_no_motion):
-        """Solve where the field before leads to no motion, and what looks further turns on."""
+        """Solve if the previous field stops and the long-range search rotates forward."""
         patch = monkeypatch.setattr
-        patch(Interval, "find", lambda *given: from_no_motion if given[-1] is None else self.still)
+        patch(
+            Interval,
+            "minimise_by_cooling",
+            lambda *given: from_no_motion if given[-1] is None else self.still,
+        )
         patch(solve, "long_range_field", lambda energy: self.on.field)
         points = {id(self.on.field): self.on}
-        patch(Interval, "go_on", lambda self_, sigma, x, *_: points.get(id(x), self.still))
+        patch(Interval, "minimise", lambda self_, sigma, x, *_: points.get(id(x), self.still))
         return self.solver.initial_point(1)
 
 
 @pytest.fixture
-def turned():
-    return Turned()
+def rotated():
+    return RotatedPattern()
 
 
-def test_what_is_near_is_looked_for_anew_before_what_is_far_is_taken(turned, monkeypatch):
-    assert turned.back.energy < 2 * turned.on.energy < turned.still.energy
-    assert turned.found(monkeypatch, turned.back) is turned.back
-    assert turned.solver.failed_searches == 0
+def test_short_range_restart_precedes_long_range(rotated, monkeypatch):
+    assert rotated.back.energy < 2 * rotated.on.energy < rotated.still.energy
+    assert rotated.found(monkeypatch, rotated.back) is rotated.back
+    assert rotated.solver.failed_searches == 0
 
 
-def test_what_is_far_is_taken_where_nothing_near_comes_as_close(turned, monkeypatch):
-    assert turned.found(monkeypatch, turned.still) is turned.on
-    assert turned.solver.failed_searches == 0
+def test_long_range_is_used_without_short_range_solution(rotated, monkeypatch):
+    assert rotated.found(monkeypatch, rotated.still) is rotated.on
+    assert rotated.solver.failed_searches == 0
 
 
-def test_what_is_far_is_not_taken_where_flow_lines_do_not_carry_it_there(turned, monkeypatch):
-    source = turned.solver.energy(1).functions.source
+def test_long_range_without_flow_line_support_is_rejected(rotated, monkeypatch):
+    source = rotated.solver.energy(1).functions.source
     monkeypatch.setattr(
-        solve, "advection_defect", lambda energy, field: turned.on.at.advected - source
+        solve, "advection_defect", lambda energy, field: rotated.on.at.advected - source
     )
-    assert turned.found(monkeypatch, turned.still) is turned.still
-    assert turned.solver.failed_searches == 1
+    assert rotated.found(monkeypatch, rotated.still) is rotated.still
+    assert rotated.solver.failed_searches == 1

@@ -1,4 +1,4 @@
-"""Frames from files of all kinds, turned and told where that must be, and refused in one line."""
+"""Frames from files of all kinds, with notes, and invalid files."""
 
 import json
 
@@ -18,14 +18,14 @@ from abfm.reading import vtk_contents
 from abfm.sequences import read_frames
 from abfm.sequences.reading import vtk_frames
 from tests.core.reading.vtk_files import vtk_bytes
-from tests.core.sequences.turning_film import MESH, TIMES, film, solved
+from tests.core.sequences.rotating_sphere import MESH, TIMES, rotating_frames, solved
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, with_loose_vertex
 
-FILM = film()
+FRAMES = rotating_frames()
 COUNT = len(MESH.vertices)
-SINGLE = FILM.astype(np.float32).astype(np.float64)
-CHANNELS = np.stack([FILM, -FILM], axis=2)
+SINGLE = FRAMES.astype(np.float32).astype(np.float64)
+CHANNELS = np.stack([FRAMES, -FRAMES], axis=2)
 ROWS = (f"its {COUNT} rows are the vertices, its columns the frames",)
 
 
@@ -44,41 +44,41 @@ def gifti(path, arrays, step=None, intent="NIFTI_INTENT_TIME_SERIES"):
     )
 
 
-def series(folder, times=TIMES, data=FILM, name="wave_{:03}.vtu", said=False):
-    """Write a file for each frame; gives their paths."""
+def series(folder, times=TIMES, data=FRAMES, name="wave_{:03}.vtu", has_time=False):
+    """Write a file for each frame; return their paths."""
     paths = [folder / name.format(k) for k in range(len(data))]
     for path, time, frame in zip(paths, times, data, strict=True):
         arrays = {"u": frame, "other": np.zeros(len(frame))}
-        path.write_bytes(vtk_bytes(MESH.vertices, arrays, time=time if said else None))
+        path.write_bytes(vtk_bytes(MESH.vertices, arrays, time=time if has_time else None))
     return paths
 
 
 @pytest.mark.parametrize(
-    ("given", "wanted", "notes"),
+    ("given", "expected", "notes"),
     [
-        (FILM, FILM, ()),
-        (FILM.T, FILM, ROWS),
+        (FRAMES, FRAMES, ()),
+        (FRAMES.T, FRAMES, ROWS),
         (CHANNELS, CHANNELS, ()),
-        (CHANNELS.swapaxes(0, 1), CHANNELS, (f"{ROWS[0]}, 5 of them, of 2 channels",)),
+        (CHANNELS.swapaxes(0, 1), CHANNELS, (f"{ROWS[0]} (5 frames of 2 channels)",)),
         (np.moveaxis(CHANNELS, 1, 2), CHANNELS, ()),
-        (np.asfortranarray(FILM), FILM, ()),
-        (FILM.astype(np.float16), FILM.astype(np.float16), ()),
-        (FILM > 0, FILM > 0, ()),
-        (FILM.astype(">f8"), FILM, ()),
-        ((100 * FILM).astype(np.int16), (100 * FILM).astype(np.int16), ()),
+        (np.asfortranarray(FRAMES), FRAMES, ()),
+        (FRAMES.astype(np.float16), FRAMES.astype(np.float16), ()),
+        (FRAMES > 0, FRAMES > 0, ()),
+        (FRAMES.astype(">f8"), FRAMES, ()),
+        ((100 * FRAMES).astype(np.int16), (100 * FRAMES).astype(np.int16), ()),
     ],
 )
-def test_arrays_have_a_row_for_each_frame_or_for_each_vertex(tmp_path, given, wanted, notes):
+def test_arrays_may_have_frames_or_vertices_first(tmp_path, given, expected, notes):
     np.save(tmp_path / "a.npy", given)
-    np.savez(tmp_path / "a.npz", other=given)  # of one array the name does not matter
+    np.savez(tmp_path / "a.npz", other=given)  # a single array may have any name
     for name in ("a.npy", "a.npz"):
         found = read_frames(tmp_path / name, MESH)
-        assert_array_equal(found.values, wanted)
+        assert_array_equal(found.values, expected)
         assert found.values.dtype == np.float64
         assert (found.times, found.notes) == (None, notes)
 
 
-def test_as_many_frames_as_vertices_are_frames_first(tmp_path):
+def test_square_arrays_have_frames_first(tmp_path):
     square = np.random.default_rng(0).normal(size=(COUNT, COUNT))
     np.save(tmp_path / "a.npy", square)
     found = read_frames(tmp_path / "a.npy", MESH)
@@ -87,81 +87,81 @@ def test_as_many_frames_as_vertices_are_frames_first(tmp_path):
     check_message(note)
 
 
-def test_zips_of_arrays_may_say_times(tmp_path):
-    np.savez(tmp_path / "a.npz", frames=FILM, times=TIMES, mine=CHANNELS)
+def test_npz_may_contain_times(tmp_path):
+    np.savez(tmp_path / "a.npz", frames=FRAMES, times=TIMES, mine=CHANNELS)
     found = read_frames(tmp_path / "a.npz", MESH)
-    assert_array_equal(found.values, FILM)
+    assert_array_equal(found.values, FRAMES)
     assert_array_equal(found.times, TIMES)
     assert_array_equal(read_frames(tmp_path / "a.npz", MESH, "mine").values, CHANNELS)
 
 
-def test_the_file_of_a_sequence_is_one_of_frames(tmp_path):
+def test_sequence_files_are_read_as_frames(tmp_path):
     solved().save(tmp_path / "s.npz")
     found = read_frames(tmp_path / "s.npz", MESH)
     assert_array_equal(found.values, load(tmp_path / "s.npz").frames)
     assert_array_equal(found.times, TIMES)
 
 
-def test_values_that_are_not_finite_stay_and_are_told(tmp_path):
+def test_nonfinite_values_are_preserved_with_a_note(tmp_path):
     some = CHANNELS.copy()
     some[1, 3, 0], some[2, 3, 1], some[2, 9, 1] = np.nan, np.inf, np.nan
     np.save(tmp_path / "a.npy", some)
     found = read_frames(tmp_path / "a.npy", MESH)
     assert_array_equal(found.values, some)
-    told = f"2 of {COUNT} vertices have values that are not finite, and are not compared"
-    assert found.notes == (told,)
+    note = f"2 of {COUNT} vertices have values that are not finite; they are not compared"
+    assert found.notes == (note,)
 
 
 def test_tables_have_a_column_for_each_frame(tmp_path):
-    np.savetxt(tmp_path / "a.csv", FILM.T, delimiter=",", header="a,b,c,d,e", comments="")
-    np.savetxt(tmp_path / "b.txt", FILM)
+    np.savetxt(tmp_path / "a.csv", FRAMES.T, delimiter=",", header="a,b,c,d,e", comments="")
+    np.savetxt(tmp_path / "b.txt", FRAMES)
     for name in ("a.csv", "b.txt"):
-        assert_array_equal(read_frames(tmp_path / name, MESH).values, FILM)
+        assert_array_equal(read_frames(tmp_path / name, MESH).values, FRAMES)
 
 
 @pytest.mark.parametrize(
     ("step", "seconds"), [(None, None), ("2", 2), ("720.0", 0.72), ("-", None)]
 )
-def test_time_series_of_gifti_are_those_of_nibabel(tmp_path, step, seconds):
-    gifti(tmp_path / "many.func.gii", FILM, step)
-    gifti(tmp_path / "one.gii", [FILM.T], step, "NIFTI_INTENT_NONE")
+def test_gifti_time_series_agree_with_nibabel(tmp_path, step, seconds):
+    gifti(tmp_path / "many.func.gii", FRAMES, step)
+    gifti(tmp_path / "one.gii", [FRAMES.T], step, "NIFTI_INTENT_NONE")
     for name in ("many.func.gii", "one.gii"):
         found = read_frames(tmp_path / name, MESH)
         stored = nibabel.load(tmp_path / name).agg_data()
-        wanted = np.stack(stored) if isinstance(stored, tuple) else stored.T
-        assert_array_equal(found.values, wanted)
+        expected = np.stack(stored) if isinstance(stored, tuple) else stored.T
+        assert_array_equal(found.values, expected)
         if seconds is None:
             assert found.times is None
         else:
-            assert_allclose(found.times, seconds * np.arange(len(FILM)))
+            assert_allclose(found.times, seconds * np.arange(len(FRAMES)))
             unit = "seconds" if seconds == 2 else "milliseconds"
             (note,) = found.notes
             check_message(note, "TimeStep", f"{float(step):g}", unit)
 
 
 @pytest.mark.parametrize("name", ["a.mgh", "a.mgz"])
-def test_frames_of_freesurfer_say_their_times(tmp_path, name):
-    image = MGHImage(FILM.T.reshape(COUNT, 1, 1, -1).astype(np.float32), np.eye(4))
+def test_freesurfer_frames_have_times(tmp_path, name):
+    image = MGHImage(FRAMES.T.reshape(COUNT, 1, 1, -1).astype(np.float32), np.eye(4))
     image.header.set_zooms((1, 1, 1, 2500))
     image.to_filename(tmp_path / name)
     found = read_frames(tmp_path / name, MESH)
     assert_array_equal(found.values, SINGLE)
-    assert_allclose(found.times, 2.5 * np.arange(len(FILM)))
+    assert_allclose(found.times, 2.5 * np.arange(len(FRAMES)))
 
 
-def test_source_estimates_of_all_vertices_are_taken_as_they_are(tmp_path):
+def test_source_estimates_of_all_vertices_are_not_changed(tmp_path):
     shuffled = np.random.default_rng(0).permutation(COUNT)
-    write_stc(tmp_path / "a-lh.stc", FILM[:, shuffled], shuffled, TIMES)
+    write_stc(tmp_path / "a-lh.stc", FRAMES[:, shuffled], shuffled, TIMES)
     found = read_frames(tmp_path / "a-lh.stc", MESH)
     assert_array_equal(found.values, SINGLE)
     assert_allclose(found.times, TIMES, atol=1e-7)
     assert found.notes == ()
 
 
-def test_between_sources_values_are_interpolated_with_little_error(tmp_path):
-    """Closer than the mean of neighbours does it, and ever closer with more sources."""
+def test_values_between_sources_are_interpolated(tmp_path):
+    """The error is smaller than that of harmonic extension, and falls with more sources."""
     fine = icosphere(3)
-    frames = film(fine)
+    frames = rotating_frames(fine)
     errors = []
     for level in (1, 2):  # vertices of coarser spheres come first
         sources = np.arange(10 * 4**level + 2)
@@ -178,17 +178,17 @@ def test_between_sources_values_are_interpolated_with_little_error(tmp_path):
     assert_allclose(read_frames(tmp_path / "a-lh.stc", fine).values, 2.5, rtol=1e-9)
 
 
-def test_sources_that_a_coarser_surface_has_are_told(tmp_path, monkeypatch):
+def test_note_names_a_coarser_surface_with_the_sources(tmp_path, monkeypatch):
     monkeypatch.setattr(source_frames, "_FSAVERAGE", COUNT)
     monkeypatch.setattr(source_frames, "_COARSER_COPIES", {42: "fsaverage1"})
-    told = f"42 of {COUNT} vertices have values; the others are interpolated"
+    note = f"42 of {COUNT} vertices have values; the others are interpolated"
     hint = ": fsaverage1 has just those with values, and takes less time"
-    for sources, wanted in ((np.arange(42), told + hint), (np.arange(1, 43), told)):
-        write_stc(tmp_path / "a-lh.stc", FILM[:, sources], sources, TIMES)
-        assert read_frames(tmp_path / "a-lh.stc", MESH).notes == (wanted,)
+    for sources, expected in ((np.arange(42), note + hint), (np.arange(1, 43), note)):
+        write_stc(tmp_path / "a-lh.stc", FRAMES[:, sources], sources, TIMES)
+        assert read_frames(tmp_path / "a-lh.stc", MESH).notes == (expected,)
 
 
-def test_lists_of_vtk_say_files_and_times(tmp_path):
+def test_vtk_lists_give_files_and_times(tmp_path):
     paths = series(tmp_path)
     order = [3, 0, 4, 1, 2]  # lists need not be sorted
     rows = [f'<DataSet timestep="{TIMES[k]}" file="{paths[k].name}"/>' for k in order]
@@ -198,7 +198,7 @@ def test_lists_of_vtk_say_files_and_times(tmp_path):
     (tmp_path / "a.vtu.series").write_text(json.dumps({"files": files}))
     for name in ("a.pvd", "a.vtu.series"):
         found = read_frames(tmp_path / name, MESH, "u")
-        assert_array_equal(found.values, FILM)
+        assert_array_equal(found.values, FRAMES)
         assert_array_equal(found.times, TIMES)
         assert found.notes == ()
 
@@ -213,7 +213,7 @@ def test_lists_read_each_file_once(tmp_path, monkeypatch):
     files = [{"name": paths[k % 2].name, "time": k} for k in range(200)]
     (tmp_path / "a.series").write_text(json.dumps({"files": files}))
     found = read_frames(tmp_path / "a.series", MESH, "u")
-    assert_array_equal(found.values, FILM[np.arange(200) % 2])
+    assert_array_equal(found.values, FRAMES[np.arange(200) % 2])
     assert read == [path.name for path in paths[:2]]
     files = [{"name": paths[0].name, "time": k} for k in range(60_000)]
     (tmp_path / "a.series").write_text(json.dumps({"files": files}))
@@ -221,42 +221,44 @@ def test_lists_read_each_file_once(tmp_path, monkeypatch):
         read_frames(tmp_path / "a.series", MESH, "u")
 
 
-def test_frames_and_fields_of_others_are_no_sequence(tmp_path):
-    np.savez(tmp_path / "a.npz", frames=FILM, velocity=np.zeros((4, 20, 3)), vertices=MESH.vertices)
-    assert_array_equal(read_frames(tmp_path / "a.npz", MESH).values, FILM)
+def test_other_npz_with_similar_names_is_not_a_sequence(tmp_path):
+    np.savez(
+        tmp_path / "a.npz", frames=FRAMES, velocity=np.zeros((4, 20, 3)), vertices=MESH.vertices
+    )
+    assert_array_equal(read_frames(tmp_path / "a.npz", MESH).values, FRAMES)
     assert task_of_file(tmp_path / "a.npz") is None
     with raises(ResultError):
         load(tmp_path / "a.npz")
 
 
-def test_arrays_that_may_be_frames_are_named_where_none_is_chosen(tmp_path):
+def test_ambiguous_arrays_are_listed(tmp_path):
     others = {"faces": MESH.faces, "words": np.array(["a"]), "velocity": np.zeros((1, 4, 3))}
-    np.savez(tmp_path / "two.npz", v=FILM, u=FILM.T, **others)
+    np.savez(tmp_path / "two.npz", v=FRAMES, u=FRAMES.T, **others)
     for path, names in ((tmp_path / "two.npz", ("u", "v")), (series(tmp_path)[1], ("other", "u"))):
         with raises(SeveralArraysError, path.name) as caught:
             read_frames(path, MESH)
         assert caught.value.names == names
-        assert_array_equal(read_frames(path, MESH, "u").values, FILM)
+        assert_array_equal(read_frames(path, MESH, "u").values, FRAMES)
     solved()[0].save(tmp_path / "match.npz")
     with raises(FunctionError) as caught:
         read_frames(tmp_path / "match.npz", MESH)
     assert not isinstance(caught.value, SeveralArraysError)
 
 
-def test_a_numbered_file_stands_for_all_of_its_series(tmp_path):
+def test_numbered_file_stands_for_its_series(tmp_path):
     paths = series(tmp_path, name="wave_{}.vtu")
     (tmp_path / "wave_.vtu").write_text("no number")
     (tmp_path / "swave_3.vtu").write_text("another name")
     found = read_frames(paths[2], MESH, "u")
-    assert_array_equal(found.values, FILM)
+    assert_array_equal(found.values, FRAMES)
     assert found.times is None
     (note,) = found.notes
     check_message(note, 5, "wave_0.vtu", "wave_4.vtu")
-    series(tmp_path, name="wave_{}.vtu", said=True)
+    series(tmp_path, name="wave_{}.vtu", has_time=True)
     assert_array_equal(read_frames(paths[0], MESH, "u").times, TIMES)
 
 
-def test_vectors_are_channels_and_moved_points_are_told(tmp_path):
+def test_vectors_are_channels_and_moved_points_noted(tmp_path):
     fields = np.random.default_rng(0).normal(size=(2, COUNT, 3))
     for k, field in enumerate(fields):
         moved = MESH.vertices + np.array([0, 0, 0.1 * k])
@@ -268,43 +270,43 @@ def test_vectors_are_channels_and_moved_points_are_told(tmp_path):
     check_message(places, "0.1")
 
 
-def test_frames_of_a_file_with_loose_vertices_count_as_it_does(tmp_path):
+def test_frames_may_include_loose_vertices(tmp_path):
     mesh = with_loose_vertex(MESH)
-    whole = np.insert(FILM, 5, 0.0, axis=1)
+    whole = np.insert(FRAMES, 5, 0.0, axis=1)
     np.save(tmp_path / "a.npy", whole)
     assert_array_equal(read_frames(tmp_path / "a.npy", mesh).values, whole)
     write_stc(tmp_path / "a-lh.stc", whole, np.arange(COUNT + 1), TIMES)
     assert_array_equal(read_frames(tmp_path / "a-lh.stc", mesh).values, SINGLE)
 
 
-def hostile(folder):
-    """Files that hold no frames of the mesh, and what is said of them."""
-    np.save(folder / "short.npy", FILM[:, :-1])
-    np.save(folder / "flat.npy", FILM[0])
+def write_invalid_files(folder):
+    """Write files that contain no frames of the mesh."""
+    np.save(folder / "short.npy", FRAMES[:, :-1])
+    np.save(folder / "flat.npy", FRAMES[0])
     np.save(folder / "faces.npy", np.zeros((3, len(MESH.faces))))
-    np.save(folder / "nothing.npy", FILM[:0])
-    np.save(folder / "complex.npy", FILM.astype(complex))
+    np.save(folder / "nothing.npy", FRAMES[:0])
+    np.save(folder / "complex.npy", FRAMES.astype(complex))
     (folder / "cut.npz").write_bytes(b"PK")
     np.save(folder / "words.npy", np.array([["a"]]))
-    np.savez(folder / "two.npz", frame=FILM, b=FILM)
-    np.savez(folder / "times.npz", frames=FILM, times=TIMES[1:])
-    np.savez(folder / "time.npz", frames=FILM, times="now")
+    np.savez(folder / "two.npz", frame=FRAMES, b=FRAMES)
+    np.savez(folder / "times.npz", frames=FRAMES, times=TIMES[1:])
+    np.savez(folder / "time.npz", frames=FRAMES, times="now")
     for begin in (0, 1):
-        counted = np.column_stack([np.arange(begin, COUNT + begin), FILM.T])
+        counted = np.column_stack([np.arange(begin, COUNT + begin), FRAMES.T])
         np.savetxt(folder / f"from_{begin}.csv", counted, delimiter=",")
-    np.save(folder / "from_0.npy", np.column_stack([np.arange(COUNT), FILM.T]))
-    np.savetxt(folder / "short.csv", FILM[:, :-1].T, delimiter=",")
-    gifti(folder / "label.gii", FILM, intent="NIFTI_INTENT_LABEL")
-    gifti(folder / "mixed.gii", [FILM[0], FILM[0, :-1]])
+    np.save(folder / "from_0.npy", np.column_stack([np.arange(COUNT), FRAMES.T]))
+    np.savetxt(folder / "short.csv", FRAMES[:, :-1].T, delimiter=",")
+    gifti(folder / "label.gii", FRAMES, intent="NIFTI_INTENT_LABEL")
+    gifti(folder / "mixed.gii", [FRAMES[0], FRAMES[0, :-1]])
     gifti(folder / "none.gii", [])
     gifti(folder / "points.gii", [MESH.vertices], intent="NIFTI_INTENT_POINTSET")
-    write_stc(folder / "all-lh.stc", FILM, np.arange(COUNT), TIMES)
+    write_stc(folder / "all-lh.stc", FRAMES, np.arange(COUNT), TIMES)
     content = bytearray((folder / "all-lh.stc").read_bytes())
     (folder / "all-vl.stc").write_bytes(content)
     content[4:8] = bytes(4)
     (folder / "still-lh.stc").write_bytes(content)
-    write_stc(folder / "far-lh.stc", FILM[:, :3], np.array([0, 5, COUNT]), TIMES)
-    some = np.where(np.arange(3) == 1, np.nan, FILM[:, :3])
+    write_stc(folder / "far-lh.stc", FRAMES[:, :3], np.array([0, 5, COUNT]), TIMES)
+    some = np.where(np.arange(3) == 1, np.nan, FRAMES[:, :3])
     write_stc(folder / "nan-lh.stc", some, np.arange(3), TIMES)
     series(folder)
     (folder / "still.vtu").write_bytes(b"")
@@ -328,9 +330,9 @@ def hostile(folder):
 
 
 @pytest.fixture(scope="module")
-def hostiles(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("hostile")
-    hostile(folder)
+def invalid_files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("write_invalid_files")
+    write_invalid_files(folder)
     return folder
 
 
@@ -381,8 +383,8 @@ def hostiles(tmp_path_factory):
         ("from_0.npy", None, (0, COUNT - 1, "vertices")),
     ],
 )
-def test_what_is_no_film_of_the_mesh_is_refused_in_a_line(hostiles, name, array, named):
+def test_invalid_files_are_refused_in_one_line(invalid_files, name, array, named):
     with raises(FunctionError, *named) as caught:
-        read_frames(hostiles / name, MESH, array)
+        read_frames(invalid_files / name, MESH, array)
     assert name in str(caught.value)
     assert str(caught.value).isprintable()

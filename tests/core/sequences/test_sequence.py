@@ -1,4 +1,4 @@
-"""Fields of films: known motions, symmetries, time, noise; what is told of them."""
+"""Fields of sequences: known motions, symmetries, time, noise, and verdicts."""
 
 from dataclasses import replace
 
@@ -22,8 +22,14 @@ from abfm.sequences.solving.solve import IntervalMeasures, SequenceSolver
 from abfm.sequences.verdicts import facts_of_intervals, verdict_of
 from abfm.workers import Control
 from abfm.workers.progress import reporting_steps
-from tests.core.sequences import turning_film
-from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning
+from tests.core.sequences import rotating_sphere
+from tests.core.sequences.known_motions import (
+    SPHERE,
+    bumps,
+    coordinates,
+    relative_field_error,
+    rotating_pattern,
+)
 from tests.core.surfaces import last_order
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, square, torus, with_loose_vertex
@@ -32,90 +38,91 @@ FAST = defaults(order=1, alpha=1, sigma=0.3)
 
 
 @pytest.fixture(scope="module")
-def film():
-    return turning(SPHERE, 0.1, 4)
+def pattern():
+    return rotating_pattern(SPHERE, 0.1, 4)
 
 
 @pytest.fixture(scope="module")
-def found(film):
-    return abfm.sequence(SPHERE, film[0], parameters=FAST)
+def found(pattern):
+    return abfm.sequence(SPHERE, pattern[0], parameters=FAST)
 
 
-def test_a_turning_pattern_gives_the_rotation(film, found):
-    frames, wanted = film
+def test_rotating_pattern_gives_the_rotation(pattern, found):
+    frames, expected = pattern
     assert found.velocity.shape == (3, len(SPHERE.faces), 3)
     for i in range(3):
-        assert off(SPHERE, found.velocity[i], wanted, frames[i]) < 0.15
+        assert relative_field_error(SPHERE, found.velocity[i], expected, frames[i]) < 0.15
     assert found.confirmed == len(found) == 3
 
 
-def errors_of_turning(parameters):
-    """Errors of the field of a known motion, on ever finer meshes."""
+def errors_of_rotation(parameters):
+    """Return errors of the field of a known motion, on finer and finer meshes."""
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
-        frames, wanted = turning(mesh, 0.1, 2, coordinates)
+        frames, expected = rotating_pattern(mesh, 0.1, 2, coordinates)
         found = abfm.sequence(mesh, frames, parameters=parameters)
-        errors.append(off(mesh, found.velocity[0], wanted, frames[0]))
+        errors.append(relative_field_error(mesh, found.velocity[0], expected, frames[0]))
     return errors
 
 
-def test_the_error_of_a_known_motion_falls_with_the_mesh():
-    """By one norm, so that the order is that of the method."""
-    assert last_order(errors_of_turning(defaults(sigma=1e-3, order=2, alpha=0.01))) > 1.5
+def test_error_converges_with_the_mesh():
+    """With a fixed norm, so that the order is that of the method."""
+    assert last_order(errors_of_rotation(defaults(sigma=1e-3, order=2, alpha=0.01))) > 1.5
 
 
-def test_the_error_by_a_chosen_norm_falls_with_the_mesh():
-    """Orders 2.1 and about 1.5, on either side of it by the machine's rounding."""
-    errors = errors_of_turning(defaults(sigma=1e-3))
+def test_error_with_a_chosen_norm_converges():
+    """The orders are 2.1 and about 1.5; the latter varies with rounding."""
+    errors = errors_of_rotation(defaults(sigma=1e-3))
     assert np.log2(errors[0] / errors[2]) / 2 > 1.7
     assert last_order(errors) > 1.45
 
 
-def test_intervals_of_different_length_get_the_same_motion():
-    frames, wanted = turning(SPHERE, 0.05, 6)
+def test_unequal_intervals_give_the_same_motion():
+    frames, expected = rotating_pattern(SPHERE, 0.05, 6)
     chosen = [0, 1, 3, 5]
     close = defaults(sigma=0.1)
     found = abfm.sequence(SPHERE, frames[chosen], np.array(chosen, float), close)
     for i, frame in enumerate(chosen[:-1]):
-        assert off(SPHERE, found.velocity[i], wanted, frames[frame]) < 0.12
+        assert relative_field_error(SPHERE, found.velocity[i], expected, frames[frame]) < 0.12
 
 
-def test_units_offset_and_rotation_go_with_the_fields(film, found):
-    """Of the surface, of the values and of time; the uncertainty goes with them."""
+def test_fields_follow_units_offsets_and_rotations(pattern, found):
+    """Units of the surface, of values and of time; the uncertainty follows as well."""
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     other = abfm.TriangleMesh(7 * SPHERE.vertices @ turn.T + 3, SPHERE.faces)
-    there = abfm.sequence(other, 1e4 * film[0] - 5, 0.01 * np.arange(4), FAST)
+    there = abfm.sequence(other, 1e4 * pattern[0] - 5, 0.01 * np.arange(4), FAST)
     assert_allclose(there.velocity, 700 * found.velocity @ turn.T, rtol=1e-5, atol=7e-5)
     assert_allclose(there.uncertainty, 700 * found.uncertainty, rtol=1e-3)
     assert_allclose(there.determined, found.determined, rtol=1e-3, atol=1e-6)
 
 
-def test_renumbered_vertices_give_the_same_fields(film, found):
+def test_renumbered_vertices_give_the_same_fields(pattern, found):
     order = np.random.default_rng(1).permutation(len(SPHERE.vertices))
     place = np.argsort(order)
     mesh = abfm.TriangleMesh(SPHERE.vertices[order], place[SPHERE.faces])
-    other = abfm.sequence(mesh, film[0][:, order], parameters=FAST)
+    other = abfm.sequence(mesh, pattern[0][:, order], parameters=FAST)
     assert_allclose(other.velocity, found.velocity, rtol=1e-4, atol=1e-6)
 
 
-def test_backwards_in_time_is_backwards_in_space(film, found):
-    back = abfm.sequence(SPHERE, film[0][::-1], parameters=FAST)
+def test_reversed_time_reverses_the_fields(pattern, found):
+    back = abfm.sequence(SPHERE, pattern[0][::-1], parameters=FAST)
     assert_allclose(back.velocity[::-1], -found.velocity, atol=0.1 * np.abs(found.velocity).max())
 
 
-def test_a_still_film_has_no_motion(film):
-    found = abfm.sequence(SPHERE, np.repeat(film[0][:1], 3, axis=0), parameters=FAST)
+def test_equal_frames_have_no_motion(pattern):
+    found = abfm.sequence(SPHERE, np.repeat(pattern[0][:1], 3, axis=0), parameters=FAST)
     assert_array_equal(found.velocity, 0)
     assert found.confirmed == 2
     assert found.episodes() == []
     assert found.tracks(1) == []
 
 
-def test_sweeps_lower_the_energy_of_all_and_make_the_fields_alike(film):
+def test_sweeps_lower_the_total_energy(pattern):
+    """Larger gamma makes neighbouring fields more similar."""
     rng = np.random.default_rng(0)
-    noisy = film[0] + 0.1 * film[0].std() * rng.standard_normal(film[0].shape)
+    noisy = pattern[0] + 0.1 * pattern[0].std() * rng.standard_normal(pattern[0].shape)
     totals, changes = [], []
     for gamma in (0.0, 1.0, 10.0):
         solver = SequenceSolver(check_frames(SPHERE, noisy, None, None, None), FAST, gamma)
@@ -129,26 +136,31 @@ def test_sweeps_lower_the_energy_of_all_and_make_the_fields_alike(film):
         assert after <= before * (1 + 1e-12)
 
 
-def test_smoothness_in_time_brings_fields_of_noisy_frames_closer():
-    frames, wanted = turning(SPHERE, 0.05, 6)
+def test_smoothness_in_time_reduces_noise_errors():
+    frames, expected = rotating_pattern(SPHERE, 0.05, 6)
     rng = np.random.default_rng(0)
     noisy = frames + 0.1 * frames.std() * rng.standard_normal(frames.shape)
     separate, together = (
-        np.mean([off(SPHERE, v, wanted, f) for v, f in zip(found.velocity, frames, strict=False)])
+        np.mean(
+            [
+                relative_field_error(SPHERE, v, expected, f)
+                for v, f in zip(found.velocity, frames, strict=False)
+            ]
+        )
         for found in (abfm.sequence(SPHERE, noisy, parameters=FAST, gamma=g) for g in (0.0, 3.0))
     )
     assert together < separate
 
 
-def test_gamma_0_is_frame_by_frame(film):
-    absolute = replace(FAST, sigma_unit="absolute")  # whatever other frames there are
-    separate = abfm.sequence(SPHERE, film[0][:2], parameters=absolute, gamma=0)
-    among = abfm.sequence(SPHERE, film[0], parameters=absolute, gamma=0)
+def test_gamma_0_solves_intervals_separately(pattern):
+    absolute = replace(FAST, sigma_unit="absolute")  # independent of the other frames
+    separate = abfm.sequence(SPHERE, pattern[0][:2], parameters=absolute, gamma=0)
+    among = abfm.sequence(SPHERE, pattern[0], parameters=absolute, gamma=0)
     assert_array_equal(among.velocity[0], separate.velocity[0])
 
 
-def test_the_chosen_sigma_grows_with_the_noise():
-    frames, _ = turning(SPHERE, 0.1, 3)
+def test_chosen_sigma_grows_with_the_noise():
+    frames, _ = rotating_pattern(SPHERE, 0.1, 3)
     rng = np.random.default_rng(0)
     chosen = [
         abfm.sequence(SPHERE, frames + noise * frames.std() * rng.standard_normal(frames.shape))
@@ -158,55 +170,55 @@ def test_the_chosen_sigma_grows_with_the_noise():
     assert chosen[0].noise < 0.15 < 0.5 < chosen[1].noise < 1
 
 
-def test_channels_masks_and_weights(film, found):
+def test_channels_masks_and_weights(pattern, found):
     rng = np.random.default_rng(0)
-    nonsense = rng.standard_normal(film[0].shape)
-    both = np.stack([film[0], nonsense], axis=-1)
-    told = abfm.sequence(SPHERE, both, parameters=FAST, weights=[1, 0])
-    assert told.frames.shape == both.shape
-    assert told.at(0.5).shape == both.shape[1:]
-    assert off(SPHERE, told.velocity[0], found.velocity[0], film[0][0]) < 0.05
+    nonsense = rng.standard_normal(pattern[0].shape)
+    both = np.stack([pattern[0], nonsense], axis=-1)
+    result = abfm.sequence(SPHERE, both, parameters=FAST, weights=[1, 0])
+    assert result.frames.shape == both.shape
+    assert result.at(0.5).shape == both.shape[1:]
+    assert relative_field_error(SPHERE, result.velocity[0], found.velocity[0], pattern[0][0]) < 0.05
     hidden = SPHERE.vertices[:, 0] > 0.8
-    spoiled = np.where(hidden, 2 * nonsense, film[0])
-    seen = ~hidden[SPHERE.faces].any(axis=1)
-    usual = np.linalg.norm(found.velocity[0][seen], axis=1).mean()
+    spoiled = np.where(hidden, 2 * nonsense, pattern[0])
+    visible = ~hidden[SPHERE.faces].any(axis=1)
+    usual = np.linalg.norm(found.velocity[0][visible], axis=1).mean()
     apart = []
     for mask in (None, np.where(hidden, 0.0, 1.0)):
-        told = abfm.sequence(SPHERE, spoiled, parameters=FAST, mask=mask)
-        away = np.linalg.norm((told.velocity[0] - found.velocity[0])[seen], axis=1)
+        result = abfm.sequence(SPHERE, spoiled, parameters=FAST, mask=mask)
+        away = np.linalg.norm((result.velocity[0] - found.velocity[0])[visible], axis=1)
         apart.append(np.median(away) / usual)
     assert apart[1] < 0.1 < apart[0]
 
 
-def test_what_a_mask_leaves_out_is_as_what_is_not_known_bit_for_bit():
-    """Else it would be carried to what is compared, and count in what is taken for noise."""
-    seen, frames = turning_film.MESH.vertices[:, 0] < 0.5, turning_film.film()
-    whole = abfm.sequence(turning_film.MESH, np.where(seen, frames, np.nan))
-    assert whole.confirmed == 4
+def test_masked_values_equal_missing_values_bit_for_bit():
+    """Otherwise advection would spread them, and they would count as noise."""
+    visible, frames = rotating_sphere.MESH.vertices[:, 0] < 0.5, rotating_sphere.rotating_frames()
+    complete = abfm.sequence(rotating_sphere.MESH, np.where(visible, frames, np.nan))
+    assert complete.confirmed == 4
     for spoiled in (np.inf, 1e200, -3.0):
-        given = np.where(seen, frames, spoiled)
-        told = abfm.sequence(turning_film.MESH, given, mask=seen).arrays()
-        for name, array in whole.arrays().items():
-            assert_array_equal(told[name], array, err_msg=name)
+        given = np.where(visible, frames, spoiled)
+        result = abfm.sequence(rotating_sphere.MESH, given, mask=visible).arrays()
+        for name, array in complete.arrays().items():
+            assert_array_equal(result[name], array, err_msg=name)
 
 
-def test_a_channel_that_does_not_count_changes_nothing(film, found):
-    for other in (np.full_like(film[0], np.nan), 1e20 * np.roll(film[0], 7, axis=1)):
-        both = np.stack([film[0], other], axis=2)
-        told = abfm.sequence(SPHERE, both, parameters=FAST, weights=[1, 0])
-        assert_allclose(told.velocity, found.velocity, atol=1e-12)
-        assert told.verdicts == found.verdicts
-        assert told.noise == pytest.approx(found.noise, rel=1e-12)
+def test_channels_of_weight_0_change_nothing(pattern, found):
+    for other in (np.full_like(pattern[0], np.nan), 1e20 * np.roll(pattern[0], 7, axis=1)):
+        both = np.stack([pattern[0], other], axis=2)
+        result = abfm.sequence(SPHERE, both, parameters=FAST, weights=[1, 0])
+        assert_allclose(result.velocity, found.velocity, atol=1e-12)
+        assert result.verdicts == found.verdicts
+        assert result.noise == pytest.approx(found.noise, rel=1e-12)
 
 
-def test_what_is_not_finite_is_not_compared(film, found):
-    holes = film[0].copy()
+def test_nonfinite_values_are_not_compared(pattern, found):
+    holes = pattern[0].copy()
     hidden = SPHERE.vertices[:, 0] > 0.9
     holes[1:, hidden] = np.nan
-    told = abfm.sequence(SPHERE, holes, parameters=FAST)
-    assert np.isfinite(told.frames).all()
-    seen = ~hidden[SPHERE.faces].any(axis=1)
-    apart = np.linalg.norm((told.velocity - found.velocity)[0, seen], axis=1)
+    result = abfm.sequence(SPHERE, holes, parameters=FAST)
+    assert np.isfinite(result.frames).all()
+    visible = ~hidden[SPHERE.faces].any(axis=1)
+    apart = np.linalg.norm((result.velocity - found.velocity)[0, visible], axis=1)
     assert np.median(apart) < 0.05 * np.linalg.norm(found.velocity[0], axis=1).mean()
 
 
@@ -219,20 +231,20 @@ def test_given_frames_are_not_changed():
     assert np.isfinite(check_frames(mesh, given, None, None, None).values).all()
 
 
-def test_frames_in_between(film, found):
-    frames, _ = film
+def test_interpolated_frames(pattern, found):
+    frames, _ = pattern
     assert_array_equal(found.at(0), frames[0])
     assert_array_equal(found.at(3), frames[3])
     assert_array_equal(found.at(2), frames[2])
-    between = turning(SPHERE, 0.05, 2)[0][1]
-    carried = np.linalg.norm(found.at(0.5) - between)
-    assert carried < 0.5 * np.linalg.norm((frames[0] + frames[1]) / 2 - between)
+    between = rotating_pattern(SPHERE, 0.05, 2)[0][1]
+    error = np.linalg.norm(found.at(0.5) - between)
+    assert error < 0.5 * np.linalg.norm((frames[0] + frames[1]) / 2 - between)
     for t in (-0.1, 3.1, np.nan):
         with raises(AbfmError, 0, 3):
             found.at(t)
 
 
-def test_an_interval_is_a_match(found):
+def test_interval_is_a_match(found):
     match = found[1]
     assert match.residual == found.residual[1]
     assert match.velocity[0] is not None
@@ -248,8 +260,8 @@ def test_an_interval_is_a_match(found):
     assert found[-1].residual == found.residual[2]
 
 
-def test_path_lines_turn_with_the_pattern():
-    frames, _ = turning(SPHERE, 0.1, 5)
+def test_path_lines_rotate_with_the_pattern():
+    frames, _ = rotating_pattern(SPHERE, 0.1, 5)
     found = abfm.sequence(SPHERE, frames, parameters=defaults(sigma=0.3))
     start = vertex_points(SPHERE, np.flatnonzero(np.abs(SPHERE.vertices[:, 2]) < 0.4))
     paths = found.paths(start)
@@ -281,7 +293,7 @@ def test_parts_divergence_and_curl(found):
     assert found.speed[2] == pytest.approx(np.sqrt(squares / areas.sum()))
 
 
-def test_a_rotation_has_two_spirals_that_stay_at_the_poles(found):
+def test_rotation_has_two_spirals_at_the_poles(found):
     tracks = found.tracks()
     poles = [t for t in tracks if t.kind == "spiral" and len(t) == 3]
     heights = sorted(t.points.positions[:, 2].mean() for t in poles)
@@ -289,23 +301,23 @@ def test_a_rotation_has_two_spirals_that_stay_at_the_poles(found):
     assert heights[-1] > 0.9
 
 
-def test_a_cancelled_sequence_keeps_what_it_found(film):
+def test_cancelled_sequence_keeps_solved_fields(pattern):
     control = Control()
-    told = abfm.sequence(
+    result = abfm.sequence(
         SPHERE,
-        film[0],
+        pattern[0],
         parameters=FAST,
         control=control,
         on_interval=lambda i: control.cancel() if i == 1 else None,
     )
-    assert all(np.abs(field).max() > 0 for field in told.velocity[:2])
-    assert_array_equal(told.velocity[2], 0)
-    assert told.verdicts[2].kind == "not reached"
-    assert told.confirmed == 2
-    assert_array_equal(told.solved, [True, True, False])
+    assert all(np.abs(field).max() > 0 for field in result.velocity[:2])
+    assert_array_equal(result.velocity[2], 0)
+    assert result.verdicts[2].kind == "not reached"
+    assert result.confirmed == 2
+    assert_array_equal(result.solved, [True, True, False])
 
 
-def test_episodes_are_of_what_was_solved(found):
+def test_episodes_use_solved_intervals_only(found):
     unsolved = verdict_of(found[0].problem, None, None, False)
     verdicts = (found.verdicts[0], unsolved, found.verdicts[2])
     still = found.velocity * np.array([1, 0, 1])[:, None, None]
@@ -316,11 +328,11 @@ def test_episodes_are_of_what_was_solved(found):
 
 
 @pytest.mark.parametrize(("values", "time"), [(1, 250), (1e20, 1e-15), (1e-20, 1e15)])
-def test_flows_are_the_same_whatever_the_units(values, time, film, found):
-    """And from whenever time is counted."""
-    told = abfm.sequence(SPHERE, values * film[0], time * (np.arange(4) - 3), FAST)
-    assert_allclose(time * told.velocity, found.velocity, rtol=1e-9, atol=1e-11)
-    assert told.verdicts == found.verdicts
+def test_flows_are_independent_of_units(values, time, pattern, found):
+    """Neither do they depend on the origin of time."""
+    result = abfm.sequence(SPHERE, values * pattern[0], time * (np.arange(4) - 3), FAST)
+    assert_allclose(time * result.velocity, found.velocity, rtol=1e-9, atol=1e-11)
+    assert result.verdicts == found.verdicts
 
 
 @pytest.mark.parametrize(
@@ -333,13 +345,13 @@ def test_flows_are_the_same_whatever_the_units(values, time, film, found):
         (1, 1e60, ("1e+60",)),
     ],
 )
-def test_numbers_whose_squares_overflow_are_told(values, time, named, film):
+def test_values_whose_squares_overflow_are_refused(values, time, named, pattern):
     for given in (FAST, defaults(sigma=0.3, sigma_unit="absolute"), None):
         with raises(AbfmError, *named):
-            abfm.sequence(SPHERE, values * film[0], time * np.arange(4), given)
+            abfm.sequence(SPHERE, values * pattern[0], time * np.arange(4), given)
 
 
-def test_one_that_is_cancelled_before_there_is_a_sigma_has_no_motion(film):
+def test_run_cancelled_before_sigma_has_no_motion(pattern):
     control = Control()
 
     def stop(now):
@@ -347,24 +359,25 @@ def test_one_that_is_cancelled_before_there_is_a_sigma_has_no_motion(film):
             control.cancel()
 
     with reporting_steps(stop):
-        told = abfm.sequence(SPHERE, film[0], control=control)
-    assert np.isnan(told.sigma)
-    assert_array_equal(told.velocity, 0)
-    assert told[0].verdict.kind == "not reached"
+        result = abfm.sequence(SPHERE, pattern[0], control=control)
+    assert np.isnan(result.sigma)
+    assert_array_equal(result.velocity, 0)
+    assert result[0].verdict.kind == "not reached"
 
 
-def test_noise_is_told_by_what_is_compared(film):
-    rng, level = np.random.default_rng(0), 0.3 * film[0].std()
-    noisy = film[0] + level * rng.standard_normal(film[0].shape)
+def test_noise_is_estimated_from_compared_values(pattern):
+    rng, level = np.random.default_rng(0), 0.3 * pattern[0].std()
+    noisy = pattern[0] + level * rng.standard_normal(pattern[0].shape)
     for known in (SPHERE.vertices[:, 0] < 2, SPHERE.vertices[:, 0] < 0.2):
         holes = np.where(known, noisy, np.nan)
         expected = np.sqrt(2) * level / np.sqrt(np.mean(noisy[:, known] ** 2))
-        told = abfm.sequence(SPHERE, holes, parameters=FAST).noise
-        assert told == pytest.approx(expected, rel=0.2)
+        result = abfm.sequence(SPHERE, holes, parameters=FAST).noise
+        assert result == pytest.approx(expected, rel=0.2)
 
 
-def test_sigma_is_chosen_by_intervals_in_which_what_is_compared_changes(film):
-    frames, seen = film[0], SPHERE.vertices[:, 0] < 0.2
+def test_changes_count_compared_values_only(pattern):
+    """Sigma is chosen by intervals in which compared values change."""
+    frames, visible = pattern[0], SPHERE.vertices[:, 0] < 0.2
     other = np.random.default_rng(0).standard_normal(frames.shape)
     both = np.stack([frames, other], axis=2)
     plain, weighed, masked, unseen = (
@@ -372,24 +385,24 @@ def test_sigma_is_chosen_by_intervals_in_which_what_is_compared_changes(film):
         for values, mask, weights in (
             (frames, None, None),
             (both, None, [1, 0]),
-            (frames, seen, None),
-            (np.where(seen, frames, other), seen, None),
+            (frames, visible, None),
+            (np.where(visible, frames, other), visible, None),
         )
     )
     assert_allclose(weighed, plain)
     assert_allclose(unseen, masked)
 
 
-def test_a_mask_too_small_to_hold_anything_out_is_told(film):
+def test_mask_too_small_for_held_out_patches_is_refused(pattern):
     mask = np.zeros(len(SPHERE.vertices))
     mask[3] = 1
     with raises(AbfmError):
-        abfm.sequence(SPHERE, film[0], mask=mask)
-    assert abfm.sequence(SPHERE, film[0], parameters=FAST, mask=mask).sigma == FAST.sigma
+        abfm.sequence(SPHERE, pattern[0], mask=mask)
+    assert abfm.sequence(SPHERE, pattern[0], parameters=FAST, mask=mask).sigma == FAST.sigma
 
 
 @pytest.mark.parametrize(("noise", "step"), [(0.0, 1.0), (0.05, 0.001)])
-def test_frames_far_apart_are_looked_for_whatever_the_unit_of_time(noise, step):
+def test_distant_frames_are_matched_for_any_unit_of_time(noise, step):
     rng, width, angle = np.random.default_rng(0), 0.4, 1.6  # four times the width
     turns = [[np.cos(angle * t), np.sin(angle * t), 0] for t in range(3)]
     frames = [np.exp(-((SPHERE.vertices - c) ** 2).sum(axis=1) / (2 * width**2)) for c in turns]
@@ -401,8 +414,8 @@ def test_frames_far_apart_are_looked_for_whatever_the_unit_of_time(noise, step):
         assert np.linalg.norm(point.positions[0] - centre) < 0.5 * width
 
 
-def test_an_interval_whose_change_is_no_motion_is_not_confirmed():
-    frames, _ = turning(SPHERE, 0.06, 6)
+def test_change_without_motion_is_not_confirmed():
+    frames, _ = rotating_pattern(SPHERE, 0.06, 6)
     rng = np.random.default_rng(0)
     frames = frames + 0.1 * frames.std() * rng.standard_normal(frames.shape)
     frames[3] = frames.std() * rng.standard_normal(frames.shape[1])
@@ -410,71 +423,75 @@ def test_an_interval_whose_change_is_no_motion_is_not_confirmed():
     assert [kind.is_good for kind in kinds] == [True, True, False, False, True]
 
 
-def test_what_is_no_motion_ties_to_no_neighbour():
+def test_intervals_without_motion_are_not_coupled():
     moved = bumps([0, 0.2, 0.4], noise=0)
     other = np.exp(-((SPHERE.vertices[:, 2] - 1) ** 2) / 0.1) * [[2.0], [2.1], [2.2]]
-    whole = abfm.sequence(SPHERE, np.concatenate([moved, other]), parameters=FAST)
-    assert whole.verdicts[2].kind == "impossible"
-    scale = check_frames(SPHERE, whole.frames[:, :, 0], None, None, None).deviation
+    complete = abfm.sequence(SPHERE, np.concatenate([moved, other]), parameters=FAST)
+    assert complete.verdicts[2].kind == "impossible"
+    scale = check_frames(SPHERE, complete.frames[:, :, 0], None, None, None).deviation
     separate = abfm.sequence(
         SPHERE, moved, parameters=replace(FAST, sigma=0.3 * scale, sigma_unit="absolute")
     )
-    # but that sweeps end where the energy of all has settled
-    apart = np.linalg.norm(whole.velocity[:2] - separate.velocity)
+    # not exactly, since sweeps stop when the total energy has converged
+    apart = np.linalg.norm(complete.velocity[:2] - separate.velocity)
     assert apart < 0.05 * np.linalg.norm(separate.velocity)
 
 
-def test_a_gap_in_time_is_matched_though_its_field_is_slow_beside_others():
-    frames, _ = turning(SPHERE, 0.1, 4)
+def test_gap_in_time_is_matched():
+    """Its field is slow compared with its neighbours."""
+    frames, _ = rotating_pattern(SPHERE, 0.1, 4)
     found = abfm.sequence(SPHERE, frames, [0, 1, 101, 102], FAST)
     assert found.confirmed == 3
     assert found.residual.max() < 0.02
     assert found.speed[[0, 2]] == pytest.approx(100 * found.speed[1], rel=0.2)
 
 
-def test_what_squeezes_a_bump_is_no_motion_to_a_smaller_one_elsewhere():
+def test_flattened_bump_is_not_a_motion():
     frames = np.concatenate([bumps([0], 0.4), bumps([3], 0.2)])
-    film = check_frames(SPHERE, frames, None, None, None)
-    problem = film.problem(0, FAST.for_interval(1.0, 0.3))
+    checked = check_frames(SPHERE, frames, None, None, None)
+    problem = checked.problem(0, FAST.for_interval(1.0, 0.3))
     functions = problem.functions
-    gone = functions.source * 0.01  # as if all of it were squeezed away
-    left = functions.residual(gone)
-    assert left < 1.1 < 0.6 * functions.residual(functions.source)
-    said = IntervalMeasures(gone, np.zeros((2, 3)), left, left, 0.0)
-    assert verdict_of(problem, said, noise_levels(film), True).kind == "not reached"
+    gone = functions.source * 0.01  # as if the flow had squeezed it away
+    residual = functions.residual(gone)
+    assert residual < 1.1 < 0.6 * functions.residual(functions.source)
+    measures = IntervalMeasures(gone, np.zeros((2, 3)), residual, residual, 0.0)
+    assert verdict_of(problem, measures, noise_levels(checked), True).kind == "not reached"
 
 
-def test_a_field_that_explains_nothing_of_small_changes_confirms_nothing():
-    frames, still = turning(SPHERE, 0.07, 3, coordinates)[0], defaults(sigma=30)
+def test_field_that_explains_little_is_not_confirmed():
+    frames, still = rotating_pattern(SPHERE, 0.07, 3, coordinates)[0], defaults(sigma=30)
     assert abfm.sequence(SPHERE, frames, parameters=FAST).confirmed == 2
-    told = abfm.sequence(SPHERE, frames, parameters=still)
-    assert told.residual.max() < 0.1
-    assert told.confirmed == 0
-    check_message(told.verdicts[0].reason)
+    result = abfm.sequence(SPHERE, frames, parameters=still)
+    assert result.residual.max() < 0.1
+    assert result.confirmed == 0
+    check_message(result.verdicts[0].reason)
 
 
-def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
-    mesh = torus(12, 40)  # whose edges are ten times as long around it as around its tube
+def test_motion_on_slivers_is_not_called_noise():
+    """Nor is it called no motion."""
+    mesh = torus(12, 40)  # its edges around the axis are ten times as long as those around the tube
 
     def bump(angle):
         place = [1.4 * np.cos(angle), 1.4 * np.sin(angle), 0]
         return np.exp(-0.5 * (np.linalg.norm(mesh.vertices - place, axis=1) / 0.5) ** 2)
 
-    [told] = abfm.sequence(mesh, [bump(0.0), bump(0.05)]).verdicts
-    assert told.kind == "not reached"
-    check_message(told.reason)
-    # a wave of two lengths on four edges has values at random for who sees their neighbours alone
+    [result] = abfm.sequence(mesh, [bump(0.0), bump(0.05)]).verdicts
+    assert result.kind == "not reached"
+    check_message(result.reason)
+    # a wave of two edges per length looks random when compared with neighbours only
     long = TriangleMesh(square(20).vertices * [1, 40, 1], square(20).faces)
     waves = [np.cos(20 * np.pi * (long.vertices[:, 1] / 40 - shift)) for shift in (0, 0.01)]
-    [told] = abfm.sequence(long, waves).verdicts
-    check_message(told.reason)
-    film = check_frames(mesh, [bump(0.0), bump(0.05)], None, None, None)
-    problem, levels = film.problem(0, FAST.for_interval(1.0, 0.3)), noise_levels(film)
-    left = film.problem(0, FAST.for_interval(1.0, 0.3)).functions.residual(problem.functions.source)
-    still = IntervalMeasures(problem.functions.source, np.zeros((2, 3)), left, left, 0.0)
-    told = verdict_of(problem, still, levels, True)
-    check_message(told.reason, "0.88")
-    only_lines = replace(still, verified_residual=left / 9)
+    [result] = abfm.sequence(long, waves).verdicts
+    check_message(result.reason)
+    checked = check_frames(mesh, [bump(0.0), bump(0.05)], None, None, None)
+    problem, levels = checked.problem(0, FAST.for_interval(1.0, 0.3)), noise_levels(checked)
+    residual = checked.problem(0, FAST.for_interval(1.0, 0.3)).functions.residual(
+        problem.functions.source
+    )
+    still = IntervalMeasures(problem.functions.source, np.zeros((2, 3)), residual, residual, 0.0)
+    result = verdict_of(problem, still, levels, True)
+    check_message(result.reason, "0.88")
+    only_lines = replace(still, verified_residual=residual / 9)
     check_message(verdict_of(problem, only_lines, levels, True).reason)
 
 
@@ -488,7 +505,7 @@ def test_constant_frames_determine_no_motion(values):
     check_message(found.facts.reason)
 
 
-def test_equal_frames_that_vary_are_matched():
+def test_equal_varying_frames_are_matched():
     frames = np.tile(SPHERE.vertices[:, 2], (3, 1))
     found = abfm.sequence(SPHERE, frames)
     assert [v.kind for v in found.verdicts] == [Outcome.MATCHED] * 2
@@ -506,7 +523,7 @@ def test_equal_frames_that_vary_are_matched():
         (["matched", "impossible", "impossible", "not reached"], "impossible", "failure"),
     ],
 )
-def test_half_of_the_intervals_make_a_sequence_good(outcomes, outcome, tone):
+def test_half_of_the_intervals_decide_the_outcome(outcomes, outcome, tone):
     verdicts = [Verdict(Outcome(each), "a: why", "") for each in outcomes]
     number = np.arange(len(outcomes), dtype=float)
     unknown = np.full_like(number, np.nan)
@@ -521,30 +538,29 @@ def test_half_of_the_intervals_make_a_sequence_good(outcomes, outcome, tone):
     }
 
 
-def test_an_interval_is_judged_by_its_own_noise():
+def test_interval_is_judged_by_its_own_noise():
     none = np.nan
-    film = bumps([0, 0.2, 0.4, none, none, none, 0, 0.2])
-    found = abfm.sequence(SPHERE, film, parameters=FAST)
-    # where there is nothing but noise, no motion is told; what goes away or comes from nowhere does
-    # not move
+    frames = bumps([0, 0.2, 0.4, none, none, none, 0, 0.2])
+    found = abfm.sequence(SPHERE, frames, parameters=FAST)
+    # pure noise has no motion; a bump that appears or disappears does not move
     kinds = [v.kind for v in found.verdicts]
     assert [kind.is_good for kind in kinds] == [True, True, *4 * [False], True]
     assert {kinds[2], kinds[5]} == {Outcome.IMPOSSIBLE}
     for verdict in found.verdicts[3:5]:
         check_message(verdict.reason)
-    # an offset adds nothing to what is told of them
-    lifted = abfm.sequence(SPHERE, film[:3] + 100.0, parameters=FAST)
+    # an offset changes nothing
+    lifted = abfm.sequence(SPHERE, frames[:3] + 100.0, parameters=FAST)
     assert lifted.confirmed == 2
-    deviations = film[1:3].std(axis=1)
+    deviations = frames[1:3].std(axis=1)
     assert lifted.noise == pytest.approx(np.sqrt(2) * 0.05 / deviations.mean(), rel=0.2)
 
 
-def test_noise_is_told_though_most_of_the_surface_is_below_a_threshold():
-    seen, film = SPHERE.vertices[:, 0] > 0.5, bumps([0, 0.1, 0.2])
-    told = abfm.sequence(SPHERE, np.where(seen, film, 0.0), parameters=FAST).noise
-    known = abfm.sequence(SPHERE, np.where(seen, film, np.nan), parameters=FAST).noise
-    assert seen.mean() < 0.3
-    assert told == pytest.approx(known, rel=0.3)
+def test_noise_is_estimated_on_a_thresholded_surface():
+    visible, frames = SPHERE.vertices[:, 0] > 0.5, bumps([0, 0.1, 0.2])
+    result = abfm.sequence(SPHERE, np.where(visible, frames, 0.0), parameters=FAST).noise
+    known = abfm.sequence(SPHERE, np.where(visible, frames, np.nan), parameters=FAST).noise
+    assert visible.mean() < 0.3
+    assert result == pytest.approx(known, rel=0.3)
 
 
 @pytest.mark.parametrize(
@@ -578,7 +594,7 @@ def test_noise_is_told_though_most_of_the_surface_is_below_a_threshold():
         (np.zeros((2, 642)), {"parameters": abfm.Parameters()}, ("parameters",)),
     ],
 )
-def test_what_does_not_fit_is_told_in_a_line(frames, given, named):
+def test_invalid_input_is_refused_in_one_line(frames, given, named):
     with raises(AbfmError, *named) as error:
         abfm.sequence(SPHERE, frames, **given)
     assert "\n" not in str(error.value)

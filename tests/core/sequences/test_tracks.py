@@ -1,4 +1,4 @@
-"""Critical points through time, and episodes."""
+"""Tracks of critical points through time, and episodes."""
 
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ SPHERE = icosphere(3)
 
 
 def heights(step: float, count: int) -> list[CriticalPoints]:
-    """Of gradients of heights along a direction that turns about z."""
+    """Return critical points of height gradients along a direction that rotates about z."""
     found = []
     for t in range(count):
         direction = np.array([np.cos(step * t), np.sin(step * t), 0.2])
@@ -29,7 +29,7 @@ def heights(step: float, count: int) -> list[CriticalPoints]:
     return found
 
 
-def test_a_source_and_a_sink_that_turn_are_followed():
+def test_rotating_source_and_sink_are_tracked():
     found = tracks(SPHERE, heights(0.15, 12), 0.5 + np.arange(12.0))
     assert sorted((len(t), t.kind, t.index) for t in found) == [(12, "sink", 1), (12, "source", 1)]
     sink = next(t for t in found if t.kind == "sink")
@@ -38,7 +38,7 @@ def test_a_source_and_a_sink_that_turn_are_followed():
     assert_array_equal(sink.times, 0.5 + np.arange(12.0))
 
 
-def test_the_order_of_points_does_not_matter():
+def test_order_of_points_does_not_matter():
     found = heights(0.15, 6)
     swapped = [
         CriticalPoints(
@@ -57,14 +57,14 @@ def test_the_order_of_points_does_not_matter():
         assert_array_equal(first.points.positions, second.points.positions)
 
 
-def test_what_jumps_is_not_one_track():
+def test_jump_ends_a_track():
     still = heights(0.0, 4)
     away = heights(2.0, 2)[1:] * 4
     found = tracks(SPHERE, [*still, *away], np.arange(8.0), min_intervals=1)
     assert sorted(len(t) for t in found) == [4, 4, 4, 4]
 
 
-def test_one_field_may_miss_a_point_and_two_may_not():
+def test_track_may_miss_one_field_but_not_two():
     found = heights(0.02, 9)
     nothing = critical_points(SPHERE, np.zeros((len(SPHERE.faces), 3)))
     gap = [*found[:4], nothing, *found[5:]]
@@ -74,12 +74,12 @@ def test_one_field_may_miss_a_point_and_two_may_not():
 
 
 @pytest.mark.parametrize("min_intervals", [0, 1.5, "two"])
-def test_least_is_a_number_of_fields(min_intervals):
+def test_min_intervals_must_be_a_positive_integer(min_intervals):
     with raises(AbfmError):
         tracks(SPHERE, [], np.empty(0), min_intervals)
 
 
-def test_episodes_of_a_speed_that_comes_and_goes():
+def test_episodes_of_an_oscillating_speed():
     times = np.linspace(0, 4 * np.pi, 81)
     middles = (times[1:] + times[:-1]) / 2
     found = episodes(times, np.sqrt(2 + np.cos(middles)))
@@ -95,7 +95,7 @@ def test_episodes_of_a_speed_that_comes_and_goes():
 
 
 @pytest.mark.parametrize("factor", [1e-6, 1.0, 1e6])
-def test_episodes_do_not_depend_on_the_unit(factor):
+def test_episodes_do_not_depend_on_units(factor):
     speed = np.array([1.0, 2, 3, 2, 1, 0.5, 1, 2])
     one = episodes(np.arange(9.0), speed)
     other = episodes(factor * np.arange(9.0), factor * speed)
@@ -103,7 +103,7 @@ def test_episodes_do_not_depend_on_the_unit(factor):
     assert_allclose([e.start * factor for e in one], [e.start for e in other])
 
 
-def test_a_steady_speed_has_no_episodes():
+def test_steady_speed_has_no_episodes():
     assert episodes(np.arange(6.0), np.full(5, 2.0)) == []
     assert episodes(np.arange(6.0), np.zeros(5)) == []
     assert episodes(np.arange(6.0), np.array([1, 1.01, 1, 1.01, 1])) == []

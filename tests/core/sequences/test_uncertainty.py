@@ -1,4 +1,4 @@
-"""How well frames determine fields: known errors, invariances, contours and flat places."""
+"""Uncertainty of fields: known errors, invariances, contours and flat places."""
 
 from dataclasses import replace
 from functools import cache
@@ -11,23 +11,23 @@ import abfm
 from abfm.calculus.operators import face_areas, face_frames, gradient
 from abfm.sequences import defaults
 from abfm.sequences.uncertainty import _data_tensors, _Integrals
-from tests.core.sequences.films import SPHERE, coordinates, turning
+from tests.core.sequences.known_motions import SPHERE, coordinates, rotating_pattern
 
 FAST = defaults(sigma=0.3, alpha=1.0, order=1)
 
 
 @cache
 def solved(noise=0.0):
-    frames, wanted = turning(SPHERE, 0.1, 4)
+    frames, expected = rotating_pattern(SPHERE, 0.1, 4)
     rng = np.random.default_rng(0)
     given = frames + noise * frames.std() * rng.standard_normal(frames.shape)
     parameters = defaults(sigma=0.9 if noise > 0.2 else 0.3, alpha=1.0, order=1)
-    return abfm.sequence(SPHERE, given, parameters=parameters), wanted
+    return abfm.sequence(SPHERE, given, parameters=parameters), expected
 
 
 @cache
 def with_a_bump():
-    """A bump on the equator that turns about z; the sphere is flat elsewhere."""
+    """Return a sequence of a bump on the equator that rotates about z; elsewhere it is flat."""
     angles = 0.1 * np.arange(4)
     places = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     return abfm.sequence(SPHERE, np.exp(8 * (places @ SPHERE.vertices.T - 1)), parameters=FAST)
@@ -35,21 +35,21 @@ def with_a_bump():
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
 def test_errors_are_about_as_large_as_the_uncertainty(noise):
-    found, wanted = solved(noise)
-    errors = np.linalg.norm(found.velocity - wanted, axis=2)
+    found, expected = solved(noise)
+    errors = np.linalg.norm(found.velocity - expected, axis=2)
     assert 0.2 < np.median(errors / found.uncertainty) < 1.5
     assert (errors < 3 * found.uncertainty).mean() > 0.9
-    # more so where it is larger
+    # errors are larger where the uncertainty is larger
     order = np.argsort(found.uncertainty.ravel())
     low, high = np.array_split(errors.ravel()[order], 2)
     assert np.median(high) > np.median(low)
 
 
-def test_noise_and_fewer_frames_leave_more_uncertain():
-    least, some, much = (solved(noise)[0].speed_uncertainty.mean() for noise in (0.0, 0.1, 0.3))
-    assert least < some < much < np.inf
+def test_uncertainty_grows_with_noise_and_fewer_frames():
+    low, medium, high = (solved(noise)[0].speed_uncertainty.mean() for noise in (0.0, 0.1, 0.3))
+    assert low < medium < high < np.inf
     separate = replace(solved(0.3)[0], gamma=0.0)
-    assert separate.speed_uncertainty.mean() > much
+    assert separate.speed_uncertainty.mean() > high
 
 
 def test_flat_places_are_not_determined():
@@ -59,12 +59,12 @@ def test_flat_places_are_not_determined():
     assert np.median(found.determined[:, near]) > 0.8
     assert np.median(found.determined[:, far]) < 0.02
     assert found.uncertainty[:, far].min() > 2 * np.median(found.uncertainty[:, near])
-    # as much as the usual speed where it is determined: nothing else is known
+    # the uncertainty of undetermined places is about the speed of determined ones
     truth = 0.1 * np.hypot(middles[:, 0], middles[:, 1])
     assert np.median(found.uncertainty[0, far]) > 0.3 * np.median(truth[far])
 
 
-def test_contours_hide_what_goes_along_them():
+def test_motion_along_contours_is_less_determined():
     z = SPHERE.vertices[:, 2]
     frames = np.stack([np.sin(5 * np.tanh(np.arctanh(0.999 * z) - 0.04 * t)) for t in range(3)])
     found = abfm.sequence(SPHERE, frames, parameters=FAST)
@@ -81,7 +81,7 @@ def test_contours_hide_what_goes_along_them():
 
 
 def test_more_channels_determine_all_directions():
-    frames, _ = turning(SPHERE, 0.1, 3, coordinates)
+    frames, _ = rotating_pattern(SPHERE, 0.1, 3, coordinates)
     assert abfm.sequence(SPHERE, frames, parameters=FAST).determined.min() > 0.7
 
 
@@ -100,11 +100,11 @@ def test_covariances_are_tensors_of_the_tangent_plane():
     assert_allclose(there.covariances, expected, rtol=1e-6, atol=1e-12)
 
 
-def test_constant_and_still_frames():
+def test_uncertainty_of_constant_and_equal_frames():
     constant = abfm.sequence(SPHERE, np.ones((3, len(SPHERE.vertices))), parameters=FAST)
     assert np.isinf(constant.uncertainty).all()
     assert_array_equal(constant.determined, 0)
-    still = np.repeat(turning(SPHERE, 0.1, 1)[0], 3, axis=0)
+    still = np.repeat(rotating_pattern(SPHERE, 0.1, 1)[0], 3, axis=0)
     found = abfm.sequence(SPHERE, still, parameters=FAST)
     assert_array_equal(found.uncertainty, 0)
     assert found.speed_determined.min() > 0.9
@@ -119,18 +119,18 @@ def test_masked_places_are_not_determined():
     assert np.median(found.determined[:, middles[:, 0] < 0]) > 0.8
 
 
-def test_integrals_are_those_of_the_plane():
-    """Order 1, of one interval: ``d / (4 pi alpha) log((1 + alpha K + d) / (1 + d))``."""
+def test_integrals_equal_those_of_the_plane():
+    """Order 1, one interval: ``d / (4 pi alpha) log((1 + alpha K + d) / (1 + d))``."""
     found = replace(solved()[0], gamma=0.0)
     integrals, k = _Integrals.of(found), 4 * np.pi * len(SPHERE.vertices)
     for d in (1e-9, 0.3, 50.0, 1e7):
-        wanted = d / (4 * np.pi) * np.log((1 + k + d) / (1 + d))
-        assert integrals.modes(np.array([[d]]))[0, 0] == pytest.approx(wanted, rel=1e-2)
+        expected = d / (4 * np.pi) * np.log((1 + k + d) / (1 + d))
+        assert integrals.modes(np.array([[d]]))[0, 0] == pytest.approx(expected, rel=1e-2)
         square = d / (4 * np.pi) * (1 / (1 + d) - 1 / (1 + k + d))
         assert integrals.scatter(np.array([[d]]))[0, 0] == pytest.approx(square, rel=1e-2)
 
 
-def test_shares_are_those_of_the_linear_problem():
+def test_shares_equal_those_of_the_linear_problem():
     """The trace of ``D`` over the surface is that of the data term's second derivative."""
     found = solved()[0]
     eigenvalues, _ = _data_tensors(found, np.arange(len(found)))

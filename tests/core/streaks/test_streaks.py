@@ -1,4 +1,4 @@
-"""Atlases, where linear filtering reads no texels but a face's own, and streaks along the flow."""
+"""Texture atlases, in which filtering reads only texels of one face, and streaks along the flow."""
 
 from itertools import pairwise
 
@@ -21,20 +21,20 @@ from tests.core.verification import near
 from tests.messages import raises
 from tests.shapes import disc, ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
 
-NEEDLES = TriangleMesh(torus(9, 7).vertices * [1, 1e-5, 0.3], torus(9, 7).faces)
+SLIVERS = TriangleMesh(torus(9, 7).vertices * [1, 1e-5, 0.3], torus(9, 7).faces)
 MESHES = {
     "tetrahedron": (tetrahedron(), 64),
     "one triangle": (TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 16),
     "uneven": (ellipsoid(3, 5, 1, 0.1), 512),
-    "needles": (NEEDLES, 256),
-    "no room to spare": (sphere(2), 52),
+    "slivers": (SLIVERS, 256),
+    "no spare texels": (sphere(2), 52),
     "boundary": (disc(7), 300),
 }
 cases = pytest.mark.parametrize(("mesh", "size"), MESHES.values(), ids=MESHES.keys())
 
 
 def random_places(atlas, count):
-    """Faces, barycentric weights and places in texels; some of them on edges and corners."""
+    """Return faces, barycentric weights and places in texels, some on edges and corners."""
     rng = np.random.default_rng(0)
     faces = np.tile(np.arange(len(atlas.corners)), count)
     barycentric = rng.dirichlet([0.5, 0.5, 0.5], len(faces))
@@ -55,7 +55,7 @@ def test_filtering_reads_only_texels_of_the_face(mesh, size):
 
 
 @cases
-def test_filtering_a_linear_function_gives_it_back(mesh, size):
+def test_filtering_reproduces_linear_functions(mesh, size):
     atlas = texture_atlas(mesh, size)
     h = np.random.default_rng(1).normal(size=len(mesh.vertices))
     faces, barycentric, places = random_places(atlas, 30)
@@ -66,7 +66,8 @@ def test_filtering_a_linear_function_gives_it_back(mesh, size):
 
 
 @cases
-def test_texels_map_back_to_their_place_and_corners_lie_in_the_texture(mesh, size):
+def test_texels_map_back_to_their_places(mesh, size):
+    """All corners lie in the texture."""
     atlas = texture_atlas(mesh, size)
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
     barycentric = texel_weights(atlas, rows, columns)
@@ -85,7 +86,7 @@ def test_texels_map_back_to_their_place_and_corners_lie_in_the_texture(mesh, siz
     assert coordinates.max() <= 1
 
 
-def test_texels_are_shared_out_by_area():
+def test_texels_are_proportional_to_area():
     """Edges are about as long in texels as on the surface, never below three quarters of it."""
     mesh = ellipsoid(3, 3, 1, 1)
     atlas = texture_atlas(mesh, 1024)
@@ -101,7 +102,7 @@ def test_texels_are_shared_out_by_area():
     assert texels.sum() > 0.6 * 1024**2
 
 
-def test_an_atlas_does_not_depend_on_the_unit_and_is_made_once():
+def test_atlas_is_independent_of_units_and_cached():
     mesh = torus(12, 9)
     scaled = TriangleMesh(1e-3 * mesh.vertices, mesh.faces)
     one, other = texture_atlas(mesh, 256), texture_atlas(scaled, 256)
@@ -112,13 +113,14 @@ def test_an_atlas_does_not_depend_on_the_unit_and_is_made_once():
     assert texture_atlas(mesh, 128) is not texture_atlas(mesh, 129)
 
 
-def test_half_a_million_faces():
+def test_atlas_of_half_a_million_faces():
     mesh = square(500)
     atlas = texture_atlas(mesh, 2000)
     assert len(np.unique(atlas.texel_faces)) == 500_000
 
 
-def test_too_small_a_texture_and_functions_of_other_meshes_are_refused():
+def test_too_small_textures_are_refused():
+    """Functions of other meshes are also refused."""
     mesh = sphere(2)
     with raises(ParameterError, 320, 52):
         texture_atlas(mesh, 51)
@@ -134,45 +136,51 @@ def test_sizes_out_of_range_are_refused(size):
 
 
 def looked_up(atlas, image, points):
-    """Grey levels at points (P, 3) of the surface."""
+    """Return grey levels at points (P, 3) of the surface."""
     found = project_onto_surface(atlas.mesh, points)
     corners = atlas.corners[found.faces]
     return filtered(image, np.einsum("pc,pcx->px", found.barycentric, corners))
 
 
 def correlation(atlas, image, start, end):
-    """Of the grey levels at pairs of points."""
+    """Return the correlation of the grey levels at pairs of points."""
     return float(np.corrcoef(looked_up(atlas, image, start), looked_up(atlas, image, end))[0, 1])
 
 
-def turned(points, axis, distance):
-    """Points (P, 3) moved by a distance along their circles about an axis."""
+def rotated(points, axis, distance):
+    """Return points (P, 3) moved by a distance along their circles about an axis."""
     sideways = np.cross(axis, points)
     angle = distance / np.linalg.norm(sideways, axis=1, keepdims=True)
     return points + np.sin(angle) * sideways + (1 - np.cos(angle)) * np.cross(axis, sideways)
 
 
 def on_sphere(count, seed=3):
+    """Return random points of the unit sphere."""
     points = np.random.default_rng(seed).normal(size=(count, 3))
     return points / np.linalg.norm(points, axis=1, keepdims=True)
 
 
 def used(atlas, image):
-    """Grey levels of the texels of triangles, and their faces."""
+    """Return the grey levels of the texels of triangles, and their faces."""
     chosen = atlas.texel_faces >= 0
     return image[chosen], atlas.texel_faces[chosen]
 
 
 @pytest.mark.parametrize("level", [2, 3, 4, 5])
 def test_streaks_lie_along_the_flow_on_any_mesh(level):
-    """On finer and coarser spheres, against the circles of a rotation and across them."""
+    """Spheres of several levels: along the circles of a rotation, and across them."""
     mesh, axis = sphere(level), np.array([0.2, -0.3, 1.0]) / np.linalg.norm([0.2, -0.3, 1.0])
     atlas, image = line_integral_convolution(mesh, rotation_field(mesh, axis), size=1024)
     points = on_sphere(4000)
     points = points[np.linalg.norm(np.cross(axis, points), axis=1) > 0.3]
     width, grain = mesh.length_scale / 400, 1.5 * atlas.texel_length
-    for way, least in ((3 * grain, 0.85), (6 * grain, 0.6), (4 * width, 0.8), (8 * width, 0.5)):
-        assert correlation(atlas, image, points, turned(points, axis, way)) > least
+    for distance, minimum in (
+        (3 * grain, 0.85),
+        (6 * grain, 0.6),
+        (4 * width, 0.8),
+        (8 * width, 0.5),
+    ):
+        assert correlation(atlas, image, points, rotated(points, axis, distance)) > minimum
     across = np.cross(points, np.cross(axis, points))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     assert abs(correlation(atlas, image, points, points + 4 * width * across)) < 0.15
@@ -186,15 +194,15 @@ def test_streaks_lie_along_exact_flow_lines():
     unit, found = field / np.linalg.norm(field, axis=1, keepdims=True), []
     for directions in (unit, np.cross(face_normals(mesh), unit)):
         lines = flow_lines(mesh, directions, start, distance)
-        whole = [line.ending == "time" for line in lines]
+        complete = [line.ending == "time" for line in lines]
         ends = np.array([line.positions[-1] for line in lines])
-        found.append(correlation(atlas, image, start.positions[whole], ends[whole]))
+        found.append(correlation(atlas, image, start.positions[complete], ends[complete]))
     assert found[0] > 0.75
     assert abs(found[1]) < 0.15
 
 
-def test_lines_of_a_smooth_field_do_not_show_the_mesh():
-    """By their structure tensor, streaks of a rotation turn inside faces, whose vectors do not."""
+def test_streaks_of_smooth_fields_do_not_show_the_mesh():
+    """By their structure tensor, streaks of a rotation bend inside faces, unlike face vectors."""
     mesh, centre, count = square(9), np.array([0.53, 0.46, 0.0]), 300
     field = np.cross([0, 0, 1], mesh.vertices[mesh.faces].mean(axis=1) - centre)
     atlas, image = line_integral_convolution(mesh, field, size=1024, width=1 / 150, length=0.2)
@@ -215,8 +223,8 @@ def test_lines_of_a_smooth_field_do_not_show_the_mesh():
     assert error(streaks) < 0.6 * error(np.arctan2(faces[..., 1], faces[..., 0]))
 
 
-def test_streaks_are_as_wide_on_any_texture():
-    """How far grey levels across the flow are alike depends on the width, not on texels."""
+def test_width_of_streaks_is_independent_of_texels():
+    """The correlation length across the flow depends on the width only."""
     mesh, found = square(10), {}
     field = np.tile([1.0, 0.3, 0.0], (len(mesh.faces), 1))
     side = np.cross([0, 0, 1], field[0]) / np.linalg.norm(field[0])
@@ -232,8 +240,8 @@ def test_streaks_are_as_wide_on_any_texture():
         assert curve[-1] < 0.25
 
 
-def test_streaks_go_on_across_the_edges_of_faces():
-    """What two faces show along their common edge is the same."""
+def test_streaks_continue_across_edges():
+    """Two faces show the same grey levels along their common edge."""
     mesh = sphere(3)
     field, middles = rotation_field(mesh, [0, 0, 1]), []
     atlas, image = line_integral_convolution(mesh, field, size=1024, width=1 / 200)
@@ -262,8 +270,8 @@ def test_contrast_is_full_and_even():
 @pytest.mark.parametrize(
     "mesh", [tetrahedron(), hemisphere(6), torus(20, 14), square(12), disc(5), open_cylinder(9, 4)]
 )
-def test_any_field_gives_a_picture(mesh):
-    """With sinks, whirls and edges that two faces push into, down to single faces."""
+def test_any_field_gives_an_image(mesh):
+    """Fields with sinks, vortices and opposing faces, down to single faces."""
     field = tangent(mesh, np.random.default_rng(5).normal(size=(len(mesh.faces), 3)))
     field[::7] = 0
     _, image = line_integral_convolution(mesh, field, size=256)
@@ -271,7 +279,7 @@ def test_any_field_gives_a_picture(mesh):
     assert image.std() > 0.1
 
 
-def test_streaks_run_evenly_up_to_a_boundary():
+def test_contrast_is_even_up_to_a_boundary():
     mesh = square(20)
     field = np.tile([1.0, 0.3, 0.0], (len(mesh.faces), 1))
     values, faces = used(*line_integral_convolution(mesh, field, size=512))
@@ -279,7 +287,7 @@ def test_streaks_run_evenly_up_to_a_boundary():
     assert_allclose(values[x < 0.05].std(), values[np.abs(x - 0.5) < 0.2].std(), rtol=0.15)
 
 
-def test_no_field_is_plain_grey():
+def test_zero_field_is_grey():
     mesh = sphere(2)
     _, image = line_integral_convolution(mesh, np.zeros((len(mesh.faces), 3)), size=128, fade=True)
     assert_array_equal(image, 0.5)
@@ -292,8 +300,8 @@ def test_no_field_is_plain_grey():
     assert_array_equal(values[(weights > 0.02).all(axis=1) & still[faces]], 0.5)
 
 
-def test_contrast_fades_with_speed_and_ends_at_a_zero_of_the_field():
-    """Around the pole of a rotation it grows in proportion to the distance."""
+def test_contrast_fades_with_speed():
+    """Around the pole of a rotation it is proportional to the distance."""
     mesh = sphere(4)
     field = rotation_field(mesh, [0, 0, 1])
     atlas, image = line_integral_convolution(mesh, field, size=1024, fade=True)
@@ -309,7 +317,7 @@ def test_contrast_fades_with_speed_and_ends_at_a_zero_of_the_field():
         assert 0.2 * radius < largest < 0.6 * radius
 
 
-def test_only_the_direction_matters():
+def test_only_the_direction_of_the_field_matters():
     mesh = torus(16, 10)
     field = wavy_field(mesh, 2)
     image, *scaled = (
@@ -324,18 +332,19 @@ SPIN = rotation_field(BALL, [0, 0, 1])
 
 
 def test_streaks_of_later_phases_move_along_the_flow():
-    """The picture of a later phase correlates best with the one before further ahead."""
+    """The image of a later phase correlates best with the first image further downstream."""
     atlas, images = line_integral_convolution(BALL, SPIN, size=512, length=0.15, phase=[0.0, 0.25])
     points = on_sphere(4000, 0)
     points = points[np.linalg.norm(points[:, :2], axis=1) > 0.5]
     before, axis = looked_up(atlas, images[0], points), np.array([0.0, 0, 1])
     distances = np.linspace(-0.15, 0.15, 31) * 0.15 * BALL.length_scale
-    moved = [looked_up(atlas, images[1], turned(points, axis, way)) for way in distances]
+    moved = [looked_up(atlas, images[1], rotated(points, axis, distance)) for distance in distances]
     best = int(np.argmax([np.corrcoef(before, after)[0, 1] for after in moved]))
     assert distances[best] > 0.02 * 0.15 * BALL.length_scale
 
 
-def test_phases_are_periodic_of_even_contrast_and_one_by_one_the_same():
+def test_phases_are_periodic_with_even_contrast():
+    """Separately computed phases are equal."""
     atlas, images = line_integral_convolution(BALL, SPIN, size=256, phase=np.linspace(0, 1, 9))
     assert images.shape == (9, 256, 256)
     near(images[-1], images[0], 1e-5)
@@ -344,8 +353,8 @@ def test_phases_are_periodic_of_even_contrast_and_one_by_one_the_same():
     assert max(steps) < 1.3 * min(steps)
     assert_allclose([values.std() for values in seen], seen[0].std(), rtol=0.1)
     _, images = line_integral_convolution(BALL, SPIN, size=128, phase=[0.0, 0.3])
-    _, alone = line_integral_convolution(BALL, SPIN, size=128, phase=0.0)
-    assert_array_equal(images[0], alone)
+    _, separate = line_integral_convolution(BALL, SPIN, size=128, phase=0.0)
+    assert_array_equal(images[0], separate)
 
 
 @pytest.mark.parametrize(
@@ -360,6 +369,6 @@ def test_phases_are_periodic_of_even_contrast_and_one_by_one_the_same():
         ("size", SPIN, {"size": 0}),
     ],
 )
-def test_what_does_not_fit_is_refused(named, field, options):
+def test_invalid_input_is_refused(named, field, options):
     with raises(ParameterError, named):
         line_integral_convolution(BALL, field, **options)

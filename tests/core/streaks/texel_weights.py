@@ -1,10 +1,10 @@
-"""Where texels lie in their faces."""
+"""Barycentric weights of texels, and bilinear filtering."""
 
 import numpy as np
 
 
 def texel_weights(atlas, rows, columns):
-    """Barycentric weights (n, 3) of the centres of texels that belong to a face, or hang over."""
+    """Return barycentric weights (n, 3) of texel centres, also beyond the edge of their face."""
     corners = np.moveaxis(atlas.corners[atlas.texel_faces[rows, columns]], 2, 1)
     matrices = np.concatenate([corners, np.ones((len(rows), 1, 3))], axis=1)
     centres = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
@@ -12,7 +12,7 @@ def texel_weights(atlas, rows, columns):
 
 
 def filtered(image, places):
-    """Bilinear filtering at places (n, 2), column and row, in texels, as graphics cards do it."""
+    """Return bilinearly filtered values at places (n, 2), column and row in texels, as on GPUs."""
     low = np.floor(places - 0.5).astype(int)
     u, v = (places - 0.5 - low).T
     total = np.zeros(len(places))

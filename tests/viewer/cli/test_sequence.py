@@ -19,7 +19,7 @@ from abfm.sequences import defaults
 from abfm.sequences.task import SequenceTask
 from abfm.sequences.verdicts import verdict_of
 from abfm_viewer.cli import main, options, progress
-from tests.core.sequences.turning_film import MESH, TIMES, film
+from tests.core.sequences.rotating_sphere import MESH, TIMES, rotating_frames
 from tests.messages import check_message, check_names, line_with
 from tests.processes import words_of
 
@@ -31,8 +31,8 @@ def files(tmp_path_factory):
     """A sphere, a function that turns with it, and its solution."""
     folder = tmp_path_factory.mktemp("film")
     export_ply(folder / "m.ply", MESH, {}, {})
-    np.save(folder / "f.npy", film())
-    np.savez(folder / "f.npz", frames=film(), times=TIMES)
+    np.save(folder / "f.npy", rotating_frames())
+    np.savez(folder / "f.npz", frames=rotating_frames(), times=TIMES)
     line = f"sequence {{f}}/m.ply {{f}}/f.npz {SOLVED} --out={{f}}/s.npz"
     assert main(words_of(line, f=folder)) == 0
     return folder
@@ -43,7 +43,10 @@ def test_sequence_is_printed_and_written(files, tmp_path, abfm):
     tables = "--tracks {t}/t.csv --intervals {t}/i.csv"
     line = f"sequence {{f}}/m.ply {{f}}/f.npz --sigma=0.1 {tables}"
     told = abfm(line, *(f"--out={out}" for out in outs), f=files)
-    found, wanted = load(outs[0]), library.sequence(MESH, film(), TIMES, defaults(sigma=0.1))
+    found, wanted = (
+        load(outs[0]),
+        library.sequence(MESH, rotating_frames(), TIMES, defaults(sigma=0.1)),
+    )
     np.testing.assert_array_equal(found.velocity, wanted.velocity)
     lines = told.out.splitlines()
     check_message(lines[0], 4, "matched")
@@ -142,9 +145,9 @@ def test_sheet_of_a_sequence(files, tmp_path, abfm):
     ],
 )
 def test_bad_input_is_refused(line, named, files, tmp_path, abfm):
-    np.save(tmp_path / "short.npy", film()[:, :9])
-    np.savez(tmp_path / "uneven.npz", frames=film(), times=TIMES**3)
-    np.savez(tmp_path / "back.npz", frames=film(), times=TIMES[::-1])
+    np.save(tmp_path / "short.npy", rotating_frames()[:, :9])
+    np.savez(tmp_path / "uneven.npz", frames=rotating_frames(), times=TIMES**3)
+    np.savez(tmp_path / "back.npz", frames=rotating_frames(), times=TIMES[::-1])
     (tmp_path / "x").mkdir()
     for name in ("file", "x.pvd", "x/x_1.vtu", "x/m.ply", "t.csv"):
         (tmp_path / name).write_text("theirs")
@@ -157,7 +160,7 @@ def test_bad_input_is_refused(line, named, files, tmp_path, abfm):
 def test_interrupted_sequence_resumes(files, tmp_path, abfm, monkeypatch):
     """A signal keeps the intervals that are solved; the same command gives what one run gives."""
     times = 0.01 * np.arange(20)
-    np.savez(tmp_path / "long.npz", frames=film(times=times), times=times)
+    np.savez(tmp_path / "long.npz", frames=rotating_frames(times=times), times=times)
     line = "sequence {f}/m.ply {t}/long.npz --sigma=0.1 --out={t}/a.npz"
     abfm(line.replace("a.npz", "complete.npz"), "--quiet", f=files)
     seen = []

@@ -25,7 +25,7 @@ from abfm_viewer.pictures.sheets import (
     sequence_picture,
     sheet_picture,
 )
-from tests.core.sequences import turning_film
+from tests.core.sequences import rotating_sphere
 from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere, square
 
@@ -327,8 +327,8 @@ def test_plots_have_room_for_their_legends_and_titles():
 def test_times_of_a_film_have_their_unit(monkeypatch):
     drawn = []
     monkeypatch.setattr(sheets, "sheet_picture", lambda sheet, *_: drawn.append(sheet))
-    of_numbers = abfm.sequence(turning_film.MESH, turning_film.sequence()[:2], gamma=0)
-    for film, times in ((turning_film.solved(), [-0.1, 0.05]), (of_numbers, None)):
+    of_numbers = abfm.sequence(rotating_sphere.MESH, rotating_sphere.rotating_frames()[:2], gamma=0)
+    for film, times in ((rotating_sphere.solved(), [-0.1, 0.05]), (of_numbers, None)):
         sequence_picture(film, times)
     labels = [[panel.label for panel in sheet.rows[0]] for sheet in drawn]
     assert labels == [["t = -0.1 s", "t = 0.05 s"], [f"t = {0.2 * n:.4g}" for n in range(6)]]

@@ -14,7 +14,7 @@ from abfm_viewer.document.result_table import PopulationTable, ResultRow, Result
 from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.files.result_tables import _texts
 from abfm_viewer.session.result_tables import document_of_subject
-from tests.core.sequences.turning_film import solved
+from tests.core.sequences.rotating_sphere import solved
 from tests.shapes import icosphere
 
 _MATCHED = Facts(Outcome.MATCHED, "matched")

@@ -9,7 +9,7 @@ import pytest
 from abfm_viewer.document.document import Identity, Point
 from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.session.saving.exporter import Exporter
-from tests.core.sequences.turning_film import solved
+from tests.core.sequences.rotating_sphere import solved
 
 
 @pytest.fixture

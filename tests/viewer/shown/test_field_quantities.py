@@ -15,7 +15,7 @@ from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.quantities import Field, pushed_gradient
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
-from tests.core.sequences.turning_film import solved
+from tests.core.sequences.rotating_sphere import solved
 from tests.core.streaks.texel_weights import texel_weights
 from tests.messages import raises
 from tests.shapes import icosphere

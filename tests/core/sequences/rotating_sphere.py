@@ -1,4 +1,4 @@
-"""A film that tests share: a function that turns with a sphere about the z axis."""
+"""Frames of a function that rotates with a sphere about the z axis, shared by tests."""
 
 from functools import cache
 
@@ -14,8 +14,8 @@ TIMES = 0.05 * np.arange(5) - 0.1
 SPEED = 2.0  # radians per unit of time
 
 
-def film(mesh=MESH, times=TIMES):
-    """Frames (T, V): a function that turns."""
+def rotating_frames(mesh=MESH, times=TIMES):
+    """Return frames (T, V) of a function that rotates about z."""
 
     def frame(time):
         x, y, z = Rotation.from_euler("z", -SPEED * time).apply(mesh.vertices.copy()).T
@@ -26,5 +26,5 @@ def film(mesh=MESH, times=TIMES):
 
 @cache
 def solved():
-    """The sequence of the film."""
-    return abfm.sequence(MESH, film(), TIMES, defaults(sigma=0.1))
+    """Return the solved sequence of the frames."""
+    return abfm.sequence(MESH, rotating_frames(), TIMES, defaults(sigma=0.1))

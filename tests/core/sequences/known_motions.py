@@ -1,4 +1,4 @@
-"""Films whose motion is known."""
+"""Frames with a known motion."""
 
 import numpy as np
 
@@ -9,8 +9,8 @@ from tests.shapes import icosphere
 SPHERE = icosphere(3)
 
 
-def turning(mesh: TriangleMesh, angle: float, count: int, wave=None):
-    """A pattern on the unit sphere that turns about z: frames, and the field of each interval."""
+def rotating_pattern(mesh: TriangleMesh, angle: float, count: int, wave=None):
+    """Return frames of a pattern that rotates about z on the unit sphere, and the exact field."""
     wave = wave or (lambda p: np.sin(3 * p[:, 0]) * np.cos(2 * p[:, 2]) + p[:, 1] ** 2)
     frames = []
     for t in range(count):
@@ -21,22 +21,22 @@ def turning(mesh: TriangleMesh, angle: float, count: int, wave=None):
     return np.array(frames), angle * np.cross([0.0, 0.0, 1.0], centres)
 
 
-def off(mesh: TriangleMesh, found, wanted, f) -> float:
-    """Median relative error of a field where the function is not flat."""
+def relative_field_error(mesh: TriangleMesh, found, expected, f) -> float:
+    """Return the median relative error of a field where the function is steep."""
     areas = face_areas(mesh)
     slopes = np.linalg.norm((gradient(mesh) @ f).reshape(len(areas), -1), axis=1)
-    told = slopes > 0.5 * np.sqrt(areas @ slopes**2 / areas.sum())
-    apart = np.linalg.norm(found - wanted, axis=1) / np.linalg.norm(wanted, axis=1)
-    return float(np.median(apart[told]))
+    steep = slopes > 0.5 * np.sqrt(areas @ slopes**2 / areas.sum())
+    errors = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1)
+    return float(np.median(errors[steep]))
 
 
 def coordinates(p):
-    """Three channels, which tell any motion of a sphere apart."""
+    """Return three channels, which distinguish all motions of a sphere."""
     return p
 
 
 def bumps(places, width=0.35, noise=0.05):
-    """Frames of a bump at these angles on the equator, with noise; none where that is NaN."""
+    """Return frames of a bump at angles on the equator, with noise; none where the angle is NaN."""
     x, y, _ = SPHERE.vertices.T
     frames = [np.exp(-0.5 * (np.hypot(x - np.cos(a), y - np.sin(a)) / width) ** 2) for a in places]
     scatter = np.random.default_rng(0).standard_normal((len(places), len(x)))
