@@ -14,7 +14,7 @@ from abfm import Correspondence, FunctionError, ResultError, TriangleMesh
 from abfm.errors import printable
 from abfm.functions import read_values
 from abfm.functions.labels import read_label_columns
-from abfm.functions.value_files import reported
+from abfm.functions.value_files import file_errors
 from abfm.io import textured_files, write_labels, write_values
 from abfm.maps import SurfacePoints, project_onto_surface
 from abfm.reading import NO_LABEL, Columns, Labels
@@ -186,7 +186,7 @@ def _labels(correspondence: Correspondence, path: str, column: str | None, side:
         correspondence, partial(read_label_columns, path, column=column, hemisphere=side)
     )
     try:
-        with reported(path):
+        with file_errors(path):
             labels = columns.labels(column)
     except FunctionError as error:
         raise FunctionError(str(error).replace("choose column=", "choose --column ")) from None

@@ -158,7 +158,7 @@ class Functions:
 
 def _values(mesh: TriangleMesh, spec: str) -> FloatArray:
     """Return the values (V,) of a spec, NaN where a file has no value."""
-    return abfm.functions.function(mesh, spec, may_be_unknown=True)
+    return abfm.functions.function(mesh, spec, allow_missing=True)
 
 
 class Evaluators(NamedTuple):

@@ -39,7 +39,7 @@ MEMBER = "origin.json"
 _FORMAT = 9
 _JSON_BYTES_MAX = 2 << 20  # of a member
 _RESULT = "result.npz"
-_KNOWN = Entry("real", ("V",), may_be_unknown=True)
+_KNOWN = Entry("real", ("V",), allow_missing=True)
 _ENTRIES = {
     RunRecord.__name__: {
         "energies": Entry("real", ("n", 3), may_be_empty=True),

@@ -410,7 +410,7 @@ class _Control:
         if kind.choices or getattr(self.function, self.parameter.name) is None:
             return None
         found = slider(self.function, self.mesh) if callable(slider) else slider
-        return found and Range(found.low, found.high, found.log, kind.whole)
+        return found and Range(found.low, found.high, found.log, kind.integers)
 
     def draw(self, width: float = 0) -> None:
         ui, parameter = self.ui, self.parameter
@@ -430,7 +430,7 @@ class _Control:
         elif self.ends is not None:
             number = ui.number(name, float(value), self.ends, tip)
             if number is not None:
-                new = round(number) if kind.whole and number == round(number) else number
+                new = round(number) if kind.integers and number == round(number) else number
         else:
             hint = "" if parameter.required else parameter.empty
             written = "" if value is None else str(value)

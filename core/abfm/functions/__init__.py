@@ -1,4 +1,4 @@
-"""Functions on a mesh: families given as text, evaluated to one finite value per vertex."""
+"""Functions on a mesh: their text form, their families, and readers of values at vertices."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Phases: values that repeat after a period are compared by their cosine and sine."""
+"""Circular functions: values that repeat after a period are compared by their cosine and sine."""
 
 import math
 import warnings
@@ -17,10 +17,10 @@ from abfm.types import FloatArray
 
 TURN = 2 * math.pi
 _PERIODS = {TURN: "2 pi", 360.0: "360"}
-_RANGE_MIN = 0.95  # share of its period that a phase covers
-_JUMP_MIN = 0.9  # share of the range; smaller differences are no jumps
-_DIFFERENCE_MIN = 0.3  # share of the range; smaller differences are not counted
-_MIDDLE_MIN = 0.1  # share of vertices with values in the middle half: a step has fewer
+_RANGE_MIN = 0.95  # range of a phase as a fraction of its period
+_JUMP_MIN = 0.9  # difference at a jump as a fraction of the range
+_DIFFERENCE_MIN = 0.3  # smallest counted difference as a fraction of the range
+_MIDDLE_MIN = 0.1  # fraction of vertices with values in the middle half; a step has fewer
 _JUMPS_MIN = 3
 
 
@@ -28,23 +28,23 @@ _JUMPS_MIN = 3
 class Circular(Family):
     """Cosine and sine of another function, whose values repeat after a period, such as angles.
 
-    As a source and as a target it makes two channels; ``part`` is one of them, without unit.
+    As source and target it has two channels; ``part`` chooses one of them. It has no unit.
     """
 
     family = "circular"
-    period: float = parameter(POSITIVE_REAL, "after which values repeat", default=TURN)
+    period: float = parameter(POSITIVE_REAL, "period after which values repeat", default=TURN)
     part: str | None = parameter(
         choice("cosine", "sine"), "one of the two functions", default=None, empty="both"
     )
-    function: Spec  # given in parentheses
+    function: Spec  # in parentheses
 
     def __str__(self) -> str:
-        words = super().__str__()
-        return f"{words}{'' if ':' in words else ':'}({self.function})"
+        text = super().__str__()
+        return f"{text}{'' if ':' in text else ':'}({self.function})"
 
     @property
     def parts(self) -> tuple[Spec, ...]:
-        """The functions that it is as a channel."""
+        """The functions of its channels."""
         if self.part is not None:
             return (self,)
         return tuple(replace(self, part=part) for part in ("cosine", "sine"))
@@ -52,8 +52,8 @@ class Circular(Family):
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         if self.part is None:
             raise FunctionError(
-                "circular is two functions: use it as source and target, or choose one by "
-                "part=cosine or part=sine"
+                "circular has two functions, but one is expected here. Choose part=cosine or "
+                "part=sine, or use circular as source and target"
             )
         values = self.function.evaluate(mesh)
         warn_of_period(mesh, values, self.period)
@@ -62,7 +62,7 @@ class Circular(Family):
 
 
 def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
-    """Return cosine and sine of values (n,) or (..., C) that repeat after a period: (..., 2 C)."""
+    """Return the cosine and sine (..., 2 C) of values (n,) or (..., C) with a period."""
     angles = TURN / period * real_numbers(values, "values", FunctionError)
     if angles.ndim == 1:
         angles = angles[:, None]
@@ -71,7 +71,7 @@ def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
 
 
 def checked_period(circular: Any) -> float | None:
-    """Return the period that an argument ``circular`` gives: 2 pi for True, None for False."""
+    """Return the period of an argument ``circular``: 2 pi for True, None for False."""
     if circular is None or isinstance(circular, bool | np.bool_):
         return TURN if circular else None
     try:
@@ -86,24 +86,25 @@ def checked_period(circular: Any) -> float | None:
 def circular_frames(
     frames: ArrayLike, weights: ArrayLike | None, circular: object
 ) -> tuple[ArrayLike, ArrayLike | None]:
-    """Return frames (T, V) or (T, V, C) and weights, as they are unless they are circular."""
+    """Convert frames (T, V) or (T, V, C) and weights if ``circular`` is True or a period."""
     if (period := checked_period(circular)) is None:
         return frames, weights
-    given = real_numbers(frames, "frames", FunctionError)
-    values = as_circle(given[..., None] if given.ndim == 2 else given, period)
+    numbers = real_numbers(frames, "frames", FunctionError)
+    values = as_circle(numbers[..., None] if numbers.ndim == 2 else numbers, period)
     return values, None if weights is None else np.repeat(weights, 2)
 
 
 def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
-    """Return the period of values (V,) that jump by about it between neighbours, or None.
+    """Return the period of values (V,) that jump by about a period between neighbours, or None.
 
-    Such values cover 2 pi or 360, and more edges differ by over 0.9 of their range than by 0.3 to
-    0.9 of it, on 3 edges at least. Steps have few values between their ends, and are none.
+    The range of such values is 2 pi or 360. On at least 3 edges, values differ by more than 0.9 of
+    the range, and on fewer edges by 0.3 to 0.9 of it. Step functions are excluded: they have few
+    values in the middle of the range.
     """
-    known = np.isfinite(values)
-    if not known.any():
+    is_finite = np.isfinite(values)
+    if not is_finite.any():
         return None
-    low, high = float(values[known].min()), float(values[known].max())
+    low, high = float(values[is_finite].min()), float(values[is_finite].max())
     size = high - low
     period = next((p for p in _PERIODS if _RANGE_MIN * p <= size <= p * (1 + 1e-6)), None)
     if period is None:
@@ -112,35 +113,35 @@ def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
         differences = np.abs(np.diff(values[mesh.edges], axis=1))[:, 0] / size
         jumps = int(np.count_nonzero(differences > _JUMP_MIN))
         others = int(np.count_nonzero((differences > _DIFFERENCE_MIN) & (differences <= _JUMP_MIN)))
-        middle = np.abs(values[known] - (low + high) / 2) < size / 4
+        middle = np.abs(values[is_finite] - (low + high) / 2) < size / 4
     is_wrapped = jumps >= max(_JUMPS_MIN, others) and middle.mean() >= _MIDDLE_MIN
     return period if is_wrapped else None
 
 
 def warn_of_phases(mesh: TriangleMesh, rows: FloatArray) -> None:
-    """Warn if some of functions (C, V) are phases that are compared as numbers."""
+    """Warn if some functions (C, V) are phases that will be compared as numbers."""
     if text := phase_warning(mesh, rows):
         warnings.warn(text, AbfmWarning, stacklevel=3)
 
 
 def warn_of_period(mesh: TriangleMesh, values: FloatArray, period: float) -> None:
-    """Warn once for a mesh if values (V,) jump by another period than the one they are given."""
+    """Warn once for a mesh if values (V,) jump by another period than ``period``."""
     found = wrapped_period(mesh, values)
     if found is None or math.isclose(found, period, rel_tol=1e-3):
         return
     text = (
-        f"values jump by about {_PERIODS[found]} between neighbours, and their period is "
-        f"{_PERIODS.get(period, f'{period:g}')}: give the period that they have"
+        f"values jump by about {_PERIODS[found]} between neighbours, but period is "
+        f"{_PERIODS.get(period, f'{period:g}')}. Set period to the period of the values"
     )
     warn_once(mesh, text)
 
 
 def phase_warning(mesh: TriangleMesh, rows: FloatArray) -> str:
-    """Return that some of functions (C, V) jump as phases do; empty if none does."""
+    """Return a warning if some functions (C, V) jump like phases, or an empty text."""
     periods = [period for row in rows if (period := wrapped_period(mesh, row)) is not None]
     if not periods:
         return ""
     return (
-        f"values jump by about {_PERIODS[periods[0]]} between neighbours, as phases do, and are "
-        "compared as numbers: circular compares their cosine and sine"
+        f"values jump by about {_PERIODS[periods[0]]} between neighbours, like phases, but are "
+        "compared as numbers. Use circular to compare their cosine and sine"
     )

@@ -1,4 +1,4 @@
-"""Functions as text that are circular: two channels for each."""
+"""Conversion of circular functions to two channels each."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from abfm.functions.spec import parse
 
 
 def without_circle(text: str) -> str:
-    """Return the function inside one that is circular, as text; others as they are."""
+    """Return the text of the function inside a circular one; return other texts unchanged."""
     tree = parse(text)
     return str(tree.function) if isinstance(tree, Circular) else text
 
@@ -23,21 +23,22 @@ def split_channels(
     weights: Sequence[float],
     period: float | None = None,
 ) -> tuple[list[str], list[str], list[float]]:
-    """Return channels of which each that is circular is two, with its weight.
+    """Replace each circular channel by two channels with the same weight.
 
-    With a ``period``, functions that are not circular yet are made so.
+    With a ``period``, all functions become circular.
 
     Raises
     ------
     FunctionError
-        If a source is circular and its target is not, or the other way round.
+        If only one of a source and its target is circular.
     """
     found: tuple[list[str], list[str], list[float]] = ([], [], [])
     for *pair, weight in zip(sources, targets, weights, strict=True):
         parts = [_parts(text, period) for text in pair]
         if len(parts[0]) != len(parts[1]):
             raise FunctionError(
-                f"of {brief(pair[0])} and {brief(pair[1])} one is circular; both must be"
+                f"only one of {brief(pair[0])} and {brief(pair[1])} is circular; expected both "
+                "or none"
             )
         found[0].extend(parts[0])
         found[1].extend(parts[1])
@@ -55,10 +56,10 @@ def _parts(text: str, period: float | None) -> list[str]:
 
 
 def circular_channels(f: Any, g: Any, weights: Any, circular: object) -> tuple[Any, Any, Any]:
-    """Return functions and weights of a problem, with two channels for each circular one.
+    """Return the functions and weights of a problem, with two channels for each circular one.
 
-    Arrays (V,) or (V, C) are circular if ``circular`` is True or a period, as are texts; these may
-    also be so by themselves.
+    Arrays (V,) or (V, C) and texts are circular if ``circular`` is True or a period. Texts may also
+    be of the family ``circular``.
     """
     period, (sources, targets) = checked_period(circular), map(texts_of, (f, g))
     if sources is not None and targets is not None and len(sources) == len(targets):
@@ -68,5 +69,5 @@ def circular_channels(f: Any, g: Any, weights: Any, circular: object) -> tuple[A
             return found if len(found[0]) > len(counts) else (f, g, weights)
     if period is None or f is None or g is None:
         return f, g, weights
-    on_source, on_target = (as_circle(given, period) for given in (f, g))
+    on_source, on_target = (as_circle(values, period) for values in (f, g))
     return on_source, on_target, None if weights is None else np.repeat(weights, 2)

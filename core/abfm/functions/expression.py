@@ -1,4 +1,4 @@
-"""Functions given by a formula in x, y and z."""
+"""Functions defined by a formula in x, y and z."""
 
 import ast
 import warnings
@@ -13,9 +13,8 @@ from abfm.functions.family import Family, ValueKind, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
-# characters, and operations inside each other
-_LENGTH_MAX = 1000
-_DEPTH_MAX = 495
+_LENGTH_MAX = 1000  # characters
+_DEPTH_MAX = 495  # nested operations
 _CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
 
 
@@ -43,7 +42,7 @@ _UNARY = (
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
     *("exp", "log", "sqrt", "abs", "sign", "floor", "ceil"),
 )
-# with the number of their arguments: one more would be NumPy's ``out``
+# with the number of arguments, as a further one would be the parameter ``out`` of NumPy
 _FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     **{name: (1, getattr(np, name)) for name in _UNARY},
     "arctan2": (2, np.arctan2),
@@ -56,13 +55,16 @@ _FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Expression(Family):
-    """Value of a formula in the coordinates x, y, z (the mesh's units of length) at each vertex, as
-    in sin(10*x)*z.
+    """Formula in the coordinates x, y, z of the vertices, such as sin(10*x)*z.
 
-    It may use numbers, ``pi``, ``e``, ``+ - * / % **``, comparisons (1 where true, 0 elsewhere),
-    parentheses and the functions sin, cos, tan, arcsin, arccos, arctan, arctan2, sinh, cosh, tanh,
-    exp, log, sqrt, abs, sign, floor, ceil, hypot, min(a, b), max(a, b) and where(condition, a, b).
-    In a spec it extends to the end of the text, or of the parentheses around it.
+    Coordinates have the unit of length of the mesh. A formula may contain:
+
+    - numbers, ``pi``, ``e``, parentheses, and the operators ``+ - * / % **``
+    - comparisons, which are 1 if true and 0 otherwise
+    - ``sin cos tan arcsin arccos arctan arctan2 sinh cosh tanh exp log sqrt abs sign floor ceil
+      hypot``, min(a, b), max(a, b) and where(condition, a, b)
+
+    In a spec, the formula extends to the end of the text, or of the parentheses around it.
     """
 
     family = "expression"
@@ -71,8 +73,8 @@ class Expression(Family):
     example = "expression:sin(10*x)*z"
     formula: str = parameter(
         ValueKind("a formula", lambda text: " ".join(text.split())),
-        "in x, y and z, with sin, exp, sqrt, abs, min, where and the like, and comparisons. Enter "
-        "takes it",
+        "formula in x, y and z, with functions such as sin, exp, sqrt, abs, min and where, and "
+        "comparisons. Press Enter to apply it",
     )
 
     def check(self) -> None:
@@ -86,28 +88,29 @@ class Expression(Family):
 
 
 def _value(formula: str, points: FloatArray) -> FloatArray:
-    """Return values at points (n, 3), (n,); they may be infinite or NaN."""
+    """Return the values (n,) of a formula at points (n, 3); they may be infinite or NaN."""
     names = dict(zip("xyz", points.T, strict=True)) | _CONSTANTS
     try:
         with np.errstate(all="ignore"):
             value = np.asarray(_computed(_parsed(formula), names), dtype=np.float64)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
         advice = (
-            "it ends with the text: put parentheses around it to add another function"
+            "A formula extends to the end of the text. Put parentheses around it to add another "
+            "function"
             if ":" in formula
-            else "it may use x, y, z, pi, e, numbers, + - * / % **, comparisons and functions such "
-            "as sin, exp, abs, where"
+            else "A formula may use x, y, z, pi, e, numbers, + - * / % **, comparisons and "
+            "functions such as sin, exp, abs, where"
         )
         reason = " ".join(one_line(error).split())
         raise FunctionError(
-            f"expression: {brief(formula)} cannot be evaluated: {reason}; {advice}"
+            f"expression: {brief(formula)} cannot be evaluated: {reason}. {advice}"
         ) from None
     return np.broadcast_to(value, len(points))
 
 
 def _parsed(formula: str) -> ast.expr:
     if len(formula) > _LENGTH_MAX:
-        raise ValueError(f"it has {len(formula)} characters, at most {_LENGTH_MAX} are allowed")
+        raise ValueError(f"it has {len(formula)} characters; expected at most {_LENGTH_MAX}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -123,37 +126,37 @@ def _parsed(formula: str) -> ast.expr:
         raise ValueError("it is nested too deeply")
     nodes = [node for level in levels for node in level]
     if any(isinstance(node, ast.Compare) and len(node.ops) > 1 for node in nodes):
-        raise ValueError("write (0 < x) * (x < 1) for 0 < x < 1")
+        raise ValueError("comparisons cannot be chained; write (0 < x) * (x < 1) for 0 < x < 1")
     calls = [node for node in nodes if isinstance(node, ast.Call)]
     if any(call.keywords for call in calls):
-        raise ValueError("arguments of functions have no names")
+        raise ValueError("arguments of functions cannot have names")
     called = [call.func for call in calls]
     for node in nodes:
         if isinstance(node, ast.Name) and node.id in _FUNCTIONS and node not in called:
-            raise ValueError(f"{node.id} stands without arguments, as in {node.id}(x)")
+            raise ValueError(f"{node.id} has no arguments; expected for example {node.id}(x)")
     return tree
 
 
 def _computed(node: ast.expr, names: dict[str, Any]) -> Any:
-    """Compute arithmetic, and nothing else: every other kind of node is refused."""
+    """Evaluate a node; everything except arithmetic raises a ValueError."""
     match node:
         case ast.Constant(bool() | complex() | str() | bytes() | None as other):
             raise ValueError(f"{brief(other)} is not a real number")
         case ast.Constant(int() | float() as number):
-            return np.float64(number)  # not int: 9**9**9 ends at once, as infinity
+            return np.float64(number)  # not int, so that 9**9**9 is infinite without delay
         case ast.Name(name) if name in names:
             return names[name]
         case ast.UnaryOp(op, operand) if type(op) in _OPERATORS:
             return _OPERATORS[type(op)](_computed(operand, names))
         case ast.BinOp(a, op, b) | ast.Compare(a, [op], [b]) if type(op) in _OPERATORS:
             return _OPERATORS[type(op)](_computed(a, names), _computed(b, names))
-        case ast.Call(ast.Name(name), given) if name in _FUNCTIONS:
+        case ast.Call(ast.Name(name), arguments) if name in _FUNCTIONS:
             count, compute = _FUNCTIONS[name]
-            values = [_computed(argument, names) for argument in given]
+            values = [_computed(argument, names) for argument in arguments]
             if len(values) != count:
-                raise ValueError(f"a function that takes {count} argument(s) got {len(values)}")
+                raise ValueError(f"{name} has {len(values)} argument(s); expected {count}")
             return compute(*values)
         case ast.Name(name) | ast.Call(ast.Name(name)):
-            known = ["x", "y", "z", *_CONSTANTS, *_FUNCTIONS]
-            raise ValueError(f"{brief(name)} is not known{did_you_mean(name, known)}")
-    raise ValueError("it is more than arithmetic")
+            valid_names = ["x", "y", "z", *_CONSTANTS, *_FUNCTIONS]
+            raise ValueError(f"{brief(name)} is unknown{did_you_mean(name, valid_names)}")
+    raise ValueError("it has more than arithmetic")

@@ -1,4 +1,4 @@
-"""What every family of functions has: a name, typed parameters, a text form and an evaluation."""
+"""Base class of function families: name, typed parameters, text form and evaluation."""
 
 import inspect
 import math
@@ -15,27 +15,26 @@ from abfm.types import FloatArray
 
 
 class Spec(ABC):
-    """A function without a mesh; ``str(spec)`` is its text form, which parses to an equal one."""
+    """Specification of a function without a mesh; ``str(spec)`` can be parsed to an equal one."""
 
     @abstractmethod
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        """Return values at the vertices, (V,)."""
+        """Return the values at the vertices, (V,)."""
 
 
 @dataclass(frozen=True)
 class ValueKind:
-    """What a parameter accepts."""
+    """Type of the values of a parameter."""
 
     name: str  # in messages
-    # how text becomes a value; ValueError where it cannot
-    read: Callable[[str], Any] = field(repr=False)
-    choices: tuple[str, ...] = ()  # all values, where they are few names
-    whole: bool = False  # whether its numbers are whole
-    suffixes: tuple[str, ...] = ()  # endings of the files that it names
+    read: Callable[[str], Any] = field(repr=False)  # converts text; ValueError for invalid text
+    choices: tuple[str, ...] = ()  # all values, if there are only a few
+    integers: bool = False  # whether the values are integers
+    suffixes: tuple[str, ...] = ()  # endings of file names
 
 
 class Slider(NamedTuple):
-    """The ends of a parameter's slider; values beyond them can be typed."""
+    """Range of the slider of a parameter; values beyond it can be typed."""
 
     low: float
     high: float
@@ -43,7 +42,7 @@ class Slider(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A way to describe a function of a family: in words, by an example, with some parameters."""
+    """One of several forms of a family: a summary, an example, and its parameters."""
 
     summary: str
     example: str
@@ -52,26 +51,26 @@ class Shape(NamedTuple):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One key of a family: all that the text form, help texts, messages and forms know about it."""
+    """A parameter of a family, for its text form, help texts, messages and forms."""
 
     name: str
     kind: ValueKind
-    summary: str  # what it means, as the beginning of a sentence in small letters
-    default: Any  # MISSING where it must be given; an optional one without a default has None
+    summary: str  # a short description that begins in lower case
+    default: Any  # MISSING if required; None if optional without a default
     unit: str = ""
-    # what a form draws for a number, or what finds it for a function of the family and a mesh
+    # the slider of a number in a form, or a function that returns it for a function and a mesh
     slider: Slider | Callable[[Any, TriangleMesh], Slider | None] | None = None
-    empty: str = "automatic"  # the words for None in a form; "" where a form does not offer it
-    instead_of: str = ""  # another parameter which, when it is given, takes the place of this one
+    empty: str = "automatic"  # label of None in a form; "" if a form does not offer it
+    instead_of: str = ""  # another parameter, which replaces this one if it is set
 
     @property
     def required(self) -> bool:
-        """Whether it must be given."""
+        """Whether the parameter has no default."""
         return self.default is MISSING
 
 
 def parameter(kind: ValueKind, summary: str, *, default: Any = MISSING, **more: Any) -> Any:
-    """Declare a dataclass field of a family, with the attributes of :class:`Parameter`."""
+    """Declare a dataclass field of a family with the attributes of :class:`Parameter`."""
     return field(
         default=default, metadata={"kind": kind, "summary": summary, "default": default, **more}
     )
@@ -79,18 +78,19 @@ def parameter(kind: ValueKind, summary: str, *, default: Any = MISSING, **more: 
 
 @dataclass(frozen=True, kw_only=True)
 class Family(Spec):
-    """A family of functions: subclasses are frozen dataclasses with fields by :func:`parameter`.
+    """Family of functions; subclasses are frozen dataclasses with fields by :func:`parameter`.
 
-    Values may be text: they are read and checked on construction, which raises FunctionError.
+    Values may be text. They are converted and checked on construction, which raises a
+    FunctionError.
     """
 
     family: ClassVar[str]
-    positional: ClassVar[str | None] = None  # the parameter that may stand without its key
-    is_open_ended: ClassVar[bool] = False  # whether it then extends to the end of the text
-    # what a form begins with, unless it is the name alone; {vertex} and {middle}, the mean of y,
-    # are the mesh's
+    positional: ClassVar[str | None] = None  # the parameter whose key may be omitted
+    is_open_ended: ClassVar[bool] = False  # whether its value extends to the end of the text
+    # Initial text of a form; empty for the name of the family. Values of the mesh replace {vertex}
+    # and {middle}, which is the mean of y.
     example: ClassVar[str] = ""
-    shapes: ClassVar[Mapping[str, Shape]] = {}  # by name, where there are several
+    shapes: ClassVar[Mapping[str, Shape]] = {}  # forms of the family by name, if there are several
 
     def __post_init__(self) -> None:
         for p in self.parameters():
@@ -100,7 +100,7 @@ class Family(Spec):
         self.check()
 
     def check(self) -> None:
-        """Raise FunctionError where parameters that are right one by one do not fit together."""
+        """Raise a FunctionError if the parameters do not fit together."""
 
     @classmethod
     @cache
@@ -108,14 +108,15 @@ class Family(Spec):
         """Return all parameters, in the order of the text form."""
         return tuple(Parameter(f.name, **f.metadata) for f in fields(cls) if "kind" in f.metadata)
 
-    def _given(self) -> dict[str, Any]:
+    def _changed(self) -> dict[str, Any]:
+        """Return the parameters that differ from their defaults."""
         found = {p.name: getattr(self, p.name) for p in self.parameters()}
         return {p.name: found[p.name] for p in self.parameters() if found[p.name] != p.default}
 
     def shape(self) -> str:
-        """Return which of the shapes it has: the first that has all parameters given."""
-        given = self._given().keys()
-        fitting = (name for name, shape in self.shapes.items() if given <= set(shape.parameters))
+        """Return the name of the first form that has all parameters that are set, or empty."""
+        changed = self._changed().keys()
+        fitting = (name for name, shape in self.shapes.items() if changed <= set(shape.parameters))
         return next(fitting, "")
 
     @classmethod
@@ -124,8 +125,8 @@ class Family(Spec):
         return (inspect.getdoc(cls) or "").partition("\n")[0]
 
     def __str__(self) -> str:
-        given = sorted(self._given().items(), key=lambda item: item[0] != self.positional)
-        words = [("" if n == self.positional else f"{n}=") + _text(value) for n, value in given]
+        changed = sorted(self._changed().items(), key=lambda item: item[0] != self.positional)
+        words = [("" if n == self.positional else f"{n}=") + _text(value) for n, value in changed]
         return f"{self.family}:{','.join(words)}" if words else self.family
 
 
@@ -137,7 +138,7 @@ def _read(family: str, p: Parameter, value: Any) -> Any:
         unit = f" (unit: {p.unit})" if p.unit else ""
         hint = did_you_mean(text, p.kind.choices)
         raise FunctionError(
-            f"{family}: {p.name} must be {p.kind.name}{unit}, not {brief(text)}{hint}"
+            f"{family}: {p.name} is {brief(text)}{hint}; expected {p.kind.name}{unit}"
         ) from None
 
 
@@ -148,7 +149,7 @@ def _text(value: Any) -> str:
 
 
 def quoted(text: str) -> str:
-    """Return text as a spec can hold it: in double quotes where the parser would read a sign."""
+    """Return text in double quotes if it has characters that the parser would interpret."""
     plain = re.fullmatch(r"[\w./\\~:-]+( [\w./\\~:-]+)*", text)
     return text if plain else '"' + text.replace('"', '""') + '"'
 
@@ -169,29 +170,29 @@ _nonempty = _checked(str, lambda text: bool(text) and "\0" not in text)
 
 NUMBER = ValueKind("a finite number", _checked(float, math.isfinite))
 POSITIVE_REAL = ValueKind("a number above 0", _checked(float, lambda value: 0 < value < math.inf))
-INDEX = ValueKind("a whole number, 0 or more", _index, whole=True)
-COUNT = ValueKind("a whole number, 1 or more", _count, whole=True)
+INDEX = ValueKind("an integer, 0 or more", _index, integers=True)
+COUNT = ValueKind("an integer, 1 or more", _count, integers=True)
 VERTICES = ValueKind(
-    "one vertex number or several with commas, counted from 0",
+    "one vertex number or several separated by commas, counted from 0",
     lambda text: tuple(_index(part) for part in text.split(",")),
 )
 WORD = ValueKind("a name or a number", _nonempty)
 
 
 def file_name(*suffixes: str) -> ValueKind:
-    """Return the kind of names of files with one of some endings."""
+    """Return the type of names of files with these endings."""
     return ValueKind("the name of a file", _nonempty, suffixes=suffixes)
 
 
 def choice(*names: str) -> ValueKind:
-    """Return the kind that is one of a few names."""
+    """Return the type of values that are one of a few names."""
     listed = " or ".join([", ".join(names[:-1]), names[-1]])
     return ValueKind(listed, _checked(str, names.__contains__), names)
 
 
-def texts_of(given: Any) -> list[str] | None:
-    """Return functions given as a text or a list of texts; None for anything else."""
-    if isinstance(given, str):
-        return [given]
-    is_list = isinstance(given, list | tuple) and len(given) > 0
-    return [*given] if is_list and all(isinstance(text, str) for text in given) else None
+def texts_of(functions: Any) -> list[str] | None:
+    """Return a text or a list of texts as a list; None for anything else."""
+    if isinstance(functions, str):
+        return [functions]
+    is_list = isinstance(functions, list | tuple) and len(functions) > 0
+    return [*functions] if is_list and all(isinstance(text, str) for text in functions) else None

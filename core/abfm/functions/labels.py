@@ -1,17 +1,17 @@
-"""Labels of vertices read from files that count as the mesh file does, and the place of a label."""
+"""Labels of vertices from files that number vertices like the mesh file."""
 
 import os
 from collections.abc import Iterable
 
 from abfm.errors import brief, did_you_mean, one_line
-from abfm.functions.value_files import columns_of, reported, request_for
+from abfm.functions.value_files import columns_of, file_errors, request_for
 from abfm.mesh import TriangleMesh
 from abfm.reading import Columns, Format, Labels, open_file
 from abfm.types import BoolArray
 
-__all__ = ["Labels", "read_label_columns", "read_labels", "where_label"]
+__all__ = ["Labels", "has_label", "read_label_columns", "read_labels"]
 
-_WHOLE_NUMBERS = (Format.TABLE, Format.NPY, Format.NPZ, Format.MAT, Format.MGH)
+_INTEGER_FORMATS = (Format.TABLE, Format.NPY, Format.NPZ, Format.MAT, Format.MGH)
 _SHOWN_NAMES_MAX = 8
 
 
@@ -21,10 +21,11 @@ def read_labels(
     mesh: TriangleMesh | None = None,
     hemisphere: str = "",
 ) -> Labels:
-    """Read one key per vertex with the names and colours of the keys.
+    """Read a key for each vertex, with the names and colours of the keys.
 
-    GIFTI files hold labels if their arrays, their names (.label.gii) or names for whole values say
-    so; .annot and .dlabel.nii files do, and tables, .npy, .npz, .mat and .mgh of whole numbers.
+    Files of labels may be .annot, .dlabel.nii or GIFTI. A GIFTI file has arrays of labels, a name
+    that ends with .label.gii, or names for integer values. Files of integers (.csv, .txt, .npy,
+    .npz, .mat, .mgh) are also accepted.
 
     Parameters
     ----------
@@ -32,18 +33,18 @@ def read_labels(
     column : str, optional
         One of several columns, by its name or number, counted from 0.
     mesh : TriangleMesh, optional
-        The mesh whose vertices get the labels, as in `read_values`; those without one get the key
-        -1.
+        The mesh whose vertices get the labels, as in `read_values`. Vertices without a label have
+        the key -1.
     hemisphere : str
-        "L" or "R", of files that hold both.
+        "L" or "R", for a file with both.
 
     Raises
     ------
     FunctionError
-        If the file cannot be read, holds no labels, or does not fit the mesh.
+        If the file cannot be read, has no labels, or does not fit the mesh.
     """
     found = read_label_columns(path, mesh, column, hemisphere)
-    with reported(path):
+    with file_errors(path):
         return found.labels(column)
 
 
@@ -54,42 +55,46 @@ def read_label_columns(
     hemisphere: str = "",
 ) -> Columns:
     """Read all columns of labels from a file; see `read_labels`."""
-    with reported(path):
+    with file_errors(path):
         opened = open_file(path)
         found = columns_of(opened, request_for(mesh, column, hemisphere))
         if opened.format is Format.LABEL_LIST:
             raise ValueError(
-                "it holds no labels, but lists the vertices of one: use it as file:, a function "
-                "that is 1 there"
+                "a .label file lists the vertices of one label; expected a file with a label for "
+                "each vertex. Use it as a function, file:NAME, which is 1 at these vertices"
             )
-        if opened.format not in _WHOLE_NUMBERS:
+        if opened.format not in _INTEGER_FORMATS:
             found = found.of_labels()
         if mesh is not None:
             return found.on(mesh)
         found = found.by_vertex()
         if found.vertices is not None:
-            raise ValueError("it holds labels of some vertices only: give the mesh, too")
+            raise ValueError("only some vertices have labels. Use the mesh as an argument as well")
         return found
 
 
-def where_label(
+def has_label(
     path: str, label: str, mesh: TriangleMesh, column: str | None = None, hemisphere: str = ""
 ) -> BoolArray:
-    """Return which vertices, (V,), have a label of a file, given by its name or its key.
+    """Return whether each vertex (V,) has a label of a file, which is a name or a key.
 
-    A FunctionError reports that there is none, or why the file cannot be read.
+    Raises
+    ------
+    FunctionError
+        If there is no such label, or the file cannot be read.
     """
     labels = read_labels(path, column, mesh, hemisphere)
-    with reported(path):
+    with file_errors(path):
         try:
             return labels.where(label)
         except KeyError:
-            near = _near(label, labels.names.values())
-            raise ValueError(f"it has no label {brief(label)}{near}") from None
+            alternatives = _alternatives(label, labels.names.values())
+            raise ValueError(f"the file has no label {brief(label)}{alternatives}") from None
 
 
-def _near(label: str, names: Iterable[str]) -> str:
-    known = [name for name in names if name]
-    shown = ", ".join(one_line(name, 30) for name in known[:_SHOWN_NAMES_MAX])
-    more = ", ..." if len(known) > _SHOWN_NAMES_MAX else ""
-    return did_you_mean(label, known) or (f"; there are {shown}{more}" if known else "")
+def _alternatives(label: str, names: Iterable[str]) -> str:
+    valid_names = [name for name in names if name]
+    shown = ", ".join(one_line(name, 30) for name in valid_names[:_SHOWN_NAMES_MAX])
+    more = ", ..." if len(valid_names) > _SHOWN_NAMES_MAX else ""
+    listed = f"; its labels are {shown}{more}" if valid_names else ""
+    return did_you_mean(label, valid_names) or listed

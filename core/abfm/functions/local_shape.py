@@ -1,4 +1,4 @@
-"""What the surface is like at a vertex: curvature, and the thickness of the body below."""
+"""Functions of the local shape: curvature, and the thickness of the body (shape diameter)."""
 
 from dataclasses import dataclass
 
@@ -14,50 +14,51 @@ from abfm.mesh.face_sizes import side_lengths
 from abfm.types import FloatArray, IntArray
 
 _EPSILON = float(np.finfo(np.float64).eps)
-# roundings that a curvature may be made of: in the file's text, in a motion, in the sums here
+# number of rounding errors in a curvature: of the text of a file, of a motion, and of sums
 _NOISE = 4.0
 
 _RAYS = 30
 _HALF_ANGLE = np.pi / 3
-# igl overlooks triangles below a fixed size: cast rays on the mesh scaled to an area of SIDE^2
+# igl misses triangles below a fixed size, so rays are cast on the mesh scaled to an area of SIDE^2
 _SIDE = 1e4
-# cosine: faces at a right angle to the vertex's normal count on either side of rounding
+# tolerance of a cosine, so that rounding does not decide about faces orthogonal to the normal
 _COSINE_ROUNDING = 1e-6
-_LENGTH_ROUNDING = 1e-6  # of a length: edges that differ less are equally long
-_START = 1e-6 * _SIDE  # where rays start, so that they do not meet the faces at their vertex
-_CHUNK = 512  # vertices per call of igl, which keeps the GIL: about 20 ms
+_LENGTH_ROUNDING = 1e-6  # relative difference of lengths up to which edges are equally long
+_START = 1e-6 * _SIDE  # offset of rays, so that they do not hit the faces at their vertex
+_CHUNK = 512  # vertices in one call of igl, which holds the GIL for about 20 ms
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curvature(Family):
-    """Gaussian curvature (1/length^2), or mean curvature (1/length, positive where the surface
-    bulges outward).
+    """Gaussian curvature (1/length^2) or mean curvature (1/length) of the surface.
 
-    The formulas [Meyer, Desbrun, Schröder, Barr: Discrete Differential-Geometry Operators for
-    Triangulated 2-Manifolds, 2003] hold off the boundary only: a boundary vertex gets the mean of
-    its neighbours. Where the surface is flat up to the rounding of its coordinates they are 0.
+    Mean curvature is positive where the surface is convex. The formulas [Meyer, Desbrun, Schröder,
+    Barr: Discrete Differential-Geometry Operators for Triangulated 2-Manifolds, 2003] are only
+    valid for inner vertices. Boundary vertices get the mean of their neighbours. The curvature is 0
+    where the surface is flat up to rounding of its coordinates.
     """
 
     family = "curvature"
     positional = "kind"
     example = "curvature:mean"
-    kind: str = parameter(choice("gaussian", "mean"), "which curvature")
+    kind: str = parameter(choice("gaussian", "mean"), "kind of curvature")
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         inner = ~mesh.is_boundary_vertex
         if not inner.any():
             raise FunctionError(
-                "curvature: every vertex lies on the boundary of this mesh, where it is not defined"
+                "curvature: all vertices lie on the boundary of the mesh, where it is not "
+                "defined. Use a mesh with inner vertices"
             )
         curvature = gaussian_curvature if self.kind == "gaussian" else mean_curvature
         return extend(mesh, curvature(mesh), inner)
 
 
 def gaussian_curvature(mesh: TriangleMesh) -> FloatArray:
-    """Compute the angle defect over mixed area (equation 9), (V,), in 1/length^2.
+    """Return the angle defect over the mixed area (equation 9), (V,), in 1/length^2.
 
-    Meaningless on a boundary. Moving an end of an edge of length ``a`` by the rounding ``r`` of the
-    coordinates turns the edge by ``r / a``: what this makes of the angles at a vertex counts as 0.
+    It is not valid on a boundary. A rounding error ``r`` of the coordinates turns an edge of length
+    ``a`` by an angle ``r / a``. Angle defects up to the sum of these angles are set to 0.
     """
     inverse = 1 / side_lengths(mesh.vertices, mesh.faces)
     around = np.roll(inverse, 1, axis=1) + np.roll(inverse, -1, axis=1)
@@ -67,12 +68,12 @@ def gaussian_curvature(mesh: TriangleMesh) -> FloatArray:
 
 
 def mean_curvature(mesh: TriangleMesh) -> FloatArray:
-    """Compute half the Laplacian of the coordinates (equation 8) along the vertex normal, (V,).
+    """Return half the Laplacian of the coordinates (equation 8) along the vertex normal, (V,).
 
-    In 1/length, positive on a sphere with outward normals; meaningless on a boundary. A face adds
-    half the edge opposite to the vertex, turned by a right angle: the rounding ``r`` of the
-    coordinates moves the edge by ``r`` and turns the face by ``r`` over its least height, and a sum
-    that is no larger than this is 0.
+    The unit is 1/length. It is positive on a sphere with outward normals, and not valid on a
+    boundary. A face adds half the edge opposite to the vertex, rotated by a right angle. A rounding
+    error ``r`` of the coordinates moves the edge by ``r``, and rotates the face by ``r`` over its
+    smallest height. Values up to the sum of these errors are set to 0.
     """
     sizes = side_lengths(mesh.vertices, mesh.faces)
     heights = 2 * face_areas(mesh) / sizes.max(axis=1)
@@ -82,13 +83,13 @@ def mean_curvature(mesh: TriangleMesh) -> FloatArray:
 
 
 def _at_vertices(mesh: TriangleMesh, of_corners: FloatArray) -> FloatArray:
-    """Sum what each corner (F, 3) has, (V,)."""
+    """Sum values of the corners (F, 3) at each vertex, (V,)."""
     sums = np.bincount(mesh.faces.ravel(), of_corners.ravel(), len(mesh.vertices))
     return np.asarray(sums, dtype=np.float64)
 
 
 def _rounding(mesh: TriangleMesh) -> float:
-    """Return how far rounding moves a vertex."""
+    """Return the rounding error of the coordinates."""
     return _EPSILON * float(np.abs(mesh.vertices).max())
 
 
@@ -97,16 +98,17 @@ def _without_noise(values: FloatArray, noise: FloatArray) -> FloatArray:
 
 
 def mixed_areas(mesh: TriangleMesh) -> FloatArray:
-    """Compute the Voronoi area of each vertex (section 3.3), or half or a quarter of obtuse faces.
+    """Return the mixed area of each vertex, (V,) (section 3.3).
 
-    With a third of the adjacent faces, curvature stays 15% wrong at odd vertices of an icosphere.
+    It is the Voronoi area, or a half or a quarter of obtuse faces. With a third of the adjacent
+    faces instead, curvature would be wrong by 15% at irregular vertices of an icosphere.
     """
     voronoi = igl.massmatrix(mesh.vertices, mesh.faces, igl.MASSMATRIX_TYPE_VORONOI)
     return np.asarray(voronoi.diagonal())
 
 
 def vertex_normals(mesh: TriangleMesh) -> FloatArray:
-    """Compute unit normals at the vertices, (V, 3): of the sum of the faces' area vectors, or 0."""
+    """Return unit normals at the vertices, (V, 3), weighted by face areas; 0 if undefined."""
     weighted = face_areas(mesh)[:, None] * face_normals(mesh)
     sums = np.stack([_at_vertices(mesh, np.repeat(w, 3)) for w in weighted.T], axis=1)
     return _unit(sums)
@@ -119,18 +121,22 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeDiameter(Family):
-    """Thickness of the body under each vertex (shape diameter function), in the mesh's units of
-    length.
+    """Thickness of the body under each vertex (shape diameter function), in units of length.
 
-    The mean length of rays sent inward, as published [Shapira, Shamir, Cohen-Or: Consistent Mesh
-    Partitioning and Skeletonisation Using the Shape Diameter Function, 2008, section 3]: 30 rays in
-    a cone of 120 degrees about the inward normal; hits on a face whose normal is within 90 degrees
-    of the vertex's are dropped; of the rest, the lengths within one standard deviation of their
-    median are averaged with weights inverse to the angle from the axis. Here the rays are a fixed
-    spiral, even in solid angle and turned to the longest edge at the vertex, or to each of several
-    that are equally long, so the result is reproducible and moves with the mesh. Vertices from
-    which no ray counts take the mean of their neighbours. Not smoothed, no logarithm. On a sphere
-    of radius R it is 1.72 R. Needs a surface with an inside, its faces oriented outward.
+    It is the mean length of rays sent inward, without smoothing and without logarithm. The surface
+    must enclose a body, with faces oriented outward. Reference: section 3 of Shapira, Shamir,
+    Cohen-Or: Consistent Mesh Partitioning and Skeletonisation Using the Shape Diameter Function,
+    2008.
+
+    - 30 rays lie in a cone of 120 degrees about the inward normal.
+    - Hits of a face whose normal is within 90 degrees of that of the vertex are ignored.
+    - Lengths within one standard deviation of their median are averaged, with weights inverse to
+      the angle from the axis.
+    - Vertices without a valid ray get the mean of their neighbours.
+
+    The rays are a fixed spiral, even in solid angle. It is oriented along the longest edge at the
+    vertex, or along each of several equally long ones. The result is thus reproducible, and
+    invariant to motions of the mesh. On a sphere of radius R it is 1.72 R.
     """
 
     family = "shape-diameter"
@@ -162,18 +168,18 @@ def _shape_diameter(mesh: TriangleMesh) -> FloatArray:
     for count in np.unique(turns):
         rows = lengths[turns[origins] == count].reshape(-1, count * _RAYS)
         diameter[turns == count] = _robust_mean(rows, np.tile(1 / angles, count))
-    known = np.isfinite(diameter)
-    if not known.any():
+    is_valid = np.isfinite(diameter)
+    if not is_valid.any():
         raise FunctionError(
-            "shape-diameter: no ray meets an opposite side: is the surface flat, or its faces "
-            "inward?"
+            "shape-diameter: no ray hits an opposite side of the surface; expected a closed "
+            "surface with faces oriented outward"
         )
-    return extend(mesh, diameter * unit, known)
+    return extend(mesh, diameter * unit, is_valid)
 
 
 def _cone() -> tuple[FloatArray, FloatArray]:
-    """Return the angles from the axis (r,) and unit vectors (r, 3) with the axis last."""
-    # the half keeps rays off the plane of the longest edge, where edges may line up
+    """Return angles of rays from the axis, (r,), and unit vectors (r, 3) with the axis last."""
+    # the offset of a half avoids rays in the plane of the longest edge, where edges may be aligned
     i = np.arange(_RAYS) + 0.5
     cosine = 1 - (1 - np.cos(_HALF_ANGLE)) * i / _RAYS
     sine, turn = np.sqrt(1 - cosine**2), np.pi * (3 - np.sqrt(5)) * i
@@ -181,29 +187,30 @@ def _cone() -> tuple[FloatArray, FloatArray]:
 
 
 def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the vertices (n,), in order, with frames (n, 3, 3) for each of their longest edges.
+    """Return a frame (n, 3, 3) for each longest edge of each vertex, and the vertices (n,).
 
-    They are orthonormal, with the first axis along the edge, and the last one inward.
+    Frames are orthonormal, with the first axis along the edge and the last one inward. Vertices are
+    in ascending order.
     """
     one, other = mesh.edges.T
     owners, ends = np.r_[one, other], np.r_[other, one]
     along = mesh.vertices[ends] - mesh.vertices[owners]
     lengths, longest = np.linalg.norm(along, axis=1), np.zeros(len(normals))
     np.maximum.at(longest, owners, lengths)
-    kept = np.flatnonzero(lengths >= (1 - _LENGTH_ROUNDING) * longest[owners])
-    kept = kept[np.argsort(owners[kept], kind="stable")]
-    owners, along = owners[kept], along[kept]
+    chosen = np.flatnonzero(lengths >= (1 - _LENGTH_ROUNDING) * longest[owners])
+    chosen = chosen[np.argsort(owners[chosen], kind="stable")]
+    owners, along = owners[chosen], along[chosen]
     inward = -normals[owners]
     second = _unit(np.cross(inward, along))
     return owners, np.stack([np.cross(second, inward), second, inward], axis=1)
 
 
 def _robust_mean(lengths: FloatArray, weights: FloatArray) -> FloatArray:
-    """Compute the weighted mean of each row of (n, r) without NaN and outliers, (n,), or NaN."""
+    """Return the weighted mean of each row of (n, r) without NaN and outliers, (n,), or NaN."""
     mean = np.full(len(lengths), np.nan)
-    seen = np.isfinite(lengths).any(axis=1)
-    rows = lengths[seen]
+    has_values = np.isfinite(lengths).any(axis=1)
+    rows = lengths[has_values]
     distance = np.abs(rows - np.nanmedian(rows, axis=1, keepdims=True))
-    keep = distance <= (1 + 1e-9) * np.nanstd(rows, axis=1, keepdims=True)
-    mean[seen] = np.where(keep, rows, 0) @ weights / (keep @ weights)
+    is_inlier = distance <= (1 + 1e-9) * np.nanstd(rows, axis=1, keepdims=True)
+    mean[has_values] = np.where(is_inlier, rows, 0) @ weights / (is_inlier @ weights)
     return mean

@@ -1,7 +1,7 @@
-"""Numeric arrays of MATLAB files of versions 5 to 7.2.
+"""Reader of numeric arrays of MATLAB files of versions 5 to 7.2.
 
-Format: https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf. Own code, as SciPy crashes
-on damaged files, and makes room for sizes before it compares them with the file.
+Format: https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf. The reader of SciPy is not
+used: it crashes on damaged files, and allocates memory before it checks sizes.
 """
 
 import math
@@ -26,25 +26,29 @@ _NUMERIC_CLASSES = range(6, 16)  # classes of arrays: double, single, and intege
 _COMPLEX_FLAG = 0x800
 
 Element = tuple[int, bytes]
-"""The type of a data element, and its bytes."""
+"""Type and bytes of a data element."""
 
 
 def matlab_arrays(data: bytes) -> PointData:
-    """Return the numeric arrays of a file by their names, each made when it is looked up.
+    """Return the numeric arrays of a file by name; each is decoded on access.
 
-    A ValueError reports a damaged file, a name that several arrays have, or complex numbers.
+    Raises
+    ------
+    ValueError
+        If the file is damaged. Access also raises it if several arrays have the name, or if the
+        array is complex.
     """
     if not data.startswith(_SIGNATURE) or len(data) < _HEAD_BYTES:
         raise ValueError(
-            "it is not a MATLAB file of version 5 to 7.2: write it with save(..., '-v7')"
+            "the file is not a MATLAB file of version 5 to 7.2. Write it with save(..., '-v7')"
         )
     order = "<" if data[126:128] == b"IM" else ">"
     found = []
-    left = inflated_size_max(len(data))
+    budget = inflated_size_max(len(data))
     for kind, body in _elements(data, order, _HEAD_BYTES):
         if kind == _COMPRESSED_KIND:
-            unpacked = inflated(body, left)
-            left -= len(unpacked)
+            unpacked = inflated(body, budget)
+            budget -= len(unpacked)
             kind, body = next(_elements(unpacked, order), (0, b""))
         if kind == _MATRIX:
             parts = list(islice(_elements(body, order), 4))  # flags, sizes, name, numbers
@@ -57,14 +61,15 @@ def matlab_arrays(data: bytes) -> PointData:
 def _array(name: str, parts: list[Element], order: str) -> NDArray[Any]:
     _, (_, sizes), _, (kind, numbers) = parts
     if _flags(parts, order) & _COMPLEX_FLAG:
-        raise ValueError(f"its array {brief(name)} is complex; expected real numbers")
+        raise ValueError(f"the array {brief(name)} is complex; expected real numbers")
     if kind not in _TYPES:
-        raise ValueError(f"its array {brief(name)} is of the unknown type {kind}")
+        raise ValueError(f"the array {brief(name)} has the unknown type {kind}")
     dtype = np.dtype(order + _TYPES[kind])
     shape = tuple(int(size) for (size,) in struct.iter_unpack(f"{order}i", sizes))
     if min(shape, default=-1) < 0 or math.prod(shape) * dtype.itemsize != len(numbers):
         raise ValueError(
-            f"its array {brief(name)} of shape {shape} has {len(numbers)} bytes of numbers"
+            f"the array {brief(name)} of shape {shape} has {len(numbers)} bytes, which does not "
+            "fit. The file is damaged"
         )
     return np.frombuffer(numbers, dtype).reshape(shape, order="F")
 
@@ -75,7 +80,7 @@ def _flags(parts: list[Element], order: str) -> int:
 
 
 def _elements(data: bytes, order: str, begin: int = 0) -> Iterator[Element]:
-    """Yield data elements; up to four bytes stand next to their size."""
+    """Yield data elements; small ones have up to four bytes next to their size."""
     while begin + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, begin)
         if small := kind >> 16:
@@ -84,6 +89,8 @@ def _elements(data: bytes, order: str, begin: int = 0) -> Iterator[Element]:
             continue
         body = data[begin + 8 : begin + 8 + size]
         if len(body) < size:
-            raise ValueError(f"it is cut off: {len(body)} bytes are left for one part of {size}")
+            raise ValueError(
+                f"the file is cut off: an element has {size} bytes, but only {len(body)} remain"
+            )
         yield kind, body
         begin += 8 + size + (0 if kind == _COMPRESSED_KIND else -size % 8)

@@ -1,4 +1,4 @@
-"""Functions of where vertices are: coordinates, distances from points, and what is made of them."""
+"""Functions of positions: coordinates, distances, Gaussians and indicators."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _AXIS = choice("x", "y", "z")
 
 
 def _along(mesh: TriangleMesh, axis: str | None) -> FloatArray:
-    """Return the coordinate x, y or z of every vertex, (V,)."""
+    """Return the coordinate x, y or z of each vertex, (V,)."""
     assert axis is not None
     return mesh.vertices[:, "xyz".index(axis)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Coordinate(Family):
-    """Coordinate x, y or z of the vertices, in the mesh's units of length."""
+    """Coordinate x, y or z of the vertices, in the unit of length of the mesh."""
 
     family = "coordinate"
     positional = "axis"
     example = "coordinate:y"
-    axis: str = parameter(_AXIS, "which coordinate")
+    axis: str = parameter(_AXIS, "coordinate")
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         return _along(mesh, self.axis)
@@ -51,27 +51,31 @@ def _of_point(summary: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class AroundPoints(Family):
-    """A family centred at ``vertex=``, as the file counts, or near ``x=,y=,z=`` in its units."""
+    """Family with a centre: ``vertex=``, numbered as in the file, or the point ``x=,y=,z=``."""
 
     vertex: tuple[int, ...] | None = parameter(
         VERTICES,
-        "where it is, counted as in the mesh file; of several, with commas, the nearest counts",
+        "centre, numbered as in the mesh file; several, separated by commas, for the nearest one",
         default=None,
         empty="at x, y, z",
     )
-    x: float | None = _of_point("instead of vertex: nearest vertex to this point")
+    x: float | None = _of_point("instead of vertex: point, replaced by the nearest vertex")
     y: float | None = _of_point("second coordinate of the point")
     z: float | None = _of_point("third coordinate of the point")
 
     def check(self) -> None:
-        given = [value is not None for value in (self.x, self.y, self.z)]
-        if self.vertex is None and not all(given):
-            raise FunctionError(f"{self.family}: give vertex=, or all of x=, y= and z=")
-        if self.vertex is not None and any(given):
-            raise FunctionError(f"{self.family}: give either vertex= or x=, y= and z=, not both")
+        has_value = [value is not None for value in (self.x, self.y, self.z)]
+        if self.vertex is None and not all(has_value):
+            raise FunctionError(
+                f"{self.family}: the centre is missing; expected vertex=, or all of x=, y= and z="
+            )
+        if self.vertex is not None and any(has_value):
+            raise FunctionError(
+                f"{self.family}: there are two centres; expected either vertex= or x=, y= and z="
+            )
 
     def sources(self, mesh: TriangleMesh) -> IntArray:
-        """Return the indices of the centres among the mesh's vertices, (n,)."""
+        """Return the rows of the centres in the vertices of the mesh, (n,)."""
         if self.vertex is not None:
             return np.array([mesh.local_vertex(index) for index in self.vertex])
         offsets = mesh.vertices - np.array([self.x, self.y, self.z])
@@ -85,10 +89,10 @@ def _size(summary: str, default: float | None) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Geodesic(AroundPoints):
-    """Distance along the surface to a vertex, or the nearest of several, in its units of length.
+    """Distance along the surface to a vertex, or to the nearest of several, in units of length.
 
-    It is exact up to 6,000 vertices, and by heat on larger meshes, 1 to 2% off: see
-    :func:`abfm.calculus.surface_distance`.
+    It is exact on meshes of up to 6,000 vertices. On larger meshes it is computed by the heat
+    method, with an error of 1 to 2%: see :func:`abfm.calculus.surface_distance`.
     """
 
     family = "geodesic"
@@ -102,8 +106,8 @@ class Geodesic(AroundPoints):
 class Gaussian(AroundPoints):
     """Gaussian bump ``height exp(-d^2 / (2 width^2))`` of the distance d to a vertex.
 
-    d is a length divided by the square root of the surface's area, so a width means the same on
-    every mesh: geodesic (:func:`~abfm.calculus.geodesic_distance`) or straight through space.
+    d is a distance divided by the square root of the surface area, so that a width has the same
+    meaning on every mesh. It is geodesic (:func:`~abfm.calculus.geodesic_distance`) or Euclidean.
     """
 
     family = "gaussian"
@@ -125,7 +129,7 @@ class Gaussian(AroundPoints):
 
 
 def _extent(function: Indicator, mesh: TriangleMesh) -> Slider | None:
-    """Return the least and the largest value of the coordinate, if they differ."""
+    """Return the range of the coordinate, or None if it is empty."""
     height = _along(mesh, function.axis)
     ends = Slider(float(height.min()), float(height.max()))
     return ends if ends.low < ends.high else None
@@ -139,9 +143,9 @@ def _bound(summary: str) -> Any:
 class Indicator(AroundPoints):
     """Indicator (1 inside, 0 outside) of a geodesic disc, or of a half-space or slab.
 
-    ``indicator:vertex=12,radius=0.2`` is the disc of that radius, a fraction of sqrt(area), its rim
-    included; ``indicator:axis=x,above=0.2`` is where x > 0.2 in the file's units, ``below=`` where
-    x is less; both make a slab.
+    ``indicator:vertex=12,radius=0.2`` is a disc, including its boundary; the radius is a fraction
+    of sqrt(area). ``indicator:axis=x,above=0.2`` is the half-space x > 0.2, in the unit of the
+    file, and ``below=0.2`` is x < 0.2. Both together define a slab.
     """
 
     family = "indicator"
@@ -149,7 +153,7 @@ class Indicator(AroundPoints):
     shapes: ClassVar[Mapping[str, Shape]] = {
         "disc": Shape("a geodesic disc", example, ("vertex", "x", "y", "z", "radius")),
         "half-space": Shape(
-            "what lies above or below a plane",
+            "the part above or below a plane",
             "indicator:axis=y,above={middle}",
             ("axis", "above", "below"),
         ),
@@ -162,20 +166,24 @@ class Indicator(AroundPoints):
     below: float | None = _bound("upper bound of that coordinate")
 
     def check(self) -> None:
-        given, disc = self._given().keys(), {"vertex", "x", "y", "z", "radius"}
-        is_disc, has_bound = bool(given & disc), bool(given & {"above", "below"})
-        if is_disc == bool(given - disc):
+        changed, disc = self._changed().keys(), {"vertex", "x", "y", "z", "radius"}
+        is_disc, has_bound = bool(changed & disc), bool(changed & {"above", "below"})
+        if is_disc == bool(changed - disc):
             raise FunctionError(
-                "indicator: give either a disc (vertex= or x=,y=,z=; radius=) or a half-space "
+                "indicator: expected either a disc (vertex= or x=,y=,z=; radius=) or a half-space "
                 "(axis=; above= or below=)"
             )
         if is_disc:
             super().check()
             if self.radius is None:
-                raise FunctionError("indicator: a disc needs radius=, as a fraction of sqrt(area)")
+                raise FunctionError(
+                    "indicator: the radius of the disc is missing; expected radius=, a fraction "
+                    "of sqrt(area)"
+                )
         elif self.axis is None or not has_bound:
             raise FunctionError(
-                "indicator: a half-space needs axis=x, y or z, and above= or below="
+                "indicator: the half-space is incomplete; expected axis=x, y or z, and above= or "
+                "below="
             )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:

@@ -1,19 +1,20 @@
-"""Functions as text: ``family:key=value,...``, sums with ``+``, parentheses, and vertex maps.
+"""Functions as text: ``family:key=value,...``, sums with ``+``, parentheses and vertex maps.
 
 ::
 
     spec     = term { "+" term }
     term     = family [ ":" argument { "," argument } ]
-             | "expression:" formula     up to the end of the spec or of the parentheses around it
+             | "expression:" formula     to the end of the spec or of the parentheses around it
              | "permuted:" path "(" spec ")"
              | "scaled:" argument { "," argument } "(" spec ")"
              | "circular:" [ argument { "," argument } ] "(" spec ")"
              | "(" spec ")"
-    argument = key "=" value | value            the key may be left out before the positional value
+    argument = key "=" value | value            the key of the positional parameter is optional
 
-Blanks around signs are free. A comma separates arguments where ``key=`` follows, a plus separates
-terms where a family or a parenthesis follows, so ``vertex=1,5``, ``1e+3`` and most file names need
-no quotes; a value in double quotes may hold anything (a double quote inside is doubled).
+Blanks around operators are ignored. A comma separates arguments if ``key=`` follows it. A plus
+separates terms if a family or a parenthesis follows it. Therefore ``vertex=1,5``, ``1e+3`` and most
+file names need no quotes. A value in double quotes may have any characters (a double quote inside
+is doubled).
 """
 
 import os
@@ -71,9 +72,9 @@ class Scaled(Family):
 
     family = "scaled"
     positional = "factor"
-    factor: float = parameter(NUMBER, "what values are multiplied by")
-    offset: float = parameter(NUMBER, "what is added to them after that", default=0.0)
-    function: Spec  # given in parentheses after the numbers
+    factor: float = parameter(NUMBER, "factor of the values")
+    offset: float = parameter(NUMBER, "offset added after the multiplication", default=0.0)
+    function: Spec  # in parentheses after the numbers
 
     def __str__(self) -> str:
         return f"{super().__str__()}({self.function})"
@@ -93,7 +94,7 @@ _FAMILIES: dict[str, type[Family]] = {
 
 
 def scaled(spec: Spec, factor: float, offset: float) -> Scaled:
-    """Return a function times a factor, plus an offset; one that is scaled already once only."""
+    """Return a function times a factor, plus an offset; two scalings are combined to one."""
     if isinstance(spec, Scaled):
         offset += factor * spec.offset
         factor, spec = factor * spec.factor, spec.function
@@ -101,22 +102,22 @@ def scaled(spec: Spec, factor: float, offset: float) -> Scaled:
 
 
 def families() -> tuple[type[Family], ...]:
-    """Return all families, each with its name, ``summary()``, ``parameters()``, ``positional``."""
+    """Return the classes of all families."""
     return tuple(_FAMILIES.values())
 
 
 @lru_cache(maxsize=256)
 def parse(text: str) -> Spec:
-    """Read the text form of a function; nothing about a mesh is checked yet.
+    """Parse the text form of a function, without any check against a mesh.
 
     Raises
     ------
     FunctionError
-        If the text is no spec: what was found, what was expected, and the nearest known name.
+        If the text is not valid, with the position, the expected text, and similar valid names.
     """
     if len(text) > LENGTH_MAX:
         raise FunctionError(
-            f"function {brief(text)} has {len(text)} characters; at most {LENGTH_MAX} are allowed"
+            f"function {brief(text)} has {len(text)} characters; expected at most {LENGTH_MAX}"
         )
     parser = _Parser(text)
     try:
@@ -125,63 +126,65 @@ def parse(text: str) -> Spec:
             parser.fail("'+' or the end")
     except FunctionError:
         if os.path.isfile(text):
-            raise FunctionError(f"{brief(text)} is a file: write file:{quoted(text)}") from None
+            raise FunctionError(
+                f"{brief(text)} is the name of a file. Write file:{quoted(text)}"
+            ) from None
         raise
     return spec
 
 
-def function(mesh: MeshLike, spec: str | Spec, *, may_be_unknown: bool = False) -> FloatArray:
-    """Return values of a function at the vertices, (V,), finite, a new array every time.
+def function(mesh: MeshLike, spec: str | Spec, *, allow_missing: bool = False) -> FloatArray:
+    """Return the values of a function at the vertices, (V,), as a new array of finite numbers.
 
     Parameters
     ----------
-    mesh : TriangleMesh, or whatever `abfm.load_mesh` takes
+    mesh : TriangleMesh, or anything that `abfm.load_mesh` accepts
     spec : str or Spec
-        Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or what :func:`parse`
-        makes of it; :func:`families` lists the families with their parameters.
-    may_be_unknown : bool
-        Let a file have NaN at some vertices, not at all of them; such values come back.
+        Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or the result of
+        :func:`parse`. :func:`families` lists the families with their parameters.
+    allow_missing : bool
+        Whether values from a file may be NaN at some vertices, but not at all.
 
     Raises
     ------
     FunctionError
-        If the text is no spec, names a vertex or file that does not fit the mesh, or gives values
-        that are not finite.
+        If the text is not valid, if a vertex or file does not fit the mesh, or if values are not
+        finite.
     """
     mesh, tree = as_mesh(mesh), parse(spec) if isinstance(spec, str) else spec
     if not isinstance(tree, Spec):
         raise FunctionError(
             f"function is {brief(spec)}; expected a text such as 'gaussian:vertex=12', or a "
-            "parsed one"
+            "parsed function"
         )
     with np.errstate(over="ignore", invalid="ignore"):
         values = np.array(tree.evaluate(mesh), dtype=np.float64, order="C")
     bad = np.flatnonzero(~np.isfinite(values))
     is_of_file = len(bad) > 0 and bool(files_in(tree))
-    if may_be_unknown and is_of_file and len(bad) < len(values) and not np.isinf(values).any():
+    if allow_missing and is_of_file and len(bad) < len(values) and not np.isinf(values).any():
         return values
     if len(bad):
-        mend = ": write a number there, and hide it by a mask if it means nothing"
+        advice = ". Replace missing values by numbers, and exclude them by a mask"
         raise FunctionError(
             f"function {brief(str(tree))} is not finite at {len(bad)} of {len(values)} vertices, "
-            f"for example {values[bad[0]]} at vertex {mesh.vertex_ids[bad[0]]}; every vertex "
-            f"needs a finite value{mend if is_of_file else ''}"
+            f"for example {values[bad[0]]} at vertex {mesh.vertex_ids[bad[0]]}; expected a finite "
+            f"value at every vertex{advice if is_of_file else ''}"
         )
     return values
 
 
-def files_in(given: object) -> list[str]:
+def files_in(functions: object) -> list[str]:
     """Return the files of values in a function, its text, or a sequence of these."""
-    if isinstance(given, str):
-        return files_in(parse(given)) if given else []
-    if isinstance(given, list | tuple):
-        return [path for part in given for path in files_in(part)]
-    parts = functions_in(given) if isinstance(given, Spec) else ()
+    if isinstance(functions, str):
+        return files_in(parse(functions)) if functions else []
+    if isinstance(functions, list | tuple):
+        return [path for part in functions for path in files_in(part)]
+    parts = functions_in(functions) if isinstance(functions, Spec) else ()
     return [part.path for part in parts if isinstance(part, ValuesFile)]
 
 
 def functions_in(spec: Spec) -> Iterator[Spec]:
-    """Yield a function, and all functions that it is made of."""
+    """Yield a function, and all functions inside it."""
     yield spec
     inner = spec.terms if isinstance(spec, Sum) else ()
     for each in (spec.function,) if isinstance(spec, Permuted | Scaled | Circular) else inner:
@@ -189,18 +192,18 @@ def functions_in(spec: Spec) -> Iterator[Spec]:
 
 
 class _Parser:
-    """Recursive descent over the text; ``position`` is where the next character is read."""
+    """Recursive descent parser; ``position`` is the index of the next character."""
 
     def __init__(self, text: str) -> None:
         self.text, self.position = text, 0
 
     def fail(self, expected: str) -> NoReturn:
-        left = self.text[self.position :]
-        found = brief(left) if left else "nothing more"
+        rest = self.text[self.position :]
+        found = brief(rest) if rest else "the end of the text"
         raise FunctionError(f"function {brief(self.text)}: expected {expected}, found {found}")
 
     def take(self, pattern: re.Pattern[str] | str) -> str:
-        """Skip blanks, then consume and return what matches here; empty if nothing does."""
+        """Skip blanks, then consume and return a match of the pattern; empty without a match."""
         while self.text[self.position : self.position + 1].isspace():
             self.position += 1
         match = re.compile(pattern).match(self.text, self.position)
@@ -211,7 +214,7 @@ class _Parser:
 
     def spec(self, depth: int) -> Spec:
         if depth > DEPTH_MAX:
-            self.fail(f"at most {DEPTH_MAX} parentheses inside each other")
+            self.fail(f"at most {DEPTH_MAX} nested parentheses")
         terms: list[Spec] = []
         while not terms or self.take(r"\+"):
             term = self.term(depth)
@@ -244,7 +247,7 @@ class _Parser:
         return Permuted(path=path, function=self.inner(depth))
 
     def wrapped(self, cls: type[Scaled | Circular], depth: int) -> Spec:
-        """Return a family of another function, which follows its arguments in parentheses."""
+        """Return a family with an inner function, in parentheses after the arguments."""
         arguments = self.take(r"[^(]*").split(",")
         if not self.take(r"\("):
             example = "scaled:2" if cls is Scaled else "circular:period=360"
@@ -253,14 +256,14 @@ class _Parser:
         return cls(function=self.inner(depth), **values)
 
     def inner(self, depth: int) -> Spec:
-        """Return the spec up to the parenthesis that closes it."""
+        """Return the spec up to its closing parenthesis."""
         found = self.spec(depth + 1)
         if not self.take(r"\)"):
             self.fail("')'")
         return found
 
     def formula(self) -> str:
-        """Return what comes before the end or a parenthesis that the formula did not open."""
+        """Return the text up to the end, or to a closing parenthesis that is not of the formula."""
         start, depth = self.position, 0
         for sign in self.text[start:]:
             depth += (sign == "(") - (sign == ")")
@@ -291,9 +294,9 @@ class _Parser:
 
 
 def _values(cls: type[Family], arguments: list[str]) -> dict[str, Any]:
-    """Return the parameters of a family by their keys, as text."""
+    """Return the values of the parameters of a family, as text by their keys."""
     keys = [p.name for p in cls.parameters()]
-    expected = f"keys are {', '.join(keys)}" if keys else "it takes no parameters"
+    expected = f"keys are {', '.join(keys)}" if keys else "it has no parameters"
     values: dict[str, Any] = {}
     for place, argument in enumerate(arguments):
         match = _KEY_AND_VALUE.fullmatch(argument)
@@ -310,12 +313,14 @@ def _values(cls: type[Family], arguments: list[str]) -> dict[str, Any]:
                 f"{cls.family}: unknown key {brief(key)}{did_you_mean(key, keys)}; {expected}"
             )
         if key in values:
-            raise FunctionError(f"{cls.family}: {key}= is given twice")
+            raise FunctionError(f"{cls.family}: {key}= occurs twice; expected once")
         values[key] = _unquoted(value)
     for p in cls.parameters():
         if p.required and p.name not in values:
             form = f"{cls.family}:..." if p.name == cls.positional else f"{p.name}="
-            raise FunctionError(f"{cls.family}: {p.name} is missing; give {p.kind.name}, as {form}")
+            raise FunctionError(
+                f"{cls.family}: {p.name} is missing; expected {p.kind.name}, as {form}"
+            )
     return values
 
 

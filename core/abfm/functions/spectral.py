@@ -1,4 +1,4 @@
-"""Eigenfunctions of the Laplace-Beltrami operator, and signatures made of them."""
+"""Eigenfunctions of the Laplace-Beltrami operator, and the heat and wave kernel signatures."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,18 +14,18 @@ from abfm.types import FloatArray
 
 @dataclass(frozen=True, kw_only=True)
 class Eigenfunction(Family):
-    """Eigenfunction of the Laplace-Beltrami operator: 0 is the constant, higher ones oscillate
-    faster.
+    """Eigenfunction of the Laplace-Beltrami operator.
 
-    Scaled to max |f| = 1, sign as in :func:`~abfm.calculus.eigenbasis`; no unit. Which function
-    comes of an eigenspace of several dimensions (on a sphere, say) is arbitrary but reproducible.
+    Eigenfunction 0 is constant, and higher ones oscillate faster. They are scaled to max |f| = 1,
+    have no unit, and have the sign of :func:`~abfm.calculus.eigenbasis`. In an eigenspace of
+    several dimensions, for example on a sphere, the choice is arbitrary but reproducible.
     """
 
     family = "eigenfunction"
     positional = "index"
     example = "eigenfunction:1"
     index: int = parameter(
-        INDEX, "number of the eigenfunction; 0 is the constant", slider=Slider(0, 50)
+        INDEX, "number of the eigenfunction; 0 is constant", slider=Slider(0, 50)
     )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
@@ -36,26 +36,27 @@ class Eigenfunction(Family):
         return f / largest
 
 
-def _pairs(mesh: TriangleMesh, most: int) -> tuple[FloatArray, FloatArray]:
-    return unit_eigenbasis(mesh, min(most, len(mesh.vertices)))
+def _pairs(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]:
+    return unit_eigenbasis(mesh, min(count, len(mesh.vertices)))
 
 
 def _eigenpairs() -> Any:
-    summary = "how many terms the sum has: more are sharper and take longer"
+    summary = "number of terms of the sum; more terms resolve finer details and take longer"
     return parameter(COUNT, summary, default=128, slider=Slider(1, 256))
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeatKernelSignature(Family):
-    r"""Heat kernel signature: how much heat stays at a point; large on tips, small in saddles.
+    r"""Heat kernel signature: the heat that remains at a point; large on tips, small in saddles.
 
     .. math:: \frac{\sum_k e^{-\lambda_k t} \phi_k(x)^2}{\sum_k e^{-\lambda_k t}}
 
-    with the eigenpairs of the surface scaled to unit area: the heat kernel divided by its trace, as
-    its authors [Sun, Ovsjanikov, Guibas, SGP 2009] compare points. It has no unit and integrates to
-    1 over the unit-area surface. Heat spreads over about ``sqrt(time)`` times sqrt(area). The paper
-    uses 300 eigenpairs and times between ``4 ln 10 / lambda_300`` and ``4 ln 10 / lambda_2``; the
-    default of 128 is accurate for times above about 0.006, and ten times faster than 300.
+    The eigenpairs are those of the surface scaled to unit area. The signature is the heat kernel
+    divided by its trace, as in the comparison of points in [Sun, Ovsjanikov, Guibas, SGP 2009]. It
+    has no unit, and integrates to 1 over the unit-area surface. Heat spreads over about
+    ``sqrt(time)`` times sqrt(area). The paper uses 300 eigenpairs and times between
+    ``4 ln 10 / lambda_300`` and ``4 ln 10 / lambda_2``. The default of 128 eigenpairs is accurate
+    for times above about 0.006, and ten times faster than 300.
     """
 
     family = "hks"
@@ -72,17 +73,17 @@ class HeatKernelSignature(Family):
 
 @dataclass(frozen=True, kw_only=True)
 class WaveKernelSignature(Family):
-    r"""Wave kernel signature: how often a quantum particle of a given energy is found at a point.
+    r"""Wave kernel signature: the probability of a quantum particle of some energy at a point.
 
     .. math:: \frac{\sum_k \phi_k(x)^2 g_k}{\sum_k g_k}, \quad g_k = \exp\frac{-(e - \log
     \lambda_k)^2}{2 \sigma^2}
 
-    [Aubry, Schlickewei, Cremers, ICCV Workshops 2011] over the positive eigenvalues of the surface
-    scaled to unit area; no unit. ``energy`` is the paper's e, the logarithm of an eigenvalue: small
-    energies see the whole shape, large ones details (by Weyl's law the k-th is near
-    ``log(4 pi k)``). ``width`` is the paper's sigma, by default its ``7 (e_max - e_min) / 100``
-    with the logarithms of the first and last eigenvalue used. The paper uses 300 eigenpairs; here
-    the constant counts as the first.
+    The sum [Aubry, Schlickewei, Cremers, ICCV Workshops 2011] is over the positive eigenvalues of
+    the surface scaled to unit area; it has no unit. ``energy`` is e in the paper, the logarithm of
+    an eigenvalue. Small energies describe the overall shape, large ones details (by Weyl's law the
+    k-th is close to ``log(4 pi k)``). ``width`` is sigma in the paper. Its default is that of the
+    paper, ``7 (e_max - e_min) / 100`` with the logarithms of the first and last eigenvalue of the
+    sum. The paper uses 300 eigenpairs; here the constant is counted as the first.
     """
 
     family = "wks"
@@ -101,7 +102,8 @@ class WaveKernelSignature(Family):
     def check(self) -> None:
         if self.eigenpairs < 2:
             raise FunctionError(
-                "wks: eigenpairs must be 2 or more: the first is the constant, which has no energy"
+                "wks: eigenpairs is too small; expected 2 or more, as the first eigenfunction is "
+                "constant and has no energy"
             )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
@@ -110,6 +112,6 @@ class WaveKernelSignature(Family):
         # all energies may be equal
         width = self.width or max(0.07 * (energies[-1] - energies[0]), 1e-3)
         exponents = -0.5 * ((self.energy - energies) / width) ** 2
-        # the largest is 1: no 0/0 at energies far from all
+        # scaled so that the largest is 1, which avoids 0/0 for energies far from all eigenvalues
         weights = np.exp(exponents - exponents.max())
         return np.asarray(functions[:, 1:] ** 2 @ (weights / weights.sum()))

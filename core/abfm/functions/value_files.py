@@ -1,4 +1,4 @@
-"""The one reader of values at vertices: frames, labels and maps are read by it, too."""
+"""Reader of values at vertices of all file formats; also used for frames, labels and maps."""
 
 import math
 import os
@@ -57,36 +57,36 @@ from abfm.reading.gifti import Gifti, GiftiArray
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError
 
-_KEY_MAX = 2**53  # of labels, and exact in double precision
-_SECONDS_MAX = 20.0  # between functional images; larger steps are milliseconds
+_KEY_MAX = 2**53  # largest key of labels, exact in double precision
+_TIME_STEP_MAX = 20.0  # seconds between functional images; larger steps are milliseconds
 _PART = re.compile(r"(.*)\[[0-9]{1,9}\]", re.DOTALL)
-_OF_A_MESH = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha")
+_MESH_COLUMNS = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha")
 _VOLUMES = ("-vl.stc", "-vol.stc")
 _NO_VALUES = {
-    Format.HDF5: "write MATLAB files with save(..., '-v7'), and other ones as .npy",
-    Format.COLLECTION: "use one of the files that it lists",
-    Format.SERIES: "use one of the files that it lists",
+    Format.HDF5: "Write MATLAB files with save(..., '-v7'), and other files as .npy",
+    Format.COLLECTION: "Use one of the files that it lists",
+    Format.SERIES: "Use one of the files that it lists",
 }
 
 
 class Request(NamedTuple):
-    """What is looked for in a file that may hold more."""
+    """Selection of values in a file that may have more than these."""
 
     counts: tuple[int, ...] = ()
-    """How many vertices the mesh, or its file, has."""
+    """Numbers of vertices of the mesh and of its file."""
     array: str | None = None
-    """The name of an array, in files that have several."""
+    """Name of an array, for files with several."""
     hemisphere: str = ""
-    """Of files of both: "L", "R", or empty for the one that fits the mesh."""
-    whole: bool = False
-    """Whether the numbers are whole ones, such as numbers of vertices."""
+    """For files with both: "L", "R", or empty for the hemisphere of the mesh."""
+    integers: bool = False
+    """Whether integers, such as vertex numbers, are expected."""
     mesh: TriangleMesh | None = None
-    """The surface that the values are for, whose hemisphere is compared with the file's."""
+    """Surface of the values, whose hemisphere is compared with that of the file."""
 
 
 @contextmanager
-def reported(path: str | os.PathLike[str], what: str = "file") -> Iterator[None]:
-    """Raise a FunctionError that names the file for whatever goes wrong while it is read."""
+def file_errors(path: str | os.PathLike[str], what: str = "file") -> Iterator[None]:
+    """Convert all errors inside the context to a FunctionError with the name of the file."""
     name = f"{what} {brief(os.fspath(path))}"
     try:
         yield
@@ -103,7 +103,7 @@ def reported(path: str | os.PathLike[str], what: str = "file") -> Iterator[None]
 def request_for(
     mesh: TriangleMesh | None, array: str | None = None, hemisphere: str = ""
 ) -> Request:
-    """Return what is looked for in a file of values for a mesh."""
+    """Return the request for values of a mesh."""
     if mesh is None:
         return Request(array=array, hemisphere=hemisphere)
     return Request(counts_of(mesh), array, hemisphere, mesh=mesh)
@@ -117,24 +117,28 @@ def read_values(
 ) -> Columns:
     """Read all columns of values from a file.
 
-    .npy and .mat (not 7.3) hold arrays, .npz too. .csv, .tsv, .txt and .1D hold numbers separated
-    by semicolons, tabs, commas or blanks, with or without a line of names on top; commas are
-    decimal if something else separates. Blank cells and NA are NaN. GIFTI has an array a column,
-    without those of a mesh. FreeSurfer's values are recognised by their first bytes; frames are
-    the columns of .mgh, .mgz, and NIfTI images with a voxel for each vertex. Of CIFTI files one
-    hemisphere is read, whose medial wall is NaN; of VTK and PLY meshes the data at points.
+    - .npy, .npz, .mat (not version 7.3): arrays
+    - text (.csv, .tsv, .txt and similar): numbers separated by semicolons, tabs, commas or blanks
+      with an optional line of names. Commas are decimal if there is another separator. Blank cells
+      and NA become NaN.
+    - GIFTI: a column for each array, without the arrays of a mesh
+    - FreeSurfer: values, recognized by their first bytes
+    - .mgh, .mgz, NIfTI images with a voxel for each vertex: a column for each frame
+    - CIFTI: one hemisphere; its medial wall becomes NaN
+    - VTK, PLY: data at the points of the mesh
 
     Parameters
     ----------
     path : path
     mesh : TriangleMesh, optional
-        The mesh whose vertices get the values: rows that name their vertex, by a node index of
-        GIFTI or a column called vertex, node or index, are placed there, and vertices without a
-        value get NaN. Otherwise rows are those of the file.
+        The mesh whose vertices get the values. Rows may have vertex numbers: node indices of GIFTI,
+        or a column named vertex, node or index. Then vertices without a value get NaN. Otherwise
+        the rows are the vertices of the mesh file. Without a mesh, the rows of the file are
+        returned.
     column : str, optional
-        Of .npz, .mat, VTK and PLY the array; ``NAME[1]`` is the second column of one.
+        Name of the array in .npz, .mat, VTK and PLY; ``NAME[1]`` is its second column.
     hemisphere : str
-        "L" or "R", of files that hold both.
+        "L" or "R", for a file with both.
 
     Returns
     -------
@@ -144,9 +148,9 @@ def read_values(
     Raises
     ------
     FunctionError
-        If the file cannot be read, holds labels, or does not fit the mesh.
+        If the file cannot be read, has labels, or does not fit the mesh.
     """
-    with reported(path):
+    with file_errors(path):
         found = columns_of(open_file(path), request_for(mesh, column, hemisphere)).of_values()
         return found if mesh is None else found.on(mesh)
 
@@ -159,22 +163,22 @@ def read_column(
 ) -> FloatArray:
     """Read one column of numbers, (V,), or (n,) without a mesh; see `read_values`.
 
-    ``column`` is a name, or a number counted from 0, and needed where there are several.
+    ``column`` is a name, or a number counted from 0. It is required if there are several columns.
     """
     found = read_values(path, mesh, column, hemisphere)
-    with reported(path):
+    with file_errors(path):
         return found.table()[:, found.number_of(column)]
 
 
 def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatArray:
-    """Read a table (n, C) of places of the vertices of a mesh elsewhere, in the file's own rows.
+    """Read a table (n, C) with the images of the vertices of a mesh, in the rows of the file.
 
-    Columns are never taken for numbers of the vertices themselves, but GIFTI's node indices and a
-    first column without a name, as pandas writes, are.
+    Named columns are not used as vertex numbers of the rows. Node indices of GIFTI are, and also a
+    first column without a name, as written by pandas.
     """
-    with reported(path, "map"):
+    with file_errors(path, "map"):
         counts = counts_of(domain)
-        request = request_for(domain)._replace(whole=True)
+        request = request_for(domain)._replace(integers=True)
         found = columns_of(open_file(path), request).of_values()
         is_row = len(found.values) == 1 and found.values[0].size in counts
         has_index = found.names[:1] == ("",) and len(found.names) > 1
@@ -183,38 +187,37 @@ def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatA
 
 
 def columns_of(opened: Opened, request: Request) -> Columns:
-    """Return what an open file holds, in its own rows; a ValueError reports what is wrong."""
+    """Return the columns of a file, in the rows of the file; raise a ValueError if invalid."""
     reader = READERS.get(opened.format)
     if reader is None:
         if opened.format is Format.UNKNOWN:
-            known = ", ".join((*VALUES_ENDINGS, *LABELS_ENDINGS))
+            endings = ", ".join((*VALUES_ENDINGS, *LABELS_ENDINGS))
             raise ValueError(
-                f"it is {opened.format}; known are {known}, and FreeSurfer's values by their first "
-                "bytes"
+                f"the file is {opened.format}; expected {endings}, or a FreeSurfer file of values"
             )
-        advice = _NO_VALUES.get(opened.format, "use a file of values, such as lh.sulc")
-        raise ValueError(f"it is {opened.format}, not a table of numbers: {advice}")
+        advice = _NO_VALUES.get(opened.format, "Use a file of values, such as lh.sulc")
+        raise ValueError(f"the file is {opened.format}, not a table of numbers. {advice}")
     found = reader(opened, request)
     if request.hemisphere and request.hemisphere != found.structure:
-        given = f"of hemisphere {found.structure}" if found.structure else "of one hemisphere"
-        raise ValueError(f"it holds values {given}: leave out hemisphere={request.hemisphere}")
+        present = f"hemisphere {found.structure}" if found.structure else "one hemisphere"
+        raise ValueError(f"the values are those of {present}. Omit hemisphere={request.hemisphere}")
     if request.mesh is not None:
         warn_of_sides(request.mesh, opened.path, found.structure)
     return found
 
 
 def _text(opened: Opened, request: Request) -> Columns:
-    names, table, places = read_numbers(opened.data, request.whole)
-    if not (names or request.whole):
+    names, table, places = read_numbers(opened.data, request.integers)
+    if not (names or request.integers):
         names, table = _numbered(table, request.counts)
     found = Columns(table, tuple(names), tuple(map(str, places)))
-    if len(table) in request.counts and not request.whole and found.by_vertex() is found:
+    if len(table) in request.counts and not request.integers and found.by_vertex() is found:
         _refuse_unsorted_vertices(table)
     return found
 
 
 def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], FloatArray]:
-    """Return names of columns that are 0, 1, 2, ..., as pandas has them, and the rows below."""
+    """Return column names 0, 1, 2, ... as written by pandas, if present, and the rows below."""
     count, width = table.shape
     is_clear = (count not in counts and count - 1 in counts) or (count > 1 and width in counts)
     if is_clear and width > 1 and np.array_equal(table[0], np.arange(width)):
@@ -223,19 +226,20 @@ def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], Fl
 
 
 def _refuse_unsorted_vertices(table: FloatArray) -> None:
-    """Refuse a first column that has each number of a vertex once, but is not called so."""
+    """Raise a ValueError if an unnamed first column has each vertex number once."""
     first, count = table[:, 0], len(table)
     if table.shape[1] > 1 and (np.diff(first) != 1).any():
         for begin in (0, 1):
             if np.array_equal(np.sort(first), np.arange(begin, begin + count)):
                 raise ValueError(
-                    f"its first column has each number from {begin} to {begin + count - 1} once, "
-                    "which may be vertices: call it vertex in the first line, and count from 0"
+                    f"the first column has each number from {begin} to {begin + count - 1} once, "
+                    "and may be vertex numbers. If so, name it vertex in the first line, and count "
+                    "from 0"
                 )
 
 
 def _gifti(opened: Opened, request: Request) -> Columns:
-    """Return the arrays as columns, without those of a mesh; node indices place their rows."""
+    """Return the arrays as columns, without those of a mesh; node indices number the rows."""
     gifti = read_gifti(opened)
     is_mesh = any(array.intent in SURFACE for array in gifti.arrays)
     others = (*SURFACE, NODE_INDEX, *(["NIFTI_INTENT_VECTOR"] if is_mesh else []))  # normals
@@ -246,27 +250,30 @@ def _gifti(opened: Opened, request: Request) -> Columns:
     }
     if not arrays:
         raise ValueError(
-            "it holds a surface and no values" if is_mesh else "it holds no data array"
+            "the file has a surface but no values; expected a file of values"
+            if is_mesh
+            else "the file has no data array"
         )
     if len({len(array.values) for array in arrays.values()}) > 1:
         sizes = " and ".join(dict.fromkeys(str(len(array.values)) for array in arrays.values()))
-        raise ValueError(f"it holds arrays of {sizes} values; expected one length for all")
+        raise ValueError(f"the arrays have {sizes} values; expected the same number in all")
     is_named = opened.path.name.lower().removesuffix(".gz").endswith(".label.gii")
     numbers, names, keys, columns = [], [], [], []
     for number, array in arrays.items():
         parts = array.values.reshape(len(array.values), -1).T
-        meaning = Keys(gifti.names, gifti.colors) if _is_labels(gifti, array, is_named) else None
+        is_labels = _is_labels(gifti, array, is_named)
+        keys_of_array = Keys(gifti.names, gifti.colors) if is_labels else None
         for k, part in enumerate(parts):
             of_part = f"[{k}]" if len(parts) > 1 and len(arrays) > 1 else ""
             numbers.append(str(k) if len(arrays) == 1 < len(parts) else f"{number}{of_part}")
             names.append(f"{array.name}{of_part}" if array.name else "")
-            keys.append(meaning)
+            keys.append(keys_of_array)
             columns.append(part)
     step, unit = gifti.time_step, "seconds"
-    if step > _SECONDS_MAX:
+    if step > _TIME_STEP_MAX:
         step, unit = step / 1000, "milliseconds"
     times = even_times(step, len(columns))
-    note = f"its TimeStep of {gifti.time_step:g} is taken as {unit}"
+    note = f"the TimeStep of {gifti.time_step:g} is interpreted as {unit}"
     return Columns(
         np.column_stack(columns),
         names=tuple(names) if any(names) else (),
@@ -280,25 +287,26 @@ def _gifti(opened: Opened, request: Request) -> Columns:
 
 
 def _by_vertex(values: NDArray[Any], counts: tuple[int, ...]) -> NDArray[Any]:
-    """Return an array without axes of length 1, which rows (1, V) have, vertices first."""
+    """Return an array without axes of length 1, with the axis of the vertices first."""
     flat = values.reshape([size for size in values.shape if size != 1] or 1)
     return np.moveaxis(flat, vertex_axis(flat.shape, counts, 0), 0)
 
 
 def _is_labels(gifti: Gifti, array: GiftiArray, is_named: bool) -> bool:
-    """Return whether an array holds labels: by its intent, by its file's name, or, if it has no
-    intent, by whole values in a file with names for them. A name of the key 0 alone, as Workbench
-    writes, is not enough.
+    """Return whether an array has labels: by its intent or the name of the file.
+
+    Without an intent, integers in a file with names of labels are labels. A name of the key 0
+    alone, which Workbench writes, is not enough.
     """
-    is_whole = array.values.dtype.kind in "iub" or np.array_equal(
+    is_integer = array.values.dtype.kind in "iub" or np.array_equal(
         array.values, np.rint(array.values)
     )
     if array.intent == LABEL or is_named:
-        if not is_whole or (np.abs(array.values) > _KEY_MAX).any():
-            raise ValueError("a key is not a whole number")
+        if not is_integer or (np.abs(array.values) > _KEY_MAX).any():
+            raise ValueError("a key of a label is not an integer")
         return True
     has_names = any(name for key, name in gifti.names.items() if key != 0)
-    return is_whole and has_names and array.intent in ("", "NIFTI_INTENT_NONE")
+    return is_integer and has_names and array.intent in ("", "NIFTI_INTENT_NONE")
 
 
 def _node_indices(gifti: Gifti, count: int) -> NDArray[np.int64] | None:
@@ -306,11 +314,13 @@ def _node_indices(gifti: Gifti, count: int) -> NDArray[np.int64] | None:
     if not indices:
         return None
     if any(not np.array_equal(each, indices[0]) for each in indices):
-        raise ValueError(f"it has {len(indices)} arrays of node indices that differ; expected one")
+        raise ValueError(f"{len(indices)} arrays of node indices differ; expected one")
     if len(indices[0]) != count:
-        raise ValueError(f"it has {len(indices[0])} node indices for {count} values")
+        raise ValueError(
+            f"there are {len(indices[0])} node indices for {count} values; expected the same number"
+        )
     if indices[0].dtype.kind == "f" and not np.array_equal(indices[0], np.rint(indices[0])):
-        raise ValueError("its node indices are not whole numbers")
+        raise ValueError("the node indices are not integers")
     return indices[0].astype(np.int64)
 
 
@@ -329,8 +339,9 @@ def image_columns(
 ) -> Columns:
     """Return the frames of an image (columns, rows, slices, frames) with values at vertices.
 
-    Its voxels are the vertices, as FreeSurfer writes them: (V, 1, 1) or with other factors of V as
-    sizes. Or one axis is the vertices and one is the columns. A ValueError reports a volume.
+    The voxels of a frame are the vertices, as written by FreeSurfer: (V, 1, 1), or other sizes with
+    the product V. Or there are only two axes, of vertices and of columns. A volume raises a
+    ValueError.
     """
     table = image.reshape(-1, image.shape[3], order="F")
     if counts and len(table) not in counts:
@@ -339,7 +350,7 @@ def image_columns(
             return Columns(image.reshape(sizes, order="F"))
         shown = " x ".join(map(str, image.shape[:3]))
         raise ValueError(
-            f"it is an image of {shown} voxels, and the mesh has {counts[1]} vertices: project a "
+            f"the image has {shown} voxels, but the mesh has {counts[1]} vertices. Project a "
             "volume onto the surface first"
         )
     return Columns(table, times=even_times(seconds, table.shape[1]))
@@ -348,14 +359,16 @@ def image_columns(
 def _stc(opened: Opened, request: Request) -> Columns:
     name = opened.path.name.lower()
     if name.endswith(_VOLUMES):
-        raise ValueError("it is of a volume, by its name; give a -lh.stc or -rh.stc of a surface")
+        raise ValueError(
+            "by its name, the file belongs to a volume; expected a -lh.stc or -rh.stc of a surface"
+        )
     side = {"-lh.stc": "L", "-rh.stc": "R"}.get(name[-7:], "")
     return replace(read_stc(opened.data), structure=side)
 
 
 def _annotation(opened: Opened, request: Request) -> Columns:
     labels = freesurfer_annotation(opened.data)
-    note = "it has no names of labels: keys are the colours of its vertices, as numbers"
+    note = "the file has no names of labels; the keys are the colours of vertices, as numbers"
     return Columns(
         labels.values.reshape(-1, 1),
         keys=(Keys(labels.names, labels.colors),),
@@ -366,27 +379,27 @@ def _annotation(opened: Opened, request: Request) -> Columns:
 def _label_list(opened: Opened, request: Request) -> Columns:
     found = freesurfer_label(opened.data)
     if len(found.values) == 0:
-        raise ValueError("it lists no vertices")
+        raise ValueError("the file lists no vertices")
     return found
 
 
 def _cifti(opened: Opened, request: Request) -> Columns:
-    own = side_of(request.mesh.structure) if request.mesh else None
-    return read_cifti(opened.data, request.counts, request.hemisphere, own or "")
+    mesh_side = side_of(request.mesh.structure) if request.mesh else None
+    return read_cifti(opened.data, request.counts, request.hemisphere, mesh_side or "")
 
 
 def _npz(opened: Opened, request: Request) -> Columns:
     try:
         return _of_arrays(Archive(BytesIO(opened.data)), request)
-    except (OSError, ValueError):  # SeveralArraysError, too
+    except (OSError, ValueError):  # includes SeveralArraysError
         raise
     except Exception as error:  # a damaged zip can cause any error in its reader
         reason = one_line(error, 300)
-        raise ValueError(f"it is no .npz, or damaged or cut short ({reason})") from error
+        raise ValueError(f"the file is not .npz, or is damaged or cut off ({reason})") from error
 
 
 def _of_arrays(arrays: Mapping[str, NDArray[Any]], request: Request) -> Columns:
-    """Return one array of a file of arrays; another one called vertex, node or index places it."""
+    """Return one array of a file; another array named vertex, node or index numbers its rows."""
     places = [each for each in arrays if names_vertices(each)]
     if len(places) != 1 or len(arrays) == 1 or request.array == places[0]:
         return one_array(arrays, request)
@@ -406,14 +419,14 @@ def _vtk(opened: Opened, request: Request) -> Columns:
 
 
 def one_array(
-    arrays: Mapping[str, NDArray[Any]], request: Request, passed_over: Collection[str] = ()
+    arrays: Mapping[str, NDArray[Any]], request: Request, ignored: Collection[str] = ()
 ) -> Columns:
-    """Return one array of a file that has several with names; some only if they are named."""
-    name = _array_name(arrays, request, passed_over)
+    """Return one array of a file of named arrays; ``ignored`` ones only if they are requested."""
+    name = _array_name(arrays, request, ignored)
     times = arrays["times"] if "times" in arrays and name != "times" else None
     if times is not None and (times.dtype.kind not in "iuf" or times.size != max(times.shape)):
         raise ValueError(
-            f"its times are {times.dtype} of shape {times.shape}; expected real numbers (T,)"
+            f"the times have type {times.dtype} and shape {times.shape}; expected real numbers (T,)"
         )
     return Columns(
         arrays[name],
@@ -425,32 +438,32 @@ def one_array(
 
 
 def _array_name(
-    arrays: Mapping[str, NDArray[Any]], request: Request, passed_over: Collection[str]
+    arrays: Mapping[str, NDArray[Any]], request: Request, ignored: Collection[str]
 ) -> str:
-    names, word = sorted({*arrays} - {*passed_over}), request.array
+    names, word = sorted({*arrays} - {*ignored}), request.array
     if word is not None:
         part = _PART.fullmatch(word)
         name = word if word in arrays or not part else part[1]
         if name in arrays:
             return name
-        shown = f"it has no array {brief(name)}{did_you_mean(name, names)}"
+        problem = f"the file has no array {brief(name)}{did_you_mean(name, names)}"
     elif len(names) == 1 or "frames" in arrays:
         return "frames" if "frames" in arrays else names[0]
     else:
-        own = "is a file of abfm's own without frames, and " if "format_version" in arrays else ""
-        shown = f"it {own}has {len(names)} arrays"
+        kind = "result file without frames" if "format_version" in arrays else "file"
+        problem = f"the {kind} has {len(names)} arrays"
     fitting = [each for each in names if _may_be_values(arrays, each, request.counts)]
     if word is None and len(fitting) == 1:
         return fitting[0]
     if not names:
         raise ValueError(
-            "it has no arrays of numbers at vertices; structures, cells, sparse arrays and values "
-            "of faces are not read: save the values as an array of their own"
+            "the file has no array of numbers at vertices. Structures, cells, sparse arrays and "
+            "values of faces are not supported; save the values as a separate array"
         )
     listed = ", ".join(one_line(each, 30) for each in (fitting or names)[:8])
-    text = f"{shown}; there is {listed}"
+    text = f"{problem}: {listed}" if word is None else f"{problem}; its arrays are {listed}"
     if word is None and fitting and "format_version" not in arrays:
-        raise SeveralArraysError(f"{text}; choose one of them", fitting)
+        raise SeveralArraysError(f"{text}. Choose one of them", fitting)
     raise ValueError(text)
 
 
@@ -472,7 +485,7 @@ READERS: dict[Format, Reader] = {
     Format.VTK_XML: _vtk,
     Format.VTK_LEGACY: _vtk,
     Format.PLY: lambda opened, request: one_array(
-        ply_contents(opened).columns, request, _OF_A_MESH
+        ply_contents(opened).columns, request, _MESH_COLUMNS
     ),
     Format.TABLE: _text,
     Format.GIFTI: _gifti,
@@ -486,6 +499,6 @@ READERS: dict[Format, Reader] = {
     Format.ANNOTATION: _annotation,
     Format.LABEL_LIST: _label_list,
 }
-"""What reads the values of each format."""
+"""The reader of values of each format."""
 HAVE_NAMED_ARRAYS = (Format.NPZ, Format.MAT, Format.VTK_XML, Format.VTK_LEGACY, Format.PLY)
-"""Formats whose arrays are chosen by their names."""
+"""Formats whose arrays are chosen by name."""

@@ -59,7 +59,7 @@ class Entry(NamedTuple):
     may_be_empty: bool = False
     low: float = -math.inf
     high: float = math.inf
-    may_be_unknown: bool = False  # NaN
+    allow_missing: bool = False  # NaN
     is_mapped: bool = False  # it may be larger than the memory, and stays in the file
 
     def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
@@ -88,9 +88,9 @@ class Entry(NamedTuple):
                 raise ValueError(f"{name} has {limit}")
             return
         # without copies of arrays that may be larger than the memory
-        least, most = (np.fmin, np.fmax) if self.may_be_unknown else (np.minimum, np.maximum)
+        least, most = (np.fmin, np.fmax) if self.allow_missing else (np.minimum, np.maximum)
         ends = [each.reduce(array, axis=None) for each in (least, most)]
-        if self.may_be_unknown and np.isnan(ends).all():
+        if self.allow_missing and np.isnan(ends).all():
             return
         if self.kind in ("real", "single") and not np.isfinite(ends).all():
             raise ValueError(f"{name} has values that are not finite")
@@ -149,7 +149,7 @@ _MATCH = {
     # largest |log2 J| and |log2 R|, share of the faces within it, what 99% are within, folded faces
     "bound": Entry("real", (4,), required=False, low=0),
     # the columns of `abfm.matching.path.COLUMNS`
-    "path_steps": Entry("real", ("S", 13), required=False, low=0, may_be_unknown=True),
+    "path_steps": Entry("real", ("S", 13), required=False, low=0, allow_missing=True),
     "path_step": Entry("integer", (), required=False, low=0),  # which of them the match is
     # the number of fields of each step, if these differ
     "path_fields": Entry("integer", ("S",), required=False, low=1, high=1e6),
@@ -185,7 +185,7 @@ _CORRESPONDENCE = {
     "back_barycentric": Entry("real", ("VA", 3), low=-1e-9, high=1 + 1e-8),
     # initial maps that were tried, the chosen one first
     "candidates": Entry("text", ("Z",), required=False),
-    "candidate_costs": Entry("real", ("Z",), required=False, may_be_unknown=True),
+    "candidate_costs": Entry("real", ("Z",), required=False, allow_missing=True),
 }
 CORRESPONDENCE_ENTRIES = _OTHER_MESH | _CORRESPONDENCE
 CORRESPONDENCE = FileKind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)
@@ -209,15 +209,15 @@ _SEQUENCE = {
     "channels_given": Entry("boolean", ()),
     "mask": Entry("real", ("V",), required=False, low=0),
     "gamma": Entry("real", (), low=0),
-    "sigma": Entry("real", (), low=0, may_be_unknown=True),
+    "sigma": Entry("real", (), low=0, allow_missing=True),
     "noise": Entry("real", (), low=0),
-    "motion_share": Entry("real", (), low=0, high=1, may_be_unknown=True),
+    "motion_share": Entry("real", (), low=0, high=1, allow_missing=True),
     "has_motion": Entry("boolean", ()),
     "notes": Entry("text", ("K",), required=False),
-    "energies": Entry("real", ("I", 2, 3), may_be_unknown=True),
-    "residual": Entry("real", ("I",), low=0, may_be_unknown=True),
-    "verified_residual": Entry("real", ("I",), low=0, may_be_unknown=True),
-    "folded": Entry("real", ("I",), low=0, high=1, may_be_unknown=True),
+    "energies": Entry("real", ("I", 2, 3), allow_missing=True),
+    "residual": Entry("real", ("I",), low=0, allow_missing=True),
+    "verified_residual": Entry("real", ("I",), low=0, allow_missing=True),
+    "folded": Entry("real", ("I",), low=0, high=1, allow_missing=True),
     "verdicts": Entry("text", ("I", 4)),  # as of a match
     "weights": Entry("real", ("C",), low=0),
 }

@@ -494,7 +494,7 @@ class _Finer:
 def _values(mesh: TriangleMesh, given: Any) -> FloatArray:
     if (texts := texts_of(given)) is None:
         return np.asarray(given)
-    values = [function(mesh, text, may_be_unknown=True) for text in texts]
+    values = [function(mesh, text, allow_missing=True) for text in texts]
     return values[0] if isinstance(given, str) else np.stack(values, axis=1)
 
 

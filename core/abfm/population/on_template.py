@@ -11,7 +11,7 @@ import numpy as np
 
 from abfm.calculus.operators import face_areas
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.functions.known import filled, known_functions
+from abfm.functions.missing_values import filled, known_functions
 from abfm.io import results
 from abfm.maps.distortion import SurfaceMap
 from abfm.maps.point_maps import PointMap

@@ -27,7 +27,7 @@ from abfm.wording import counted
 _NUMBERS = ("correlation", "distance", "log2_area", *MapFacts._fields)
 _VALUE_MAX = results.SIZE_MAX
 _TEXT_ENTRY = Entry("text", ("N",))
-_NAN_ALLOWED = {"may_be_unknown": True}
+_NAN_ALLOWED = {"allow_missing": True}
 _MAPPED = {"is_mapped": True}
 _VALUES = Entry(
     "real", ("N", "V", "C"), low=-_VALUE_MAX, high=_VALUE_MAX, **_NAN_ALLOWED, **_MAPPED

@@ -18,7 +18,7 @@ from abfm.batch.attempt import Answer
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.functions import quoted
-from abfm.functions.known import filled, known_functions
+from abfm.functions.missing_values import filled, known_functions
 from abfm.io import write_atomically, writing_in
 from abfm.mesh import MeshLike, TriangleMesh, as_mesh, load_mesh
 from abfm.mesh.options import read_flag

@@ -13,7 +13,7 @@ from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmWarning, FunctionError, ParameterError
 from abfm.functions.circular import phase_warning
 from abfm.functions.circular_channels import circular_channels
-from abfm.functions.known import filled, known_functions
+from abfm.functions.missing_values import filled, known_functions
 from abfm.functions.objects import texts_or_values
 from abfm.functions.sides import warn_of_mixed_sides
 from abfm.functions.spec import files_in

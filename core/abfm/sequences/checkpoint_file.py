@@ -35,8 +35,8 @@ _KIND = results.FileKind(
         "alone": Entry("boolean", ("K",)),
         "in_vain": Entry("integer", (), low=0),
         "swept": Entry("integer", (), low=0),
-        "before": Entry("real", (), may_be_unknown=True),
-        "witnessed": Entry("real", ("K", 2), low=0, may_be_unknown=True),
+        "before": Entry("real", (), allow_missing=True),
+        "witnessed": Entry("real", ("K", 2), low=0, allow_missing=True),
     },
 )
 

@@ -117,17 +117,17 @@ def test_files_may_have_unknown_values_where_that_is_asked(tmp_path):
     values[3] = np.nan
     text = f"file:{tmp_path / 'a.npy'}"
     np.save(tmp_path / "a.npy", values)
-    assert_array_equal(function(MESH, text, may_be_unknown=True), values)
-    with_more = function(MESH, f"(coordinate:x + {text})", may_be_unknown=True)
+    assert_array_equal(function(MESH, text, allow_missing=True), values)
+    with_more = function(MESH, f"(coordinate:x + {text})", allow_missing=True)
     assert_array_equal(np.flatnonzero(np.isnan(with_more)), [3])
     with raises(FunctionError):
         function(MESH, text)
     for wrong in (np.full(COUNT, np.nan), np.where(np.arange(COUNT) == 4, np.inf, values)):
         np.save(tmp_path / "a.npy", wrong)
         with raises(FunctionError):
-            function(MESH, text, may_be_unknown=True)
+            function(MESH, text, allow_missing=True)
     with raises(FunctionError):
-        function(MESH, "expression:sqrt(x)", may_be_unknown=True)
+        function(MESH, "expression:sqrt(x)", allow_missing=True)
 
 
 @pytest.mark.parametrize("name", ["map.txt", "map.npy"])

@@ -76,7 +76,7 @@ def test_gifti_surfaces_have_a_side_by_metadata(tmp_path):
     assert abfm.load_mesh(image).structure == "CortexRight"
     write_values(tmp_path / "lh.sulc", VALUES)
     [text] = warnings_of(function, mesh, f"file:{tmp_path / 'lh.sulc'}")
-    assert "lh.a.surf.gii is of the right" in text
+    check_message(text, "lh.a.surf.gii", "right", "lh.sulc", "left")
 
 
 def test_files_of_two_hemispheres_disagree(tmp_path):

@@ -49,7 +49,7 @@ def test_scalars_of_the_hemisphere_that_fits(scalars):
     found = read_values(scalars, LEFT)
     assert_array_equal(found.values, EXPECTED.T)
     assert (found.names, found.structure) == (("sulc", "curv", "area"), "L")
-    values = function(LEFT, f"file:{scalars},column=curv", may_be_unknown=True)
+    values = function(LEFT, f"file:{scalars},column=curv", allow_missing=True)
     assert_array_equal(values, EXPECTED[1])
     assert_array_equal(read_values(scalars, RIGHT).values[:, 2], np.arange(len(RIGHT.vertices)))
     with raises(FunctionError, 3, "sulc", "curv"):
@@ -62,7 +62,7 @@ def test_hemispheres_of_one_size_are_chosen(tmp_path):
     path = write(tmp_path / "a.dscalar.nii", cifti2.ScalarAxis(["sulc"]), VALUES[:1], LEFT)
     for side, expected in (("L", EXPECTED[0]), ("R", np.arange(COUNT))):
         text = f"file:{path},hemisphere={side}"
-        assert_array_equal(function(LEFT, text, may_be_unknown=True), expected)
+        assert_array_equal(function(LEFT, text, allow_missing=True), expected)
         mesh = TriangleMesh(
             LEFT.vertices, LEFT.faces, structure=f"Cortex{'Left' if side == 'L' else 'Right'}"
         )

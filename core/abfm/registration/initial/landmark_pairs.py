@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import AbfmError, brief, one_line
-from abfm.functions.value_files import reported
+from abfm.functions.value_files import file_errors
 from abfm.io import write_csv
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
@@ -224,7 +224,7 @@ class _Side(NamedTuple):
 
 def _rows(path: str) -> list[_LandmarkRow]:
     """Read the rows of a landmark file."""
-    with reported(path, "landmarks"):
+    with file_errors(path, "landmarks"):
         opened = open_file(path)
         if opened.format is not Format.TABLE:
             raise ValueError(f"it is {opened.format}; expected a table: .csv, .tsv, .txt or .vts")

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.functions.sources import between_sources
+from abfm.functions.sources import interpolate_sources
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import as_float64
 from abfm.reading import Columns, counts_of, vertex_axis
@@ -42,7 +42,7 @@ def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> 
     if any(found.keys):
         raise ValueError("it contains labels; expected real numbers")
     if are_sources:
-        values, notes = between_sources(found, mesh)
+        values, notes = interpolate_sources(found, mesh)
         return by_frames(FramesFile(values, found.times, notes), mesh)
     if found.vertices is not None:
         return by_frames(FramesFile(found.on(mesh).table().T, found.times, found.notes), mesh)

@@ -13,7 +13,7 @@ from abfm.functions.objects import as_values, values_of_object
 from abfm.functions.value_files import (
     HAVE_NAMED_ARRAYS,
     columns_of,
-    reported,
+    file_errors,
     request_for,
 )
 from abfm.mesh import TriangleMesh
@@ -64,7 +64,7 @@ def read_frames(
         If the file is missing or damaged, or has no frames on this mesh. A `SeveralArraysError` is
         raised if several arrays fit and none is chosen.
     """
-    with reported(path, "frames"):
+    with file_errors(path, "frames"):
         opened = open_file(path)
         if opened.format in _OF_VTK:
             return _noted(by_frames(vtk_frames(opened, mesh, array), mesh))

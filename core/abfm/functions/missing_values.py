@@ -1,4 +1,4 @@
-"""Functions that are not known everywhere."""
+"""Functions with missing values."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from abfm.types import BoolArray, FloatArray
 
 
 def known_functions(
-    mesh: TriangleMesh, given: Any, name: str, mask: FloatArray | None = None
+    mesh: TriangleMesh, functions: Any, name: str, mask: FloatArray | None = None
 ) -> tuple[FloatArray, BoolArray]:
-    """Return functions (C, V), 0 where one of them is unknown, and where all are known, (V,).
+    """Return functions (C, V) with zeros for missing values, and where all are known, (V,).
 
     Parameters
     ----------
-    given : (V,) or (V, C) array, str or sequence of str
-        Values, or functions as texts; they are unknown where they are not finite.
+    functions : (V,) or (V, C) array, str or sequence of str
+        Values, or functions as texts; values that are not finite are missing.
     name : str
-        What messages call them.
+        Name of the functions in messages.
     mask : (V,) array, optional
-        They are also unknown where it is 0.
+        Values where the mask is 0 are also missing.
 
     Raises
     ------
     FunctionError
-        If their shape does not fit, or they are known nowhere.
+        If the shape does not fit, or no vertex has values in all channels.
     """
-    if texts := texts_of(given):
-        values = np.stack([function(mesh, text, may_be_unknown=True) for text in texts])
+    if texts := texts_of(functions):
+        values = np.stack([function(mesh, text, allow_missing=True) for text in texts])
     else:
-        array = as_values(mesh, given, name)
+        array = as_values(mesh, functions, name)
         if array.ndim not in (1, 2) or array.size == 0:
             raise FunctionError(f"{name} has shape {array.shape}; expected (V,) or (V, C)")
         values = mesh.restrict(array.reshape(len(array), -1)).T
@@ -46,14 +46,15 @@ def known_functions(
         known &= mask > 0
     if not known.any():
         raise FunctionError(
-            f"no vertex has finite values in all channels of {name}; give others, or masks "
-            "that leave more vertices"
+            f"no vertex has finite values in all channels of {name}. Use other functions, or masks "
+            "with more vertices"
         )
     return np.where(known, values, 0), known
 
 
 def filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:
-    """Return functions (C, V) filled in from around where they are not known, (V,); as they are if
-    they are known nowhere.
+    """Fill in missing values of functions (C, V) from those around, where ``known`` (V,) is False.
+
+    The functions are returned unchanged if no vertex has values.
     """
     return extend_all(mesh, functions, known) if known.any() else functions
