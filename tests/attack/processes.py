@@ -29,7 +29,15 @@ from tests.attack.trial import FaultError, Trial
 from tests.mesh_writers import write
 from tests.processes import family, kill, lingering, python
 from tests.shapes import icosphere
-from tests.viewer.cli.batches import MAIN, anew, results, start, victims, write_table, written
+from tests.viewer.cli.batches import (
+    MAIN,
+    changed_results,
+    results,
+    start,
+    victims,
+    write_table,
+    written,
+)
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _SAID = ("stopping with the best result so far", "stopping with the finished", "abfm: interrupted")
@@ -261,7 +269,9 @@ class Batches:
                     if who != "client":
                         kill(process.pid)
                     process.communicate()
-            faults = [f"{name[:8]} was solved again" for name in anew(done, written(out))]
+            faults = [
+                f"{name[:8]} was solved again" for name in changed_results(done, written(out))
+            ]
             faults += [] if results(out) == self._wanted else ["other results than undisturbed"]
             faults += [f"process {each} remains" for each in lingering(there)]
         if process.returncode not in (0, 3):

@@ -1,4 +1,4 @@
-"""What tests of the benchmarks share: a process that solves."""
+"""Fixture of the benchmarks: batches reuse one process."""
 
 import pytest
 
@@ -6,6 +6,6 @@ from tests.spare_processes import reused_processes
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _one_process_for_one_batch_after_the_other():
+def _batches_reuse_one_process():
     with reused_processes():
         yield

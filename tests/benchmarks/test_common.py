@@ -1,4 +1,4 @@
-"""Tables of benchmarks, and how they are put into pages."""
+"""Tables of benchmarks, and their insertion into pages."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The benchmark of errors of maps: its problems, and its report."""
+"""The benchmark of map errors: problems and report."""
 
 import json
 from dataclasses import replace
@@ -45,7 +45,7 @@ def test_flows_and_textures_have_their_sizes():
     for problem in drawn:
         v = problem.flow().velocity / BALL.length_scale
         size = np.sqrt((v**2).sum(axis=-1).mean())
-        assert size == pytest.approx(problem.size, rel=0.02)  # faces have about one size
+        assert size == pytest.approx(problem.size, rel=0.02)  # faces have similar sizes
         f = problem.texture()
         assert np.average(f, weights=areas) == pytest.approx(0, abs=1e-12)
         assert np.average(f**2, weights=areas) == pytest.approx(1)
@@ -66,7 +66,7 @@ def test_distance_of_a_rotation():
     assert map_errors.map_distance(turned, turned) == 0
 
 
-def test_report_survives_json_and_map_beats_identity(report):
+def test_report_is_json_and_map_beats_identity(report):
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert list(report) == ["rows", "interrupted", "settings", "machine"]
     (row,) = report["rows"]

@@ -1,4 +1,4 @@
-"""Meshes for measurements: files and folders of one's own."""
+"""Meshes of benchmarks from files and folders."""
 
 import pytest
 import trimesh
@@ -18,20 +18,20 @@ def write(path, *meshes):
     return path
 
 
-def test_files_and_folders_are_read_and_what_cannot_be_is_named(tmp_path):
+def test_meshes_of_files_and_folders(tmp_path):
     small = BALL.normalized()
     write(tmp_path / "men/b.off", BALL, BALL.normalized())
     write(tmp_path / "men/a.ply", small)
     alone = write(tmp_path / "c.obj", BALL)
     (tmp_path / "men/bad.off").write_text("nothing")
     (tmp_path / "men/notes.txt").touch()
-    told = []
-    found = given_meshes([tmp_path / "men", alone, tmp_path / "none.off"], told.append)
+    messages = []
+    found = given_meshes([tmp_path / "men", alone, tmp_path / "none.off"], messages.append)
     assert list(found) == ["men/a.ply", "men/b.off", "c.obj"]
     assert found["men/b.off"].length_scale == pytest.approx(BALL.length_scale)
-    check_message(told[0], 2)
-    assert [line.partition(": ")[0] for line in told[1:]] == ["left out", "left out"]
-    assert "bad.off" in told[1]
-    check_message(told[2], "none.off")
+    check_message(messages[0], 2)
+    assert [line.partition(": ")[0] for line in messages[1:]] == ["skipped", "skipped"]
+    assert "bad.off" in messages[1]
+    check_message(messages[2], "none.off")
     with raises(ParameterError, "c.obj"):
         given_meshes([alone, alone], print)

@@ -1,4 +1,4 @@
-"""Sequences of known motion: the motion is exact, and the baseline is tuned by it."""
+"""Sequences with known motion, and the baseline that is tuned by this motion."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_gradients_are_those_of_values():
         np.testing.assert_allclose((ends[0] - ends[1]) / (2 * step), slopes, atol=1e-6)
 
 
-def test_default_beats_baseline_and_order_1_on_smooth_texture():
+def test_defaults_beat_baseline_on_smooth_texture():
     row = Case("smooth", "turn", 0.0, 1.0, 3).row()
     assert len(row) == len(textures.HEADINGS)
     assert row[0] == "642"
@@ -68,7 +68,7 @@ def test_better_baseline_is_bold():
 
 
 @pytest.mark.parametrize("kind", waves.KINDS)
-def test_waves_are_moved_by_their_fields(kind):
+def test_fields_advect_the_waves(kind):
     mesh = icosphere(3)
     moving = waves.wave(mesh, kind, 1.0)
     assert len(moving.frames) == waves.FRAMES

@@ -1,5 +1,6 @@
-"""The paper's algorithm, against its printed formulas by dense exponentials and against the solver,
-whose bracket gradient it confirms.
+"""The algorithm of the paper, compared with its printed formulas and with the solver.
+
+The formulas are computed by dense exponentials. The bracket gradient of the solver agrees.
 """
 
 import numpy as np
@@ -39,7 +40,7 @@ def bumps(mesh):
 
 
 def some_field(mesh):
-    """A rotation with a source and a little noise, in frame coefficients (F, 2)."""
+    """Return a rotation with a source and small noise, in frame coefficients (F, 2)."""
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     field = np.cross([0.2, -0.1, 0.8], centres) + np.array([0.3, 0.0, 0.1])
     noise = 0.02 * np.random.default_rng(3).standard_normal((len(mesh.faces), 2))
@@ -52,7 +53,7 @@ V = some_field(SPHERE)
 
 @pytest.mark.parametrize(("f", "g"), [(F, G), (G, F)], ids=["there", "back"])
 @pytest.mark.parametrize("substeps", [1, 4])
-def test_energy_and_gradient_are_those_of_the_bracket_option(f, g, substeps):
+def test_energy_and_gradient_agree_with_the_solver(f, g, substeps):
     p = PARAMETERS.with_values(substeps=substeps)
     expected = MatchingEnergy(SPHERE, f, g, p).objective(p.sigma).evaluate(V[None])
     energy, gradient = PaperEnergy(SPHERE, f, g, p)(V.ravel())
@@ -86,7 +87,8 @@ def test_gradient_is_the_printed_formula(substeps, as_printed):
     assert_allclose(gradient, expected, atol=1e-10 * np.abs(expected).max())
 
 
-def test_the_dropped_factor_brings_the_gradient_closer_to_the_exact_one():
+def test_omitted_factor_improves_the_gradient():
+    """With the factor that the printed form omits, the gradient is closer to the exact one."""
     energy = MatchingEnergy(SPHERE, F, G, PARAMETERS.with_values(gradient="adjoint"))
     exact = energy.objective(PARAMETERS.sigma).evaluate(V[None]).gradient.ravel()
     printed, completed = (
@@ -96,7 +98,8 @@ def test_the_dropped_factor_brings_the_gradient_closer_to_the_exact_one():
     assert np.linalg.norm(completed - exact) < 0.5 * np.linalg.norm(printed - exact)
 
 
-def test_span_holds_the_exponential_at_even_times_and_is_infinite_where_too_fast_to_follow():
+def test_exponential_span():
+    """It has the exponential at even times, and is infinite if the matrix is too large."""
     matrix = directional_derivative(SPHERE, V)
     expected = [expm(t * matrix.toarray()) @ F for t in (0.0, 0.4, 0.8, 1.2)]
     assert_allclose(exponential_span(matrix, F, 1.2, 3), expected, rtol=1e-10, atol=1e-12)
@@ -114,7 +117,8 @@ def test_minimise_goes_down_and_returns_the_lowest():
     assert_allclose(energy, result.energy, rtol=1e-8)
 
 
-def test_minimise_stops_without_time_or_where_nothing_is_left_to_gain():
+def test_minimise_stops():
+    """The minimisation stops at the time limit, or at an exact match."""
     result = minimise(SPHERE, F, G, PARAMETERS, seconds=0.0)
     assert result.stop_reason == "time limit"
     assert result.evaluations == len(result.history) == 1

@@ -1,4 +1,4 @@
-"""The benchmarks of speed on small meshes: their reports are complete."""
+"""Benchmarks of speed on small meshes."""
 
 import json
 import statistics
@@ -88,7 +88,8 @@ def test_watched_match_stops_below_an_energy():
     assert history[-1, 1] < 1e5 <= history[-2, 1]
 
 
-def test_iterations_hardly_depend_on_the_mesh_and_substeps_improve_the_bracket():
+def test_iterations_and_cosines_by_mesh():
+    """Iterations hardly depend on the mesh; more substeps improve the bracket gradient."""
     problems = [sphere_problem(size, COOLING) for size in (3, 4)]
     found = [watched_match(problem, mismatch=MISMATCH) for problem in problems]
     counts = [watched.iterations_to_mismatch for watched in found]

@@ -1,4 +1,4 @@
-"""The benchmark of successes: its problems, its report and its table."""
+"""The benchmark of success: problems, report and table."""
 
 import json
 from dataclasses import replace
@@ -47,8 +47,8 @@ def described(problems):
 
 def test_problems_do_not_depend_on_other_meshes():
     alone = described(problems(6, ball=BALL))
-    beside = described(problems(8, square=square(6), ball=BALL))
-    assert alone == [each for each in beside if each["mesh"] == "ball" and each["index"] < 6]
+    together = described(problems(8, square=square(6), ball=BALL))
+    assert alone == [each for each in together if each["mesh"] == "ball" and each["index"] < 6]
     assert alone != described(problems(6, seed=1, ball=BALL))
     assert alone != described(problems(6, other=BALL))
 
@@ -84,7 +84,7 @@ def test_no_descriptors_without_mirror_symmetry():
 
 
 def tried(folder, parameters, source, target, mesh=BALL):
-    """Return the record of a problem that is solved in this process."""
+    """Solve a problem in this process, and return its record."""
     ledger = Ledger(folder)
     row = problem_row(Problem(mesh, source, target, parameters), folder)
     attempt(WorkItem(row, folder, ledger.make()))
@@ -141,7 +141,7 @@ def test_report_is_complete_and_each_problem_is_printed(report, lines):
         found = "residual verified folded row_products seconds refined stop_reason verdict"
         assert set(found.split()) <= row["result"].keys()
     assert report["settings"]["meshes"] == {"ball": 162}
-    assert [line.split()[0] for line in lines] == ["stating", "1/2", "2/2"]
+    assert [line.split()[0] for line in lines] == ["preparing", "1/2", "2/2"]
 
 
 def row(problem, **result):
@@ -185,7 +185,7 @@ def test_stopped_run_keeps_finished_problems_and_resumes(report, tmp_path):
     part = run(log=log, folder=tmp_path, control=control)
     assert part["interrupted"]
     assert [row["problem"] for row in part["rows"]] == [report["rows"][0]["problem"]]
-    assert lines == ["stating", "1/2"]
+    assert lines == ["preparing", "1/2"]
     assert "1 problems" in success.report_text(part)
     before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")}
     complete = run(folder=tmp_path)

@@ -1,4 +1,4 @@
-"""Batches in processes of their own: what they write, and which processes they have."""
+"""Batches that run in subprocesses: their tables, results and processes."""
 
 import random
 import subprocess
@@ -15,7 +15,7 @@ MAIN = "import sys; from abfm_viewer.cli import main; sys.exit(main())"
 
 
 def write_table(path, rows, seed=0, iterations=300):
-    """Write a table of pairs of Gaussians on the figure eight, each another one."""
+    """Write a table of different pairs of Gaussians on the figure eight."""
     mesh, count = asset_path("eight.off"), 315
     chosen = random.Random(seed).sample(range(count * (count - 1)), rows)
     lines = ["name,mesh,source,target,refine,iterations"]
@@ -28,7 +28,7 @@ def write_table(path, rows, seed=0, iterations=300):
 
 
 def start(table, out, *words):
-    """Start a client, whose processes have its number as their parent's."""
+    """Start a batch whose workers are children of the returned process."""
     return subprocess.Popen(
         [sys.executable, "-c", MAIN, "batch", table, "--out", out, "--no-pictures", *words],
         cwd=ROOT,
@@ -39,27 +39,27 @@ def start(table, out, *words):
 
 
 def results(out):
-    """Checksums of the results by name."""
+    """Return the checksums of the results by name."""
     return {path.name: sha256(path.read_bytes()).hexdigest() for path in out.glob("*.npz")}
 
 
 def written(out):
-    """Which file each result is, by name: another one if it was written again."""
+    """Return the state of each result file by name; it changes if the file is written again."""
     found = {}
-    for path in out.glob("[!.]*.npz"):  # a temporary file is no result
+    for path in out.glob("[!.]*.npz"):  # without temporary files
         with suppress(OSError):
             state = path.stat()
             found[path.name] = (state.st_ino, state.st_mtime_ns)
     return found
 
 
-def anew(before, after):
-    """Names of results that were done before and were found once more, or are gone."""
+def changed_results(before, after):
+    """Return the names of earlier results that were written again, or that are missing."""
     return sorted(name for name, file in before.items() if after.get(name) != file)
 
 
 def victims(client):
-    """Return numbers of processes by what they are: of the client and of its own workers."""
+    """Return the process numbers of a client and of its workers."""
     workers = []
     with suppress(psutil.NoSuchProcess):
         workers = [each.pid for each in psutil.Process(client).children()]

@@ -1,4 +1,4 @@
-"""The command line, run in this process."""
+"""Fixtures that run the command line in this process."""
 
 from contextlib import nullcontext
 
@@ -13,27 +13,27 @@ MESHES = {name: asset_path(f"{name}.off") for name in ("eight", "human_A", "huma
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _one_process_for_one_batch_after_the_other():
+def _batches_reuse_one_process():
     with reused_processes():
         yield
 
 
 @pytest.fixture
 def abfm(capsys, tmp_path):
-    """Run a command with this exit status and return what it printed.
+    """Run a command, check its exit status, and return its output.
 
-    The line has names of places in braces: ``{t}`` is the temporary folder, and ``{eight}``,
-    ``{human_A}`` and ``{human_B}`` are meshes. Other words follow as they are.
+    Names of paths are in braces: ``{t}`` is the temporary folder, and ``{eight}``, ``{human_A}``
+    and ``{human_B}`` are meshes. Further arguments are appended unchanged.
     """
 
     def run(line, *words, status=0, **places):
         line = words_of(line, **({"t": tmp_path} | MESHES | places))
         with refused_soon() if status == 2 else nullcontext():
             assert main([*line, *argv(*words)]) == status
-        told = capsys.readouterr()
+        output = capsys.readouterr()
         if status == 2:
-            assert told.err.startswith("abfm: ")
-            assert told.err.count("\n") == 1
-        return told
+            assert output.err.startswith("abfm: ")
+            assert output.err.count("\n") == 1
+        return output
 
     return run

@@ -1,4 +1,4 @@
-"""A static page as a reader finds it."""
+"""The content of a static page."""
 
 import base64
 import io
@@ -9,7 +9,7 @@ from PIL import Image
 
 
 class Page(HTMLParser):
-    """A page whose tags are balanced: text, tags, links, names, pictures by title, and facts."""
+    """The text, tags, links, names, pictures by title, and facts of a page with balanced tags."""
 
     def __init__(self, text):
         super().__init__(convert_charrefs=True)
@@ -20,20 +20,20 @@ class Page(HTMLParser):
         assert self.open == []
 
     def handle_starttag(self, tag, attributes):
-        named = dict(attributes)
+        values = dict(attributes)
         self.tags.append(tag)
-        self.ids.append(named.get("id"))
+        self.ids.append(values.get("id"))
         if tag not in ("meta", "img"):
-            self.open.append((tag, named.get("class")))
+            self.open.append((tag, values.get("class")))
         if tag == "script":
-            assert named == {"type": "application/json", "id": "facts"}
-        self.links += [named[name] for name in ("src", "href", "action", "data") if name in named]
+            assert values == {"type": "application/json", "id": "facts"}
+        self.links += [values[name] for name in ("src", "href", "action", "data") if name in values]
         if tag == "img":
-            kind, _, data = named["src"].partition(",")
+            kind, _, data = values["src"].partition(",")
             assert kind == "data:image/png;base64"
-            assert named["alt"] not in self.pictures
+            assert values["alt"] not in self.pictures
             with Image.open(io.BytesIO(base64.b64decode(data, validate=True))) as image:
-                self.pictures[named["alt"]] = np.asarray(image.convert("RGB")).astype(float)
+                self.pictures[values["alt"]] = np.asarray(image.convert("RGB")).astype(float)
 
     def handle_endtag(self, tag):
         assert self.open.pop()[0] == tag

@@ -1,4 +1,4 @@
-"""`abfm apply --texture`: textured meshes go to the other surface, and back."""
+"""`abfm apply --texture`: textures are transferred to the other surface, and back."""
 
 import io
 
@@ -20,7 +20,7 @@ A, B = icosphere(2), even_sphere(400)
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """Two spheres, one with a texture as OBJ and as glTF, and where they correspond."""
+    """Return a folder with a sphere and its texture (OBJ, glTF), and a map to another sphere."""
     folder = tmp_path_factory.mktemp("textured")
     Correspondence.through_sphere(A, B, A.vertices, B.vertices).save(folder / "c.npz")
     waves = 127 + 100 * np.sin(np.arange(128) / 128 * 2 * np.pi)
@@ -56,7 +56,7 @@ def test_texture_there_and_back(files, tmp_path, abfm, kind):
     assert np.abs(read_texture(tmp_path / "back.glb", a)[0].at(points) - original).mean() < 1
 
 
-def test_an_image_replaces_one_that_is_missing(files, tmp_path, abfm):
+def test_image_option_replaces_a_missing_image(files, tmp_path, abfm):
     text = (files / "a.obj").read_text().replace("mtllib a.mtl", "mtllib lost.mtl")
     (tmp_path / "a.obj").write_text(text)
     line = "apply {f}/c.npz --texture={t}/a.obj --size=96 --out={t}/b.obj"

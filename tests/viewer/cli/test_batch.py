@@ -1,4 +1,4 @@
-"""`abfm batch`, also with --over: tables are solved, reported and resumed."""
+"""`abfm batch`: tables and combinations of options are solved, reported and resumed."""
 
 import csv
 import json
@@ -25,7 +25,7 @@ from abfm_viewer.errors import DrawingError
 from abfm_viewer.reports.batches import ROWS_SHOWN_MAX
 from tests.messages import check_message, check_names, line_with
 from tests.processes import family, kill, lingering, python, words_of
-from tests.viewer.cli.batches import anew, results, start, victims, write_table, written
+from tests.viewer.cli.batches import changed_results, results, start, victims, write_table, written
 from tests.viewer.cli.page import page_at
 
 EIGHT = asset_path("eight.off")
@@ -42,7 +42,7 @@ COUNTS = (3, "1 matched", "1 not reached", "1 failed")
 
 @pytest.fixture(scope="module")
 def solved(tmp_path_factory):
-    """A folder with a table and its results, of which one failed."""
+    """Return a folder with a table and its results; one row failed."""
     folder = tmp_path_factory.mktemp("batch")
     (folder / "table.csv").write_text(TABLE)
     line = "batch {f}/table.csv --out {f}/out --jobs 1 --quiet"
@@ -77,7 +77,7 @@ def test_page_has_the_worst_first_and_pictures(solved):
     assert all(link.startswith("data:image/png") for link in page.links)
     for text in ("table.csv", "Not reached", "no picture"):
         assert text in page.text
-    assert "At a glance" not in page.text  # of sweeps
+    assert "Overview" not in page.text  # only for combinations
     rows = json.loads(page.facts)["rows"]
     assert [row["name"] for row in rows] == page.names
     ranks = [Outcome(row["verdict"]).rank for row in rows]
@@ -98,9 +98,9 @@ def test_status_of_a_table_and_of_a_folder(solved, abfm):
     assert by_table["rows"][1]["digest"] is None
     line = "batch --status {f}/other.csv --out {f}/out"
     assert "same: matched" not in abfm(line, f=solved, status=4).out
-    abfm(status, f=solved, status=4)  # as it was
-    told = abfm("info {f}/out", f=solved, status=2).err
-    check_message(told, f"abfm batch --status {solved}/out")
+    abfm(status, f=solved, status=4)  # same status as before
+    output = abfm("info {f}/out", f=solved, status=2).err
+    check_message(output, f"abfm batch --status {solved}/out")
 
 
 def test_help_names_every_kind_of_row():
@@ -110,12 +110,12 @@ def test_help_names_every_kind_of_row():
 
 def test_only_missing_rows_are_solved_again(solved, abfm):
     before = results(solved / "out")
-    told = abfm("batch {f}/table.csv --out {f}/out --jobs 1", f=solved, status=4)
-    check_message(told.err.splitlines()[0], 2, 3)
-    check_message(line_with(told.err, "lost: "), 1, "failed")
-    check_message(told.out.splitlines()[0].partition(", in ")[0], 3, "1 matched", "1 failed")
-    assert "lost: failed: " in told.out
-    assert "\r" not in told.err + told.out
+    output = abfm("batch {f}/table.csv --out {f}/out --jobs 1", f=solved, status=4)
+    check_message(output.err.splitlines()[0], 2, 3)
+    check_message(line_with(output.err, "lost: "), 1, "failed")
+    check_message(output.out.splitlines()[0].partition(", in ")[0], 3, "1 matched", "1 failed")
+    assert "lost: failed: " in output.out
+    assert "\r" not in output.err + output.out
     assert results(solved / "out") == before
 
 
@@ -139,15 +139,15 @@ def test_all_combinations_of_options(abfm, tmp_path, monkeypatch):
     assert match.weights.tolist() == [1, 0.5]
     assert float(rows[1]["log2_area"]) == match.path[match.step].log2_area
     text = page_at(tmp_path / "out" / "summary.html").text
-    grid = text.partition("At a glance")[2].partition("Rows")[0]
+    grid = text.partition("Overview")[2].partition("Rows")[0]
     places = [grid.index(each) for each in (*targets, "alpha 0.1", "alpha 0.2")]
     assert places == sorted(places)
-    left = max(float(rows[0][name]) for name in ("residual", "verified_residual"))
-    assert f"{100 * left:.2g}%" in grid
-    assert "Best" not in text  # targets are no ways to solve one problem
+    residual = max(float(rows[0][name]) for name in ("residual", "verified_residual"))
+    assert f"{100 * residual:.2g}%" in grid
+    assert "Best" not in text  # rows with different targets are different problems
     line = f"batch eight.off --source={NEAR} --target={NEAR} {BRIEF} --set=iterations=1"
-    told = abfm(f"{line} --over=alpha=0.1,0.2 --out={{t}}/best --jobs=1 --no-pictures").out
-    assert "\nclosest, and areas change least: alpha 0." in told
+    output = abfm(f"{line} --over=alpha=0.1,0.2 --out={{t}}/best --jobs=1 --no-pictures").out
+    assert "\nclosest match and least change of areas: alpha 0." in output
     best = json.loads(abfm("batch --status {t}/best --json --quiet").out)["best"]
     assert best["closest"] == best["areas_change_least"]
 
@@ -192,19 +192,19 @@ def test_bad_input_is_refused(line, named, tmp_path, abfm):
     assert not list(tmp_path.rglob("*.npz"))
 
 
-def test_done_rows_are_reported_after_failures(solved, abfm, monkeypatch):
-    """Where the cluster is lost, and where no summary can be written."""
+def test_finished_rows_are_reported_after_failures(solved, abfm, monkeypatch):
+    """The connection to the cluster is lost, or the summary cannot be written."""
     run = Mock(side_effect=ConnectionLostError("the scheduler does not answer any more"))
     monkeypatch.setattr(batch, "run_rows", run)
     line = "batch {f}/table.csv --out {f}/out --quiet"
-    told = abfm(line, f=solved, status=4)
-    check_message(told.err)
-    check_names(told.out.splitlines()[0], *COUNTS)
+    output = abfm(line, f=solved, status=4)
+    check_message(output.err)
+    check_names(output.out.splitlines()[0], *COUNTS)
     refuse = Mock(side_effect=ResultError("cannot write summary.csv"))
     monkeypatch.setattr(batch, "write_summary", refuse)
-    told = abfm("batch --status {f}/out", f=solved, status=4)
-    check_message(told.err, "summary.csv")
-    check_names(told.out.splitlines()[0], *COUNTS)
+    output = abfm("batch --status {f}/out", f=solved, status=4)
+    check_message(output.err, "summary.csv")
+    check_names(output.out.splitlines()[0], *COUNTS)
     run.side_effect = lambda rows, folder, *_, **__: Ledger(folder).entries(rows)
     check_message(abfm(line, f=solved, status=2).err, "summary.csv")
 
@@ -230,8 +230,8 @@ def test_machine_that_cannot_draw(solved, abfm, monkeypatch):
     with monkeypatch.context() as patched:
         refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
         patched.setattr(pictures, "row_pictures", refuse)
-        told = abfm("batch --status {f}/out --quiet", f=solved, status=4)
-    check_message(told.err, "OpenGL")
+        output = abfm("batch --status {f}/out --quiet", f=solved, status=4)
+    check_message(output.err, "OpenGL")
     page = page_at(solved / "out" / "summary.html")
     assert "cannot draw without OpenGL" in page.text
     assert page.pictures == {}
@@ -239,12 +239,12 @@ def test_machine_that_cannot_draw(solved, abfm, monkeypatch):
     assert len(page_at(solved / "out" / "summary.html").pictures) == 2
 
 
-def test_signal_ends_a_batch_and_keeps_done_rows(tmp_path):
+def test_signal_keeps_finished_rows(tmp_path):
     write_table(tmp_path / "table.csv", 12, iterations=60)
     process = start(tmp_path / "table.csv", tmp_path / "out", "--jobs", "1")
     while not process.stderr.readline().startswith("1 of 12: pair 0: "):
         assert process.poll() is None
-    there = family(process.pid)
+    processes = family(process.pid)
     process.send_signal(signal.SIGTERM)
     errors = process.communicate(timeout=60)[1]
     assert process.returncode == 143
@@ -253,11 +253,11 @@ def test_signal_ends_a_batch_and_keeps_done_rows(tmp_path):
     done = [row for row in table_of(tmp_path / "out") if row["verdict"] != "missing"]
     assert 1 <= len(done) < 12
     assert len(results(tmp_path / "out")) == len(done)
-    assert lingering(there) == []
+    assert lingering(processes) == []
 
 
 def write_ledger(folder, rows):
-    """Write a table and a ledger in which every row has failed but each tenth, which is missing."""
+    """Write a table and a ledger in which all rows failed, except every tenth, which is missing."""
     lines = [f'row {i},none.off,"{NEAR}","{NEAR}",{i}' for i in range(rows)]
     head = "name,mesh,source,target,iterations"
     (folder / "table.csv").write_text("\n".join([head, *lines]) + "\n")
@@ -287,7 +287,7 @@ def test_page_of_many_rows_is_bounded(tmp_path, abfm):
 
 
 def test_strange_names(tmp_path, abfm):
-    """Long ones are cut on the page only; letters that cannot be written hide no row."""
+    """Long names are cut only on the page; invalid characters hide no row."""
     write_ledger(tmp_path, 2)
     rows = tmp_path / "out" / "ledger" / "rows.json"
     text = rows.read_text()
@@ -296,12 +296,12 @@ def test_strange_names(tmp_path, abfm):
     assert (tmp_path / "out" / "summary.html").stat().st_size < 20_000
     assert table_of(tmp_path / "out")[0]["name"] == "n" * 20_000
     rows.write_text(text.replace("row 0", "\\ud800"))
-    told = abfm("batch --status {t}/out", status=4)
-    assert told.out.startswith("2 rows: 1 not done, 1 failed")
+    output = abfm("batch --status {t}/out", status=4)
+    assert output.out.startswith("2 rows: 1 not finished, 1 failed")
     assert [row["name"] for row in table_of(tmp_path / "out")] == ["?", "row 1"]
 
 
-_SIGNALLED = """
+_SCRIPT_WITH_SIGNAL = """
 import importlib, os, signal, sys
 from abfm_viewer.cli import batch, main
 batch.ROWS_AFTER_SIGNAL_MAX = 5
@@ -330,10 +330,10 @@ sys.exit(main())
         ("abfm_viewer.reports.pages", "abbreviated", "--status {t}/out"),
     ],
 )
-def test_signal_ends_a_large_batch_before_it_is_complete(place, name, line, tmp_path):
+def test_signal_in_a_large_batch_writes_no_summary(place, name, line, tmp_path):
     write_ledger(tmp_path, 20)
     words = words_of(f"batch {line} --no-pictures", t=tmp_path)
-    done = python(_SIGNALLED, place, name, *words)
+    done = python(_SCRIPT_WITH_SIGNAL, place, name, *words)
     assert done.returncode == 143
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.rglob("summary.html"))
@@ -349,17 +349,17 @@ def test_killed_batch_resumes_and_leaves_no_process(tmp_path, abfm):
         assert process.poll() is None
     found = victims(process.pid)
     assert [len(found[each]) for each in ("client", "worker")] == [1, 2]
-    there = family(process.pid)
+    processes = family(process.pid)
     kill(random.choice(found["worker"]))
     kill(process.pid)
     process.communicate()
-    assert lingering(there) == []
+    assert lingering(processes) == []
     done = written(out)
     check_names(abfm(f"{line} {{t}}/out", status=3).err.splitlines()[0], 6)
     assert len(done) >= 1
-    assert anew(done, written(out)) == []
-    assert anew({"gone.npz": (0, 0)}, written(out)) == ["gone.npz"]
+    assert changed_results(done, written(out)) == []
+    assert changed_results({"gone.npz": (0, 0)}, written(out)) == ["gone.npz"]
     assert results(out) == results(tmp_path / "alone")
-    # a worker that was started anew between both kills may have left a file since
+    # a worker that started between both kills may have left a file
     abfm("batch --status {t}/out --no-pictures", status=3)
     assert not list(out.rglob(".abfm-*"))

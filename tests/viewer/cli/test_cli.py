@@ -1,4 +1,4 @@
-"""Commands about one surface, run in this process."""
+"""Commands about one surface, and the help of all commands."""
 
 import json
 import re
@@ -37,12 +37,12 @@ from tests.viewer.sessions import EGG
 PAIR = "--source=gaussian:vertex=10,width=0.2 --target=gaussian:vertex=40,width=0.2"
 SHORT = "--set=iterations=6 --refine=0 --quiet"
 MATCH = f"match {{eight}} {PAIR} {SHORT}"
-UNREACHED = 3  # the exit status of runs that are too short to arrive
+UNREACHED = 3  # exit status of matches with too few iterations
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    """A result file of two channels."""
+    """Return the result file of a match of two channels."""
     path = tmp_path_factory.mktemp("result") / "m.npz"
     line = f"{MATCH} --channel coordinate:x coordinate:y 0.01 --out {{path}}"
     assert main(words_of(line, path=path, **MESHES)) == UNREACHED
@@ -51,7 +51,7 @@ def result(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def project(result, tmp_path_factory):
-    """The result as a project."""
+    """Return the result as a project file."""
     path = tmp_path_factory.mktemp("project") / "m.abfm"
     save_project(path, *document_of_result(load(result), result))
     return path
@@ -61,8 +61,8 @@ def pixels(path):
     return np.asarray(Image.open(path)).astype(int)
 
 
-def shown(line, capsys):
-    """Return the output of a command line that ends after its help."""
+def help_text(line, capsys):
+    """Return the output of a command line that exits after its help."""
     with pytest.raises(SystemExit) as ended:
         main(line.split())
     assert ended.value.code == 0
@@ -76,12 +76,12 @@ def option_names(text):
 
 @pytest.mark.parametrize("line", ["--help", "--version"])
 def test_help_and_version(line, capsys):
-    assert "abfm" in shown(line, capsys)
+    assert "abfm" in help_text(line, capsys)
 
 
 def test_complete_help_of_a_match(capsys):
-    """It has every parameter with its symbol, every function family and the exit statuses."""
-    text = shown("match --help-all", capsys)
+    """The help has all parameters with their symbols, all function families and exit statuses."""
+    text = help_text("match --help-all", capsys)
     words = {*re.split(r"[\s,=]+", text.replace("--", "").replace("-", "_"))}
     assert set(FIELDS) <= words
     for entry in MAIN_FIELDS.values():
@@ -94,8 +94,8 @@ def test_complete_help_of_a_match(capsys):
 
 @pytest.mark.parametrize("command", commands.COMMANDS)
 def test_help_shows_the_main_options(command, capsys):
-    """About 12 of them, as they are declared; the last line names the help with all options."""
-    text, complete = (shown(f"{command} --{name}", capsys) for name in ("help", "help-all"))
+    """Help has the declared options, about 12; its last line names ``--help-all``."""
+    text, complete = (help_text(f"{command} --{name}", capsys) for name in ("help", "help-all"))
     names = option_names(text)
     assert 2 <= len([name for name in names if not name.startswith("help")]) <= 14
     assert set(names) <= set(option_names(complete))
@@ -156,9 +156,9 @@ BENCH = "bench --success --problems=1"
 )
 def test_bad_input_is_refused(line, named, abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    told = abfm(line, status=2)
-    assert told.out == ""
-    check_message(told.err, *named)
+    output = abfm(line, status=2)
+    assert output.out == ""
+    check_message(output.err, *named)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -171,7 +171,7 @@ def test_bad_input_is_refused(line, named, abfm, tmp_path, monkeypatch):
         ("f.csv", f"{{eight}} {PAIR} --mask f.csv --out f.csv"),
     ],
 )
-def test_files_that_are_read_are_not_replaced(name, line, tmp_path, abfm, monkeypatch):
+def test_input_files_are_not_overwritten(name, line, tmp_path, abfm, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text("theirs")
     check_message(abfm(f"match {line}", status=2).err, name)
@@ -189,28 +189,28 @@ def test_refused_meshes_have_a_remedy_and_json(tmp_path, abfm):
     (tmp_path / "fan.off").write_text(
         "OFF\n5 3 0\n0 0 0\n0 0 1\n1 0 0\n-1 1 0\n-1 -1 0\n3 0 1 2\n3 0 1 3\n3 0 1 4\n"
     )
-    told = abfm("info {t}/fan.off --json", status=2)
-    facts = json.loads(told.out)
+    output = abfm("info {t}/fan.off --json", status=2)
+    facts = json.loads(output.out)
     assert facts["usable"] is False
-    assert told.err == f"abfm: {facts['objection']}\n"
+    assert output.err == f"abfm: {facts['objection']}\n"
 
 
 def test_meshes_are_merged_and_cleaned(tmp_path, abfm):
-    """Values of all vertices of the file fit, and what is written has its length."""
+    """Values for all vertices of the file fit, and output files have the length of the file."""
     sphere = icosphere(1)
     corners = np.concatenate([sphere.faces, sphere.faces[:1]]).ravel()
     path = tmp_path / "split.off"
     path.write_text(off_text(sphere.vertices[corners], np.arange(len(corners)).reshape(-1, 3)))
     of_corners = sphere.vertices[corners, 0]
-    of_corners[-1] += 1  # of a copy
+    of_corners[-1] += 1  # of a repeated vertex
     np.save(tmp_path / "x.npy", of_corners)
     for line in ("info --merge {t}/split.off --clean", "info {t}/split.off --clean --merge=1e-9"):
         assert json.loads(abfm(f"{line} --json").out)["vertices"] == 42
     for words, named in (("", "--merge"), ("--merge=near", "near"), ("--hemisphere left", "left")):
         assert named in abfm(f"info {{t}}/split.off {words}", status=2).err
     functions = "--source=file:{t}/x.npy --target=file:{t}/x.npy --merge --clean"
-    told = abfm(f"match {{t}}/split.off {functions} {SHORT} --out {{t}}/m.npz")
-    assert "warning: 1 of 201 merged" in told.err
+    output = abfm(f"match {{t}}/split.off {functions} {SHORT} --out {{t}}/m.npz")
+    assert "warning: 1 of 201 merged" in output.err
     mesh = load(tmp_path / "m.npz").mesh
     assert mesh.on_file(mesh.vertices[:, 0]) == pytest.approx(sphere.vertices[corners, 0])
     abfm("map {t}/m.npz --out {t}/map.txt")
@@ -221,8 +221,8 @@ def test_match_writes_files_and_json(tmp_path, abfm):
     outs = [tmp_path / f"m.{suffix}" for suffix in ("npz", "ply", "vtu", "csv", "html")]
     line = f"match {{eight}} {PAIR} --set=iterations=20 --refine=0 --beta=0 --json"
     line += " --set=method=linearised --set=segments=2 --path {t}/p.csv --max-distortion=1000"
-    told = abfm(line, *(f"--out={path}" for path in outs), status=UNREACHED)
-    report, match = json.loads(told.out), load(outs[0])
+    output = abfm(line, *(f"--out={path}" for path in outs), status=UNREACHED)
+    report, match = json.loads(output.out), load(outs[0])
     assert report["mesh"] == str(MESHES["eight"])
     assert report["outputs"] == [*map(str, outs), f"{tmp_path}/p.csv"]
     assert report["iterations"] == len(match.energy_history) - 1 <= 20
@@ -232,7 +232,7 @@ def test_match_writes_files_and_json(tmp_path, abfm):
     assert report["parameters"] == match.parameters.to_dict()
     assert report["verdict"] == json.loads(json.dumps(asdict(match.verdict)))
     assert report["max_distortion"] == 1000
-    assert re.search(r"^iteration 0 .*stage 1.* energy [\d.]+  residual [\d.]+$", told.err, re.M)
+    assert re.search(r"^iteration 0 .*stage 1.* energy [\d.]+  residual [\d.]+$", output.err, re.M)
     attributes = trimesh.load(outs[1], process=False).metadata["_ply_raw"]
     assert attributes["vertex"]["data"]["advected"].ravel() == pytest.approx(match.advected[:, 0])
     field = attributes["face"]["data"]["velocity_segment_1_2"]
@@ -249,35 +249,35 @@ def test_match_writes_files_and_json(tmp_path, abfm):
 
 
 def test_match_prints_the_outcome_and_advice(tmp_path, abfm):
-    told = abfm(f"{MATCH} --out {{t}}/m.npz", status=UNREACHED)
+    output = abfm(f"{MATCH} --out {{t}}/m.npz", status=UNREACHED)
     match = load(tmp_path / "m.npz")
-    assert told.err == ""
-    said, why, numbers, *table, wrote, advice = told.out.splitlines()
-    assert (said, why) == (match.facts.headline, match.facts.reason)
+    assert output.err == ""
+    headline, reason, numbers, *table, wrote, advice = output.out.splitlines()
+    assert (headline, reason) == (match.facts.headline, match.facts.reason)
     known = f"residual {match.residual:.3g}, {match.verified_residual:.3g} by flow lines, "
     assert numbers.startswith(known)
     assert wrote.endswith(f" s; wrote {tmp_path}/m.npz")
     assert table == (path_lines(match) if len(match.path) > 1 else [])
     assert MatchTask.report.advice(match, f"{tmp_path}/m.npz") in advice
     out = abfm(f"{MATCH} --out {{t}}/m.npz --source expression:1", status=UNREACHED).out
-    said, why, *_, advice = out.splitlines()
-    assert said.startswith("impossible")
-    check_message(why)
+    headline, reason, *_, advice = out.splitlines()
+    assert output.startswith("impossible")
+    check_message(reason)
     check_message(advice)
 
 
-def test_advice_can_be_typed_and_helps(tmp_path, abfm):
-    """A source that nothing leads to its target is warned of while it runs, once."""
+def test_advice_improves_the_match(tmp_path, abfm):
+    """A source that the flow squeezes away causes one warning during the match."""
     trimesh.Trimesh(EGG.vertices, EGG.faces, process=False).export(tmp_path / "egg.off")
     line = (
         "match {t}/egg.off --source=gaussian:x=0,y=0,z=1,width=0.1 --set=reach=0 --refine=1 "
         "--target=gaussian:x=0.5,y=0,z=-0.87,width=0.1 --set=iterations=40 --quiet --out={t}/m.npz"
     )
-    told = abfm(line, status=UNREACHED)
-    assert "\nthe flow squeezed the source to nothing" in told.out
+    output = abfm(line, status=UNREACHED)
+    assert "\nthe flow squeezed the source to nothing" in output.out
     warning = r"warning: iteration \d+: the source is being squeezed to nothing .*\n"
-    assert re.fullmatch(warning, told.err)
-    options = shlex.split(re.search(r"^advice: reach further \((.*?)\)$", told.out, re.M)[1])
+    assert re.fullmatch(warning, output.err)
+    options = shlex.split(re.search(r"^advice: reach further \((.*?)\)$", output.out, re.M)[1])
     before = load(tmp_path / "m.npz").residual
     abfm(line, *options)
     assert load(tmp_path / "m.npz").residual < 0.2 * before
@@ -292,9 +292,9 @@ def test_long_steps_are_reported(quiet, abfm, monkeypatch):
     assert [line.partition(", about")[0] for line in lines] == wanted
     pair = "--source=gaussian:vertex=0 --target=gaussian:vertex=300"
     line = f"match {{eight}} {pair} --set=iterations=5 --refine=0 --set=levels=1 --out {{t}}/m.npz"
-    said = abfm(f"{line} {quiet}", status=UNREACHED).err
-    assert (f"{slow[2]}, about " in said) is not bool(quiet)
-    assert "factoring a system" not in said  # nobody knows for how long, which is short here
+    output = abfm(f"{line} {quiet}", status=UNREACHED).err
+    assert (f"{slow[2]}, about " in output) is not bool(quiet)
+    assert "factoring a system" not in output  # its duration is unknown, and short here
 
 
 def test_unknown_numbers_are_null(result):
@@ -320,7 +320,7 @@ def test_match_takes_a_mask_and_a_start(tmp_path, abfm, result):
 
 def test_info_of_a_mesh_and_its_symmetries(abfm):
     text = abfm("info {eight}").out
-    for word in ("315", "634", "951", "genus         2", "none (closed)", "no objection"):
+    for word in ("315", "634", "951", "genus         2", "none (closed)", "no defects"):
         assert word in text
     facts = json.loads(abfm("info {eight} --json").out)
     assert (facts["vertices"], facts["faces"], facts["edges"], facts["genus"]) == (315, 634, 951, 2)
@@ -337,13 +337,13 @@ def test_info_of_a_mesh_and_its_symmetries(abfm):
     assert symmetries["mirror"]["axis"] == pytest.approx([1, 0, 0])
 
 
-def test_names_are_made_printable(tmp_path, capsys):
+def test_printed_names_are_printable(tmp_path, capsys):
     folder = tmp_path / "a\nb\x1b[31m"
     folder.mkdir()
     mesh, result, table, picture = (str(folder / f"c\n.{s}") for s in ("off", "npz", "txt", "png"))
     shutil.copy(MESHES["eight"], mesh)
     render = ["render", result, "--out", picture, "--size", "320x240"]
-    for words, status, told in (
+    for words, status, printed in (
         (["info", mesh], 0, "/a?b?[31m/c?.off"),
         (["match", mesh, *f"{PAIR} {SHORT} --out".split(), result], UNREACHED, "c?.npz"),
         (["map", result, "--out", table], 0, "wrote {}/a?b?[31m/c?.txt"),
@@ -352,7 +352,7 @@ def test_names_are_made_printable(tmp_path, capsys):
         assert main(words) == status
         lines = capsys.readouterr().out.splitlines()
         assert all(line.isprintable() for line in lines)
-        assert told.format(tmp_path) in "".join(lines)
+        assert printed.format(tmp_path) in "".join(lines)
 
 
 def test_render_draws_pictures(result, tmp_path, abfm, project):
@@ -381,18 +381,18 @@ def test_render_draws_pictures(result, tmp_path, abfm, project):
     ("suffix", "options"),
     [
         ("mp4", "--to=2 --turntable=-90"),
-        ("gif", "--from=1 --to=1 --streaks --progress"),  # nothing but the streaks moves
+        ("gif", "--from=1 --to=1 --streaks --progress"),  # only the streaks move
     ],
 )
 def test_render_writes_movies(suffix, options, result, project, tmp_path, abfm):
     path, common = (project if suffix == "mp4" else result), "--size=330x240 --seconds=0.5 --fps=8"
-    told = abfm(f"render {{path}} --out {{t}}/a.{suffix} {common} {options}", path=path)
-    *lines, last = told.out.splitlines()
+    output = abfm(f"render {{path}} --out {{t}}/a.{suffix} {common} {options}", path=path)
+    *lines, last = output.out.splitlines()
     assert last == f"wrote {tmp_path}/a.{suffix} (330 x 240, 4 frames)"
     if "progress" in options:
         assert list(map(json.loads, lines)) == [{"frame": n, "count": 4} for n in range(1, 5)]
     else:
-        assert told.err == "".join(f"frame {frame} of 4\n" for frame in range(1, 5))
+        assert output.err == "".join(f"frame {frame} of 4\n" for frame in range(1, 5))
     with av.open(f"{tmp_path}/a.{suffix}") as file:
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
     assert (len(frames), frames[0].shape) == (4, (240, 330, 3))
@@ -461,15 +461,15 @@ def test_demo_tests_itself(tmp_path, abfm, monkeypatch):
         assert len(list(movie.decode(video=0))) == 5
     poor = partial(Parameters.of, iterations=1, refine=0)
     monkeypatch.setattr("abfm_viewer.cli.demo.Parameters", poor)
-    no_picture = Mock(side_effect=DrawingError("no time for it"))
+    no_picture = Mock(side_effect=DrawingError("no OpenGL here"))
     monkeypatch.setattr("abfm_viewer.pictures.match_picture", no_picture)
-    told = abfm("demo --out {t} --quiet", status=1).err
-    check_message(line_with(told, "no time for it"), "note")
-    check_message(told.splitlines()[-1])
+    output = abfm("demo --out {t} --quiet", status=1).err
+    check_message(line_with(output, "no OpenGL here"), "note")
+    check_message(output.splitlines()[-1])
 
 
-def test_bench_runs_what_its_options_say(abfm, monkeypatch, tmp_path):
-    """The benchmarks have tests of their own: here each reports its settings."""
+def test_bench_passes_its_options(abfm, monkeypatch, tmp_path):
+    """The benchmarks are replaced by functions that report their settings."""
     for module in (solver, success, map_errors):
         monkeypatch.setattr(module, "report_text", lambda report: f"of {report['seed']}")
     monkeypatch.setattr(solver, "run", lambda log, given: log("a line") or {"seed": given.seconds})
@@ -484,8 +484,8 @@ def test_bench_runs_what_its_options_say(abfm, monkeypatch, tmp_path):
     monkeypatch.setattr(success, "run", run)
     monkeypatch.setattr(map_errors, "run", run)
     options = "--only-given --problems=1 --jobs=1 --seed=7 --meshes {eight}"
-    told = abfm(f"bench --success --solvable --out={{t}}/b {options} --quiet --json {{t}}/b.json")
-    assert (told.out, (tmp_path / "b.json").read_text()) == ("of 7\n", '{"seed": 7}')
+    output = abfm(f"bench --success --solvable --out={{t}}/b {options} --quiet --json {{t}}/b.json")
+    assert (output.out, (tmp_path / "b.json").read_text()) == ("of 7\n", '{"seed": 7}')
     assert abfm(f"bench --measured {options}").out == "of 7\n"
     (counted, is_solvable), (measured,) = given
     assert is_solvable

@@ -1,4 +1,4 @@
-"""`abfm figure`, run in this process on small set-ups."""
+"""`abfm figure` on small set-ups."""
 
 import json
 import re
@@ -23,7 +23,7 @@ from tests.viewer.cli.page import Page
 
 @pytest.fixture
 def small(monkeypatch):
-    """Make figures small, and 7 the only one."""
+    """Compute small figures, and only figure 7."""
     real = experiments.script
 
     def script(figure, stage):
@@ -41,7 +41,7 @@ def described(folder):
 
 def test_figure_has_a_picture_and_numbers(small, tmp_path, abfm):
     out = tmp_path / "new" / "figures"
-    said = abfm("figure 7 --out {t}/new/figures")
+    output = abfm("figure 7 --out {t}/new/figures")
     with Image.open(out / "figure-7.png") as image:
         assert image.width > 1000
     found = described(out)
@@ -51,37 +51,37 @@ def test_figure_has_a_picture_and_numbers(small, tmp_path, abfm):
         if measure["bound"] is not None:
             assert measure["pass"] == (measure["value"] <= measure["bound"])
     assert sorted(path.name for path in out.iterdir()) == ["figure-7.json", "figure-7.png"]
-    assert said.out.startswith(f"figure 7: {TITLES[7]}\n")
-    assert "mismatch" in said.out
-    assert said.err.startswith("figure 7: ")
+    assert output.out.startswith(f"figure 7: {TITLES[7]}\n")
+    assert "mismatch" in output.out
+    assert output.err.startswith("figure 7: ")
 
 
 def test_notes_are_in_all_outputs(small, tmp_path, abfm, monkeypatch):
-    """Also of a machine that cannot draw."""
+    """Also on a machine that cannot draw."""
     found = ran(7)[1]
     noted = replace(found, sheet=replace(found.sheet, notes=("no map",)))
     monkeypatch.setattr(pictures, "figure_picture", lambda *sheet: Image.new("RGB", (4, 3)))
     monkeypatch.setattr(experiments, "requested_matches", lambda script: ())
     monkeypatch.setattr(experiments, "findings_of", lambda script, matches: noted)
-    said = abfm("figure all --out {t} --quiet --json")
-    assert json.loads(said.out)["figures"] == [described(tmp_path)]
-    said = abfm("figure all --out {t} --quiet")
+    output = abfm("figure all --out {t} --quiet --json")
+    assert json.loads(output.out)["figures"] == [described(tmp_path)]
+    output = abfm("figure all --out {t} --quiet")
     assert "no map" in described(tmp_path)["notes"]
     assert "no map" in (tmp_path / "index.html").read_text()
-    check_message(line_with(said.err, "note: "), 7, "no map")
+    check_message(line_with(output.err, "note: "), 7, "no map")
     refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
     monkeypatch.setattr(pictures, "figure_picture", refuse)
-    said = abfm("figure 7 --out {t}/bare --quiet")
-    check_names(said.err, "cannot draw without OpenGL")
+    output = abfm("figure 7 --out {t}/bare --quiet")
+    check_names(output.err, "cannot draw without OpenGL")
     assert [path.name for path in (tmp_path / "bare").iterdir()] == ["figure-7.json"]
 
 
-def test_all_are_matched_by_a_batch_once(small, tmp_path, abfm, monkeypatch):
+def test_matches_are_solved_once_by_a_batch(small, tmp_path, abfm, monkeypatch):
     monkeypatch.setattr(pictures, "figure_picture", lambda *sheet: Image.new("RGB", (4, 3)))
     first = abfm("figure all --out {t} --jobs 1")
     check_names(line_with(first.err, "1 of 1"), "figure 7")
     before = described(tmp_path)
-    # in this process or in another one, solved or read: the same numbers
+    # the numbers are the same in this process and in a worker
     assert before["measures"] == [measure.to_dict() for measure in ran(7)[1].measures]
     [result] = (tmp_path / "matches").glob("*.npz")
     assert result.stem == ran(7)[0].problem.digest
@@ -96,14 +96,14 @@ def test_all_are_matched_by_a_batch_once(small, tmp_path, abfm, monkeypatch):
 
 
 def test_figure_on_another_mesh(small, tmp_path, abfm):
-    """It stands upright, or is refused with the reason."""
+    """The mesh is drawn upright, or refused with the reason."""
     trimesh.creation.capsule(height=3, radius=0.5, count=(12, 12)).export(tmp_path / "long.off")
     sizes = []
     for up in ("y", "z"):
         abfm(f"figure 7 --mesh {{t}}/long.off --up {up} --out {{t}} --quiet")
         with Image.open(tmp_path / "figure-7.png") as image:
             sizes.append(image.size)
-    assert sizes[1][1] > 1.1 * sizes[0][1]  # upright panels are narrow, so that they may be high
+    assert sizes[1][1] > 1.1 * sizes[0][1]  # upright panels are narrow and high
     assert "long.off" in described(tmp_path)["setting"]
     trimesh.creation.box().export(tmp_path / "box.off")
     line = "figure {} --mesh {{t}}/box.off --out {{t}} --quiet"

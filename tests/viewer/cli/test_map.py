@@ -1,4 +1,4 @@
-"""`abfm map`, run in this process."""
+"""`abfm map`."""
 
 import json
 
@@ -14,7 +14,7 @@ from tests.shapes import ellipsoid, icosphere
 
 
 def saved(path, mesh, velocity, target="coordinate:x", tau=1.0):
-    """A result file of a flow that nobody searched."""
+    """Write the result file of a given flow, and return its path."""
     f, g = function(mesh, "coordinate:x"), function(mesh, target)
     problem = Problem(mesh, f, g, Parameters(tau=tau, refine=0))
     match_of_flow(Example(problem, "", (), Flow(mesh, velocity, tau))).save(path)
@@ -22,83 +22,83 @@ def saved(path, mesh, velocity, target="coordinate:x", tau=1.0):
 
 
 @pytest.fixture(scope="module")
-def turned(tmp_path_factory):
-    """The result of half a turn of an ellipsoid of revolution about its axis, z."""
+def rotation(tmp_path_factory):
+    """Return a result whose flow turns an ellipsoid by 180 degrees about its axis of symmetry."""
     mesh = ellipsoid(3, 1.0, 1.0, 1.5)
     velocity = np.pi * np.cross([0.0, 0.0, 1.0], mesh.vertices[mesh.faces].mean(axis=1))
-    return saved(tmp_path_factory.mktemp("map") / "turned.npz", mesh, velocity, "expression:-x")
+    return saved(tmp_path_factory.mktemp("map") / "rotation.npz", mesh, velocity, "expression:-x")
 
 
-def test_map_is_half_a_turn_and_has_errors(turned, tmp_path, abfm):
+def test_map_of_a_rotation_and_its_errors(rotation, tmp_path, abfm):
     for name in ("map.txt", "map.npy"):
-        said = abfm(f"map {{r}} --out {{t}}/{name}", r=turned)
-        areas, folded = said.out.splitlines()[0], line_with(said.out, "1280")
+        output = abfm(f"map {{r}} --out {{t}}/{name}", r=rotation)
+        areas, folded = output.out.splitlines()[0], line_with(output.out, "1280")
         check_message(areas, "|log2 J|")
         check_message(folded, 0)
-        assert said.out.endswith(f"\nwrote {tmp_path / name}\n")
-        assert said.err == ""
-    assert folded in abfm("map {r}", r=turned).out  # which needs no file
-    mesh, found = load(turned).mesh, np.load(tmp_path / "map.npy")
+        assert output.out.endswith(f"\nwrote {tmp_path / name}\n")
+        assert output.err == ""
+    assert folded in abfm("map {r}", r=rotation).out  # without an output file
+    mesh, found = load(rotation).mesh, np.load(tmp_path / "map.npy")
     places = mesh.vertices * [-1, -1, 1]
     assert np.abs(mesh.vertices[found] - places).max() < 0.1
     values = function(mesh, f"permuted:{tmp_path / 'map.txt'}(coordinate:x)")
     np.testing.assert_array_equal(values, mesh.vertices[found, 0])
     half_turn = [np.argmin(np.linalg.norm(mesh.vertices - p, axis=1)) for p in places]
     np.savetxt(tmp_path / "truth.txt", half_turn, fmt="%d")
-    right = json.loads(abfm("map {r} --truth {t}/truth.txt --json", r=turned).out)["accuracy"]
+    right = json.loads(abfm("map {r} --truth {t}/truth.txt --json", r=rotation).out)["accuracy"]
     assert right["mean"] < 0.03
     assert right["vertices"] == len(mesh.vertices)
-    check_message(line_with(abfm("map {r} --truth identity", r=turned).out, "error"))
-    still = json.loads(abfm("map {r} --truth identity --time 0 --json", r=turned).out)
+    check_message(line_with(abfm("map {r} --truth identity", r=rotation).out, "error"))
+    still = json.loads(abfm("map {r} --truth identity --time 0 --json", r=rotation).out)
     assert still["accuracy"]["maximum"] < 1e-6
 
 
 @pytest.fixture(scope="module")
-def wild(tmp_path_factory):
-    """The result of a field without any smoothness, whose flow gathers points."""
+def folding(tmp_path_factory):
+    """Return a result of a field without smoothness, whose flow folds many faces."""
     mesh = icosphere(2)
     velocity = 10 * tangential_part(
         mesh, np.random.default_rng(0).normal(size=(len(mesh.faces), 3))
     )
-    return saved(tmp_path_factory.mktemp("map") / "wild.npz", mesh, velocity, tau=0.5)
+    return saved(tmp_path_factory.mktemp("map") / "folding.npz", mesh, velocity, tau=0.5)
 
 
-def test_folding_flow_is_warned_of(wild, tmp_path, abfm):
-    match = load(wild)
+def test_folding_flow_has_a_warning(folding, tmp_path, abfm):
+    match = load(folding)
     np.save(tmp_path / "uv.npy", match.mesh.vertices)
     found = match.flow.map_quality()
     assert "come back" in found.warning
     for words in ("", "--functional-map=5", "--carry={t}/uv.npy"):
-        said = abfm(f"map {{r}} --out {{t}}/out.npy {words}", r=wild)
-        assert said.err == f"warning: {found.warning}\n"
-        assert said.out == f"{found.report()}\nwrote {tmp_path / 'out.npy'}\n"
+        output = abfm(f"map {{r}} --out {{t}}/out.npy {words}", r=folding)
+        assert output.err == f"warning: {found.warning}\n"
+        assert output.out == f"{found.report()}\nwrote {tmp_path / 'out.npy'}\n"
 
 
-def test_json_of_a_map(wild, turned, tmp_path, abfm):
-    for path, time in ((wild, -0.5), (wild, 0.0), (turned, 1.0)):
-        said = abfm(f"map {{r}} --time {time} --json", r=path)
-        told = json.loads(said.out)["quality"]
+def test_json_of_a_map(folding, rotation, tmp_path, abfm):
+    for path, time in ((folding, -0.5), (folding, 0.0), (rotation, 1.0)):
+        output = abfm(f"map {{r}} --time {time} --json", r=path)
+        quality = json.loads(output.out)["quality"]
         found = load(path).flow.map_quality(time)
         for name in ("log2_area", "log2_shape"):
-            assert told[name] == getattr(found.distortion, name)._asdict()
-        assert told["there_and_back"] == found.round_trip._asdict()
-        assert (told["folded"], told["warning"]) == (found.distortion.folded, found.warning)
-        assert said.err == (f"warning: {found.warning}\n" if found.warning else "")
+            assert quality[name] == getattr(found.distortion, name)._asdict()
+        assert quality["there_and_back"] == found.round_trip._asdict()
+        assert (quality["folded"], quality["warning"]) == (found.distortion.folded, found.warning)
+        assert output.err == (f"warning: {found.warning}\n" if found.warning else "")
 
 
-def test_inverse_is_the_map_of_negative_time(turned, tmp_path, abfm):
-    abfm("map {r} --out={t}/inverse.txt --inverse --time=0.3", r=turned)
-    abfm("map {r} --out {t}/below.txt --time -0.3", r=turned)
+def test_inverse_is_the_map_of_negative_time(rotation, tmp_path, abfm):
+    abfm("map {r} --out={t}/inverse.txt --inverse --time=0.3", r=rotation)
+    abfm("map {r} --out {t}/below.txt --time -0.3", r=rotation)
     assert (tmp_path / "inverse.txt").read_text() == (tmp_path / "below.txt").read_text()
 
 
-def test_transferred_values_there_and_back(turned, tmp_path, abfm):
-    """Unused vertices have no value."""
-    mesh = load(turned).mesh
+def test_values_return_to_their_vertices(rotation, tmp_path, abfm):
+    """Vertices without faces have no value."""
+    mesh = load(rotation).mesh
     np.save(tmp_path / "uv.npy", mesh.vertices[:, :2])
-    abfm("map {r} --carry {t}/uv.npy --out {t}/there.npy", r=turned)
+    abfm("map {r} --carry {t}/uv.npy --out {t}/there.npy", r=rotation)
     assert np.abs(np.load(tmp_path / "there.npy") + mesh.vertices[:, :2]).max() < 0.05
-    abfm("map {r} --carry {t}/there.npy --time -1 --out {t}/back.csv", r=turned)
+    abfm("map {r} --carry {t}/there.npy --time -1 --out {t}/back.csv", r=rotation)
     back = np.loadtxt(tmp_path / "back.csv", delimiter=",")
     np.testing.assert_allclose(back, mesh.vertices[:, :2], atol=0.02)
     sphere = icosphere(2)
@@ -113,8 +113,8 @@ def test_transferred_values_there_and_back(turned, tmp_path, abfm):
     np.testing.assert_allclose(np.load(tmp_path / "out.npy"), table, atol=1e-9)
 
 
-def test_functional_map_is_nearly_orthogonal(turned, tmp_path, abfm):
-    abfm("map {r} --functional-map 12 --out {t}/C.npy", r=turned)
+def test_functional_map_is_nearly_orthogonal(rotation, tmp_path, abfm):
+    abfm("map {r} --functional-map 12 --out {t}/C.npy", r=rotation)
     C = np.load(tmp_path / "C.npy")
     np.testing.assert_allclose(C[:, 0], np.eye(12)[0], atol=1e-6)
     np.testing.assert_allclose(C.T @ C, np.eye(12), atol=0.05)
@@ -137,15 +137,15 @@ def test_functional_map_is_nearly_orthogonal(turned, tmp_path, abfm):
         ("--out map.txt --time 1e9", ["time"]),
     ],
 )
-def test_bad_input_is_refused(turned, words, named, abfm, tmp_path, monkeypatch):
+def test_bad_input_is_refused(rotation, words, named, abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.save("short.npy", np.zeros(3))
-    np.save("inf.npy", np.full(len(load(turned).mesh.vertices), np.inf))
-    check_message(abfm(f"map {{r}} {words}", r=turned, status=2).err, *named)
+    np.save("inf.npy", np.full(len(load(rotation).mesh.vertices), np.inf))
+    check_message(abfm(f"map {{r}} {words}", r=rotation, status=2).err, *named)
 
 
-def test_values_that_contradict_the_field_are_recomputed(turned, tmp_path, abfm):
-    with np.load(turned) as file:
+def test_values_that_contradict_the_field_are_recomputed(rotation, tmp_path, abfm):
+    with np.load(rotation) as file:
         arrays = dict(file)
     cheat = arrays | {"velocity": np.zeros_like(arrays["velocity"])}
     np.savez(path := tmp_path / "cheat.npz", **cheat)

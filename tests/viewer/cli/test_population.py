@@ -1,4 +1,4 @@
-"""`abfm population`, run in this process on a small sphere, with one process that registers."""
+"""`abfm population` on a small sphere, with one worker process."""
 
 import csv
 import json
@@ -34,7 +34,7 @@ def height(places):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with a table of five subjects and an odd one."""
+    """Return a folder with a table of five subjects and an outlier."""
     place = tmp_path_factory.mktemp("population")
     write_surface(place / "template.gii", MESH)
     middles = MESH.vertices[MESH.faces].mean(axis=1)
@@ -52,42 +52,42 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def told(folder):
-    """The JSON that was printed."""
+def facts(folder):
+    """Return the printed JSON."""
     with pytest.MonkeyPatch.context() as patch:
-        said = []
-        patch.setattr("builtins.print", lambda text, **where: said.append(text))
+        output = []
+        patch.setattr("builtins.print", lambda text, **where: output.append(text))
         patch.setattr(population, "_PICTURE_WIDTH", 48)
-        assert main(words_of(f"{LINE} --json", f=folder)) == 3  # the mean has not come to rest
-    return json.loads(said[-1])
+        assert main(words_of(f"{LINE} --json", f=folder)) == 3  # the mean has not converged
+    return json.loads(output[-1])
 
 
 @pytest.fixture(scope="module")
-def found(folder, told):
+def found(folder, facts):
     return library.load(folder / "out" / "population.npz")
 
 
 @pytest.fixture(scope="module")
-def page(folder, told):
+def page(folder, facts):
     return page_at(folder / "out" / "population.html")
 
 
-def test_json_has_the_facts_of_the_population(told, found):
-    worst = told["subjects"][0]
-    assert told["changes"][0] > told["bound"]
+def test_json_has_the_facts_of_the_population(facts, found):
+    worst = facts["subjects"][0]
+    assert facts["changes"][0] > facts["bound"]
     assert (worst["name"], worst["fits"], worst["weight"]) == (NAME, False, 2)
     check_message(worst["reason"])
-    for each in told["subjects"]:
+    for each in facts["subjects"]:
         i = found.subject(each["name"])
         assert each["fits"] == found.fits[i]
         assert each["correlation"] == found.correlation[i]
         assert each["scores"]["depth"] == found.scores("depth")[i].tolist()
-    depth, label = told["channels"]
+    depth, label = facts["channels"]
     assert depth["total"] == pytest.approx(depth["phase"] + depth["amplitude"])
     assert label["held_out"]
     assert label["after"] == pytest.approx(found.scores(1)[:5, 1].mean())
     assert worst["scores"]["a label"] == [None, None]
-    json.dumps(told, allow_nan=False)
+    json.dumps(facts, allow_nan=False)
 
 
 def test_table_has_a_line_for_each_subject(folder, found):
@@ -114,7 +114,7 @@ def test_means_are_written_for_other_programs(folder, found):
     assert found.mean().astype("<f8").tobytes() in content
 
 
-def test_page_has_all_and_escapes_names(page, told, found):
+def test_page_has_all_and_escapes_names(page, facts, found):
     assert all(link.startswith("data:") for link in page.links)
     assert NAME in page.text
     assert page.tags.count("b") == 1  # around "Advice:", and not in the name
@@ -122,11 +122,11 @@ def test_page_has_all_and_escapes_names(page, told, found):
     assert json.loads(page.facts)["subjects"][0]["name"] == NAME
     for text in (found.facts.headline, found.facts.reason[1:], "more rounds"):
         assert text in page.text
-    small = {**told["channels"][0], "total": 4e-6, "phase": 3e-6, "amplitude": 1e-6}
-    text = Page(population_page({**told, "channels": [small]}, found.facts, None)).text
+    small = {**facts["channels"][0], "total": 4e-6, "phase": 3e-6, "amplitude": 1e-6}
+    text = Page(population_page({**facts, "channels": [small]}, found.facts, None)).text
     for number in ("4e-06", "3e-06 (75%)", "1e-06 (25%)"):
         assert number in text
-    assert f"{told['channels'][0]['total']:.3g}" in page.text
+    assert f"{facts['channels'][0]['total']:.3g}" in page.text
 
 
 def test_pictures_show_means_areas_and_outliers(page):
@@ -145,7 +145,7 @@ def test_pictures_show_means_areas_and_outliers(page):
 
 
 def test_weights_and_landmarks(abfm, folder, monkeypatch):
-    """Of two channels and two subjects, of which one has landmarks, in a folder beside its file."""
+    """Two channels and two subjects, one with landmarks, whose table is outside the folder."""
     (folder / "marks").mkdir(exist_ok=True)
     (folder / "marks" / "one.csv").write_text("\n".join(f"{k},{k}" for k in (0, 40, 90)))
     lines = ["name;depth;edge;landmarks"]
@@ -153,48 +153,48 @@ def test_weights_and_landmarks(abfm, folder, monkeypatch):
     (folder / "two.csv").write_text("\r\n".join(lines), encoding="utf-8-sig")
     monkeypatch.chdir(folder.parent)
     line = LINE.replace("table.csv", "two.csv").replace("/out", "/two")
-    said = abfm(f"{line} --no-pictures --json --channel edge auto 0.25", f=folder, status=3)
-    facts = json.loads(said.out)
+    output = abfm(f"{line} --no-pictures --json --channel edge auto 0.25", f=folder, status=3)
+    facts = json.loads(output.out)
     assert [each["weight"] for each in facts["channels"]] == [1, 0.25]
-    left = {each["name"]: each["landmarks"] for each in facts["subjects"]}
-    assert left["s2"] is None
-    assert left["s1"] < 0.02
-    assert library.load(folder / "two" / "population.npz").landmarks[0] == left["s1"]
+    errors = {each["name"]: each["landmarks"] for each in facts["subjects"]}
+    assert errors["s2"] is None
+    assert errors["s1"] < 0.02
+    assert library.load(folder / "two" / "population.npz").landmarks[0] == errors["s1"]
     page = page_at(folder / "two" / "population.html")
     assert "edge, weight 0.25" in page.text
-    assert f"{left['s1']:.3f}" in page.text
+    assert f"{errors['s1']:.3f}" in page.text
 
 
 def test_running_again_solves_nothing(abfm, folder, found, monkeypatch):
     refuse = Mock(side_effect=AssertionError("a row was solved again"))
     monkeypatch.setattr("abfm.batch.ledger.Ledger.forget", refuse)
     before = (folder / "out" / "population.npz").read_bytes()
-    said = abfm(f"{LINE} --no-pictures", f=folder, status=3)
+    output = abfm(f"{LINE} --no-pictures", f=folder, status=3)
     assert (folder / "out" / "population.npz").read_bytes() == before
-    check_message(said.out.splitlines()[0], 5, 6)
-    check_message(line_with(said.out, "a label"), "held out")
-    check_message(line_with(said.out, NAME), "excluded")
+    check_message(output.out.splitlines()[0], 5, 6)
+    check_message(line_with(output.out, "a label"), "held out")
+    check_message(line_with(output.out, NAME), "excluded")
     assert page_at(folder / "out" / "population.html").pictures == {}
     refuse = Mock(side_effect=DrawingError("there is no screen"))
     monkeypatch.setattr(pictures, "population_pictures", refuse)
-    said = abfm(f"{LINE} --bound 0.9", f=folder)  # which it keeps
-    check_message(line_with(said.err, "note: "), "there is no screen")
+    output = abfm(f"{LINE} --bound 0.9", f=folder)  # a bound that the mean satisfies
+    check_message(line_with(output.err, "note: "), "there is no screen")
     assert "more rounds" not in page_at(folder / "out" / "population.html").text
 
 
 def test_registrations_of_the_last_round_are_a_batch(abfm, folder, found):
-    said = json.loads(abfm("batch --status {f}/out --no-pictures --json", f=folder, status=3).out)
-    assert said["counts"] == {"matched": 5, "not reached": 1}  # the outlier
-    assert {row["digest"] for row in said["rows"]} == set(found.digests)
-    assert {row["name"] for row in said["rows"]} == set(found.names)
+    output = json.loads(abfm("batch --status {f}/out --no-pictures --json", f=folder, status=3).out)
+    assert output["counts"] == {"matched": 5, "not reached": 1}  # the outlier
+    assert {row["digest"] for row in output["rows"]} == set(found.digests)
+    assert {row["name"] for row in output["rows"]} == set(found.names)
 
 
-def test_info_of_a_population(abfm, folder, told, found):
+def test_info_of_a_population(abfm, folder, facts, found):
     path = folder / "out" / "population.npz"
     again = json.loads(abfm("info {p} --json", p=path).out)
     assert again.pop("result") == str(path)
-    own = {name: told[name] for name in ("table", "template", "bound", "seconds", "outputs")}
-    assert {**again, **own} == told
+    own = {name: facts[name] for name in ("table", "template", "bound", "seconds", "outputs")}
+    assert {**again, **own} == facts
     lines = abfm("info {p}", p=path).out.splitlines()
     check_message(lines[0], path, int(found.fits.sum()), 6)
     check_message(lines[-1], NAME)
@@ -206,9 +206,9 @@ def test_subject_that_cannot_be_registered(abfm, folder):
     lines = (folder / "table.csv").read_text().splitlines()[:3]
     (folder / "few.csv").write_text("\n".join([*lines, "gone,file:gone.npy,,"]))
     line = LINE.replace("table", "few").replace("/out", "/few")
-    said = abfm(f"{line} --no-pictures", f=folder, status=4)
-    check_message(line_with(said.err, "note: "), "gone")
-    check_message(line_with(said.out, "gone"), "excluded")
+    output = abfm(f"{line} --no-pictures", f=folder, status=4)
+    check_message(line_with(output.err, "note: "), "gone")
+    check_message(line_with(output.out, "gone"), "excluded")
 
 
 COMMAND = "table.csv --template template.gii --out out"
@@ -233,12 +233,12 @@ COMMAND = "table.csv --template template.gii --out out"
 )
 def test_bad_input_is_refused(abfm, folder, monkeypatch, words, named):
     monkeypatch.chdir(folder)
-    (folder / "subjects.csv").write_text("theirs")
+    (folder / "subjects.csv").write_text("other")
     check_message(abfm(f"population {words} --quiet", status=2).err, *named)
-    assert (folder / "subjects.csv").read_text() == "theirs"
+    assert (folder / "subjects.csv").read_text() == "other"
 
 
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which nobody may write")
-def test_unwritable_folder_is_refused_before_subjects_are_read(abfm, folder):
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder without write permission")
+def test_unwritable_folder_is_refused_first(abfm, folder):
     line = LINE.replace("{f}/out", "/proc/self")
     check_message(abfm(line, f=folder, status=2).err, "/proc/self/population.npz")

@@ -1,4 +1,4 @@
-"""`abfm register`, `abfm apply` and `abfm map` of two surfaces, run in this process."""
+"""`abfm register`, `abfm apply` and `abfm map` of two surfaces."""
 
 import json
 import re
@@ -28,7 +28,7 @@ PAIR = "{f}/a.ply {f}/b.ply --source=file:{f}/a.npy --target=file:{f}/b.npy"
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """Two spheres of which one is turned and bent, with a function and labels on both."""
+    """Return a folder with a sphere and a rotated, bent one, with a function and labels on both."""
     folder = tmp_path_factory.mktemp("spheres")
     seen = flowed(B, TURN.inv().apply(B.vertices.copy()))
     for name, mesh, directions in (("a", A, A.vertices), ("b", B, seen)):
@@ -59,11 +59,11 @@ def apply(abfm, registration, files):
 def test_registration_is_printed_and_written(files, abfm, tmp_path):
     line = f"register {PAIR} --sigma=2 {SHORT} --max-distortion=2"
     words = [f"--out={tmp_path}/r.{suffix}" for suffix in ("npz", "csv", "ply", "html")]
-    told = abfm(line, *words, f=files)
-    assert told.out.startswith("registered: ")
-    check_message(line_with(told.err, "note: initial map"), "sphere")
-    check_message(line_with(told.out, "covered"), "100.0%")
-    assert "within distortion 2" in told.out
+    output = abfm(line, *words, f=files)
+    assert output.out.startswith("registered: ")
+    check_message(line_with(output.err, "note: initial map"), "sphere")
+    check_message(line_with(output.out, "covered"), "100.0%")
+    assert "within distortion 2" in output.out
     placed = load_mesh(tmp_path / "r.ply")
     np.testing.assert_array_equal(placed.faces, A.faces)
     found = library.load(tmp_path / "r.npz")
@@ -71,7 +71,7 @@ def test_registration_is_printed_and_written(files, abfm, tmp_path):
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "r.csv"), found.to_vertices())
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<dt>A covered</dt>" in page
-    abfm("render {t}/r.npz --out {t}/r.png --size 320x240 --transparent")  # as the window shows it
+    abfm("render {t}/r.npz --out {t}/r.png --size 320x240 --transparent")
     abfm("render {t}/r.npz --out {t}/z.html --up z")
     text = (tmp_path / "z.html").read_text(encoding="utf-8")
     shown = json.loads(re.search(r'id="page">(.*?)</script>', text).group(1))
@@ -81,39 +81,39 @@ def test_registration_is_printed_and_written(files, abfm, tmp_path):
 
 
 def test_ambiguous_initial_map_is_not_registered(files, abfm, tmp_path):
-    """However well the functions match: any turn about z is as good."""
+    """The functions match well, but every rotation about z is as good."""
     functions = "--source=expression:z --target=expression:z --initial=sphere"
     line = f"register {{f}}/a.ply {{f}}/b.ply {functions} {SHORT} --json --out={{t}}/r.npz"
-    told = abfm(line, f=files, status=3)
-    facts = json.loads(told.out)
+    output = abfm(line, f=files, status=3)
+    facts = json.loads(output.out)
     assert (facts["verdict"]["kind"], facts["verdict"]["cause"]) == ("not reached", "initial map")
     assert facts["worse_residual"] < 0.15
     assert len(facts["warnings"]) >= 1
-    assert "warning: " in told.err
+    assert "warning: " in output.err
     assert library.load(tmp_path / "r.npz").facts.outcome == "not reached"
 
 
 def test_json_of_a_registration(files, abfm):
-    told = abfm(
+    output = abfm(
         "register {f}/a.ply {f}/b.ply --channel file:{f}/a.npy file:{f}/b.npy 2 --initial=closest "
         "--mask-a=expression:x>-2 --mask-b=expression:1 --sigma=5 --json --out={t}/r.npz "
         f"{SHORT}",
         f=files,
     )
-    facts = json.loads(told.out)
+    facts = json.loads(output.out)
     assert (facts["map"]["folded"], facts["map"]["coverage"]) == (0, 1)
     check_message(facts["notes"][0], "A")
     assert (facts["parameters"]["order"], facts["parameters"]["sigma"]) == (1, 5)
 
 
-def test_data_labels_and_points_there_and_back(registration, files, apply, tmp_path):
+def test_data_labels_and_points_return(registration, files, apply, tmp_path):
     found = library.load(registration)
     for by in ("area", "point"):
         apply(f"--data={{f}}/a.npy --by={by} --out={{t}}/d.csv")
-        carried = np.loadtxt(tmp_path / "d.csv", delimiter=",")
-        np.testing.assert_allclose(carried, found.transfer(np.load(files / "a.npy"), by))
-    told = apply("--labels={f}/a.label.gii --out={t}/l.label.gii")
-    assert told.out == f"wrote {tmp_path}/l.label.gii\n"
+        transferred = np.loadtxt(tmp_path / "d.csv", delimiter=",")
+        np.testing.assert_allclose(transferred, found.transfer(np.load(files / "a.npy"), by))
+    output = apply("--labels={f}/a.label.gii --out={t}/l.label.gii")
+    assert output.out == f"wrote {tmp_path}/l.label.gii\n"
     labels, wanted = read_labels(tmp_path / "l.label.gii"), read_labels(files / "b.label.gii")
     assert labels.names == {2: "south", 5: "north"}
     assert (labels.values == wanted.values).mean() > 0.95
@@ -131,7 +131,7 @@ def test_data_labels_and_points_there_and_back(registration, files, apply, tmp_p
 
 
 def test_times_of_frames_are_kept(apply, tmp_path):
-    """From one series of CIFTI to another, as Workbench reads them."""
+    """Times of a CIFTI series are written in the format of Workbench."""
     times, values = 0.72 * np.arange(3), np.outer(A.vertices[:, 0], [1, 2, 3])
     write_values(tmp_path / "a.dtseries.nii", values, "CortexLeft", times=times)
     apply("--data={t}/a.dtseries.nii --out={t}/lh.b.dtseries.nii")
@@ -150,7 +150,7 @@ def write_two_columns(folder):
     nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), folder / "two.label.gii")
 
 
-def test_a_column_of_labels_is_chosen(registration, tmp_path, apply):
+def test_column_of_labels(registration, tmp_path, apply):
     write_two_columns(tmp_path)
     left = (A.vertices[:, 0] > 0).astype(int)
     wanted = library.load(registration).transfer_labels(left, "area")
@@ -170,8 +170,9 @@ def test_a_column_of_labels_is_chosen(registration, tmp_path, apply):
     ],
 )
 def test_unused_vertices_have_no_value(files, tmp_path, abfm, option, given, out, missing):
-    """They are NaN in data; their label is unknown, -1 in tables, never a real one. The structure
-    of the surface is written, also if no name says it.
+    """Unused vertices have NaN as data, and an unknown label (-1 in tables).
+
+    The anatomical structure of the surface is written, also if no file name has it.
     """
     loose = with_loose_vertex(A)
     numbers = loose.vertex_ids, loose.file_vertex_count
@@ -196,29 +197,29 @@ def test_unused_vertices_have_no_value(files, tmp_path, abfm, option, given, out
 def test_points_off_the_surface_are_noted(tmp_path, apply):
     for points, named in (([[0, 0, 1.0], [0, 1.25, 0]], 2), (A.vertices[[4]], None)):
         np.savetxt(tmp_path / "p.csv", points)
-        told = apply("--points={t}/p.csv --out={t}/q.csv").err
+        output = apply("--points={t}/p.csv --out={t}/q.csv").err
         if named:
-            check_message(told, named)
+            check_message(output, named)
         else:
-            assert told == ""
+            assert output == ""
 
 
-def test_map_between_surfaces_is_compared_with_a_true_one(tmp_path, abfm):
+def test_accuracy_of_a_map_between_surfaces(tmp_path, abfm):
     a, b = (load_mesh(MESHES[f"human_{pose}"]) for pose in "AB")
     count = len(a.vertices)
     Correspondence.of_same_faces(a, b).save(tmp_path / "c.npz")
     np.savetxt(tmp_path / "t.txt", np.arange(count), fmt="%d")
-    told = abfm("map {t}/c.npz --truth={t}/t.txt --out={t}/m.txt").out
-    check_message(line_with(told, "error"), "0.0000")
-    check_message(line_with(told, "covered"))
+    output = abfm("map {t}/c.npz --truth={t}/t.txt --out={t}/m.txt").out
+    check_message(line_with(output, "error"), "0.0000")
+    check_message(line_with(output, "covered"))
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "m.txt"), np.arange(count))
-    told = abfm("info {t}/c.npz").out
-    check_message(told.splitlines()[0], "2,454")
-    check_message(line_with(told, "covered"))
+    output = abfm("info {t}/c.npz").out
+    check_message(output.splitlines()[0], "2,454")
+    check_message(line_with(output, "covered"))
     assert json.loads(abfm("info {t}/c.npz --json").out)["map"]["coverage"] == 1
     for style in ("", "--style sheet"):
-        told = abfm(f"render {{t}}/c.npz --out {{t}}/x.png {style}", status=2).err
-        check_message(told, "Correspondence", "abfm info")
+        output = abfm(f"render {{t}}/c.npz --out {{t}}/x.png {style}", status=2).err
+        check_message(output, "Correspondence", "abfm info")
     facts = json.loads(abfm("map {t}/c.npz --truth identity --inverse --json").out)
     assert facts["accuracy"]["maximum"] < 1e-9
     assert facts["map"]["coverage"] == 1
@@ -242,8 +243,8 @@ def test_register_refuses_bad_input(line, named, files, tmp_path, abfm):
     (tmp_path / "p.csv").write_text("1,2\n")
     (tmp_path / "huge.csv").write_text("1e300,2\n")
     places = {"a": files / "a.ply", "b": files / "b.ply", "n": files / "a.npy"}
-    told = abfm(f"register {line}", x="expression:1+x", status=2, **places)
-    check_message(told.err, *named)
+    output = abfm(f"register {line}", x="expression:1+x", status=2, **places)
+    check_message(output.err, *named)
 
 
 @pytest.mark.parametrize(
@@ -278,9 +279,9 @@ def test_wrong_files_are_refused(registration, files, abfm):
     check_message(abfm(line, f=files, status=2).err)
 
 
-def test_advice_names_no_start_of_a_registration(files, abfm):
+def test_advice_for_a_registration_has_no_start(files, abfm):
     pair = "--source gaussian:vertex=5 --target gaussian:vertex=300 --initial=connectivity"
     line = f"register {{f}}/b.ply {{f}}/b.ply {pair} --set=iterations=3 --refine=0 --quiet"
-    told = abfm(f"{line} --out {{t}}/r.npz", f=files, status=3).out
-    assert "\nadvice: " in told
-    assert "--start" not in told
+    output = abfm(f"{line} --out {{t}}/r.npz", f=files, status=3).out
+    assert "\nadvice: " in output
+    assert "--start" not in output

@@ -1,4 +1,4 @@
-"""`abfm report`, run in this process on small spheres, with small pictures."""
+"""`abfm report` on small spheres, with small pictures."""
 
 import json
 import re
@@ -44,7 +44,7 @@ def registered():
 
 @pytest.fixture(scope="module")
 def written(registered, tmp_path_factory):
-    """The folder with the registration's file, and its page."""
+    """Return a folder with the file of the registration and its page."""
     folder = tmp_path_factory.mktemp("report")
     registered.save(folder / "r.npz")
     line = words_of(f"report {{f}}/r.npz --out {{f}}/r.html {SMALL}", f=folder)
@@ -84,62 +84,62 @@ def test_pictures_show_both_surfaces_from_both_sides(page):
 
 
 def test_numbers_are_those_of_the_registration(written, page):
-    told, found = json.loads(page.facts), library.load(written / "r.npz")
-    assert (told["file"], told["title"], told["abfm"]) == ("r.npz", TITLE, version("abfm"))
+    facts, found = json.loads(page.facts), library.load(written / "r.npz")
+    assert (facts["file"], facts["title"], facts["abfm"]) == ("r.npz", TITLE, version("abfm"))
     for name, mesh in (("a", A), ("b", B)):
-        assert told[name] == {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+        assert facts[name] == {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
     for name, one in (("map", found), ("initial_map", found.initial)):
         distortion = one.distortion()
-        assert told[name]["log2_area"] == pytest.approx(distortion.log2_area._asdict())
-        assert told[name]["log2_shape"] == pytest.approx(distortion.log2_shape._asdict())
-        assert told[name]["folded"] == distortion.folded
-        assert told[name]["coverage"] == pytest.approx(one.coverage())
-        apart = one.round_trip()._asdict()
-        assert told[name]["there_and_back"] == pytest.approx(apart, abs=1e-9)
+        assert facts[name]["log2_area"] == pytest.approx(distortion.log2_area._asdict())
+        assert facts[name]["log2_shape"] == pytest.approx(distortion.log2_shape._asdict())
+        assert facts[name]["folded"] == distortion.folded
+        assert facts[name]["coverage"] == pytest.approx(one.coverage())
+        round_trip = one.round_trip()._asdict()
+        assert facts[name]["there_and_back"] == pytest.approx(round_trip, abs=1e-9)
     match = found.match
-    assert told["residual"] == pytest.approx(match.residual)
-    assert told["verdict"]["kind"] == match.verdict.kind
-    assert len(told["path"]) == len(match.path)
-    assert told["changed_parameters"]["sigma"] == 1
-    assert "tau" not in told["changed_parameters"]
+    assert facts["residual"] == pytest.approx(match.residual)
+    assert facts["verdict"]["kind"] == match.verdict.kind
+    assert len(facts["path"]) == len(match.path)
+    assert facts["changed_parameters"]["sigma"] == 1
+    assert "tau" not in facts["changed_parameters"]
     log2 = found.distortion().log2_area
     for text in (f"{log2.mean:.3f}", f"{log2.maximum:.3f}", f"{match.residual:.3f}", "cooling"):
         assert text in page.text
-    for text in (told["headline"], *told["warnings"]):
+    for text in (facts["headline"], *facts["warnings"]):
         assert text[1:] in page.text
 
 
 def test_same_file_gives_same_bytes_and_json(written, page, abfm, tmp_path):
     line = f"report {{f}}/r.npz --out={{t}}/s.html --json {SMALL} --title"
-    told = abfm(line, TITLE, f=written)
-    assert json.loads(told.out) == json.loads(page.facts)
+    output = abfm(line, TITLE, f=written)
+    assert json.loads(output.out) == json.loads(page.facts)
     assert (tmp_path / "s.html").read_bytes() == (written / "r.html").read_bytes()
 
 
 def test_notes_and_warnings_are_on_the_page(registered, abfm, tmp_path, monkeypatch):
-    doubtful = replace(registered.match, load_warning="0.1 is said to be left")
+    recomputed = replace(registered.match, load_warning="stored residual 0.1")
     notes = ("A & B began <near> each other",)
-    other = library.Registration(registered.initial, doubtful, notes)
+    other = library.Registration(registered.initial, recomputed, notes)
     monkeypatch.setattr("abfm.load", lambda *_: other)
-    assert "0.1 is said to be left" in abfm(f"report r.npz --out {{t}}/n.html {SMALL}").err
+    assert "stored residual 0.1" in abfm(f"report r.npz --out {{t}}/n.html {SMALL}").err
     page = page_at(tmp_path / "n.html")
     assert "A & B began <near> each other." in page.text
-    assert "0.1 is said to be left." in page.text
+    assert "stored residual 0.1." in page.text
     assert json.loads(page.facts)["notes"] == list(notes)
 
 
-def test_map_without_functions_has_its_faults(abfm, tmp_path):
+def test_map_without_functions_has_warnings(abfm, tmp_path):
     moved = B.vertices + [0, 0, 1.5] + 0.15 * np.random.default_rng(0).normal(size=B.vertices.shape)
     places = project_onto_surface(A, moved)
     found = Correspondence(PointMap(B, A, places.faces, places.barycentric))
     found.save(tmp_path / "c.npz")
-    told = abfm("report {t}/c.npz --out {t}/c.html --width 40")
+    output = abfm("report {t}/c.npz --out {t}/c.html --width 40")
     folded = found.distortion().folded
     assert folded > 5
     warning = f"{folded} of {len(B.faces)} faces are folded"
-    assert f"warning: {warning}" in told.err
-    assert "report: drawing" in told.err
-    check_names(told.err, f"{100 * found.coverage():.3g}%")
+    assert f"warning: {warning}" in output.err
+    assert "report: drawing" in output.err
+    check_names(output.err, f"{100 * found.coverage():.3g}%")
     page = page_at(tmp_path / "c.html")
     assert f"Warning: {warning}" in page.text
     assert "A map without functions" in page.text
@@ -170,8 +170,8 @@ def test_symmetric_registration_has_its_page(registered, abfm, tmp_path):
 
 
 @pytest.mark.parametrize("is_mirrored", [False, True])
-def test_a_is_seen_from_where_the_map_brings_b(is_mirrored):
-    """Of a copy that is turned, pictures are those of the original, or of its mirror image."""
+def test_a_is_viewed_from_the_side_of_b(is_mirrored):
+    """Pictures of a rotated copy are those of the original, or of its mirror image."""
     places = B.vertices * [1, 1.4, 0.8] + [0, 0, 0.2] * B.vertices[:, [0]] ** 2
     copied, faces = (places * [-1, 1, 1], B.faces[:, ::-1]) if is_mirrored else (places, B.faces)
     turned = Rotation.from_rotvec([0.4, -1.9, 0.3]).apply(copied)
@@ -182,7 +182,7 @@ def test_a_is_seen_from_where_the_map_brings_b(is_mirrored):
         seen, wanted = np.asarray(one).astype(float), np.asarray(other).astype(float)
         off = [np.abs(each - wanted).mean() for each in (seen, seen[:, ::-1])]
         assert off[is_mirrored] < 0.6 * off[not is_mirrored]
-        assert is_mirrored or off[False] < 1  # light does not come from the other side there
+        assert is_mirrored or off[False] < 1  # only a mirror image has other light
 
 
 @pytest.mark.parametrize(
@@ -200,18 +200,18 @@ def test_a_is_seen_from_where_the_map_brings_b(is_mirrored):
 def test_bad_input_leaves_no_page(words, named, written, tmp_path, abfm, monkeypatch):
     refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
     monkeypatch.setattr(pictures, "registration_pictures", refuse)
-    told = abfm(f"report {words} --quiet", r=written / "r.npz", status=2)
-    check_message(told.err, *named)
+    output = abfm(f"report {words} --quiet", r=written / "r.npz", status=2)
+    check_message(output.err, *named)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_landmarks_alone_have_pages_of_places(tmp_path, abfm):
+def test_landmarks_without_functions_have_pages(tmp_path, abfm):
     found = library.register(B, B, landmarks=[[0, 20], [50, 60]])
     found.save(tmp_path / "r.npz")
     abfm(f"report {{t}}/r.npz --out={{t}}/r.html {SMALL}")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "Matched: 2 landmarks within 0." in text
-    assert "farthest landmark" in text
+    assert "largest landmark error" in text
     assert "<h2>Functions" not in text
     abfm("render {t}/r.npz --out {t}/p.html")
     text = (tmp_path / "p.html").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Steps of a path, as `abfm info` prints them."""
+"""Steps of a continuation in `abfm info`."""
 
 import json
 import math
@@ -12,8 +12,8 @@ from abfm.matching import PathStep
 from tests.viewer.cli.conftest import MESHES
 
 
-def test_info_marks_the_step_of_a_path(tmp_path, abfm):
-    """A match that is the second or the last of three steps, the second on the subdivision."""
+def test_info_marks_the_selected_step(tmp_path, abfm):
+    """The selected step is the second of three, on a subdivided mesh, or the third."""
     mesh, out = load_mesh(MESHES["eight"]), tmp_path / "m.npz"
     functions = (function(mesh, f"gaussian:vertex={vertex},width=0.2") for vertex in (10, 40))
     alone = match(mesh, *functions, Parameters.of(iterations=4, refine=0))
@@ -29,6 +29,6 @@ def test_info_marks_the_step_of_a_path(tmp_path, abfm):
         assert [line.startswith("*") for line in table] == [number == step for number in range(3)]
         assert [line.split()[-1] for line in table] == ["0", "1", "0"]
     assert lines[0].startswith(f"{out}: ")
-    told = json.loads(abfm("info {t}/m.npz --json").out)
-    assert (told["step"], told["refined"], told["path"][1]["verified_residual"]) == (2, 0, None)
-    assert [told["path"][1][name] for name in ("sigma", "refined")] == [1.0, 1]
+    facts = json.loads(abfm("info {t}/m.npz --json").out)
+    assert (facts["step"], facts["refined"], facts["path"][1]["verified_residual"]) == (2, 0, None)
+    assert [facts["path"][1][name] for name in ("sigma", "refined")] == [1.0, 1]

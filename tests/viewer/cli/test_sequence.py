@@ -1,4 +1,4 @@
-"""`abfm sequence`, and what `abfm info` and `abfm render` make of its files, in this process."""
+"""`abfm sequence`, and `abfm info` and `abfm render` of its files."""
 
 import errno
 import json
@@ -28,7 +28,7 @@ SOLVED = "--sigma 0.1 --quiet"
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """A sphere, a function that turns with it, and its solution."""
+    """Return a folder with a sphere, frames of a rotating function, and their result."""
     folder = tmp_path_factory.mktemp("film")
     export_ply(folder / "m.ply", MESH, {}, {})
     np.save(folder / "f.npy", rotating_frames())
@@ -42,24 +42,26 @@ def test_sequence_is_printed_and_written(files, tmp_path, abfm):
     outs = [tmp_path / name for name in ("s.npz", "s.pvd", "s.html")]
     tables = "--tracks {t}/t.csv --intervals {t}/i.csv"
     line = f"sequence {{f}}/m.ply {{f}}/f.npz --sigma=0.1 {tables}"
-    told = abfm(line, *(f"--out={out}" for out in outs), f=files)
-    found, wanted = (
+    output = abfm(line, *(f"--out={out}" for out in outs), f=files)
+    found, expected = (
         load(outs[0]),
         library.sequence(MESH, rotating_frames(), TIMES, defaults(sigma=0.1)),
     )
-    np.testing.assert_array_equal(found.velocity, wanted.velocity)
-    lines = told.out.splitlines()
+    np.testing.assert_array_equal(found.velocity, expected.velocity)
+    lines = output.out.splitlines()
     check_message(lines[0], 4, "matched")
     check_message(lines[1].partition(";")[0], 5, "-0.1", "0.1", 320)
-    speed = np.linalg.norm(wanted.velocity, axis=2)
+    speed = np.linalg.norm(expected.velocity, axis=2)
     everywhere = f"{np.median(speed):.3g} everywhere, at most {speed.max():.3g}, in the mesh"
     assert everywhere in lines[2]
     check_message(lines[2], "per second")
     check_message(lines[3], 3, "2 spirals")
-    check_message(line_with(told.out, "uncertainty: "), f"{np.median(found.speed_uncertainty):.3g}")
-    check_message(line_with(told.out, "frames in between: "), "100%")
+    check_message(
+        line_with(output.out, "uncertainty: "), f"{np.median(found.speed_uncertainty):.3g}"
+    )
+    check_message(line_with(output.out, "frames in between: "), "100%")
     assert "wrote " in lines[-1]
-    assert "following the frames: 50%" in told.err.splitlines()
+    assert "following the frames: 50%" in output.err.splitlines()
     assert len(read_collection(outs[1])) == 5
     assert len((tmp_path / "i.csv").read_text().splitlines()) == 5
     assert len((tmp_path / "t.csv").read_text().splitlines()) >= 9
@@ -71,13 +73,13 @@ def test_sequence_is_printed_and_written(files, tmp_path, abfm):
 
 
 def test_frames_have_times(files, tmp_path, abfm):
-    told = abfm(f"sequence {{f}}/m.ply {{f}}/f.npz --dt=1 {SOLVED} --out={{t}}/a.npz", f=files)
-    assert told.err == ""
-    assert "per second" in told.out
+    output = abfm(f"sequence {{f}}/m.ply {{f}}/f.npz --dt=1 {SOLVED} --out={{t}}/a.npz", f=files)
+    assert output.err == ""
+    assert "per second" in output.out
     np.testing.assert_array_equal(load(tmp_path / "a.npz").times, np.arange(5))
-    told = abfm(f"sequence {{f}}/m.ply {{f}}/f.npy {SOLVED} --out={{t}}/a.npz", f=files)
-    check_message(line_with(told.err, "note: "), 1, "--dt")
-    assert "per frame" in told.out
+    output = abfm(f"sequence {{f}}/m.ply {{f}}/f.npy {SOLVED} --out={{t}}/a.npz", f=files)
+    check_message(line_with(output.err, "note: "), 1, "--dt")
+    assert "per frame" in output.out
     assert "unit per frame\n" in abfm("info {t}/a.npz").out
 
 
@@ -109,16 +111,16 @@ def test_sheet_of_a_sequence(files, tmp_path, abfm):
     )
     assert one.shape == other.shape == (250, 450, 3)
     red, blue = (np.abs(one - [r, 40, b]).sum(axis=2) < 90 for r, b in ((200, 50), (40, 150)))
-    assert min(red.sum(), blue.sum()) > 1200  # of the function's colours
-    assert (np.abs(one - other).max(axis=2) > 20).sum() > 500  # it has turned
+    assert min(red.sum(), blue.sum()) > 1200  # in the colours of the function
+    assert (np.abs(one - other).max(axis=2) > 20).sum() > 500  # the function has rotated
     for words, named in (
         ("a.png --time=3", ["-0.1", "0.1"]),
         ("a.png --channel=1", ["--channel", 0]),
         ("a.png --streaks", ["--streaks"]),
         ("a.html --time=0", ["--time"]),
     ):
-        told = abfm(f"render {{f}}/s.npz --out {{t}}/{words}", f=files, status=2)
-        check_message(told.err, *named)
+        output = abfm(f"render {{f}}/s.npz --out {{t}}/{words}", f=files, status=2)
+        check_message(output.err, *named)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +142,7 @@ def test_sheet_of_a_sequence(files, tmp_path, abfm):
         ("{m} {t}/x/x_1.vtu --out {t}/x.pvd", ["x.pvd", "x_1.vtu"]),
         ("{m} {f} --mask={t}/t.csv --intervals={t}/t.csv --out={t}/a.npz", ["t.csv"]),
         (f"{{m}} {{f}} --mask {'a+' * 200} --out {{t}}/a.npz", []),
-        ("{t}/x/m.ply {f} --out {t}/x.pvd", ["m.ply"]),  # which no frame is called as
+        ("{t}/x/m.ply {f} --out {t}/x.pvd", ["m.ply"]),  # not the name of a frame
         ("{m} {f} --out {t}/file.pvd", []),
     ],
 )
@@ -150,15 +152,15 @@ def test_bad_input_is_refused(line, named, files, tmp_path, abfm):
     np.savez(tmp_path / "back.npz", frames=rotating_frames(), times=TIMES[::-1])
     (tmp_path / "x").mkdir()
     for name in ("file", "x.pvd", "x/x_1.vtu", "x/m.ply", "t.csv"):
-        (tmp_path / name).write_text("theirs")
-    told = abfm(f"sequence {line}", m=files / "m.ply", f=files / "f.npy", status=2)
-    check_message(told.err.splitlines()[-1], *named)
+        (tmp_path / name).write_text("other")
+    output = abfm(f"sequence {line}", m=files / "m.ply", f=files / "f.npy", status=2)
+    check_message(output.err.splitlines()[-1], *named)
     assert not (tmp_path / "a.npz").exists()
-    assert (tmp_path / "x.pvd").read_text() == (tmp_path / "t.csv").read_text() == "theirs"
+    assert (tmp_path / "x.pvd").read_text() == (tmp_path / "t.csv").read_text() == "other"
 
 
 def test_interrupted_sequence_resumes(files, tmp_path, abfm, monkeypatch):
-    """A signal keeps the intervals that are solved; the same command gives what one run gives."""
+    """Solved intervals are kept after a signal; the resumed result is that of a single run."""
     times = 0.01 * np.arange(20)
     np.savez(tmp_path / "long.npz", frames=rotating_frames(times=times), times=times)
     line = "sequence {f}/m.ply {t}/long.npz --sigma=0.1 --out={t}/a.npz"
@@ -166,22 +168,22 @@ def test_interrupted_sequence_resumes(files, tmp_path, abfm, monkeypatch):
     seen = []
 
     def interrupted(text):
-        # at the first tenth that is reported: others may be left out
+        # at the first reported tenth, since later ones may be skipped
         if text.startswith("following the frames: ") and not seen:
             seen.append(text)
             os.kill(os.getpid(), signal.SIGTERM)  # shells may ignore SIGINT in the background
 
     with monkeypatch.context() as patched:
         patched.setattr(progress, "print_line", interrupted)
-        told = abfm(line, f=files, status=143).out
-    assert told.startswith("cancelled: ")
+        output = abfm(line, f=files, status=143).out
+    assert output.startswith("cancelled: ")
     found = load(tmp_path / "a.npz")
     solved = np.abs(found.velocity).max(axis=(1, 2)) > 0
     assert 1 <= np.count_nonzero(solved) < 19
     kinds = np.array([verdict.kind for verdict in found.verdicts])
     assert set(kinds[~solved]) == {"not reached"}
-    [kept] = tmp_path.glob("a.npz-*.unfinished")
-    check_names(told, kept, np.count_nonzero(~solved))
+    [checkpoint] = tmp_path.glob("a.npz-*.unfinished")
+    check_names(output, checkpoint, np.count_nonzero(~solved))
     note = line_with(abfm(line, "--quiet", f=files).err, "note: ")
     check_names(note, np.count_nonzero(solved), 19)
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "complete.npz").read_bytes()
@@ -195,19 +197,19 @@ def test_sequence_without_solutions_has_no_speed(files):
     _, first, *others = SequenceTask.report.lines(found)
     check_message(first, 0, 4)
     check_message(next(line for line in others if "speed" in line))
-    told = json.loads(json.dumps(SequenceTask.report.details(found)))
-    assert (told["solved"], told["episodes"]) == (0, [])
-    assert set(told["speed"].values()) == {None}
+    output = json.loads(json.dumps(SequenceTask.report.details(found)))
+    assert (output["solved"], output["episodes"]) == (0, [])
+    assert set(output["speed"].values()) == {None}
 
 
-def test_failed_output_leaves_no_unfinished_file(files, tmp_path, abfm, monkeypatch):
-    """The result is safe in the other output, and the message names no temporary folder."""
+def test_failed_output_leaves_no_checkpoint(files, tmp_path, abfm, monkeypatch):
+    """The other output has the result, and the message has no temporary folder."""
     full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
     monkeypatch.setattr("abfm.io.exports.unstructuredGridToVTK", full, raising=True)
     line = f"sequence {{f}}/m.ply {{f}}/f.npz {SOLVED} --out {{t}}/a.npz --out {{t}}/b.pvd"
-    told = abfm(line, f=files, status=2).err.splitlines()[-1]
-    check_message(told, "b_0000.vtu", "space")
-    assert ".abfm-" not in told
+    output = abfm(line, f=files, status=2).err.splitlines()[-1]
+    check_message(output, "b_0000.vtu", "space")
+    assert ".abfm-" not in output
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
 
 

@@ -1,4 +1,4 @@
-"""Signals, broken pipes and what is printed, mostly in processes of their own."""
+"""Signals, broken pipes and output, mostly in subprocesses."""
 
 import json
 import os
@@ -41,14 +41,14 @@ LONG = argv(
 
 
 def _limited():
-    """Let a process be interrupted, and end it if a test does not."""
+    """Allow interrupts, and limit the processor time of a process."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS_MAX, CPU_SECONDS_MAX))
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="limits address space as Linux does")
+@pytest.mark.skipif(sys.platform != "linux", reason="needs limits of the address space")
 def test_little_memory_is_reported_before_loading():
-    """In its middle, OpenBLAS would retry without end."""
+    """During the import, OpenBLAS would retry forever."""
 
     def limit():
         resource.setrlimit(resource.RLIMIT_AS, 2 * (350_000 << 10,))
@@ -60,7 +60,7 @@ def test_little_memory_is_reported_before_loading():
 
 
 def start(*words):
-    """A process whose progress comes line by line through stderr, and which may be interrupted."""
+    """Start a command that can be interrupted, with its output in pipes."""
     return subprocess.Popen(
         [sys.executable, "-c", PROGRAM, *words],
         stdout=subprocess.PIPE,
@@ -70,40 +70,40 @@ def start(*words):
     )
 
 
-def ended(process, number):
-    """What a process says when a signal ends it."""
+def output_after(process, number):
+    """Send a signal, check the exit status, and return stdout and stderr."""
     process.send_signal(number)
-    told, errors = process.communicate(timeout=60)
+    output, errors = process.communicate(timeout=60)
     assert process.returncode == 128 + number
-    return told, errors
+    return output, errors
 
 
-def test_signal_ends_the_match_and_keeps_its_best_result(tmp_path):
+def test_signal_keeps_the_best_field(tmp_path):
     process = start(*LONG, str(tmp_path / "m.npz"))
     while "iteration 10 " not in process.stderr.readline():
         assert process.poll() is None
-    told, errors = ended(process, signal.SIGTERM)
+    output, errors = output_after(process, signal.SIGTERM)
     assert "stopping" in errors
     assert "Traceback" not in errors
-    assert "cancelled: " in told
+    assert "cancelled: " in output
     match = load(tmp_path / "m.npz")
     assert match.stop_reason == "cancelled"
     assert len(match.energy_history) > 10
     assert match.residual < match.initial_residual
 
 
-def test_signal_ends_a_benchmark_with_finished_rows(tmp_path):
-    """Nothing is raised while libraries call back into Python: they would print it and go on."""
+def test_signal_keeps_finished_problems_of_bench(tmp_path):
+    """No exception is raised in callbacks of libraries, which would print it and continue."""
     ball = off_file(tmp_path / "ball.off", icosphere(1))
     process = start("bench", "--success", "--only-given", "--meshes", ball, "--jobs=1", "--json")
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
-    told, errors = ended(process, signal.SIGTERM)
-    said = "stopping with the finished problems; press Ctrl-C again to exit immediately"
+    output, errors = output_after(process, signal.SIGTERM)
+    message = "stopping with the finished problems; press Ctrl-C again to exit immediately"
     lines = errors.splitlines()
-    assert lines.count(said) == 1
-    lines.remove(said)  # what is finished by then may be told before or after it
-    report = json.loads(told)
+    assert lines.count(message) == 1
+    lines.remove(output)  # rows may finish before or after it
+    report = json.loads(output)
     assert report["interrupted"]
     assert 1 <= len(report["rows"]) < 6
     assert [line.split("/6 ")[0] for line in lines] == [
@@ -111,14 +111,14 @@ def test_signal_ends_a_benchmark_with_finished_rows(tmp_path):
     ]
 
 
-def test_interrupt_before_the_solve_writes_nothing(tmp_path, monkeypatch, capsys):
+def test_early_interrupt_writes_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("abfm.matching.task.mesh_of", Mock(side_effect=KeyboardInterrupt))
     assert main([*LONG, str(tmp_path / "m.npz")]) == 130
     assert capsys.readouterr().err == "abfm: interrupted\n"
     assert list(tmp_path.iterdir()) == []
 
 
-def test_signal_ends_a_movie_and_leaves_the_older_file(tmp_path):
+def test_signal_keeps_an_older_movie(tmp_path):
     movie = tmp_path / "m.mp4"
     movie.write_text("older")
     document = MatchDocument((Surface(icosphere(1), "ball"),))
@@ -126,14 +126,14 @@ def test_signal_ends_a_movie_and_leaves_the_older_file(tmp_path):
     options = ["--from", "0", "--to", "0", "--size", "320x240", "--seconds", "60", "--progress"]
     process = start("render", tmp_path / "m.abfm", "--out", movie, *options)
     assert '"frame": 1,' in process.stdout.readline()
-    told, errors = ended(process, signal.SIGINT)
-    assert "wrote" not in told
+    output, errors = output_after(process, signal.SIGINT)
+    assert "wrote" not in output
     check_message(errors)
     assert movie.read_text() == "older"
     assert {path.name for path in tmp_path.iterdir()} == {"m.abfm", "m.mp4"}
 
 
-LOADING = """
+SIGNAL_IN_IMPORT = """
 import os, signal, sys
 
 class Finder:
@@ -147,7 +147,7 @@ def kill():
     try: os.kill(os.getpid(), {number}); sum(range(10**6))
     except BaseException: os._exit(1)
 
-signal.signal({number}, signal.SIG_DFL)  # tests may run where it is ignored
+signal.signal({number}, signal.SIG_DFL)  # the parent may ignore it
 sys.meta_path.insert(0, Finder())
 sys.argv = ['abfm', 'info']
 from abfm_viewer.{module} import main; sys.exit(main({words}))
@@ -162,14 +162,14 @@ from abfm_viewer.{module} import main; sys.exit(main({words}))
         ("kill", "", "app", signal.SIGTERM),
     ],
 )
-def test_signal_inside_an_import_ends_in_one_line(act, words, module, number):
-    """Where compiled code would swallow what is raised, nothing is raised."""
-    done = python(LOADING.format(act=act, words=words, module=module, number=int(number)))
+def test_signal_during_an_import_prints_one_line(act, words, module, number):
+    """No exception is raised in compiled code, which would swallow it."""
+    done = python(SIGNAL_IN_IMPORT.format(act=act, words=words, module=module, number=int(number)))
     program = {"cli": "abfm", "app": "abfm-viewer"}[module]
     assert (done.returncode, done.stderr) == (128 + number, f"{program}: interrupted\n")
 
 
-LEAVING = """
+SECOND_SIGNAL = """
 import os, signal, sys, tempfile
 from pathlib import Path
 from unittest.mock import Mock
@@ -184,7 +184,7 @@ def run():
         os.kill(os.getpid(), signal.SIGTERM)
 
 def clean_up():
-    os.kill(os.getpid(), signal.SIGINT)  # another one meanwhile
+    os.kill(os.getpid(), signal.SIGINT)  # a second signal
     sum(range(10**6))
 
 exit_on_signals("abfm")
@@ -193,9 +193,11 @@ sys.exit(program_status("abfm", run))
 """
 
 
-def test_second_signal_lets_files_be_removed(tmp_path):
+def test_second_signal_still_removes_files(tmp_path):
     (tmp_path / "m.npz").write_text("old")
-    done = python(LEAVING, cwd=tmp_path, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    done = python(
+        SECOND_SIGNAL, cwd=tmp_path, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    )
     assert (done.returncode, done.stdout, done.stderr) == (143, "before", "abfm: interrupted\n")
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"m.npz": "old"}
 
@@ -211,17 +213,19 @@ def test_ignored_signal_stays_ignored():
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks at processes through /proc")
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="reads /proc")
 def test_helper_process_ends_with_its_parent():
-    """A kill leaves that no time to end its helpers."""
+    """A killed process cannot end its helpers."""
     script = (
         "import os; from abfm.workers.process import ChildProcess\n"
         "process = ChildProcess('abfm.workers')\n"
         "print(process.pid, os.getpgid(process.pid) != os.getpgid(0), flush=True)\n"
         "os.kill(os.getpid(), 9)\n"
     )
-    helper, is_apart = python(script, capture_output=False, stdout=subprocess.PIPE).stdout.split()
-    assert is_apart == "True"  # Ctrl-C on a terminal goes to a whole group
+    helper, has_own_group = python(
+        script, capture_output=False, stdout=subprocess.PIPE
+    ).stdout.split()
+    assert has_own_group == "True"  # a terminal sends Ctrl-C to the group of the parent
     for _ in range(600):
         try:
             if ") Z " in Path(f"/proc/{helper}/stat").read_text():
@@ -229,11 +233,11 @@ def test_helper_process_ends_with_its_parent():
         except OSError:
             return
         time.sleep(0.1)
-    pytest.fail("the helper lives on")
+    pytest.fail("the helper still runs")
 
 
 def shell(line, *words, **environment):
-    """Run a line of the shell, where ABFM stands for the program and "$@" for the words."""
+    """Run a line of the shell, in which ABFM is the program and "$@" are the words."""
     program = shlex.join([sys.executable, "-c", PROGRAM])
     done = subprocess.run(
         ["bash", "-c", line.replace("ABFM", program), "bash", *words],
@@ -244,7 +248,7 @@ def shell(line, *words, **environment):
     return done.returncode, done.stdout, done.stderr
 
 
-def test_help_needs_neither_its_letters_nor_a_reader():
+def test_help_without_encoding_or_reader():
     assert shell("set -o pipefail; ABFM match --help | true") == (0, b"", b"")
     status, out, errors = shell("ABFM match --help", PYTHONIOENCODING="cp1252")
     assert (status, errors) == (0, b"")
@@ -252,21 +256,21 @@ def test_help_needs_neither_its_letters_nor_a_reader():
     out.decode("cp1252")
 
 
-def test_closed_streams_are_no_error():
+def test_closed_streams_are_allowed():
     assert shell('ABFM info "$@" >&-', EIGHT) == (0, b"", b"")
     status, out, _ = shell("ABFM 2>&- <&-")
     assert status == 0
     assert b"match" in out
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a disk that is full")
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a full disk")
 def test_lost_output_is_reported():
     expected = b"abfm: cannot write the output: No space left on device\n"
     assert shell("ABFM >/dev/full") == (2, b"", expected)
     assert shell("ABFM info none.off 2>/dev/full") == (2, b"", b"")
 
 
-def test_match_is_written_if_nobody_reads_messages(tmp_path):
+def test_match_is_written_without_a_reader(tmp_path):
     out = tmp_path / "m.npz"
     words = ["match", EIGHT, *PAIR, "--set=iterations=30", "--refine=0", "--out", out]
     status, _, _ = shell('set -o pipefail; ABFM "$@" 2>&1 | head -c 1 >/dev/null', *words)
@@ -294,7 +298,7 @@ NAMES = ["a\nb.off", "a\rb\x1b[2J.off", "\udcff.off", "a" * 50_000 + ".off", "\u
         "bench --success --only-given --meshes NAME --json NAME",
     ],
 )
-def test_names_of_all_letters_make_one_bounded_line(line, name, tmp_path, monkeypatch, capsys):
+def test_strange_names_print_one_short_line(line, name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").touch()
     used = [word.replace("NAME", name).replace("EIGHT", EIGHT) for word in line.split()]

@@ -1,4 +1,4 @@
-"""Which of several ways to solve one problem is best."""
+"""The best rows of a batch that solves one problem with several settings."""
 
 import math
 
@@ -14,7 +14,7 @@ PROBLEM = {"mesh": "a.off", "source": "coordinate:x", "target": "coordinate:y"}
 
 
 def swept(*numbers, sigma="0.1", verdicts=None, over=None):
-    """Rows of a sweep over alpha, with their residuals and mean |log2 J|."""
+    """Return rows of a sweep over alpha with given residuals and mean |log2 J|."""
     alphas = [str(0.01 * 2**i) for i in range(len(numbers))]
     over = over or {"alpha": alphas}
     fixed = [(name, text) for name, text in PROBLEM.items() if name not in over]
@@ -44,20 +44,20 @@ def test_best_rows():
     (both,) = best_of(swept((0.02, 0.1), (0.03, 0.4))).sentences()
     check_message(both, "alpha 0.01", "2%", "0.10")
     unknown = best_of(swept((0.02, math.nan), (0.01, math.nan)))
-    assert unknown.sentences() == ["closest: alpha 0.02: 1% left"]
+    assert unknown.sentences() == ["closest match: alpha 0.02: residual 1%"]
 
 
 def numbers(rows, best):
-    """Numbers of the closest, of the one that changes areas least, and of those undominated."""
+    """Return the numbers of the closest, the least distorted and the undominated rows."""
     of = {row.name: number for number, row in enumerate(rows)}
-    told = best.to_dict()
+    names = best.to_dict()
     undominated = sorted(of[name] for name in best.undominated)
-    return of[told["closest"]], of.get(told["areas_change_least"]), undominated
+    return of[names["closest"]], of.get(names["areas_change_least"]), undominated
 
 
 @pytest.mark.parametrize(
     ("rows", "wanted"),
-    [  # those that did not reach their target count only among themselves
+    [  # rows that reached their target are preferred
         (
             swept((0.02, 0.1), (0.3, 0.05), (0.04, 0.2), verdicts=2 * ["not reached"] + ["nearly"]),
             (2, 2, [2]),
@@ -67,33 +67,35 @@ def numbers(rows, best):
         (swept((0.02, math.nan), (0.01, math.nan)), (1, None, [])),
     ],
 )
-def test_failures_equals_and_unknowns(rows, wanted):
+def test_best_rows_with_failures_and_equal_numbers(rows, wanted):
     assert numbers(rows, best_of(rows)) == wanted
 
 
 @pytest.mark.parametrize("sigma", ["0.1", "auto"])
-def test_closer_than_noise_is_no_better(sigma):
-    told = best_of(swept((0.2, 0.1), (0.3, 0.2), sigma=sigma, verdicts=["registered"] * 2))
-    assert ("noise" in told.sentences()[-1]) == (sigma != "auto")
+def test_note_about_residuals_below_noise(sigma):
+    best = best_of(swept((0.2, 0.1), (0.3, 0.2), sigma=sigma, verdicts=["registered"] * 2))
+    assert ("noise" in best.sentences()[-1]) == (sigma != "auto")
 
 
-def test_of_several_problems_none_is_best():
+def test_different_problems_have_no_best_row():
     assert best_of([]) is None
     assert best_of(swept((0.02, 0.1), None)) is None
     assert best_of(swept((math.nan, 0.1), (0.1, 0.1))) is None
     over = {"source": ["coordinate:y", "coordinate:z"]}
     assert best_of(swept((0.02, 0.1), (0.03, 0.1), over=over)) is None
-    film = LedgerEntry(Row("film", {"mesh": "a.off", "frames": "f.npy"}), "done")
-    of_film = Facts(Outcome.MATCHED, "", numbers={"residual": 0.1, "motion_share": 0.5})
-    assert best_of([SummaryRow(film, of_film)] * 2) is None
+    sequence = LedgerEntry(Row("sequence", {"mesh": "a.off", "frames": "f.npy"}), "done")
+    of_sequence = Facts(Outcome.MATCHED, "", numbers={"residual": 0.1, "motion_share": 0.5})
+    assert best_of([SummaryRow(sequence, of_sequence)] * 2) is None
 
 
 def test_page_frames_undominated_rows():
     over = {"alpha": ["0.01", "0.02"], "sigma-unit": ["relative", "absolute"]}
     rows = swept((0.02, 0.5), (0.03, 0.6), (0.04, 0.2), (0.05, 0.3), over=over)
     text = batch_page("a sweep", rows, {})
-    assert "Closest: alpha 0.01, sigma-unit relative: 2% left, mean |log2 J| 0.50." in text
-    assert "areas change least: alpha 0.02, sigma-unit relative: 4% left" in text
+    assert (
+        "Closest match: alpha 0.01, sigma-unit relative: residual 2%, mean |log2 J| 0.50." in text
+    )
+    assert ": alpha 0.02, sigma-unit relative: residual 4%" in text
     assert text.count('<td><span class="framed">') == 2
     assert "0.500</td>" in text
     alone = batch_page("a batch", rows[:1], {})
