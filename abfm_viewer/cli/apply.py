@@ -74,26 +74,27 @@ _DISTANCE_MAX = 1.0  # larger ones are errors
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    add("registration", "result of `abfm register`", "REG.npz")
-    choose = adder(parser.add_mutually_exclusive_group(required=True))
+    add("registration", "result of `abfm register` or `abfm symmetric`", "REG.npz")
+    data = parser.add_argument_group("data to transfer (give one)")
+    choose = adder(data.add_mutually_exclusive_group(required=True))
     choose("--data", "values per vertex: a table, array, GIFTI, CIFTI, ...", "FILE")
     choose("--labels", "labels: .label.gii, .annot, .dlabel.nii, or a table of integers", "FILE")
     choose("--points", "table of vertex numbers, counted from 0, or of x, y, z", "FILE")
     choose("--texture", "mesh with a texture or colours: .obj, .glb, .gltf, .ply", "FILE")
-    add("--image", "image of the texture, instead of the one that the mesh file names", "FILE")
-    add(
-        "--size",
-        "pixels along a side of the new image (default: 2048, or 4096 for many faces)",
-        "N",
-        type=texels,
-    )
+    add = adder(parser.add_argument_group("data and labels"))
+    about = "interpolation: by area or at points (default: area)"
+    add("--by", about, "{area,point}", choices=("area", "point"))
     add("--column", "column of --labels: its name, or its number counted from 0", "NAME")
-    add("--hemisphere", "hemisphere of --data and --labels with both (CIFTI)", choices=("L", "R"))
+    add("--hemisphere", "hemisphere of files with both (CIFTI)", choices=("L", "R"))
+    add = adder(parser.add_argument_group("points and textures"))
     add("--one-based", "count the vertices of --points from 1 instead of 0")
+    add("--image", "image of the texture, instead of the one that the mesh file names", "FILE")
+    about = "pixels along a side of the new image (default: 2048, or 4096 for many faces)"
+    add("--size", about, "N", type=texels)
+    add = adder(parser.add_argument_group("output"))
     add("--inverse", "transfer from B to A")
-    what = "interpolation of --data and --labels (default: area)"
-    add("--by", what, "{area,point}", choices=("area", "point"))
-    add("--out", "output file: .shape.gii, .annot, .csv, .obj, .glb, ...", "FILE", type=Path)
+    what = "output file: .shape.gii, .annot, .csv, .obj, .glb, ..."
+    add("--out", what, "FILE", type=Path)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -62,7 +62,8 @@ Solve a table of problems, one per row, on the cores of this machine or on a Das
 result is a file DIR/<digest>.npz. Run the same command again to resume: it solves only the rows
 without a result. Rows that fail are reported and do not stop the others.
 
-With --over, solve one match with all combinations of some option values, without a table.
+With --over, solve one match with all combinations of some option values, without a table. Its
+options are those of `abfm match`.
 
 Examples:
   abfm batch table.csv --out results

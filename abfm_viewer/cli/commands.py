@@ -35,7 +35,8 @@ Try `abfm demo` first; then
   abfm match mesh.off --source gaussian:vertex=10 --target gaussian:vertex=200 --out match.npz
   abfm render match.npz --out match.png
 
-`abfm COMMAND --help` shows the most used options of a command, `--help-all` all of them.
+`abfm COMMAND --help` shows the most used options of a command, `--help-all` all of them. The window
+is `abfm-viewer`.
 
 commands:
 """

@@ -224,7 +224,7 @@ def add_inputs(parser: Parser, inputs: Sequence[Input], without: Iterable[str] =
         groups[each.group].add_argument(name, **settings)
     if rare:
         add = adder(groups[rare[0].group])
-        text = "set an advanced parameter, such as levels=1 (--help-all lists them); repeatable"
+        text = f"set an advanced parameter, such as {rare[0].name}=1; repeatable"
         add("--set", text, "NAME=VALUE", action="append", default=[])
         parser.settings += map(_setting, rare)
 

@@ -77,10 +77,10 @@ _HELP = {
     "beta": "weight of the gradient of the mismatch; above 0, slopes must match as well",
     "divergence": "weight of the divergence relative to the curl; 1 as in the paper, larger values "
     "preserve areas; auto: 10 for functions that match exactly, 1 for measured functions",
-    "sigma": "weight of the smoothness relative to the mismatch, at the end of the continuation; "
+    "sigma": "weight of the smoothness relative to the mismatch, the last of decreasing values; "
     "smaller values match more closely; auto: the closest match that passes verification",
     "landmark_sigma": "error of a landmark, as a fraction of sqrt(area), that costs as much as its "
-    "correction, at the end of the continuation; smaller values match landmarks more closely",
+    "correction, the last of decreasing values; smaller values match landmarks more closely",
     "goal": "largest residual that counts as matched, of the discrete flow and of flow lines",
     "refine": "largest number of subdivisions of a mesh that is too coarse; 0 for none; auto: "
     "chosen from its resolution",

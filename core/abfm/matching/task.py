@@ -27,6 +27,7 @@ from abfm.matching.result import Match, load_match
 from abfm.outcome import Facts, worse_residual
 from abfm.parameters import Parameters
 from abfm.tasks.inputs import (
+    CHANNELS_HELP,
     FUNCTIONS_HELP,
     MESH_FORMATS,
     MESH_INPUTS,
@@ -164,7 +165,7 @@ class MatchTask(Task):
     kind: ClassVar = "match"
     summary: ClassVar = "match two functions on a mesh by the flow of a vector field"
     description: ClassVar = _DESCRIPTION
-    details: ClassVar = f"{FUNCTIONS_HELP}\n{STATUS_HELP}"
+    details: ClassVar = f"{FUNCTIONS_HELP}\n{CHANNELS_HELP}\n{STATUS_HELP}"
     output_help: ClassVar = (
         "result (.npz), mesh with fields for other programs (.ply, .vtu), energies (.csv), or "
         "interactive page (.html)"

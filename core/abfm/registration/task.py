@@ -21,6 +21,7 @@ from abfm.registration.initial import METHODS, method_of, read_landmarks
 from abfm.registration.register import MEASURED_PARAMETERS, prepare
 from abfm.registration.registration import Registration, load_registration
 from abfm.tasks.inputs import (
+    CHANNELS_HELP,
     FUNCTIONS_HELP,
     MESH_FORMATS,
     MESH_INPUTS,
@@ -141,6 +142,7 @@ be wrong, 2 for bad input.
 """
 _DETAILS = f"""\
 {FUNCTIONS_HELP}
+{CHANNELS_HELP}
 Initial maps (--initial):
 {_METHODS}
 The default is the best of the candidates that apply. They are compared by their distortion, by the

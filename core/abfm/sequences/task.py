@@ -33,6 +33,7 @@ from abfm.sequences.sequence import GAMMA, GAMMA_MAX, Sequence, load_sequence, s
 from abfm.sequences.verdicts import NUMBERS, facts_of_intervals
 from abfm.tasks.inputs import (
     CIRCULAR_INPUT,
+    FUNCTIONS_HELP,
     MESH_FORMATS,
     MESH_INPUTS,
     Input,
@@ -120,7 +121,7 @@ Examples:
 The exit status is 0 if flow lines confirm at least half of the intervals, 3 if they confirm fewer,
 2 for bad input.
 """
-_DETAILS = """\
+_DETAILS = f"""\
 Frames:
   an array (T, V) or (T, V, C) in .npy, .mat or .npz ("frames", optionally "times")
   a table, GIFTI, CIFTI or .mgh file with one column per frame
@@ -130,6 +131,7 @@ Rows with a vertex number are assigned to that vertex.
 
 Fields of neighbouring intervals are coupled (--gamma). Flow lines verify each field.
 
+{FUNCTIONS_HELP}
 Exit status:
   0    flow lines confirm at least half of the intervals
   2    bad input
@@ -175,7 +177,7 @@ class SequenceTask(Task):
     inputs: ClassVar = (
         file_input("mesh", MESH_FORMATS, "MESH", is_argument=True),
         file_input(
-            "frames", f"the frames: {', '.join(FRAMES_ENDINGS)}", "FRAMES", is_argument=True
+            "frames", f"file of frames: {', '.join(FRAMES_ENDINGS)}", "FRAMES", is_argument=True
         ),
         number_input(
             "dt",

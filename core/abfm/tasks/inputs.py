@@ -46,8 +46,12 @@ Functions (SPEC):
   scaled:2,offset=1(SPEC)         a function times a factor, plus an offset
   circular:period=360(SPEC)       cosine and sine of phases
 Vertices are counted from 0, as in the mesh file. Widths, radii and times refer to the mesh scaled
-to unit area. A channel is a source and a target with the weight of their mismatch; --source and
---target are a channel of weight 1. A mask is a weight of each vertex.
+to unit area. A mask (--mask, --mask-a, --mask-b) is a weight of each vertex.
+"""
+CHANNELS_HELP = """\
+Channels:
+  A channel is a source, a target and the weight of their mismatch; --source and --target are a
+  channel of weight 1. All channels have the same flow.
 """
 _CHANNEL = "SRC DST WEIGHT"
 Rename = Callable[[str], str]
@@ -317,7 +321,7 @@ def function_input(name: str, help: str) -> Input:
 
 def mask_input(name: str, help: str) -> Input:
     """Return the input of a mask: a nonnegative weight at each vertex."""
-    text = f"mask: {help}, at least 0; a file of values or a SPEC"
+    text = f"{help}, at least 0: a file of values or a SPEC"
     return Input(name=name, help=text, metavar="FILE", group="functions", renamed=renamed_function)
 
 
