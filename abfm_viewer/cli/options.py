@@ -77,7 +77,7 @@ class Parser(argparse.ArgumentParser):
 
     @property
     def usage_line(self) -> str:
-        """The command with its arguments and required options."""
+        """The command with its arguments and required options, in one line."""
         words = [self.prog]
         for action in self._actions:
             if isinstance(action, argparse._SubParsersAction):
@@ -127,7 +127,7 @@ class Parser(argparse.ArgumentParser):
 
 
 class _HelpAll(argparse.Action):
-    """Prints the text of ``--help-all`` and ends the program."""
+    """Action that prints the text of ``--help-all`` and ends the program."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> NoReturn:
         assert isinstance(parser, Parser)
