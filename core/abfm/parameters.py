@@ -63,11 +63,14 @@ class Range(NamedTuple):
         return above and value <= self.high and (value == 0 or value >= VALUE_MIN)
 
     def __str__(self) -> str:
-        low = f"{'above' if self.without_low else 'at least'} {self.low:g}"
+        low = f"{'above' if self.without_low else 'of at least'} {self.low:g}"
         if self.high == COUNT_MAX:
             return low
-        small = "" if self.low else f", and at least {VALUE_MIN:g} if it is not 0"
-        return f"{low} and at most {self.high:g}{'' if self.high < COUNT_MAX else small}"
+        if self.high < COUNT_MAX or self.low:
+            return f"{low} and at most {self.high:g}"
+        if self.without_low:
+            return f"{low} (from {VALUE_MIN:g} to {self.high:g})"
+        return f"{low} and at most {self.high:g}, and of at least {VALUE_MIN:g} if it is not 0"
 
 
 _HELP = {

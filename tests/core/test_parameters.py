@@ -1,4 +1,4 @@
-"""Parameters are checked when they are made, and Table 1."""
+"""Checks of parameters, and Table 1 of the paper."""
 
 import json
 from itertools import pairwise
@@ -14,7 +14,8 @@ from abfm.parameters import FIELDS, FIRST_SIGMA_MAX, LAST_SIGMA, TABLE_1, Solver
 from tests.messages import raises
 
 
-def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
+def test_segments_depend_on_method():
+    """Linearised flows have 10 segments by default; every parameter has a help text."""
     assert Parameters().solver.segments == 0
     assert Parameters.of(method="linearised").solver.segments == 10
     assert Parameters.of(method="linearised", segments=3).solver.segments == 3
@@ -53,12 +54,14 @@ def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
         ({"sigma_unit": "metres"}, ("metres", "relative", "absolute", "sigma_unit")),
     ],
 )
-def test_bad_values_are_refused_in_words(changes, named):
+def test_invalid_values_are_refused(changes, named):
+    """The message names the parameter, the value and the allowed range."""
     with raises(ParameterError, *named):
         Parameters.of(**changes)
 
 
-def test_round_trip_unknown_names_and_plain_numbers():
+def test_parameters_round_trip():
+    """JSON preserves parameters, unknown names are refused, and numbers become Python numbers."""
     for p in (Parameters.of(alpha=3.0, method="linearised", segments=4), Parameters(sigma=0.3)):
         assert Parameters.of(**json.loads(json.dumps(p.to_dict()))) == p
     with raises(ParameterError, "aplha"):
@@ -70,7 +73,7 @@ def test_round_trip_unknown_names_and_plain_numbers():
     assert kinds == [float, int, int, int]
 
 
-def test_values_that_are_missing_take_their_defaults():
+def test_missing_values_are_defaults():
     given = {"tau": 2.0, "alpha": 0.02, "iterations": 150}
     parts = Parameters(tau=2.0, alpha=0.02, solver=SolverSettings(iterations=150))
     assert Parameters.of(**given) == parts
@@ -88,11 +91,12 @@ def test_cooling_ends_at_sigma_within_the_iterations(sigma, stages, iterations):
 
 
 @given(sigma=st.none() | st.floats(1e-8, 1e3), factor=st.floats(1.5, 100))
-def test_a_path_leads_from_the_warmest_sigma_to_the_one_that_is_given(sigma, factor):
+def test_stage_sigmas_end_at_given_sigma(sigma, factor):
+    """The first stage has a sigma of at most FIRST_SIGMA_MAX."""
     p = Parameters.of(sigma=sigma, cooling_factor=factor)
     sigmas = p.stage_sigmas()
     assert sigmas[-1] == p.last_sigma == (sigma or LAST_SIGMA)
-    assert all(warm / cold == pytest.approx(factor) for warm, cold in pairwise(sigmas))
+    assert all(one / following == pytest.approx(factor) for one, following in pairwise(sigmas))
     assert len(sigmas) == 1 or sigmas[0] <= FIRST_SIGMA_MAX * (1 + 1e-8)
     assert sigmas[0] * factor > FIRST_SIGMA_MAX
     limits = p.with_values(stage_iterations=200).stage_limits()
@@ -100,7 +104,8 @@ def test_a_path_leads_from_the_warmest_sigma_to_the_one_that_is_given(sigma, fac
     assert sum(limits[:-1]) <= p.solver.iterations
 
 
-def test_what_is_not_given_is_chosen_and_its_path_has_an_end():
+def test_automatic_parameters_are_none():
+    """The number of stages is limited, even if the cooling factor is close to 1."""
     p = Parameters()
     assert (p.sigma, p.refine, p.paper.cooling_stages) == (None, None, 0)
     assert Parameters(sigma=2.0).stage_sigmas() == [18.0, 6.0, 2.0]
@@ -123,7 +128,7 @@ Fig. 12 | 1  | 1    | 0    | 1e-2* | 10 | -
 @pytest.mark.parametrize(
     ("row", "printed"), [*zip(TABLE_1.values(), PRINTED.strip().splitlines(), strict=True)]
 )
-def test_a_row_is_as_printed(row, printed):
+def test_table_row_is_as_printed(row, printed):
     name, tau, alpha, beta, sigma, N, n = (cell.strip() for cell in printed.split("|"))
     parameters = row.parameters(iterations=7)
     assert row.name == name
@@ -140,7 +145,8 @@ def test_a_row_is_as_printed(row, printed):
 
 
 @pytest.mark.parametrize("row", TABLE_1.values())
-def test_a_row_has_the_energy_of_the_paper_and_is_recognised_until_a_value_changes(row):
+def test_row_is_recognised_by_its_values(row):
+    """A row has the energy of the paper, and is recognised until a value changes."""
     p = row.parameters(iterations=7)
     assert (p.solver.order, p.paper.sigma_unit, p.solver.reach, p.solver.levels) == (
         1,

@@ -1,4 +1,4 @@
-"""The closest match within a bound of distortion."""
+"""Matches with a bound of distortion."""
 
 import math
 from functools import cache
@@ -16,34 +16,39 @@ from tests.shapes import icosphere
 MESH = icosphere(3)
 
 
-def keeps(match, most):
-    return match.distortion().bound(most).is_kept
+def is_within(match, limit):
+    return match.distortion().bound(limit).is_kept
 
 
 @pytest.fixture(scope="module")
 def found():
-    """A match of a wide bump that becomes narrow: faces must grow and shrink."""
+    """Match a wide bump to a narrow one, which changes areas."""
     f, g = (np.exp(-((MESH.vertices[:, 2] - 1) ** 2) / w) for w in (0.9, 0.25))
     return match(Problem(MESH, f, g, Parameters(refine=0, divergence=1)))
 
 
-@pytest.mark.parametrize("most", [0.9, 0.4, 0.15])
-def test_nearly_all_faces_keep_the_bound_and_a_tighter_one_leaves_more(found, most):
-    within = limit_distortion(found, most)
-    told = within.distortion()
-    logs = np.abs(np.log2([told.area, told.conformal]))
-    assert (logs <= most).all(axis=0).mean() == told.share_within(most) >= BOUNDED_SHARE
-    least = told.bound_of(BOUNDED_SHARE)
-    assert told.share_within(least) >= BOUNDED_SHARE > told.share_within(least * (1 - 1e-9))
-    assert told.folded == 0
+@pytest.mark.parametrize("limit", [0.9, 0.4, 0.15])
+def test_tighter_bound_has_larger_residual(found, limit):
+    """At least 99% of the faces are within the bound."""
+    within = limit_distortion(found, limit)
+    distortion = within.distortion()
+    logs = np.abs(np.log2([distortion.area, distortion.conformal]))
+    assert (logs <= limit).all(axis=0).mean() == distortion.share_within(limit) >= BOUNDED_SHARE
+    least = distortion.bound_of(BOUNDED_SHARE)
+    assert (
+        distortion.share_within(least)
+        >= BOUNDED_SHARE
+        > distortion.share_within(least * (1 - 1e-9))
+    )
+    assert distortion.folded == 0
     assert found.residual < within.residual < found.initial_residual
-    # the bound is used: the field is none that keeps half of it, too
-    assert told.share_within(0.4 * most) < BOUNDED_SHARE
-    looser = limit_distortion(found, 2 * most)
+    # the field makes use of the bound
+    assert distortion.share_within(0.4 * limit) < BOUNDED_SHARE
+    looser = limit_distortion(found, 2 * limit)
     assert looser.residual <= within.residual
 
 
-def test_a_match_within_the_bound_stays(found):
+def test_match_within_bound_is_unchanged(found):
     within = limit_distortion(found, 1e3)
     assert within.fine_velocity is found.fine_velocity
     assert within.verdict == found.verdict
@@ -53,19 +58,19 @@ def test_a_match_within_the_bound_stays(found):
     assert again is within
 
 
-def test_the_path_is_within_the_bound(found):
-    """The steps that keep the bound are the path of the result, up to its own."""
+def test_path_is_within_the_bound(found):
+    """The path of the result has the steps within the bound, and its own step."""
     within = limit_distortion(found, 0.4)
     sigmas = [each.sigma for each in within.path]
     assert sigmas == sorted(sigmas, reverse=True)
     assert within.path[within.step].velocity is within.fine_velocity
-    assert all(keeps(within.at_step(number), 0.4) for number in range(len(within.path)))
-    assert not keeps(found, 0.4)
+    assert all(is_within(within.at_step(number), 0.4) for number in range(len(within.path)))
+    assert not is_within(found, 0.4)
 
 
 @cache
 def match_of(name):
-    """Return short matches of several kinds, some of which fail."""
+    """Return short matches of several kinds; some of them fail."""
     sphere = icosphere(2)
     x, y, z = sphere.vertices.T
     short = Parameters.of(iterations=40, refine=0)
@@ -81,49 +86,51 @@ def match_of(name):
     return match(Problem(sphere, *problems[name]))
 
 
-@pytest.mark.parametrize("most", [1.5, 0.3, 0.05])
+@pytest.mark.parametrize("limit", [1.5, 0.3, 0.05])
 @pytest.mark.parametrize(
     "name", ["far", "near", "turned", "two fields", "paper", "smaller", "linearised"]
 )
-def test_no_step_within_the_bound_is_closer(name, most):
-    """Nor is the field without motion, and the bound is kept."""
+def test_no_step_within_bound_is_better(name, limit):
+    """The result is within the bound, and also at least as good as the field without motion."""
     found = match_of(name)
-    within = limit_distortion(found, most)
-    assert keeps(within, most)
+    within = limit_distortion(found, limit)
+    assert is_within(within, limit)
     assert within.bound.is_kept
-    if keeps(found, most):
+    if is_within(found, limit):
         assert within.fine_velocity is found.fine_velocity
         return
     assert within.worse_residual <= found.initial_residual * (1 + 1e-9)
     for number in range(len(found.path)):
         each = found.at_step(number)
-        if not math.isnan(each.verified_residual) and keeps(each, most):
+        if not math.isnan(each.verified_residual) and is_within(each, limit):
             assert within.worse_residual <= each.worse_residual
     assert within.problem is found.problem
     replayed = found.with_step(within.path[within.step])
     assert replayed.worse_residual == pytest.approx(within.worse_residual, rel=1e-6)
 
 
-def test_landmarks_come_as_close_as_the_bound_lets_them():
-    """They have a weight of their own, which falls along the path as that of functions does."""
+def test_landmark_errors_grow_with_tighter_bounds():
+    """The sigma of landmarks falls along the path, as that of functions does."""
     places = [[1, 0, 0], [1, 0.4, 0], [0, 0, 1], [0, 0.4, 1]]
     nearest = [int((MESH.vertices @ place).argmax()) for place in places]
     found = match(Problem(MESH, None, None, landmarks=np.reshape(nearest, (2, 2))))
-    left = [found.landmark_errors.mean()]
-    for most in (0.5, 0.25):
-        within = limit_distortion(found, most)
-        assert keeps(within, most)
-        assert within.distortion().share_within(0.5 * most) < BOUNDED_SHARE
-        left.append(within.landmark_errors.mean())
-    assert not keeps(found, 0.5)
-    left.append(found.problem.landmarks.initial_errors.mean())
-    assert left == sorted(left)
-    assert left[1] < 0.6 * left[-1]
+    errors = [found.landmark_errors.mean()]
+    for limit in (0.5, 0.25):
+        within = limit_distortion(found, limit)
+        assert is_within(within, limit)
+        assert within.distortion().share_within(0.5 * limit) < BOUNDED_SHARE
+        errors.append(within.landmark_errors.mean())
+    assert not is_within(found, 0.5)
+    errors.append(found.problem.landmarks.initial_errors.mean())
+    assert errors == sorted(errors)
+    assert errors[1] < 0.6 * errors[-1]
 
 
-def test_a_match_stays_if_no_field_keeps_the_bound(found):
+def test_match_is_unchanged_without_candidates(found):
+    """If no field is within the bound, the match is returned with a warning."""
+
     def measure(each):
-        """Return the distortion of a map that is beyond the bound before any flow."""
+        """Return a distortion that exceeds the bound even without motion."""
         return each.distortion().scaled(3.0)
 
     within = limit_distortion(found, 0.1, measure)
@@ -134,11 +141,11 @@ def test_a_match_stays_if_no_field_keeps_the_bound(found):
     assert any("0.1" in warning for warning in within.facts.warnings)
 
 
-def test_a_search_that_is_cancelled_ends_within_the_bound(found):
+def test_cancelled_search_ends_within_the_bound(found):
     control = Control()
     control.cancel()
     within = limit_distortion(found, 0.4, control=control)
-    assert keeps(within, 0.4)
+    assert is_within(within, 0.4)
 
 
 def test_facts_and_files_name_the_bound(found, tmp_path):
@@ -157,7 +164,7 @@ def test_facts_and_files_name_the_bound(found, tmp_path):
     assert loaded.at_step(0).bound is None
 
 
-@pytest.mark.parametrize("most", [0, -1, np.nan, "1"])
-def test_bounds_are_positive_numbers(found, most):
+@pytest.mark.parametrize("limit", [0, -1, np.nan, "1"])
+def test_bound_has_to_be_positive(found, limit):
     with raises(ParameterError):
-        limit_distortion(found, most)
+        limit_distortion(found, limit)

@@ -1,4 +1,4 @@
-"""Matching over long ways and over several meshes."""
+"""Matches with distant targets and with several levels."""
 
 import threading
 from dataclasses import replace
@@ -27,40 +27,42 @@ QUICK = Parameters.of(iterations=60, refine=0)
 
 
 def at(degrees, mesh=SPHERE, width=0.1):
-    """A Gaussian on a unit sphere, so far from the pole."""
+    """Return a Gaussian on a unit sphere at this angle from the pole."""
     angle = np.deg2rad(degrees)
     return bump(mesh, [0, np.sin(angle), np.cos(angle)], width)
 
 
 def matched(degrees, p, mesh=SPHERE, width=0.1, **given):
-    """From the pole so far, and all iterates."""
+    """Match a Gaussian at the pole to one at this angle; also return all iterates."""
     seen = []
     f, g = at(0, mesh, width), at(degrees, mesh, width)
     return abfm.match(mesh, f, g, p, **{"on_iteration": seen.append} | given), seen
 
 
 def body(name, a, b, width, vertices):
-    """A coarser bundled mesh, and Gaussians near two vertices of that."""
+    """Return a coarsened bundled mesh, and Gaussians near two vertices of the original."""
     given = abfm.load_mesh(asset_path(name))
     mesh = coarsened(given, vertices)
-    near = (np.linalg.norm(mesh.vertices - given.vertices[v], axis=1).argmin() for v in (a, b))
-    return mesh, *(abfm.function(mesh, f"gaussian:vertex={v},width={width}") for v in near)
+    nearest = (np.linalg.norm(mesh.vertices - given.vertices[v], axis=1).argmin() for v in (a, b))
+    return mesh, *(abfm.function(mesh, f"gaussian:vertex={v},width={width}") for v in nearest)
 
 
 @pytest.mark.parametrize("degrees", [135])
-def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees):
-    (far, _), (blind, _) = (
+def test_reach_finds_distant_targets(degrees):
+    """Without a reach, the source is squeezed to nothing."""
+    (found, _), (failed, _) = (
         matched(degrees, Parameters.of(reach=reach, refine=refine), SMALL, width=0.085)
         for reach, refine in ((1.0, 1), (0.0, 0))
     )
-    assert far.residual < 0.05
-    assert far.verified_residual < 0.1
-    assert blind.residual > 0.9 < blind.verified_residual
-    assert blind.verdict.kind == "not reached"
-    assert "squeezed" in blind.verdict.reason
+    assert found.residual < 0.05
+    assert found.verified_residual < 0.1
+    assert failed.residual > 0.9 < failed.verified_residual
+    assert failed.verdict.kind == "not reached"
+    assert "squeezed" in failed.verdict.reason
 
 
-def test_a_far_target_on_a_body():
+def test_distant_target_on_a_body():
+    """Both checks agree more closely if sigma is automatic."""
     given = body("human_A.off", 7, 300, 0.1, vertices=500)
     p = Parameters.of(iterations=120, alpha=0.003, divergence=1.0, refine=0)
     assert abfm.match(*given, p).residual < 0.3
@@ -68,12 +70,12 @@ def test_a_far_target_on_a_body():
     close = abfm.match(*given, Parameters(refine=0, divergence=1.0, sigma=0.003))
     assert close.residual < 0.05
     assert close.worse_residual < 0.5
-    shared = abfm.match(*given, Parameters(refine=0, divergence=1.0))  # by both witnesses
+    shared = abfm.match(*given, Parameters(refine=0, divergence=1.0))  # by both checks
     assert shared.worse_residual < 0.35
 
 
-def test_the_field_that_is_found_carries_as_a_rotation_does():
-    """What lies between pole and target goes along: a third bump, which it has never seen."""
+def test_field_moves_other_functions_like_a_rotation():
+    """A bump between pole and target, which was not matched, moves along."""
     match, _ = matched(60, QUICK, SMALL, 0.2)
     for t in (0.5, 1.0):
         arrived = match.push(at(0, SMALL, 0.2), t)
@@ -83,8 +85,8 @@ def test_the_field_that_is_found_carries_as_a_rotation_does():
 
 
 @pytest.mark.parametrize("levels", [2, 3])
-def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
-    # with weight on divergence more iterations are needed on meshes so coarse
+def test_match_over_several_levels_ends_on_the_mesh(levels):
+    # with a larger weight of the divergence, so coarse meshes need more iterations
     match, seen = matched(80, QUICK.with_values(levels=levels, divergence=1.0))
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert match.advected.shape == (len(SPHERE.vertices), 1)
@@ -92,7 +94,7 @@ def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
     assert_allclose(match.push(at(0), 1.0), match.advected[:, 0], atol=1e-6)
     assert len(match.energy_history) == len(match.stages) == len(seen) <= 61
     assert [one.level for one in seen] == sorted(one.level for one in seen)
-    # those between are left out where the match holds at once
+    # levels in between are skipped if the match is confirmed at once
     assert {0, levels - 1} <= {one.level for one in seen}
     counts = list({one.level: one.vertices for one in seen}.values())
     assert counts == sorted(counts)
@@ -132,7 +134,7 @@ def control():
 
 
 @pytest.mark.parametrize("iteration", [0, 3, 20])
-def test_cancelled_on_a_coarse_mesh_it_comes_back_on_the_mesh_itself(iteration, control):
+def test_match_cancelled_on_coarse_level_is_on_the_mesh(iteration, control):
     seen = []
 
     def stop(one):
@@ -149,9 +151,9 @@ def test_cancelled_on_a_coarse_mesh_it_comes_back_on_the_mesh_itself(iteration, 
     assert_array_equal(match.velocity, seen[-1].velocity)
 
 
-@pytest.mark.parametrize("calming", [True, False])
-def test_cancelled_between_two_meshes(calming, control, monkeypatch):
-    """While fields are brought to the finer mesh, and before the first evaluation there."""
+@pytest.mark.parametrize("is_stabilising", [True, False])
+def test_cancel_between_two_levels(is_stabilising, control, monkeypatch):
+    """Cancel while fields are transferred, and before the first evaluation on the finer mesh."""
     evaluate, to_finer = Objective.evaluate, Level.fields_to_finer
 
     def overflowing(objective, fields):
@@ -165,7 +167,7 @@ def test_cancelled_between_two_meshes(calming, control, monkeypatch):
         control.cancel()
         return to_finer(level, fields)
 
-    if calming:
+    if is_stabilising:
         monkeypatch.setattr(Objective, "evaluate", overflowing)
     else:
         monkeypatch.setattr(Level, "fields_to_finer", cancelling)
@@ -176,7 +178,8 @@ def test_cancelled_between_two_meshes(calming, control, monkeypatch):
 
 
 @pytest.mark.parametrize("after", [0, 5])
-def test_cancelled_on_a_second_way_it_keeps_the_first_where_that_is_better(control, after):
+def test_cancel_in_second_variant_keeps_the_first(control, after):
+    """The second variant has not yet found the target, so the first one is better."""
     seen, begun = [], []
 
     def stop(one):
@@ -188,12 +191,13 @@ def test_cancelled_on_a_second_way_it_keeps_the_first_where_that_is_better(contr
 
     p = Parameters.of(levels=1, refine=0)
     match, _ = matched(120, p, SMALL, 0.07, on_iteration=stop, control=control)
-    left = [max(step.residual, step.verified_residual) for step in match.path]
-    assert begun[0].residual > 0.8 > 0.4 > match.worse_residual == min(left)
+    residuals = [max(step.residual, step.verified_residual) for step in match.path]
+    assert begun[0].residual > 0.8 > 0.4 > match.worse_residual == min(residuals)
     assert {step.velocity.shape for step in match.path} == {(1, len(SMALL.faces), 3)}
 
 
-def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_again():
+def test_start_that_misses_the_target_begins_a_search():
+    """A start that reaches the target is continued on the mesh itself."""
     p, field = (
         QUICK.with_values(levels=2, sigma=0.02),
         rotation_field(SPHERE, [-np.deg2rad(60), 0, 0]),
@@ -208,23 +212,24 @@ def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_
     match, seen = matched(60, p, start=field)
     assert {one.level for one in seen} == {0, 1}
     assert seen[0].reach == p.solver.reach
-    # it begins where the start leads
+    # the search begins with the start
     assert relative_error(SPHERE, seen[0].advected[:, 0], at(-60)) < 0.4
     assert match.residual < 0.15
 
 
 @pytest.mark.parametrize("levels", [1, 2])
-def test_a_start_whose_flow_is_worse_than_none_is_as_good_as_none(levels):
-    """Noise so fast that the discrete flow grows beyond bounds."""
+def test_overflowing_start_is_ignored(levels):
+    """The start is noise that is so fast that the discrete flow overflows."""
     p = QUICK.with_values(iterations=20, levels=levels)
     noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
-    astray, fresh = (matched(60, p, SMALL, start=start)[0] for start in (noise, None))
-    assert_array_equal(astray.velocity, fresh.velocity)
-    kept, _ = matched(60, p.with_values(iterations=0, levels=1), SMALL, start=noise)
-    assert kept.velocity.any()  # where nothing is searched, it is what was given
+    with_noise, without = (matched(60, p, SMALL, start=start)[0] for start in (noise, None))
+    assert_array_equal(with_noise.velocity, without.velocity)
+    given, _ = matched(60, p.with_values(iterations=0, levels=1), SMALL, start=noise)
+    assert given.velocity.any()  # without iterations, the start is the result
 
 
-def test_without_reach_any_start_is_gone_on_from_also_one_too_fast_for_flow_lines():
+def test_without_reach_every_start_is_continued():
+    """Also a start that is too fast for flow lines."""
     p = QUICK.with_values(iterations=3, reach=0, levels=2)
     _, seen = matched(60, p, start=wavy_field(SPHERE, 1))
     assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
@@ -236,8 +241,8 @@ def test_without_reach_any_start_is_gone_on_from_also_one_too_fast_for_flow_line
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize(("tip", "start"), [(0.6, None), (0.6, 1e-10), (1.5, None)])
-def test_beside_a_needle_nothing_is_found_that_is_worse_than_not_moving(tip, start):
-    """Flows there can grow beyond bounds: without a guard, to mismatches of up to 1e144."""
+def test_sliver_never_makes_residual_worse(tip, start):
+    """Without a guard, flows near the sliver can have residuals of up to 1e144."""
     corners = [[0, 0, 0], [1, 0, 0], [0.3, 0.9, 0], [tip, -1e-10, 0]]
     mesh = TriangleMesh(np.array(corners), [[0, 1, 2], [1, 0, 3]])
     given = None if start is None else start * wavy_field(mesh, 0)
@@ -245,12 +250,12 @@ def test_beside_a_needle_nothing_is_found_that_is_worse_than_not_moving(tip, sta
     for a, b in ((0, 2), (3, 0), (3, 1), (3, 2)):
         f, g = bump(mesh, mesh.vertices[a], 0.15), bump(mesh, mesh.vertices[b], 0.15)
         match = abfm.match(mesh, f, g, p, start=given)
-        kept = abfm.match(mesh, f, g, p.with_values(iterations=0), start=given)
-        assert match.residual <= max(match.initial_residual, kept.residual)
+        unchanged = abfm.match(mesh, f, g, p.with_values(iterations=0), start=given)
+        assert match.residual <= max(match.initial_residual, unchanged.residual)
 
 
-def test_same_bits_with_other_work_beside_it():
-    """On the same coarser meshes, too."""
+def test_result_is_bitwise_reproducible_with_other_threads():
+    """The other matches use the same coarser meshes."""
     p = QUICK.with_values(levels=2)
     alone = abfm.match(SPHERE, at(0), at(70), p)
     others = [
@@ -259,17 +264,17 @@ def test_same_bits_with_other_work_beside_it():
     ]
     for thread in others:
         thread.start()
-    beside = abfm.match(TriangleMesh(SPHERE.vertices, SPHERE.faces), at(0), at(70), p)
+    together = abfm.match(TriangleMesh(SPHERE.vertices, SPHERE.faces), at(0), at(70), p)
     for thread in others:
         thread.join()
     for name in ("velocity", "advected", "energy_history", "stages"):
-        assert_array_equal(getattr(alone, name), getattr(beside, name))
+        assert_array_equal(getattr(alone, name), getattr(together, name))
     for name in ("mismatch", "verified_residual", "folded"):
-        assert getattr(alone, name) == getattr(beside, name)
+        assert getattr(alone, name) == getattr(together, name)
 
 
-def test_units_place_rotation_and_numbering_hardly_matter():
-    """Iterates drift apart from rounding on; what is reached does not."""
+def test_residual_is_nearly_invariant():
+    """Unit, position, rotation and numbering change iterates by rounding errors, which grow."""
     mesh = potato(3)
     f, g = (bump(mesh, mesh.vertices[vertex], 0.2) for vertex in (7, 60))
     p = Parameters.of(levels=2, refine=0)
@@ -284,7 +289,7 @@ def test_units_place_rotation_and_numbering_hardly_matter():
 
 
 @pytest.mark.parametrize("mesh", [SMALL, hemisphere(12)], ids=["closed", "boundary"])
-def test_flow_lines_at_once_are_those_of_the_verification(mesh):
+def test_flow_line_residual_equals_the_verification(mesh):
     f, g = (
         np.stack([bump(mesh, mesh.vertices[i], 0.25) for i in pair], axis=1)
         for pair in ((5, 40), (20, 70))
@@ -297,7 +302,8 @@ def test_flow_lines_at_once_are_those_of_the_verification(mesh):
         assert match.folded == pytest.approx(found.folded, abs=1e-12)
 
 
-def test_the_papers_stages_are_plain_ones_of_sigma_in_either_unit_in_the_norm_of_first_order():
+def test_schedule_of_the_paper():
+    """Stages use only sigma, in either unit, with the norm of first order."""
     p = Parameters.of(
         **PAPER, alpha=0.02, sigma=1e-3, cooling_stages=3, cooling_factor=10, iterations=40
     )
@@ -307,8 +313,8 @@ def test_the_papers_stages_are_plain_ones_of_sigma_in_either_unit_in_the_norm_of
     assert np.bincount(match.stages).tolist() == [11, 10, 20]
     x = to_frame(SMALL, seen[-1].velocity) / SMALL.length_scale
     R = Regularizer(SMALL.normalized(), 0.02)
-    by_hand = sum(float((v * R.apply(v)).sum()) for v in x) / 2
-    assert match.energy_history[-1, 1] == pytest.approx(by_hand, rel=1e-9)
+    expected = sum(float((v * R.apply(v)).sum()) for v in x) / 2
+    assert match.energy_history[-1, 1] == pytest.approx(expected, rel=1e-9)
     for stage in range(3):
         assert (np.diff(match.energy_history[match.stages == stage, 0]) <= 0).all()
     assert match.residual < 0.05

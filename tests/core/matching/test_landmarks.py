@@ -1,4 +1,4 @@
-"""Matches of landmarks, alone and beside functions."""
+"""Matches of landmarks, alone and together with functions."""
 
 import pickle
 
@@ -20,11 +20,11 @@ from tests.messages import check_message, raises
 from tests.shapes import icosphere, torus, with_thin_triangles
 
 SPHERE, SMALL = icosphere(3), icosphere(2)
-NEAR = 0.005
+ERROR_MAX = 0.005  # of matched landmarks, in sqrt(area)
 
 
 def smooth_field(mesh, speed, seed):
-    """Noise that the norm of fields has smoothed, (F, 3)."""
+    """Return noise that is smoothed by the norm of fields, (F, 3)."""
     unit, rng = mesh.normalized(), np.random.default_rng(seed)
     field = Regularizer(unit, 0.05, 2).inverse(rng.normal(size=(len(mesh.faces), 2)))
     field *= speed / np.linalg.norm(field, axis=1).max()
@@ -38,9 +38,9 @@ def flowed(mesh, count, speed=0.3, seed=0):
     return (start, flow.destinations(start)), flow
 
 
-def well_matched(found):
+def assert_matched(found):
     assert found.verdict.kind == "matched"
-    assert found.landmark_errors.max() <= NEAR
+    assert found.landmark_errors.max() <= ERROR_MAX
     assert found.folded == 0
     assert found.distortion().folded == 0
 
@@ -56,12 +56,13 @@ def test_landmarks_alone_are_matched(name):
     mesh = torus(24, 12) if name == "torus" else SURFACES[name]
     pair, _ = flowed(mesh, 12)
     found = abfm.match(abfm.Problem(mesh, None, None, landmarks=pair))
-    well_matched(found)
+    assert_matched(found)
     assert found.problem.landmarks.initial_errors.max() > 0.1
 
 
-def test_its_errors_are_those_of_certified_flow_lines(matched):
-    well_matched(matched)
+def test_errors_are_those_of_flow_lines(matched):
+    """Residuals and verdict are computed from the errors along flow lines."""
+    assert_matched(matched)
     marks = matched.problem.landmarks
     ends = ContinuousFlow(SPHERE, matched.velocity, 1.0).destinations(marks.points(SPHERE))
     straight = np.linalg.norm(ends.positions - marks.targets(SPHERE).positions, axis=1)
@@ -69,38 +70,39 @@ def test_its_errors_are_those_of_certified_flow_lines(matched):
     assert matched.residual == pytest.approx(10 * matched.landmark_errors.max(), abs=0.005)
     assert matched.verified_residual == pytest.approx(10 * matched.landmark_errors.max())
     assert matched.initial_residual == pytest.approx(10 * marks.initial_errors.max())
-    most = 100 * matched.landmark_errors.max()
-    check_message(matched.verdict.reason, 8, f"{most:.2g}%")
+    largest = 100 * matched.landmark_errors.max()
+    check_message(matched.verdict.reason, 8, f"{largest:.2g}%")
 
 
-def test_two_that_pass_each_other_and_one_that_goes_far():
+def test_exchanged_and_distant_landmarks_match():
+    """Two landmarks exchange places; another one moves to the opposite point."""
     opposite = int(np.argmin(SMALL.vertices @ SMALL.vertices[3]))
     for pairs in ([[0, 20], [20, 0]], [[3, opposite]]):
         found = abfm.match(abfm.Problem(SMALL, None, None, landmarks=pairs))
-        well_matched(found)
+        assert_matched(found)
 
 
-def test_beside_functions_both_are_matched():
+def test_functions_and_landmarks_match_together():
     pair, flow = flowed(SPHERE, 6, seed=2)
     f = bump(SPHERE, SPHERE.vertices[0], 0.25) + 0.6 * bump(SPHERE, SPHERE.vertices[90], 0.3)
     g = flow.origins().pull_back(f)
-    told = []
+    iterations = []
     problem = abfm.Problem(SPHERE, f, g, landmarks=pair)
-    found = abfm.match(problem, on_iteration=told.append)
-    well_matched(found)
+    found = abfm.match(problem, on_iteration=iterations.append)
+    assert_matched(found)
     assert problem.functions.residual(found.advected.T) <= 0.05
     check_message(found.verdict.reason, 6, f"{100 * found.landmark_errors.max():.2g}%")
-    assert all(list(now.shares) == ["closeness", "landmarks"] for now in told)
-    assert all(sum(now.shares.values()) == now.mismatch_energy for now in told)
+    assert all(list(now.shares) == ["closeness", "landmarks"] for now in iterations)
+    assert all(sum(now.shares.values()) == now.mismatch_energy for now in iterations)
     alone = abfm.match(SPHERE, f, g)
     assert alone.landmark_errors is None
-    left = problem.landmarks.errors(alone.flow._lines.destinations(pair[0]))
-    assert left.max() > 2 * NEAR
+    errors = problem.landmarks.errors(alone.flow._lines.destinations(pair[0]))
+    assert errors.max() > 2 * ERROR_MAX
     at_first = found.at_step(0)
     assert at_first.landmark_errors.max() > found.landmark_errors.max()
 
 
-def test_landmark_errors_have_one_computation(tmp_path):
+def test_landmark_errors_are_consistent(tmp_path):
     """A saved match is consistent with its field, also across thin triangles."""
     mesh = with_thin_triangles(SMALL)
     pairs = np.random.default_rng(3).choice(len(SMALL.vertices), (4, 2), replace=False)
@@ -116,41 +118,43 @@ def test_landmark_errors_have_one_computation(tmp_path):
         assert not found.at_step(step).load_warning
 
 
-def test_a_coarser_mesh_leads_to_the_mesh_itself():
+def test_coarser_mesh_leads_to_the_mesh_itself():
     pair, _ = flowed(SPHERE, 5, seed=3)
     found = abfm.match(
         abfm.Problem(SPHERE, None, None, abfm.Parameters.of(levels=2), landmarks=pair)
     )
-    well_matched(found)
+    assert_matched(found)
     assert found.velocity.shape == (1, len(SPHERE.faces), 3)
 
 
-def test_a_start_goes_on_and_what_is_not_reached_is_told(matched):
+def test_start_continues_and_failures_have_advice(matched):
+    """A start is continued; landmarks that miss their targets have a cause and a remedy."""
     problem = matched.problem
     short = abfm.match(problem.with_parameters(abfm.Parameters.of(iterations=2)))
     assert short.verdict.kind == "not reached"
     check_message(short.verdict.reason, 2)
     again = abfm.match(problem.starting_from(matched.velocity))
-    well_matched(again)
+    assert_matched(again)
     assert len(again.energy_history) <= 3
     loose = abfm.Parameters.of(landmark_sigma=3.0, segments=1)
-    left = abfm.match(problem.with_parameters(loose))
-    assert left.verdict.kind == "not reached"
-    assert left.verdict.cause is Cause.LANDMARKS_FAR
-    assert left.verdict.remedies[0].parameters == {"landmark_sigma": 1.0}
-    assert left.landmark_errors.max() > 10 * NEAR
+    failed = abfm.match(problem.with_parameters(loose))
+    assert failed.verdict.kind == "not reached"
+    assert failed.verdict.cause is Cause.LANDMARKS_FAR
+    assert failed.verdict.remedies[0].parameters == {"landmark_sigma": 1.0}
+    assert failed.landmark_errors.max() > 10 * ERROR_MAX
 
 
-def test_smaller_landmark_sigmas_leave_less():
+def test_smaller_landmark_sigma_lowers_errors():
     pair, _ = flowed(SMALL, 4)
-    left = []
+    errors = []
     for sigma in (1.0, 0.3, 0.1):
         p = abfm.Parameters.of(landmark_sigma=sigma, segments=1)
-        left.append(abfm.match(abfm.Problem(SMALL, None, None, p, landmarks=pair)).landmark_errors)
-    assert left[0].max() > 2 * left[1].max() > 4 * left[2].max()
+        found = abfm.match(abfm.Problem(SMALL, None, None, p, landmarks=pair))
+        errors.append(found.landmark_errors)
+    assert errors[0].max() > 2 * errors[1].max() > 4 * errors[2].max()
 
 
-def test_it_comes_back_from_files_and_from_other_processes(matched, tmp_path):
+def test_landmarks_survive_files_and_pickling(matched, tmp_path):
     matched.save(tmp_path / "m.npz")
     loaded = abfm.load(tmp_path / "m.npz")
     assert not loaded.load_warning
@@ -169,7 +173,8 @@ def test_it_comes_back_from_files_and_from_other_processes(matched, tmp_path):
         near(other.landmarks.initial_errors, matched.problem.landmarks.initial_errors, 0)
 
 
-def test_a_file_with_half_of_them_is_refused(matched, tmp_path):
+def test_incomplete_file_is_refused(matched, tmp_path):
+    """Files without faces of the landmarks, or with wrong ones, are refused."""
     arrays = matched.problem.arrays()
     del arrays["landmark_faces"]
     results.save_arrays(tmp_path / "p.npz", arrays, results.PROBLEM)
@@ -182,7 +187,7 @@ def test_a_file_with_half_of_them_is_refused(matched, tmp_path):
         abfm.load(tmp_path / "q.npz")
 
 
-def test_digests_depend_on_landmarks_and_their_weights():
+def test_digest_depends_on_landmarks_and_weights():
     f = np.linspace(0.0, 1.0, 162)
     plain = abfm.Problem(icosphere(2), f, f[::-1])
     digests = {
@@ -196,6 +201,6 @@ def test_digests_depend_on_landmarks_and_their_weights():
     assert plain._with(landmarks=None).digest == plain.digest
 
 
-def test_the_same_problem_gives_the_same_field(matched):
+def test_match_of_landmarks_is_deterministic(matched):
     again = abfm.match(matched.problem)
     assert np.array_equal(again.velocity, matched.velocity)

@@ -1,4 +1,4 @@
-"""Matching from end to end: what it reaches, how it stops, what it keeps."""
+"""The function `match`: residuals, pausing and cancelling, starts, and results."""
 
 import threading
 
@@ -39,17 +39,20 @@ def assert_never_rises_within_a_stage(match):
         assert (np.diff(energies) <= 0).all()
 
 
-def a_quarter_apart(name, width):
+def quarter_apart(name, width):
+    """Return a bundled mesh, and two Gaussians a quarter of its diameter apart."""
     mesh = abfm.load_mesh(asset_path(name))
     distance = geodesic_distance(mesh, 7)
     target = int(np.argmin(np.abs(distance - distance.max() / 4)))
     return mesh, *(f"gaussian:vertex={vertex},width={width}" for vertex in (7, target))
 
 
-def test_default_parameters_match_gaussians_a_quarter_of_the_surface_apart():
+def test_defaults_match_within_500_iterations():
+    """The defaults match Gaussians a quarter of the surface apart, confirmed by both checks."""
     counts = []
-    for nudge in (0.0, 2e-13):  # rounding, which processors differ in, may cost a tenth more
-        match = abfm.match(*a_quarter_apart("eight.off", 0.1 * (1 + nudge)))
+    # rounding, which depends on the processor, changes the number of iterations by a tenth
+    for change in (0.0, 2e-13):
+        match = abfm.match(*quarter_apart("eight.off", 0.1 * (1 + change)))
         assert match.worse_residual <= 0.05
         assert match.folded == 0
         counts.append(len(match.energy_history))
@@ -58,8 +61,8 @@ def test_default_parameters_match_gaussians_a_quarter_of_the_surface_apart():
     assert min(counts) <= 501
 
 
-def test_on_finer_meshes_by_both_witnesses():
-    match = abfm.match(*a_quarter_apart("eight.off", 0.2))
+def test_refined_match_is_confirmed_by_both_checks():
+    match = abfm.match(*quarter_apart("eight.off", 0.2))
     assert match.verdict.kind == "matched"
     assert match.worse_residual <= 0.05
     assert len(match.energy_history) <= match.parameters.solver.iterations + 1
@@ -86,7 +89,7 @@ def test_every_method_lowers_the_mismatch(mesh, changes):
     assert_never_rises_within_a_stage(match)
 
 
-def test_plain_lbfgs_is_available_and_slower():
+def test_plain_lbfgs_converges_more_slowly():
     p = abfm.Parameters.of(iterations=20, cooling_stages=1, alpha=1.0)
     plain, preconditioned = (
         matched(p.with_values(preconditioner=kind)) for kind in ("none", "hodge")
@@ -95,7 +98,8 @@ def test_plain_lbfgs_is_available_and_slower():
     assert preconditioned.energy_history[-1, 0] < 0.5 * plain.energy_history[-1, 0]
 
 
-def test_the_result_is_what_it_says_and_every_row_of_its_history_was_told():
+def test_result_agrees_with_independent_computation():
+    """Each row of the energy history is also reported as an iteration."""
     (f, g), seen = pair(SPHERE), []
     p = abfm.Parameters.of(**PAPER, sigma=0.02, cooling_stages=2, iterations=12)
     match = matched(p, on_iteration=seen.append)
@@ -105,10 +109,10 @@ def test_the_result_is_what_it_says_and_every_row_of_its_history_was_told():
     expected = expm_multiply(-match.parameters.tau * D, f)
     assert np.linalg.norm(match.advected[:, 0] - expected) <= 1e-7 * np.linalg.norm(expected)
     assert match.advect(1.0) == pytest.approx(expected, abs=1e-7)
-    left = l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g)
-    assert match.mismatch == pytest.approx(left, rel=1e-6)
+    mismatch = l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g)
+    assert match.mismatch == pytest.approx(mismatch, rel=1e-6)
     value, _ = abfm.MatchingEnergy(SPHERE, f, g, p)(match.velocity / SPHERE.length_scale)
-    # a search sums its series so far
+    # to the truncation of the series in a search
     assert value == pytest.approx(match.energy_history[-1, 0], rel=1e-7)
     assert match.stop_reason == "iteration limit"
     assert match.verdict.kind == "not reached"
@@ -121,7 +125,7 @@ def test_the_result_is_what_it_says_and_every_row_of_its_history_was_told():
     assert seen[-1].evaluations >= 13
 
 
-def test_several_channels_and_weights():
+def test_several_channels_have_weights():
     f, g = (np.stack(pair(SPHERE, *vertices), axis=1) for vertices in ((0, 60), (20, 80)))
     match = abfm.match(SPHERE, f, g, FEW, weights=[1.0, 0.5])
     assert match.advected.shape == f.shape
@@ -129,7 +133,7 @@ def test_several_channels_and_weights():
     assert match.advect(0.0) == pytest.approx(f, abs=1e-9)
 
 
-def test_a_mask_may_come_with_the_vertices_of_the_file():
+def test_mask_may_refer_to_vertices_of_the_file():
     mesh, mask = with_loose_vertex(SPHERE), np.linspace(0, 1, len(SPHERE.vertices) + 1)
     f, g, _ = mesh.vertices.T
     results = [abfm.match(mesh, f, g, FEW, mask=given) for given in (mask, np.delete(mask, 5))]
@@ -138,8 +142,8 @@ def test_a_mask_may_come_with_the_vertices_of_the_file():
         abfm.match(mesh, f, g, FEW, mask=mask[:-2])
 
 
-def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
-    """With many sub-steps no more are made than the few until the next checkpoint."""
+def test_cancel_interrupts_a_long_gradient(monkeypatch):
+    """With many sub-steps, only a few more are made until the next checkpoint."""
     control, steps, of_first = abfm.workers.Control(), 0, 0
     forward = ExponentialFlow.forward
 
@@ -162,7 +166,8 @@ def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
 
 
 @pytest.mark.parametrize("skip_checks", [False, True])
-def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from(skip_checks):
+def test_match_cancelled_during_verification_can_continue(skip_checks):
+    """The verification is completed unless the checks are skipped."""
     control = abfm.workers.Control()
 
     def tell(step):
@@ -173,12 +178,13 @@ def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from(skip_checks):
         match = matched(abfm.Parameters.of(iterations=5), control=control)
     assert match.stop_reason == "cancelled"
     assert match.velocity.any()
-    assert np.isnan(match.verified_residual) == skip_checks  # else it is checked in the end
+    assert np.isnan(match.verified_residual) == skip_checks
     assert "Continue" in [remedy.label for remedy in match.verdict.remedies]
 
 
 @pytest.mark.parametrize("paused", [False, True])
-def test_cancelled_before_it_began_gives_the_start_and_is_not_paused(paused):
+def test_cancel_before_the_start_returns_the_start(paused):
+    """A paused match is cancelled as well."""
     control = abfm.workers.Control()
     control.cancel()
     if paused:
@@ -188,7 +194,7 @@ def test_cancelled_before_it_began_gives_the_start_and_is_not_paused(paused):
     assert not match.velocity.any()
 
 
-def test_pause_holds_and_resume_continues_to_the_same_result():
+def test_resume_after_pause_gives_the_same_result():
     control, reached, results = abfm.workers.Control(), threading.Event(), []
 
     def on_iteration(item):
@@ -209,7 +215,8 @@ def test_pause_holds_and_resume_continues_to_the_same_result():
     assert np.array_equal(results[0].velocity, matched(FEW).velocity)
 
 
-def test_warm_start_goes_on_from_the_field_and_never_ends_worse_at_sigma():
+def test_start_continues_from_its_field():
+    """The energy falls further, also with other segments and the schedule of the paper."""
     p = abfm.Parameters.of(iterations=10, cooling_stages=1, sigma=0.01, reach=0)
     first = matched(p)
     second = matched(p, start=first.velocity)
@@ -226,16 +233,16 @@ def test_warm_start_goes_on_from_the_field_and_never_ends_worse_at_sigma():
     assert set(second.stages) == {0}
 
 
-@pytest.mark.parametrize(("given", "wanted"), [(2, 4), (4, 2), (3, 2), (2, 3), (3, 3)])
-def test_fields_for_other_segments_are_averaged_over_time(given, wanted):
+@pytest.mark.parametrize(("given", "requested"), [(2, 4), (4, 2), (3, 2), (2, 3), (3, 3)])
+def test_fields_for_other_segments_are_averaged_over_time(given, requested):
     fields = np.stack([wavy_field(SPHERE, seed) for seed in range(given)])
-    fine = np.repeat(fields, wanted, axis=0).reshape(wanted, given, *fields.shape[1:])
-    p = abfm.Parameters.of(method="linearised", segments=wanted, iterations=0)
+    fine = np.repeat(fields, requested, axis=0).reshape(requested, given, *fields.shape[1:])
+    p = abfm.Parameters.of(method="linearised", segments=requested, iterations=0)
     started = matched(p, start=fields)
     assert_allclose(started.velocity, fine.mean(axis=1), atol=1e-12)
 
 
-def test_fields_for_another_tau_move_as_far():
+def test_start_for_another_tau_has_the_same_flow():
     first, slow = matched(FEW), FEW.with_values(tau=8 * FEW.tau, iterations=0)
     second = matched(slow, start=first.start_for(slow))
     assert_allclose(second.advected, first.advected, atol=1e-9)
@@ -243,7 +250,7 @@ def test_fields_for_another_tau_move_as_far():
 
 @settings(max_examples=15, deadline=None)
 @given(st.floats(-6, 8), st.floats(-8, 6), st.floats(-6, 3), st.floats(-3, 2))
-def test_wild_parameters_end_finite_and_no_worse(exponent, alpha, sigma, tau):
+def test_extreme_parameters_give_finite_results(exponent, alpha, sigma, tau):
     f, g = (10.0**exponent * h for h in pair(SPHERE))
     p = abfm.Parameters.of(iterations=8, alpha=10**alpha, sigma=10**sigma, tau=10**tau)
     match = abfm.match(SPHERE, f, g, p)
@@ -252,7 +259,7 @@ def test_wild_parameters_end_finite_and_no_worse(exponent, alpha, sigma, tau):
     assert_never_rises_within_a_stage(match)
 
 
-def test_one_result_serves_several_threads():
+def test_result_can_be_used_in_several_threads():
     match, wrong = matched(FEW), []
     expected = {t: match.advect(t) for t in (0.25, 0.5, 1.0, -0.5)}
 
@@ -267,7 +274,7 @@ def test_one_result_serves_several_threads():
     assert not wrong
 
 
-def test_inverse_and_point_map():
+def test_flow_inverse_and_point_map_agree():
     f, g = pair(SPHERE, 0, 60, 0.3)
     match = abfm.match(SPHERE, f, g, abfm.Parameters.of(iterations=40, refine=0))
     there = match.push(match.push(f, 1.0), -1.0)

@@ -1,4 +1,4 @@
-"""Memory that runs out in the middle of a match, and workspaces that go with it."""
+"""Matches that run out of memory, and the release of their workspaces."""
 
 import gc
 import sys
@@ -25,38 +25,40 @@ SPHERE = icosphere(2)
 F, G = (bump(SPHERE, SPHERE.vertices[vertex], 0.3) for vertex in (0, 30))
 
 
-def full_after(monkeypatch, count):
-    """Let memory run out in the evaluation of the energy after so many."""
-    usual, made = Objective.evaluate, []
+def exhaust_memory_after(monkeypatch, count):
+    """Let evaluations of the energy raise MemoryError after this number of them."""
+    usual, calls = Objective.evaluate, []
 
     def evaluate(objective, fields):
-        made.append(1)
-        if len(made) > count:
+        calls.append(1)
+        if len(calls) > count:
             raise MemoryError("Unable to allocate 1 GiB")
         return usual(objective, fields)
 
     monkeypatch.setattr(Objective, "evaluate", evaluate)
 
 
-def test_the_best_field_so_far_is_kept(monkeypatch, tmp_path):
-    whole = abfm.match(SPHERE, F, G)
-    full_after(monkeypatch, 6)
+def test_result_is_best_field_so_far(monkeypatch, tmp_path):
+    complete = abfm.match(SPHERE, F, G)
+    exhaust_memory_after(monkeypatch, 6)
     match = abfm.match(SPHERE, F, G)
     assert match.stop_reason == "out of memory"
     check_message(match.verdict.reason)
-    assert 2 < len(match.energy_history) < len(whole.energy_history)
+    assert 2 < len(match.energy_history) < len(complete.energy_history)
     assert match.residual < match.initial_residual
     assert np.isfinite(match.verified_residual)
     match.save(tmp_path / "m.npz")
     assert abfm.load(tmp_path / "m.npz").stop_reason == "out of memory"
 
 
-def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
-    def measured(*_):
+def test_match_survives_failed_verification(monkeypatch):
+    """The residual along flow lines is unknown if memory runs out during the check."""
+
+    def fail(*_):
         raise MemoryError
 
     for module in (abfm.match.__module__, solve.__module__):
-        monkeypatch.setattr(sys.modules[module], "flow_line_measures", measured)
+        monkeypatch.setattr(sys.modules[module], "flow_line_measures", fail)
     match = abfm.match(SPHERE, F, G)
     assert match.residual < 0.1
     assert np.isnan(match.verified_residual)
@@ -64,34 +66,36 @@ def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
 
 @pytest.mark.parametrize("levels", [1, 2])
 @pytest.mark.parametrize("count", [20, 60, 100])
-def test_what_an_earlier_way_found_outlives_one_that_runs_out_of_memory(monkeypatch, count, levels):
+def test_earlier_variant_survives_out_of_memory(monkeypatch, count, levels):
     """Each variant begins with a zero field, which matches nothing."""
     mesh, p = icosphere(3), Parameters.of(levels=levels, refine=0)
     f, g = (bump(mesh, mesh.vertices[vertex], 0.1) for vertex in (0, 30))
     seen = []
-    full_after(monkeypatch, count)
+    exhaust_memory_after(monkeypatch, count)
     match = abfm.match(mesh, f, g, p, on_iteration=seen.append)
     assert match.stop_reason == "out of memory"
-    # on the mesh itself as well as on the coarser one, up to what this does not resolve
+    # on the mesh itself as on the coarser one, up to the discretisation error of this
     found = min(seen[-1].residual, *(step.residual for step in seen[-1].path), 2.0)
     assert match.residual <= 1.01 * found + 0.3 * (levels - 1)
 
 
-def test_it_is_an_error_where_memory_runs_out_for_the_caller_or_without_a_field(monkeypatch):
+def test_memory_error_without_a_field_is_raised(monkeypatch):
+    """The MemoryError of a callback is raised as well."""
+
     def note(now):
         if now.iteration == 3:
             raise MemoryError("of the caller")
 
     with pytest.raises(MemoryError, match="of the caller"):
         abfm.match(SPHERE, F, G, on_iteration=note)
-    full_after(monkeypatch, 0)
+    exhaust_memory_after(monkeypatch, 0)
     with pytest.raises(MemoryError, match="Unable to allocate"):
         abfm.match(SPHERE, F, G)
 
 
 BALL = icosphere(3)
 PROBLEM = BALL, *(bump(BALL, BALL.vertices[vertex], 0.4) for vertex in (0, 30))
-WAYS = {
+VARIANTS = {
     "one level": Parameters.of(levels=1, iterations=8),
     "coarse to fine": Parameters.of(levels=2, iterations=12),
     "with a reach": Parameters.of(levels=2, iterations=12, reach=0.3),
@@ -101,11 +105,11 @@ WAYS = {
 
 
 @pytest.fixture
-def made(monkeypatch):
-    """All workspaces that are made and not gone, while nothing collects cycles."""
+def alive(monkeypatch):
+    """Yield all existing workspaces while garbage collection is disabled."""
     alive = weakref.WeakSet()
 
-    def noting(usual):
+    def recording(usual):
         def init(self, *arguments, **named):
             usual(self, *arguments, **named)
             alive.add(self)
@@ -113,17 +117,17 @@ def made(monkeypatch):
         return init
 
     for kind in (MatchingEnergy, Workspace, State, Descent, Record, Regularizer):
-        monkeypatch.setattr(kind, "__init__", noting(kind.__init__))
+        monkeypatch.setattr(kind, "__init__", recording(kind.__init__))
     gc.collect()
     gc.disable()
     yield alive
     gc.enable()
 
 
-def left(alive):
-    """What is still there besides what its mesh keeps."""
-    kept = [mesh.cache.get("regularizer") for mesh in _meshes(BALL)]
-    return [type(one).__name__ for one in alive if all(one is not each for each in kept)]
+def remaining(alive):
+    """Return the types of workspaces that exist outside the caches of the meshes."""
+    cached = [mesh.cache.get("regularizer") for mesh in _meshes(BALL)]
+    return [type(one).__name__ for one in alive if all(one is not each for each in cached)]
 
 
 def _meshes(mesh):
@@ -131,45 +135,46 @@ def _meshes(mesh):
     return [mesh, *(found for each in inner for found in _meshes(each))]
 
 
-@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
+@pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS.keys())
 @pytest.mark.parametrize("cancelled", [False, True])
-def test_after_a_match_also_one_that_was_cancelled(made, way, cancelled):
-    control, looks = Control(), []
+def test_match_releases_its_workspaces(alive, variant, cancelled):
+    """Also if it is cancelled."""
+    control, shapes = Control(), []
 
-    def look(now):
-        looks.append(now.advected.shape)
+    def record(now):
+        shapes.append(now.advected.shape)
         if cancelled:
             control.cancel()
 
-    match = abfm.match(*PROBLEM, way, on_iteration=look, control=control)
-    assert len(looks) == len(match.energy_history)
-    assert (match.stop_reason == "cancelled") == cancelled == (len(looks) == 1)
-    assert left(made) == []
+    match = abfm.match(*PROBLEM, variant, on_iteration=record, control=control)
+    assert len(shapes) == len(match.energy_history)
+    assert (match.stop_reason == "cancelled") == cancelled == (len(shapes) == 1)
+    assert remaining(alive) == []
 
 
 @pytest.mark.parametrize("error", [AbfmError, MemoryError, RuntimeError])
-def test_after_one_that_failed(made, error):
+def test_failed_match_releases_its_workspaces(alive, error):
     def fail(now):
         if now.iteration == 3:
-            raise error("no")
+            raise error("failed")
 
-    for way in ("one level", "coarse to fine"):
+    for variant in ("one level", "coarse to fine"):
         try:
-            match = abfm.match(*PROBLEM, WAYS[way], on_iteration=fail)
+            match = abfm.match(*PROBLEM, VARIANTS[variant], on_iteration=fail)
         except error:
             pass
         else:
             assert match.stop_reason == "out of memory"
             del match
-        assert left(made) == []
+        assert remaining(alive) == []
 
 
-def test_with_the_last_iterate_that_somebody_kept(made):
-    """Each holds what its view is made with, also after the match has ended."""
-    kept = []
-    abfm.match(*PROBLEM, WAYS["coarse to fine"], on_iteration=kept.append)
-    assert {"MatchingEnergy", "Workspace"} <= set(left(made))
-    assert {"State", "Descent"}.isdisjoint(left(made))
-    assert kept[0].velocity.shape == (1, len(BALL.faces), 3)
-    kept.clear()
-    assert left(made) == []
+def test_stored_iterates_keep_their_workspaces(alive):
+    """An iterate holds the objects that make its view, also after the match has ended."""
+    iterates = []
+    abfm.match(*PROBLEM, VARIANTS["coarse to fine"], on_iteration=iterates.append)
+    assert {"MatchingEnergy", "Workspace"} <= set(remaining(alive))
+    assert {"State", "Descent"}.isdisjoint(remaining(alive))
+    assert iterates[0].velocity.shape == (1, len(BALL.faces), 3)
+    iterates.clear()
+    assert remaining(alive) == []

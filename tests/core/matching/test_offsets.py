@@ -1,4 +1,4 @@
-"""A constant added to both functions changes neither the residual nor the course of a match."""
+"""A constant added to both functions has no effect on the residual and the match."""
 
 import numpy as np
 import pytest
@@ -23,24 +23,24 @@ PAIRS = {
 
 
 def measurements(f, g, mask):
-    """Everything that decides the course and the verdict, of one given field."""
+    """Return all numbers and decisions that affect path and verdict, for a fixed field."""
     problem = Problem(SPHERE, f, g, Parameters(sigma=0.1), mask=mask)
     energy, functions = MatchingEnergy(problem), problem.functions
     x = 0.1 * np.random.default_rng(2).normal(size=energy.shape)
     found = energy.objective(problem.parameters.last_sigma).evaluate(x)
-    carried = found.advected
+    advected = found.advected
     numbers = [
         found.energy,
         np.linalg.norm(found.gradient),
-        functions.residual(carried),
+        functions.residual(advected),
         functions.residual(functions.source),
         functions.function_size,
         value_gap(functions),
         *flow_line_measures(energy, np.zeros((1, len(SPHERE.faces), 3))).values(),
     ]
     decisions = [
-        squeezed(functions, carried),
-        stood_still(functions, carried),
+        squeezed(functions, advected),
+        stood_still(functions, advected),
         is_measured(functions),
     ]
     return numbers, decisions
@@ -59,7 +59,7 @@ def test_offset_changes_no_measurement_of_a_field(offset, name, mask):
 
 @pytest.mark.parametrize("offset", OFFSETS)
 def test_offset_changes_neither_path_nor_verdict(offset):
-    """Of a match of 49 iterations: rounding, which grows along a search, is small there."""
+    """The match has few iterations, so that the growth of rounding errors is small."""
     f, g = (abfm.function(SPHERE, f"gaussian:vertex={v},width=0.13") for v in (1, 30))
     one, other = (abfm.match(SPHERE, f + c, g + c) for c in (0.0, offset))
     assert len(one.energy_history) < 150
@@ -69,21 +69,21 @@ def test_offset_changes_neither_path_nor_verdict(offset):
     for step, same in zip(one.path, other.path, strict=True):
         assert step.sigma == same.sigma
         assert same.residual == pytest.approx(step.residual, rel=2e-3)
-    apart = np.linalg.norm(other.velocity - one.velocity) / np.linalg.norm(one.velocity)
-    assert apart < 1e-3
+    difference = np.linalg.norm(other.velocity - one.velocity) / np.linalg.norm(one.velocity)
+    assert difference < 1e-3
 
 
 def test_a_large_constant_hides_no_residual():
-    """Relative to the norm of the target, as in the paper, nearly everything would be a match."""
+    """Relative to the norm of the target, as in the paper, almost everything would match."""
     f, g = (bump(EGG, place, 0.13) + 3 for place in ([1, 0, 0], [0, 0, 0.55]))
-    still = abfm.match(EGG, f, g, Parameters.of(iterations=0))
-    assert still.mismatch < 0.15
-    assert still.residual > 1
-    assert still.facts.outcome is Outcome.NOT_REACHED
-    assert still.facts.numbers["residual"] == still.residual
+    unmoved = abfm.match(EGG, f, g, Parameters.of(iterations=0))
+    assert unmoved.mismatch < 0.15
+    assert unmoved.residual > 1
+    assert unmoved.facts.outcome is Outcome.NOT_REACHED
+    assert unmoved.facts.numbers["residual"] == unmoved.residual
 
 
-def test_the_residual_is_relative_to_the_masked_deviation():
+def test_residual_is_relative_to_masked_deviation():
     f, g = PAIRS["bumps"]
     mask = np.where(SPHERE.vertices[:, 2] > 0, 1.0, 0.25)
     functions = Problem(SPHERE, f, g, mask=mask).functions
@@ -92,7 +92,7 @@ def test_the_residual_is_relative_to_the_masked_deviation():
     assert functions.residual(functions.source) == pytest.approx(
         functions.norm(functions.source - functions.target) / varying, rel=1e-12
     )
-    # the mean of the target is a residual of 1, whatever the target
+    # a constant with the mean of the target has residual 1
     assert functions.residual(np.full_like(functions.target, mean)) == pytest.approx(1)
 
 

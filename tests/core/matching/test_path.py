@@ -1,4 +1,4 @@
-"""The path of a match: what flow lines say of its fields, its steps as matches, table, files."""
+"""The path of a match: measurements along flow lines, steps as matches, table and files."""
 
 import csv
 import math
@@ -30,35 +30,37 @@ def found():
 
 @pytest.fixture(scope="module")
 def longer(found):
-    """The match with two steps before its own, one of them on the subdivision."""
+    """Return the match with two more steps before its own; one is on the subdivision."""
     half = PathStep(1.0, 0.1, 0.3, 0.5 * found.velocity, 0.4, 0.45, 0.0, 0.1, 0.2)
     fine = replace(half, velocity=np.repeat(half.velocity, 4, axis=1), verified_residual=math.nan)
     return replace(found, path=(half, fine, found.path[found.step]), step=2)
 
 
-def test_a_rotation_keeps_areas_and_shapes_and_no_flow_leaves_all_and_a_swelling_is_log2_of_it():
+def test_distortion_of_known_flows():
+    """Of no flow, a rotation, and an expansion of the plane."""
     sphere = icosphere(4)
     energy = MatchingEnergy(sphere, *(bump(sphere, sphere.vertices[i], 0.3) for i in (0, 1)))
     centres = sphere.normalized().vertices[sphere.faces].mean(axis=1)
-    still = flow_line_measures(energy, np.zeros((1, len(sphere.faces), 3)))
-    assert still["verified_residual"] == pytest.approx(
+    unmoved = flow_line_measures(energy, np.zeros((1, len(sphere.faces), 3)))
+    assert unmoved["verified_residual"] == pytest.approx(
         energy.residual(energy.functions.source), rel=1e-6
     )
     turned = flow_line_measures(energy, np.cross([0, 0, 1.0], centres)[None])
-    for said in (still, turned):
-        assert said["folded"] == 0
-        assert said["log2_area"] < 4e-3
-        assert said["log2_shape"] < 8e-3
+    for measures in (unmoved, turned):
+        assert measures["folded"] == 0
+        assert measures["log2_area"] < 4e-3
+        assert measures["log2_shape"] < 8e-3
     flat = square(16)
     plane = MatchingEnergy(flat, *(bump(flat, flat.vertices[i], 0.3) for i in (130, 140)))
     wide = plane.mesh.vertices[plane.mesh.faces].mean(axis=1)
     outward = wide - plane.mesh.vertices.mean(axis=0)
-    said = flow_line_measures(plane, 0.5 * outward[None])
-    assert said["log2_area"] == pytest.approx(math.log2(math.e), rel=0.03)
-    assert said["log2_shape"] < 0.04
+    measures = flow_line_measures(plane, 0.5 * outward[None])
+    assert measures["log2_area"] == pytest.approx(math.log2(math.e), rel=0.03)
+    assert measures["log2_shape"] < 0.04
 
 
-def test_a_match_has_a_path_that_ends_with_it_and_a_given_one_is_kept(found, longer):
+def test_path_contains_the_match(found, longer):
+    """A given path is stored, and other steps are matches as well."""
     step = found.path[found.step]
     assert step.velocity is found.velocity
     for name in ("residual", "verified_residual", "folded"):
@@ -76,7 +78,7 @@ def test_a_match_has_a_path_that_ends_with_it_and_a_given_one_is_kept(found, lon
     assert earlier.at_step(2).verdict.kind == found.verdict.kind
 
 
-def test_its_table_is_csv(longer):
+def test_path_table_is_csv(longer):
     header, *rows = csv.reader(path_table(longer.path, MESH))
     assert tuple(header) == COLUMNS
     assert [row[-1] for row in rows] == ["0", "1", "0"]
@@ -84,7 +86,7 @@ def test_its_table_is_csv(longer):
     assert rows[1][4] == "nan"
 
 
-def test_files_without_a_path_load_with_the_step_that_they_hold(longer, tmp_path):
+def test_file_without_a_path_has_one_step(longer, tmp_path):
     path = tmp_path / "m.npz"
     longer.save(path)
     arrays = load_arrays(path)
@@ -94,22 +96,22 @@ def test_files_without_a_path_load_with_the_step_that_they_hold(longer, tmp_path
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_any_path_saves_and_loads_equal(seed, found, tmp_path):
-    """Its steps have any numbers of fields, on the mesh or on subdivisions of it."""
+def test_path_survives_saving(seed, found, tmp_path):
+    """The steps have different numbers of fields, on the mesh or on subdivisions."""
     random = np.random.default_rng(seed)
     steps = []
     for _ in range(random.integers(1, 5)):
         count, times = random.integers(1, 4), random.integers(0, 3)
         fields = np.repeat(found.velocity, count, axis=0) * random.uniform(0, 1, (count, 1, 1))
         steps.append(replace(found.path[found.step], velocity=np.repeat(fields, 4**times, axis=1)))
-    own = int(random.integers(len(steps)))
-    one = replace(found, fine_velocity=steps[own].velocity, path=tuple(steps), step=own)
+    selected = int(random.integers(len(steps)))
+    one = replace(found, fine_velocity=steps[selected].velocity, path=tuple(steps), step=selected)
     one.save(path := tmp_path / "m.npz")
     arrays = load_arrays(path)
     loaded = match_of(MESH, arrays)
-    assert loaded.step == own
+    assert loaded.step == selected
     for number, (given, read) in enumerate(zip(steps, loaded.path, strict=True)):
-        same = given.velocity if number == own else as_stored(given.velocity, MESH)
+        same = given.velocity if number == selected else as_stored(given.velocity, MESH)
         assert_array_equal(read.velocity, same)
         assert path_table([read], MESH) == path_table([given], MESH)
     loaded.save(again := tmp_path / "again.npz")
@@ -117,7 +119,7 @@ def test_any_path_saves_and_loads_equal(seed, found, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("damage", "told"),
+    ("damage", "expected"),
     [
         (lambda counts: counts + 1, "3 for step 1, which has 2"),
         (lambda counts: counts[::-1], "1 for step 1, which has 2"),
@@ -126,23 +128,23 @@ def test_any_path_saves_and_loads_equal(seed, found, tmp_path):
         (lambda counts: 0 * counts, "path_fields has the value 0"),
     ],
 )
-def test_damage_to_numbers_of_fields_is_refused(damage, told, found, tmp_path):
-    own = replace(found.path[found.step], velocity=np.repeat(found.velocity, 2, axis=0))
-    path = found.path[found.step], own
-    replace(found, fine_velocity=own.velocity, path=path, step=1).save(tmp_path / "m.npz")
+def test_damaged_numbers_of_fields_are_refused(damage, expected, found, tmp_path):
+    selected = replace(found.path[found.step], velocity=np.repeat(found.velocity, 2, axis=0))
+    path = found.path[found.step], selected
+    replace(found, fine_velocity=selected.velocity, path=path, step=1).save(tmp_path / "m.npz")
     with np.load(tmp_path / "m.npz") as file:
         arrays = dict(file)
     arrays["path_fields"] = damage(arrays["path_fields"])
     np.savez(tmp_path / "m.npz", **arrays)
     with pytest.raises(ResultError) as error:
         load(tmp_path / "m.npz")
-    assert told in str(error.value)
+    assert expected in str(error.value)
 
 
 @pytest.mark.parametrize(
     ("name", "damage", "named"),
     [
-        ("path_step", lambda own: own + 7, ("path_step", 9, 3)),
+        ("path_step", lambda selected: selected + 7, ("path_step", 9, 3)),
         ("path_step", None, ("path_step",)),
         ("path_steps", None, ("path_steps",)),
         ("path_steps", lambda rows: rows[:2], ("path_step", 2)),
@@ -154,7 +156,7 @@ def test_damage_to_numbers_of_fields_is_refused(damage, told, found, tmp_path):
         ("path_velocity", lambda fields: fields * np.nan, ("path_velocity",)),
     ],
 )
-def test_damage_to_it_is_refused_in_one_line(longer, tmp_path, name, damage, named):
+def test_damaged_path_is_refused_in_one_line(longer, tmp_path, name, damage, named):
     path = tmp_path / "m.npz"
     longer.save(path)
     with np.load(path) as file:
@@ -167,7 +169,8 @@ def test_damage_to_it_is_refused_in_one_line(longer, tmp_path, name, damage, nam
     assert "\n" not in str(error.value)
 
 
-def test_a_step_that_went_astray_does_not_keep_a_match_from_its_file(found, tmp_path):
+def test_match_with_a_diverged_step_can_be_saved(found, tmp_path):
+    """Infinite measurements of a step are stored as NaN."""
     wild = PathStep(1.0, 0.1, 0.3, 2 * found.velocity, math.inf, math.inf, 0.5, math.inf, 0.2)
     replace(found, path=(wild, found.path[found.step]), step=1).save(tmp_path / "m.npz")
     again = load(tmp_path / "m.npz")

@@ -1,4 +1,4 @@
-"""A problem is a value: checked once, the same after every journey, named by its content."""
+"""Problems: checks of their inputs, digests, files and pickling."""
 
 import pickle
 import subprocess
@@ -29,17 +29,18 @@ GIVEN = {
 
 
 def problem(**changes):
-    """With everything that a problem may have."""
+    """Return a problem with all optional inputs."""
     channels = [np.stack(pair, axis=1) for pair in ((F, G), (G, F))]
     return abfm.Problem(SPHERE, *channels, P, **GIVEN | changes)
 
 
-@pytest.fixture(params=["whole", "plain"])
+@pytest.fixture(params=["complete", "plain"])
 def made(request):
-    return problem() if request.param == "whole" else abfm.Problem(SPHERE, F, G)
+    return problem() if request.param == "complete" else abfm.Problem(SPHERE, F, G)
 
 
-def test_match_takes_a_problem_or_what_makes_one_which_is_the_same():
+def test_match_accepts_problem_or_its_arguments():
+    """Both give the same result, and cannot be combined."""
     made = problem()
     one, other = abfm.match(made), abfm.match(SPHERE, made.source, made.target, P, **GIVEN)
     assert np.array_equal(one.velocity, other.velocity)
@@ -51,7 +52,7 @@ def test_match_takes_a_problem_or_what_makes_one_which_is_the_same():
             abfm.match(problem(), *more, **named)
 
 
-def test_it_comes_back_from_a_file_and_from_another_process(made, tmp_path):
+def test_problem_survives_files_and_pickling(made, tmp_path):
     made.save(tmp_path / "p.npz")
     loaded = abfm.load(tmp_path / "p.npz")
     assert loaded.digest == made.digest
@@ -66,7 +67,7 @@ def test_it_comes_back_from_a_file_and_from_another_process(made, tmp_path):
     assert np.array_equal(found[0].velocity, found[1].velocity)
 
 
-def test_its_digest_is_the_same_in_every_process(tmp_path):
+def test_digest_is_the_same_in_every_process(tmp_path):
     problem().save(tmp_path / "p.npz")
     code = "import abfm, sys; print(abfm.load(sys.argv[1]).digest)"
     found = subprocess.check_output([sys.executable, "-c", code, tmp_path / "p.npz"], text=True)
@@ -74,7 +75,7 @@ def test_its_digest_is_the_same_in_every_process(tmp_path):
     assert len(problem().digest) == 64
 
 
-def test_its_digest_tells_all_that_it_is_made_of():
+def test_digest_depends_on_all_inputs():
     f, g = problem().source, problem().target
     others = [
         problem(mask=None),
@@ -91,7 +92,8 @@ def test_its_digest_tells_all_that_it_is_made_of():
     assert len(digests) == len(others) + 1
 
 
-def test_terms_with_arrays_of_the_same_name_are_told_apart(tmp_path):
+def test_digest_distinguishes_equal_array_names(tmp_path):
+    """Terms with arrays of the same name have different digests, and cannot be saved."""
     other, same = (FunctionTerm(SPHERE.normalized(), H, g) for g in (F, G))
     made = [abfm.Problem(SPHERE, F, G, terms=[term]) for term in (other, same)]
     made += [abfm.Problem(SPHERE, G, F, terms=[other]), abfm.Problem(SPHERE, H, F)]
@@ -101,7 +103,7 @@ def test_terms_with_arrays_of_the_same_name_are_told_apart(tmp_path):
 
 
 @given(st.floats(-1e6, 1e6))
-def test_it_does_not_change_with_what_it_was_given(value):
+def test_problem_copies_its_inputs(value):
     f, g, mask = F.copy(), G.copy(), np.ones(len(F))
     start = np.zeros((1, len(SPHERE.faces), 3))
     made = abfm.Problem(SPHERE, f, g, mask=mask, start=start)
@@ -110,8 +112,9 @@ def test_it_does_not_change_with_what_it_was_given(value):
     assert made._with().digest == before
 
 
-def test_it_cannot_be_changed_and_it_and_its_match_are_written_in_few_words():
-    with pytest.raises(AttributeError, match="immutable"):
+def test_problem_is_immutable():
+    """The texts of a problem and of its match are short."""
+    with pytest.raises(AttributeError, match="parameters"):
         problem().parameters = P
     made = abfm.Problem(SPHERE, F, G, mask=np.ones(len(F)), start=np.zeros((len(SPHERE.faces), 3)))
     for array in (made.source, made.target, made.mask, made.weights, made.start):
@@ -144,14 +147,14 @@ def test_it_cannot_be_changed_and_it_and_its_match_are_written_in_few_words():
         ({"start": np.full((len(SPHERE.faces), 3), np.inf)}, ()),
     ],
 )
-def test_what_does_not_fit_is_refused_at_once(changes, named):
+def test_invalid_inputs_are_refused(changes, named):
     with raises(AbfmError, *named):
         abfm.Problem(**{"mesh": SPHERE, "f": F, "g": G} | changes)
 
 
-def test_a_file_that_is_no_problem_is_refused(tmp_path):
+def test_other_files_are_refused(tmp_path):
     abfm.match(SPHERE, F, G, P).save(tmp_path / "m.npz")
-    assert abfm.load(tmp_path / "m.npz").channels_given is False  # a result holds one
+    assert abfm.load(tmp_path / "m.npz").channels_given is False  # a result contains a problem
     with np.load(tmp_path / "m.npz") as file:
         arrays = dict(file)
     del arrays["velocity"]
@@ -162,11 +165,11 @@ def test_a_file_that_is_no_problem_is_refused(tmp_path):
     with raises(ResultError):
         abfm.load(tmp_path / "other.npz")
     with raises(ResultError, "population.npz"):
-        abfm.load(tmp_path)  # of a batch, say
+        abfm.load(tmp_path)  # a folder, as of a batch
 
 
 def test_missing_values_are_masked_with_a_warning():
-    """NaN in one of the functions is a mask of 0, as if the mask had been given."""
+    """NaN in one of the functions has the effect of a mask of 0."""
     f, missing = F.copy(), np.arange(len(F)) < 9
     f[missing] = np.nan
     with pytest.warns(abfm.errors.AbfmWarning, match="9 of 162 vertices have no value"):
@@ -175,7 +178,7 @@ def test_missing_values_are_masked_with_a_warning():
     assert made.digest == masked.digest
 
 
-def test_missing_values_below_a_mask_are_not_reported():
+def test_missing_values_below_a_mask_cause_no_warning():
     f, mask = F.copy(), np.ones(len(F))
     f[:9], mask[:9] = np.nan, 0
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""Problems, fields and matches on the midpoint subdivision, which are seen on the mesh itself."""
+"""Problems, fields and matches on midpoint subdivisions of a mesh."""
 
 import pickle
 from dataclasses import replace
@@ -29,7 +29,8 @@ def random_points(mesh, count=200):
 
 
 @pytest.mark.parametrize("k", [0, 1, 3])
-def test_points_are_where_they_were_on_finer_meshes_and_come_back(k):
+def test_points_on_subdivisions_round_trip(k):
+    """Their positions do not change, and neither do linear functions there."""
     points = random_points(BALL)
     there = to_children(points.faces, points.barycentric, k)
     assert_allclose(SurfacePoints(refined(BALL, k), *there).positions, points.positions, atol=1e-13)
@@ -41,7 +42,8 @@ def test_points_are_where_they_were_on_finer_meshes_and_come_back(k):
     assert_allclose(on_fine, points.pull_back(linear), atol=1e-12)
 
 
-def test_the_mean_over_children_is_that_by_areas_and_undoes_copying():
+def test_mean_of_children_is_weighted_by_area():
+    """It is the inverse of copying to child faces, and its adjoint in L2."""
     field = wavy_field(BALL, 0)
     assert_allclose(mean_of_children(np.repeat(field, 16, axis=0)[None], len(field))[0], field)
     fine, random = refined(BALL, 2), np.random.default_rng(0).normal(size=(1, 16 * len(field), 3))
@@ -56,7 +58,8 @@ def test_the_mean_over_children_is_that_by_areas_and_undoes_copying():
 
 @pytest.mark.parametrize("method", ["nonlinear", "linearised"])
 @pytest.mark.parametrize("k", [1, 2])
-def test_a_flow_of_finer_fields_is_that_on_the_finer_mesh_at_the_vertices_of_the_mesh(k, method):
+def test_flow_of_finer_fields_uses_the_finer_mesh(k, method):
+    """Its values are those at the vertices of the mesh."""
     fine, count = refined(BALL, k), len(BALL.vertices)
     fields = np.stack([0.1 * wavy_field(fine, seed) for seed in (0, 1)])
     here, there = Flow(BALL, fields, 2.0, method), Flow(fine, fields, 2.0, method)
@@ -70,14 +73,15 @@ def test_a_flow_of_finer_fields_is_that_on_the_finer_mesh_at_the_vertices_of_the
     assert here.point_map().codomain is BALL
     assert len(here.distortion().area) == len(BALL.faces)
     lines, finer = ContinuousFlow(BALL, fields, 2.0), ContinuousFlow(fine, fields, 2.0)
-    for ask in ("origins", "destinations"):
-        points = getattr(lines, ask)()
+    for name in ("origins", "destinations"):
+        points = getattr(lines, name)()
         assert points.mesh is BALL
-        expected = getattr(finer, ask)().positions[:count]
+        expected = getattr(finer, name)().positions[:count]
         assert_allclose(points.positions, expected, atol=1e-9)
 
 
-def test_flow_lines_of_finer_fields_run_on_the_finer_mesh_and_are_told_on_the_mesh():
+def test_flow_lines_of_finer_fields_use_the_finer_mesh():
+    """Their points refer to the faces of the mesh."""
     fine, points = refined(BALL, 1), random_points(BALL, 5)
     field = wavy_field(fine, 2)
     there = SurfacePoints(fine, *to_children(points.faces, points.barycentric))
@@ -85,17 +89,18 @@ def test_flow_lines_of_finer_fields_run_on_the_finer_mesh_and_are_told_on_the_me
         flow_lines(BALL, field, points, 0.5), flow_lines(fine, field, there, 0.5), strict=True
     ):
         assert_allclose(line.positions, other.positions, atol=1e-12)
-        told = SurfacePoints(BALL, line.faces, line.barycentric).positions
-        assert_allclose(told, line.positions, atol=1e-12)
+        positions = SurfacePoints(BALL, line.faces, line.barycentric).positions
+        assert_allclose(positions, line.positions, atol=1e-12)
 
 
 @pytest.mark.parametrize("faces", [1, 319, 2 * 320, 3 * 320])
-def test_fields_on_no_subdivision_are_refused_in_a_line(faces):
+def test_fields_with_a_wrong_number_of_faces_are_refused(faces):
     with raises(AbfmError, "velocity", faces, 320, 1280):
         Flow(BALL, np.zeros((faces, 3)))
 
 
-def test_the_head_of_what_is_refined_is_what_there_was_and_twice_is_twice():
+def test_refined_problem_extends_the_problem():
+    """The first values are unchanged, and subdivisions can be repeated."""
     random = np.random.default_rng(0)
     f, g = random.normal(size=(2, len(BALL.vertices), 2))
     start, mask = wavy_field(BALL, 0)[None], random.uniform(0, 1, len(BALL.vertices))
@@ -115,7 +120,7 @@ def test_the_head_of_what_is_refined_is_what_there_was_and_twice_is_twice():
     assert_array_equal(once.mask[len(f) :], mask[BALL.edges].min(axis=1))
 
 
-def test_other_data_terms_come_to_finer_meshes_by_what_they_come_to_coarser_ones():
+def test_other_data_terms_are_interpolated():
     f, g, mask = np.random.default_rng(0).uniform(size=(3, len(BALL.vertices)))
     given = Problem(BALL, f, g, terms=[FunctionTerm(BALL.normalized(), g, f, mask)])
     _, term = given.refined(2).terms
@@ -124,18 +129,20 @@ def test_other_data_terms_come_to_finer_meshes_by_what_they_come_to_coarser_ones
     assert term.mesh is refined(BALL, 2).normalized()
 
 
-def test_a_start_that_goes_to_children_is_nearer_to_the_field_that_it_is_of():
+def test_refined_start_is_more_accurate_than_copies():
+    """The start is made continuous before it is evaluated on child faces."""
     for k in (0, 1):
         ball = refined(icosphere(3), k)
         axis, mesh = [0.3, 0.5, 1], refined(ball, 1)
         problem = Problem(ball, ball.vertices[:, 0], ball.vertices[:, 1])
         there = problem.starting_from(rotation_field(ball, axis)).subdivided().start[0]
-        wanted = rotation_field(mesh, axis)
+        exact = rotation_field(mesh, axis)
         copied = np.repeat(rotation_field(ball, axis), 4, axis=0)
-        assert np.abs(there - wanted).max() < 0.35 * np.abs(copied - wanted).max()
+        assert np.abs(there - exact).max() < 0.35 * np.abs(copied - exact).max()
 
 
-def test_a_finer_start_is_its_mean_and_goes_to_its_own_mesh_as_it_is():
+def test_finer_start_is_used_on_its_own_mesh():
+    """On the mesh itself it is the mean over child faces."""
     finer = wavy_field(refined(BALL, 2), 3)[None]
     given = Problem(BALL, *np.eye(2, len(BALL.vertices)), start=finer)
     assert_array_equal(given.start, mean_of_children(finer, len(BALL.faces)))
@@ -145,38 +152,41 @@ def test_a_finer_start_is_its_mean_and_goes_to_its_own_mesh_as_it_is():
         Problem(BALL, *np.eye(2, len(BALL.vertices)), start=finer[:, 1:])
 
 
-def test_texts_are_evaluated_anew_and_what_has_no_meaning_there_is_interpolated(tmp_path):
+def test_specs_are_evaluated_on_finer_meshes(tmp_path):
+    """Functions of files, curvature and other values are interpolated."""
     np.save(tmp_path / "v.npy", values := np.arange(len(BALL.vertices), dtype=float))
     from_file = f"file:{tmp_path / 'v.npy'}"
-    anew = ["gaussian:vertex=3,width=0.2", "coordinate:x + geodesic:vertex=7"]
+    evaluated = ["gaussian:vertex=3,width=0.2", "coordinate:x + geodesic:vertex=7"]
     others = [from_file, f"{from_file} + coordinate:x", "curvature:mean", "eigenfunction:7"]
-    problem = Problem(BALL, anew[0], [1.0] * len(values))
+    problem = Problem(BALL, evaluated[0], [1.0] * len(values))
     fine = refined(BALL, 1)
     for k in (1, 2):
-        expected = function(refined(BALL, k), anew[0])
+        expected = function(refined(BALL, k), evaluated[0])
         assert_array_equal(problem.refined(k).source[:, 0], expected)
-    several = Problem(BALL, [*anew, *others], [*anew, *others]).subdivided()
-    for channel, spec in enumerate(anew):
+    several = Problem(BALL, [*evaluated, *others], [*evaluated, *others]).subdivided()
+    for channel, spec in enumerate(evaluated):
         assert_array_equal(several.source[:, channel], function(fine, spec))
-    for channel, spec in enumerate(others, len(anew)):
+    for channel, spec in enumerate(others, len(evaluated)):
         expected = interpolated(BALL, function(BALL, spec))
         assert np.allclose(several.source[:, channel], expected) or spec == "eigenfunction:7"
-    other_values = Problem(BALL, -function(BALL, anew[0]), values).with_specs([anew[0]], [""])
+    other_values = Problem(BALL, -function(BALL, evaluated[0]), values).with_specs(
+        [evaluated[0]], [""]
+    )
     assert_array_equal(
         other_values.subdivided().source[:, 0],
-        interpolated(BALL, -function(BALL, anew[0])),
-        "values that are not those of the text",
+        interpolated(BALL, -function(BALL, evaluated[0])),
+        "values that differ from those of the spec",
     )
 
 
-def test_vertex_numbers_of_a_file_with_loose_vertices_stay():
+def test_vertex_numbers_include_loose_vertices():
     mesh = with_loose_vertex(BALL)
     fine = Problem(mesh, *SPECS).subdivided()
     assert_array_equal(fine.source[:, 0], function(fine.mesh, SPECS[0]))
     assert fine.source[:, 0].argmax() == Problem(mesh, *SPECS).source[:, 0].argmax()
 
 
-def test_texts_are_part_of_the_digest_where_given_and_of_files_and_copies(tmp_path):
+def test_specs_are_part_of_digest_files_and_copies(tmp_path):
     plain = Problem(BALL, *(function(BALL, spec) for spec in SPECS))
     named = Problem(BALL, *SPECS)
     assert named.digest != plain.digest == plain.with_specs([""], [""]).digest
@@ -193,13 +203,14 @@ def test_texts_are_part_of_the_digest_where_given_and_of_files_and_copies(tmp_pa
 
 @pytest.fixture(scope="module")
 def fine_match():
-    """A match found on the subdivision, seen on the mesh."""
+    """Return a match that was computed on the subdivision, as a match of the mesh."""
     problem = Problem(BALL, *SPECS, Parameters.of(iterations=20, refine=0))
     found, count = match(problem.subdivided()), len(BALL.vertices)
     return replace(found, problem=problem, advected=found.advected[:count], path=())
 
 
-def test_a_refined_match_is_seen_on_the_mesh_and_certified_on_the_finer_one(fine_match):
+def test_refined_match_is_verified_on_the_finer_mesh(fine_match):
+    """Its velocity and advected source refer to the mesh itself."""
     found, count = fine_match, len(BALL.vertices)
     assert (found.refined, found.fine.refined) == (1, 0)
     assert found.velocity.shape == (1, len(BALL.faces), 3)
@@ -208,13 +219,13 @@ def test_a_refined_match_is_seen_on_the_mesh_and_certified_on_the_finer_one(fine
     assert_allclose(found.advect(1.0), found.advected[:, 0], atol=1e-7)
     assert found.advect([0.5, 1]).shape == (2, count)
     assert_array_equal(found.verify().flow_lines, found.fine.verify().flow_lines)
-    left = found.fine.problem.functions.residual(found.fine.advected.T)
-    assert left == pytest.approx(found.residual, rel=1e-6)
+    residual = found.fine.problem.functions.residual(found.fine.advected.T)
+    assert residual == pytest.approx(found.residual, rel=1e-6)
     again = match(found.problem.starting_from(found.start_for(Parameters())).subdivided())
     assert again.residual <= found.residual * (1 + 1e-9)
 
 
-def test_files_keep_the_finer_field_beside_its_mean(fine_match, tmp_path):
+def test_files_store_the_finer_field_and_its_mean(fine_match, tmp_path):
     path = tmp_path / "m.npz"
     fine_match.save(path)
     with np.load(path) as file:
@@ -231,7 +242,7 @@ def test_files_keep_the_finer_field_beside_its_mean(fine_match, tmp_path):
     assert abfm.load(path).fine is not None
 
 
-def test_a_step_of_another_level_is_a_match_of_that_level(fine_match):
+def test_step_of_another_level_is_a_match_there(fine_match):
     coarse = match(fine_match.problem)
     both = replace(coarse, path=(*fine_match.path, coarse.path[coarse.step]), step=1)
     earlier = both.at_step(0)
@@ -239,7 +250,7 @@ def test_a_step_of_another_level_is_a_match_of_that_level(fine_match):
     assert_allclose(earlier.advected, fine_match.advected, atol=1e-7)
 
 
-def test_a_narrow_bump_moves_with_less_dispersion_on_a_finer_mesh():
+def test_finer_mesh_has_less_dispersion():
     ball = icosphere(3)
     errors = []
     for k in (0, 1, 2):
@@ -247,7 +258,7 @@ def test_a_narrow_bump_moves_with_less_dispersion_on_a_finer_mesh():
         turn = np.array([[np.cos(0.5), np.sin(0.5), 0], [-np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
         centre = np.array([1.0, 0, 0])
         problem = Problem(ball, bump(ball, centre, 0.1), bump(ball, turn.T @ centre, 0.1))
-        carried = flow.push(problem.source)
-        errors.append(problem.functions.residual(carried.T))
+        advected = flow.push(problem.source)
+        errors.append(problem.functions.residual(advected.T))
     assert errors[1] < 0.75 * errors[0]
     assert errors[2] < errors[1]

@@ -1,4 +1,4 @@
-"""What the functions alone say: bounds, constants, distances, peaks and resolution."""
+"""Properties of functions: bounds, constants, distances, peaks and resolution."""
 
 from itertools import permutations
 
@@ -32,7 +32,7 @@ def random_problem(seed):
 
 
 def at(degrees, width=0.15):
-    """A Gaussian on the unit sphere, so far from the pole."""
+    """Return a Gaussian on the unit sphere at this angle from the pole."""
     angle = np.deg2rad(degrees)
     return bump(SPHERE, [0, np.sin(angle), np.cos(angle)], width)
 
@@ -46,8 +46,8 @@ def pair(one, other):
 
 
 @given(SEEDS)
-def test_residual_and_mismatch_are_ratios_of_norms_and_no_order_of_values_is_below_the_bound(seed):
-    """Values in any order, or any between least and largest, are all a flow could give."""
+def test_no_rearrangement_is_below_the_bound(seed):
+    """A flow gives values of the source in another order; residual and mismatch are ratios."""
     problem, rng = random_problem(seed), np.random.default_rng(seed)
     source, target, bound = problem.source, problem.target, range_bound(problem)
     given = {"mask": problem.mask, "weights": problem.weights}
@@ -62,8 +62,8 @@ def test_residual_and_mismatch_are_ratios_of_norms_and_no_order_of_values_is_bel
     ]
     assert found == pytest.approx(norms[0] / norms[1], rel=1e-12)
     assert problem.mismatch(source) == pytest.approx(norms[0] / norms[2], rel=1e-12)
-    apart = source - (source @ problem.areas / problem.areas.sum())[:, None]
-    assert problem.deviation(source) == pytest.approx(problem.norm(apart), rel=1e-12)
+    deviation = source - (source @ problem.areas / problem.areas.sum())[:, None]
+    assert problem.deviation(source) == pytest.approx(problem.norm(deviation), rel=1e-12)
     low, high = source.min(axis=1, keepdims=True), source.max(axis=1, keepdims=True)
     for made in (rng.permuted(source, axis=1), rng.uniform(low, high, source.shape)):
         assert problem.residual(made) >= bound
@@ -72,7 +72,7 @@ def test_residual_and_mismatch_are_ratios_of_norms_and_no_order_of_values_is_bel
 
 
 @given(SEEDS, st.floats(1e-3, 1e3), st.floats(1, 3))
-def test_the_bound_ignores_units_and_falls_with_a_wider_source(seed, unit, wider):
+def test_bound_is_scale_invariant_and_monotonic(seed, unit, wider):
     problem = random_problem(seed)
     source, target, weighted = problem.source, problem.target, (problem.mask, problem.weights)
     scaled = term(unit * source.T, unit * target.T, *weighted)
@@ -82,8 +82,8 @@ def test_the_bound_ignores_units_and_falls_with_a_wider_source(seed, unit, wider
     assert range_bound(term(wide.T, target.T, *weighted)) <= range_bound(problem) + 1e-12
 
 
-def test_the_bound_of_known_functions():
-    # as vertices do not sample both tops alike
+def test_bound_of_known_functions():
+    # vertices sample both peaks differently
     assert range_bound(term(at(0), at(40))) < 0.05
     assert range_bound(term(at(0) - at(180), 0.9 * at(0))) == 0
     flat = np.full(COUNT, 0.5)
@@ -92,8 +92,8 @@ def test_the_bound_of_known_functions():
     assert range_bound(term(flat, at(0))) == pytest.approx(still)
 
 
-def test_only_what_counts_is_bounded_and_constant():
-    """Where the mask is 0, or in a channel of weight 0, there may be any values."""
+def test_masked_values_do_not_affect_the_bound():
+    """Neither do channels of weight 0."""
     source, target, mask, flat = at(0), at(0).copy(), np.ones(COUNT), np.full(COUNT, 0.3)
     target[:5], mask[:5] = 9, 0
     assert range_bound(term(source, target)) > 0.5
@@ -105,40 +105,40 @@ def test_only_what_counts_is_bounded_and_constant():
     outside = flat.copy()
     outside[:5] = 1
     assert solvability.source_is_constant(term(flat, at(0)))
-    # its values may come from anywhere
+    # source values of masked vertices may move elsewhere
     assert not solvability.source_is_constant(term(outside, at(0), mask))
     assert solvability.target_is_constant(term(at(0), outside, mask))
     assert not solvability.target_is_constant(term(at(0), outside))
 
 
-def test_what_vanished_what_stood_still_and_what_was_squeezed_not_moved():
+def test_vanished_unmoved_and_squeezed_sources():
     f, halfway, g = at(0), at(45), at(90)
     problem = term(f, g)
     assert solvability.vanished(problem, (0.01 * at(30) + 0.1)[None])
     assert not solvability.vanished(problem, (0.5 * at(30))[None])
     assert solvability.stood_still(problem, (f + 0.01 * at(30))[None])
     assert not solvability.stood_still(problem, (at(20))[None])
-    # as the target has it
+    # the target is also small
     assert not solvability.vanished(term(f, 0.01 * g), (0.01 * at(30))[None])
-    assert solvability.distance(term(f, 2 * f)) == 0  # nothing is too much
+    assert solvability.distance(term(f, 2 * f)) == 0  # the source is nowhere larger
     assert solvability.squeezed(problem, 0.5 * f[None])
     assert not solvability.squeezed(problem, 0.8 * f[None])  # not yet
     assert not solvability.squeezed(problem, halfway[None])
-    assert not solvability.squeezed(problem, 0.5 * g[None])  # it moved, and came smaller
-    assert not solvability.squeezed(term(f, 0.4 * f), 0.5 * f[None])  # as the target is smaller
+    assert not solvability.squeezed(problem, 0.5 * g[None])  # moved, but smaller
+    assert not solvability.squeezed(term(f, 0.4 * f), 0.5 * f[None])  # the target is smaller
 
 
 @given(st.floats(10, 80))
-def test_the_distance_is_that_between_gaussians(degrees):
-    mesh, apart = square(20), degrees / 200
-    f, g = (bump(mesh, [0.5, y, 0], 0.04) for y in (0.3, 0.3 + apart))
+def test_distance_is_that_between_gaussians(degrees):
+    mesh, distance = square(20), degrees / 200
+    f, g = (bump(mesh, [0.5, y, 0], 0.04) for y in (0.3, 0.3 + distance))
     found = solvability.distance(FunctionTerm(mesh, f, g))
-    # what they share cancels, and leaves centres farther apart
-    assert apart * 0.95 <= found <= apart + 0.04 * 0.04 * 4 / apart
+    # the overlap cancels, which increases the distance of the centres
+    assert distance * 0.95 <= found <= distance + 0.04 * 0.04 * 4 / distance
     assert found == solvability.distance(FunctionTerm(mesh, g, f))
 
 
-def test_peaks_are_not_told_where_a_mask_hides_some():
+def test_peaks_are_not_compared_with_a_mask():
     one, two = at(0, 0.1), np.maximum(at(0, 0.1), at(120, 0.1))
     assert solvability.first_difference(term(one, two)) == (0, (1, 1), (2, 1))
     half = (SPHERE.vertices[:, 2] > 0).astype(float)
@@ -152,7 +152,7 @@ def gaussians(count):
 
 
 def slow_persistence(mesh, f):
-    """For every vertex flood what lies above each lower value."""
+    """Return persistences by a search for a higher vertex above each lower value."""
     neighbours = [set() for _ in f]
     for a, b in mesh.edges.tolist():
         neighbours[a].add(b)
@@ -175,14 +175,14 @@ def slow_persistence(mesh, f):
 
 
 @given(SEEDS, st.integers(1, 3))
-def test_noise_below_the_bound_adds_none(seed, count):
+def test_small_noise_adds_no_peaks(seed, count):
     noise = np.random.default_rng(seed).uniform(-0.04, 0.04, len(FINE.vertices))
     assert peaks(FINE, gaussians(count)) == (count, 1)
     assert peaks(FINE, gaussians(count) + noise) == (count, 1)
     assert len(persistence(FINE, gaussians(count) + noise)) > 3
 
 
-def test_a_constant_has_no_peaks_a_plateau_one_and_the_edge_of_a_surface_some():
+def test_peaks_of_constants_plateaus_and_boundaries():
     for value in (0.0, 0.1, -7.0):
         assert peaks(FINE, np.full(len(FINE.vertices), value)) == (0, 0)
     assert peaks(FINE, 0.1 + 1e-17 * FINE.vertices[:, 0]) == (0, 0)
@@ -197,15 +197,15 @@ def test_a_constant_has_no_peaks_a_plateau_one_and_the_edge_of_a_surface_some():
     assert peaks(mesh, (x - 0.5) ** 2 + (y - 0.5) ** 2) == (4, 1)
 
 
-def test_persistence_is_the_depth_of_the_pass():
-    """Of two equal Gaussians one lasts to the lowest value, the other to the saddle halfway."""
-    width, apart = 0.15, 1.5  # in sqrt(area), in radians
+def test_persistence_is_the_height_above_the_pass():
+    """Of two equal Gaussians, one meets the lowest value, the other the saddle in between."""
+    width, distance = 0.15, 1.5  # in sqrt(area), in radians
 
     def height(angle):
         return float(np.exp(-((2 * np.sin(angle / 2)) ** 2) / (2 * width**2 * 4 * np.pi)))
 
-    f = sum(bump(BALL, [0, np.sin(angle), np.cos(angle)], width) for angle in (0.0, apart))
-    top, saddle = 1 + height(apart), 2 * height(apart / 2)
+    f = sum(bump(BALL, [0, np.sin(angle), np.cos(angle)], width) for angle in (0.0, distance))
+    top, saddle = 1 + height(distance), 2 * height(distance / 2)
     found = persistence(BALL, f)
     assert_allclose(found[:2], [top, top - saddle], atol=0.01)
     assert len(found) == 2
@@ -214,7 +214,7 @@ def test_persistence_is_the_depth_of_the_pass():
 @pytest.mark.parametrize(
     "name", [name for name, mesh in SURFACES.items() if len(mesh.vertices) < 130]
 )
-def test_the_slow_count_agrees(name):
+def test_persistence_agrees_with_direct_search(name):
     mesh = SURFACES[name]
     count = len(mesh.vertices)
     rng = np.random.default_rng(count)
@@ -223,7 +223,7 @@ def test_the_slow_count_agrees(name):
 
 
 @given(SEEDS, st.floats(1e-3, 1e3), st.floats(-1e3, 1e3))
-def test_numbering_scale_and_offset_do_not_matter(seed, factor, offset):
+def test_persistence_is_invariant(seed, factor, offset):
     rng = np.random.default_rng(seed)
     f = np.sin(3 * FINE.vertices @ rng.normal(size=(3, 2))).sum(axis=1)
     f += rng.normal(0, 0.1, len(f))
@@ -235,8 +235,8 @@ def test_numbering_scale_and_offset_do_not_matter(seed, factor, offset):
 
 
 @given(SEEDS, st.floats(0, 0.5), st.floats(0, 1))
-def test_a_small_change_pairs_peaks_up(seed, change, least):
-    """The theorem of stability: what stands out by so much more before does so afterwards."""
+def test_persistence_is_stable(seed, change, least):
+    """A peak remains if its persistence exceeds twice the change of the function."""
     rng = np.random.default_rng(seed)
     f = rng.normal(size=len(FINE.vertices))
     after = persistence(FINE, f + rng.uniform(-change, change, len(f)))
@@ -244,14 +244,14 @@ def test_a_small_change_pairs_peaks_up(seed, change, least):
 
 
 @given(SEEDS)
-def test_functions_that_are_near_are_never_told_different(seed):
+def test_similar_functions_have_no_extrema_difference(seed):
     rng = np.random.default_rng(seed)
     f = np.sin(6 * FINE.vertices @ rng.normal(size=(3, 2))).sum(axis=1)
     g = f + rng.uniform(-0.09, 0.09, len(f)) * np.ptp(f)
     assert solvability.extrema_difference(FINE, f, g) is None
 
 
-def test_functions_with_other_peaks_are_told():
+def test_different_numbers_of_peaks_are_found():
     found = solvability.extrema_difference(FINE, gaussians(1), gaussians(3))
     assert found == (Extrema(1, 1), Extrema(3, 1))
     assert str(found[1]) == "3 peaks and 1 pit"
@@ -267,7 +267,7 @@ def test_functions_with_other_peaks_are_told():
 
 
 @given(SEEDS, st.floats(0.01, 100), st.floats(-10, 10))
-def test_what_turns_a_disc_is_never_told_apart_at_its_boundary(seed, factor, offset):
+def test_rotated_disc_has_no_boundary_difference(seed, factor, offset):
     mesh, rng = disc(16), np.random.default_rng(seed)
     waves, angle = rng.normal(size=(2, 3)) * 3, rng.uniform(0, 2 * np.pi)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -276,7 +276,7 @@ def test_what_turns_a_disc_is_never_told_apart_at_its_boundary(seed, factor, off
     assert solvability.boundary_difference(mesh, factor * f + offset, factor * g + offset) is None
 
 
-def test_values_on_a_boundary_that_the_other_lacks_are_told():
+def test_different_boundary_values_are_found():
     mesh = disc(16)
     inner, outer = (bump(mesh, [place, 0, 0], 0.1) for place in (0, 1))
     words = "values from 0 to 1 on a boundary", "values from 0 to 0 there"
@@ -290,7 +290,7 @@ def test_values_on_a_boundary_that_the_other_lacks_are_told():
     assert solvability.boundary_difference(SPHERE, height, -height) is None
 
 
-def test_every_boundary_stays_where_it_is():
+def test_boundaries_are_compared_separately():
     mesh = open_cylinder(24, 24)
     ends = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
     low, high = (bump(mesh, [1, 0, z], 0.1) for z in ends)
@@ -300,8 +300,8 @@ def test_every_boundary_stays_where_it_is():
     assert solvability.boundary_difference(mesh, low, bump(mesh, [-1, 0, ends[0]], 0.1)) is None
 
 
-def test_nothing_flows_across_a_pinched_vertex():
-    """Two spheres that share a vertex: with both bumps on one there is a flow, else none."""
+def test_parts_at_a_pinched_vertex_are_separate():
+    """Two spheres share a vertex; no flow moves a bump from one to the other."""
     count = len(SPHERE.vertices)
     both = np.concatenate([SPHERE.vertices, SPHERE.vertices + np.array([2, 0, 0])])
     ends = int(np.argmax(SPHERE.vertices[:, 0])), count + int(np.argmin(SPHERE.vertices[:, 0]))
@@ -312,13 +312,13 @@ def test_nothing_flows_across_a_pinched_vertex():
     left, higher, right = (bump(mesh, at, 0.05) for at in ([-1, 0, 0], [0, 0, 1], [3, 0, 0]))
     assert peaks(mesh, left) == peaks(mesh, right)
     assert solvability.boundary_difference(mesh, left, higher) is None
-    told = "values from 0 to 1 on a part joined only at vertices", "values from 0 to 0 there"
-    assert solvability.boundary_difference(mesh, left, right) == told
-    assert solvability.first_difference(FunctionTerm(mesh, left, right)) == (0, *told)
+    expected = "values from 0 to 1 on a part joined only at vertices", "values from 0 to 0 there"
+    assert solvability.boundary_difference(mesh, left, right) == expected
+    assert solvability.first_difference(FunctionTerm(mesh, left, right)) == (0, *expected)
 
 
 def ridges(*heights):
-    """A strip, and a function that has these heights along it."""
+    """Return a strip, and a function with these heights along it."""
     count = len(heights)
     places = np.stack(np.meshgrid(np.arange(count), [0, 1], [0]), axis=-1).reshape(-1, 3)
     left, right = np.arange(count - 1), np.arange(1, count)
@@ -327,7 +327,7 @@ def ridges(*heights):
     return mesh, np.tile(np.array(heights, dtype=float), 2)
 
 
-def test_peaks_that_stand_out_alike_at_other_values_are_told():
+def test_equal_persistence_at_other_values_is_found():
     mesh, f = ridges(0, 1, 0.5, 0.9, 0)
     _, g = ridges(0, 1, 0.2, 0.6, 0)
     assert_allclose(persistence(mesh, f), persistence(mesh, g), atol=1e-12)
@@ -341,8 +341,8 @@ DIAGRAMS = st.lists(st.tuples(*[st.integers(0, 9)] * 2).filter(lambda row: row[0
 
 
 @given(DIAGRAMS.filter(lambda rows: len(rows) < 4), DIAGRAMS.filter(lambda rows: len(rows) < 4))
-def test_who_goes_without_a_counterpart_is_told_by_all_ways_to_pair(one, other):
-    """The bottleneck distance, by trying every pairing, where each may stay with the diagonal."""
+def test_unpaired_peaks_agree_with_all_pairings(one, other):
+    """Compare with the bottleneck distance over all pairings, including the diagonal."""
     here, there = ([*rows, *[None] * len(others)] for rows, others in ((one, other), (other, one)))
 
     def cost(a, b):
@@ -355,24 +355,25 @@ def test_who_goes_without_a_counterpart_is_told_by_all_ways_to_pair(one, other):
         for order in permutations(there)
     )
     rows = [np.array(diagram, dtype=float).reshape(-1, 2) for diagram in (one, other)]
-    for most in range(10):
-        alone = [solvability._unpaired(*pair, most) for pair in (rows, rows[::-1])]
-        assert (least <= most) == (not any(map(len, alone)))
+    for difference in range(10):
+        unpaired = [solvability._unpaired(*pair, difference) for pair in (rows, rows[::-1])]
+        assert (least <= difference) == (not any(map(len, unpaired)))
 
 
 def gaussian(mesh, vertex, edges):
-    """So many edges wide, as those of as many equal equilateral triangles as the mesh has."""
+    """Return a Gaussian with a width of this many edges of equilateral triangles."""
     return bump(mesh, mesh.vertices[vertex], edges * np.sqrt(4 / np.sqrt(3) / len(mesh.faces)))
 
 
 @pytest.mark.parametrize("width", [1.0, 1.5, 2.0, 3.0, 5.0, 8.0])
-def test_a_gaussian_is_as_wide_as_it_is(width):
+def test_resolution_of_a_gaussian_is_its_width(width):
     ball = icosphere(5)
     for mesh, vertex in ((ball, 0), (ball, 5000), (square(48), 1250), (disc(30), 400)):
         assert_allclose(resolution(mesh, gaussian(mesh, vertex, width)), width, rtol=0.15)
 
 
-def test_constants_scales_and_units_do_not_matter_and_a_subdivided_mesh_has_twice_as_many_edges():
+def test_resolution_is_invariant():
+    """It does not depend on scale, offset and unit, and is doubled by a subdivision."""
     mesh = torus(60, 40)
     f = gaussian(mesh, 100, 4)
     found = resolution(mesh, f)
@@ -383,19 +384,20 @@ def test_constants_scales_and_units_do_not_matter_and_a_subdivided_mesh_has_twic
     assert_allclose(found, 2 * resolution(BALL, f), rtol=0.1)
 
 
-def test_the_narrower_of_two_bumps_counts_and_edges_where_the_function_varies():
+def test_resolution_is_that_of_the_narrowest_feature():
+    """On uneven meshes, only edges count along which the function varies."""
     mesh = icosphere(5)
     narrow, wide = gaussian(mesh, 0, 2), gaussian(mesh, int(mesh.vertices[:, 2].argmin()), 12)
     assert resolution(mesh, wide) > 10
     assert 2 < resolution(mesh, narrow + wide) < 3
     assert resolution(mesh, pair(wide, narrow)) == resolution(mesh, narrow)
     even = square(40)
-    uneven = TriangleMesh(even.vertices**2 * [1, 1, 0], even.faces)  # fine towards one corner
+    uneven = TriangleMesh(even.vertices**2 * [1, 1, 0], even.faces)  # finer near one corner
     fine, coarse = (resolution(uneven, bump(uneven, [x, x, 0], 0.05)) for x in (0.1, 0.8))
     assert fine > 2 * coarse
 
 
-def test_a_jump_spans_half_an_edge_and_a_constant_any_number():
+def test_resolution_of_jumps_and_constants():
     assert resolution(BALL, (BALL.vertices[:, 2] > 0.1).astype(float)) == 0.5
     flat = np.full(len(BALL.vertices), 3.3)
     noise = 1e-12 * np.random.default_rng(0).normal(size=len(flat))

@@ -1,4 +1,4 @@
-"""Many problems on an executor: as one after the other, in their order, and stopped when asked."""
+"""Matches on executors: order, equality with `match`, errors and cancelling."""
 
 import multiprocessing
 import os
@@ -44,13 +44,14 @@ def executor(request):
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Where temporary files are; none is left."""
+    """Set the folder of temporary files, and check that none remains."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     yield tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
-def test_matches_are_those_of_match_in_the_order_of_the_problems_with_their_meshes(executor):
+def test_matches_are_in_the_order_of_the_problems(executor):
+    """They are those of `match`, and have the meshes of the problems."""
     problems = [problem(index, mesh=SPHERE if index % 2 else OTHER) for index in range(6)]
     found = list(solve_many(iter(problems), executor))
     for one, of in zip(found, problems, strict=True):
@@ -59,15 +60,15 @@ def test_matches_are_those_of_match_in_the_order_of_the_problems_with_their_mesh
     assert list(solve_many([], executor)) == []
 
 
-def test_problems_under_way_stop_when_no_more_are_asked_for(executor):
+def test_closing_the_iterator_stops_running_matches(executor):
     matches = solve_many([problem(0), problem(1, ENDLESS), problem(2, ENDLESS)], executor)
     next(matches)
     matches.close()
-    assert executor.submit(os.getpid).result(60)  # the next in the queue gets its turn
+    assert executor.submit(os.getpid).result(60)  # the worker is free again
 
 
-def test_problem_that_starts_while_matches_are_closed_stops():
-    """Its first check comes after the file is deleted that says that it is wanted."""
+def test_match_started_during_closing_stops():
+    """Its first check finds that the marker file was deleted."""
     with ThreadPoolExecutor(1) as executor:
         matches = solve_many([problem(0), problem(1, ENDLESS)], executor)
         next(matches)
@@ -75,7 +76,7 @@ def test_problem_that_starts_while_matches_are_closed_stops():
         assert executor.submit(os.getpid).result(20)
 
 
-def test_an_error_comes_in_the_place_of_its_problem(executor):
+def test_error_is_raised_for_its_problem(executor):
     wild = np.full((1, len(SPHERE.faces), 3), 1e12)
     matches = solve_many([problem(0), problem(1).starting_from(wild), problem(2)], executor)
     next(matches)
@@ -83,8 +84,8 @@ def test_an_error_comes_in_the_place_of_its_problem(executor):
         next(matches)
 
 
-class Elsewhere(Executor):
-    """Runs a task as on another machine, which does not see the files of this one."""
+class RemoteExecutor(Executor):
+    """An executor that runs tasks as on another machine, without access to local files."""
 
     def submit(self, function, task, /):
         future = Future()
@@ -92,22 +93,22 @@ class Elsewhere(Executor):
         return future
 
 
-def test_other_machines_need_no_files_and_keep_a_mesh():
+def test_remote_machines_need_no_files_and_cache_meshes():
     solve_many_module._mesh.cache_clear()
     problems = [problem(index) for index in range(3)]
-    found = list(solve_many(problems, Elsewhere()))
+    found = list(solve_many(problems, RemoteExecutor()))
     assert_array_equal(found[0].velocity, match(problems[0]).velocity)
     assert solve_many_module._mesh.cache_info().misses == 1
 
 
-def test_processes_of_this_machine_match_alike():
+def test_local_processes_give_the_same_match():
     processes = Processes(2)
     (found,) = solve_many([problem(0)], processes)
     processes.shutdown()
     assert_array_equal(found.velocity, match(problem(0)).velocity)
 
 
-def test_a_process_that_is_killed_is_told():
+def test_killed_process_raises_an_error():
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as processes:
         pid = processes.submit(os.getpid).result()
         killing = threading.Timer(1, os.kill, (pid, signal.SIGKILL))

@@ -1,4 +1,4 @@
-"""What prevents a match is known before the first iteration, the same in both directions."""
+"""Obstacles that are known before the first iteration, the same in both directions."""
 
 import numpy as np
 import pytest
@@ -27,8 +27,8 @@ PAIRS = {
     "constant": (at(0), np.full(COUNT, 0.5)),
     "two constants": (np.ones(COUNT), np.ones(COUNT)),
     "two peaks": (at(0), at(60) + at(-60)),
-    "fine": (at(0), at(30)),
-    "alike": (at(0), at(0)),
+    "solvable": (at(0), at(30)),
+    "equal": (at(0), at(0)),
 }
 OUTCOMES = {
     "higher peak": Outcome.IMPOSSIBLE,
@@ -36,13 +36,13 @@ OUTCOMES = {
     "constant": Outcome.IMPOSSIBLE,
     "two constants": Outcome.IMPOSSIBLE,
     "two peaks": Outcome.NEARLY,
-    "fine": None,
-    "alike": None,
+    "solvable": None,
+    "equal": None,
 }
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_both_directions_have_the_same_outcome(name):
+def test_outcome_is_symmetric(name):
     f, g = PAIRS[name]
     for pair in ((f, g), (g, f)):
         found = expected_facts(Problem(SPHERE, *pair))
@@ -50,7 +50,7 @@ def test_both_directions_have_the_same_outcome(name):
 
 
 @pytest.mark.parametrize("name", [name for name, it in OUTCOMES.items() if it == "impossible"])
-def test_the_verdict_agrees_with_what_was_foreseen(name):
+def test_verdict_agrees_with_expected_facts(name):
     f, g = PAIRS[name]
     for pair in ((f, g), (g, f)):
         problem = Problem(SPHERE, *pair, SHORT)
@@ -59,11 +59,11 @@ def test_the_verdict_agrees_with_what_was_foreseen(name):
         assert found.verdict.why == expected_facts(problem).reason
 
 
-def test_rounding_is_written_as_zero():
+def test_rounding_errors_are_printed_as_zero():
     found = expected_facts(Problem(SPHERE, at(0, 0.08), 2 * at(30, 0.08)))
     check_message(found.reason, 0, 1)
     assert "e-1" not in found.reason
 
 
-def test_landmarks_need_no_functions():
+def test_landmarks_alone_have_no_obstacles():
     assert expected_facts(Problem(SPHERE, None, None, landmarks=[[0, 20]])) is None

@@ -1,4 +1,4 @@
-"""The verdict: each cause is told where it is; remedies are allowed, fit, and help."""
+"""Verdicts of matches with their causes and remedies."""
 
 import itertools
 import json
@@ -28,14 +28,14 @@ from tests.messages import check_message, raises
 from tests.shapes import disc, ellipsoid, icosphere
 
 SPHERE, FINE, EGG = icosphere(3), icosphere(4), ellipsoid(3, 1.0, 0.7, 0.55)
-# of a solver that does not look for far targets, and so fails in the ways that are told here
+# without a search for distant targets, so that matches fail for various causes
 USUAL = Parameters.of(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=150)
 SHARE = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
 FLAT = np.full(len(SPHERE.vertices), 0.3)
 
 
 def at(degrees, width=0.15, mesh=SPHERE):
-    """A Gaussian so far from the pole, or so far around an egg from its blunt side."""
+    """Return a Gaussian at this angle from the pole, or around an egg from its blunt side."""
     angle = np.deg2rad(degrees)
     if mesh is EGG:
         return bump(mesh, [np.sin(angle), 0, 0.55 * np.cos(angle)], width)
@@ -57,8 +57,8 @@ def judged(match, **known):
     return judge(functions, evidence, match.parameters)
 
 
-def imagined(f, g, advected, reason="converged", parameters=USUAL, **known):
-    """The verdict on a function that a flow might have carried."""
+def verdict_of(f, g, advected, reason="converged", parameters=USUAL, **known):
+    """Return the verdict of a match with this advected source (V,)."""
     problem, advected = FunctionTerm(SPHERE, f, g), advected[None]
     evidence = Evidence(advected, problem.residual(advected), StopReason(reason), **known)
     return judge(problem, evidence, parameters)
@@ -68,7 +68,8 @@ def labels(found):
     return [remedy.label for remedy in found.remedies]
 
 
-def test_a_match_needs_no_advice_and_neither_vanishes_nor_stands_still():
+def test_matched_functions_need_no_advice():
+    """The source moves, and the residual of flow lines counts."""
     match = matched(at(0), at(45))
     verdict = judged(match)
     assert (verdict.kind, verdict.advice) == (Outcome.MATCHED, "")
@@ -85,7 +86,7 @@ def test_a_match_needs_no_advice_and_neither_vanishes_nor_stands_still():
 
 @settings(deadline=None)
 @given(mismatches=st.lists(st.tuples(SHARE, SHARE | st.just(np.nan)), min_size=2, max_size=2))
-def test_of_functions_that_flows_can_carry_the_kind_is_the_worse_the_more_is_confirmed(mismatches):
+def test_outcome_depends_on_the_larger_residual(mismatches):
     problem, judged_by = FunctionTerm(SPHERE, at(0), at(40)), []
     for mismatch, verified in mismatches:
         evidence = Evidence(at(38)[None], mismatch, StopReason.CONVERGED, verified)
@@ -97,7 +98,7 @@ def test_of_functions_that_flows_can_carry_the_kind_is_the_worse_the_more_is_con
     assert better <= worse
 
 
-def test_equal_functions_are_matched_and_constants_determine_no_motion():
+def test_equal_functions_match_unless_constant():
     flat, noise = np.ones(len(FLAT)), 1 + 1e-10 * SPHERE.vertices[:, 0]
     for f, g in itertools.product((noise, flat), repeat=2):
         verdict = judged(matched(f, g, iterations=2))
@@ -107,21 +108,25 @@ def test_equal_functions_are_matched_and_constants_determine_no_motion():
     check_message(same.reason, 0)
 
 
-def test_functions_are_judged_by_what_varies_however_small_beside_a_constant():
+def test_verdict_ignores_a_large_constant():
+    """Only the deviation from the mean counts, even if it is small."""
     f, g, flat = at(0, 0.2), at(30, 0.2), np.ones(len(FLAT))
     for size in (1e-2, 1e-5, 1e-8):
-        still = judged(matched(1 + size * f, 1 + size * g, iterations=0))
-        assert still.kind == "not reached"
+        unmoved = judged(matched(1 + size * f, 1 + size * g, iterations=0))
+        assert unmoved.kind == "not reached"
         match = matched(1 + size * f, 1 + size * g)
         assert (match.verdict.kind, match.residual < 0.05) == ("matched", True)
         assert judged(matched(1 + size * f, flat, iterations=2)).kind == "impossible"
 
 
-def test_values_that_the_source_lacks_are_impossible_and_told_of_the_channel_that_lacks_most():
+def test_different_ranges_are_impossible():
+    """The message names the channel with the largest difference."""
     match = matched(at(0, 0.2), 2 * at(30, 0.2))
     bound = range_bound(match.problem.functions)
     assert bound > 0.4
-    assert match.residual < bound + 0.01  # no less is sought, though the discrete flow can reach it
+    assert (
+        match.residual < bound + 0.01
+    )  # the goal is not smaller, although the discrete flow could reach it
     verdict = judged(match)
     assert (verdict.kind, verdict.cause) == (Outcome.IMPOSSIBLE, Cause.VALUES_DIFFER)
     assert "to 2" in verdict.reason
@@ -134,7 +139,7 @@ def test_values_that_the_source_lacks_are_impossible_and_told_of_the_channel_tha
     assert judged(weighted).kind != "impossible"
 
 
-def test_constants_are_impossible():
+def test_constant_functions_are_impossible():
     match = matched(at(0, 0.2), FLAT)
     to_flat, from_flat = judged(match), judged(matched(FLAT, at(0)))
     assert to_flat.kind == from_flat.kind == "impossible"
@@ -143,7 +148,7 @@ def test_constants_are_impossible():
     assert judged(matched(at(0), 0 * FLAT, iterations=3)).kind == "impossible"
 
 
-def test_a_source_that_vanished_is_told():
+def test_vanished_source_is_not_reached():
     f, g, seen = at(0, 0.05, FINE), at(120, 0.05, FINE), []
     problem = FunctionTerm(FINE, f, g)
     match = abfm.match(FINE, f, g, USUAL.with_values(iterations=20), on_iteration=seen.append)
@@ -160,9 +165,9 @@ def test_a_source_that_vanished_is_told():
     check_message(judge(problem, evidence, USUAL.with_values(reach=1.0)).advice)
 
 
-def test_a_source_that_stood_still_is_told():
-    cold = USUAL.with_values(sigma=10.0, cooling_stages=1)
-    match = abfm.match(SPHERE, at(0, 0.1), at(90, 0.1), cold)
+def test_unmoved_source_is_not_reached():
+    large_sigma = USUAL.with_values(sigma=10.0, cooling_stages=1)
+    match = abfm.match(SPHERE, at(0, 0.1), at(90, 0.1), large_sigma)
     verdict, problem = judged(match), FunctionTerm(SPHERE, match.source, match.target)
     assert verdict.kind == "not reached"
     check_message(verdict.reason)
@@ -176,18 +181,18 @@ def test_a_source_that_stood_still_is_told():
     assert not stood_still(problem, match.target.T)
 
 
-def test_other_peaks_are_matched_in_part_at_best():
-    """The discrete flow splits a peak; unless flow lines do so too, this is no match."""
+def test_different_peaks_match_only_in_part():
+    """The discrete flow splits a peak, which is a match only if flow lines confirm it."""
     match = matched(at(0), at(50) + at(-50), goal=0.08)
     assert match.residual < 0.08
     unknown, refuted, confirmed = (judged(match, verified=value) for value in (np.nan, 0.7, 0.05))
     assert (unknown.kind, refuted.kind, confirmed.kind) == ("nearly", "not reached", "matched")
     for verdict in (unknown, refuted):
         check_message(verdict.reason, 1, 2)
-    check_message(imagined(at(0), at(50) + at(-50), at(50)).reason)
+    check_message(verdict_of(at(0), at(50) + at(-50), at(50)).reason)
 
 
-def test_values_on_a_boundary_stay_there():
+def test_different_boundary_values_are_not_reached():
     mesh = disc(16)
     ends = (bump(mesh, [place, 0, 0], 0.1) for place in (0.2, 1))
     verdict = judged(abfm.match(mesh, *ends, Parameters.of(refine=0, iterations=200)), verified=0.7)
@@ -195,25 +200,26 @@ def test_values_on_a_boundary_stay_there():
     check_message(verdict.reason, "boundary", 0, 1)
 
 
-def test_what_flow_lines_do_not_confirm_is_not_reached_and_folds_count_unless_they_confirm_it():
+def test_unconfirmed_match_is_not_reached():
+    """Folded faces also prevent a match, unless flow lines confirm it."""
     given = at(0), at(40), at(40)
-    verdict = imagined(*given, verified=0.4)
+    verdict = verdict_of(*given, verified=0.4)
     assert verdict.kind == "not reached"
     check_message(verdict.reason, "0.4")
     check_message(verdict.advice, "reach", 1)
-    nearly = imagined(*given, verified=0.1)
+    nearly = verdict_of(*given, verified=0.1)
     assert nearly.kind == "nearly"
     check_message(nearly.reason)
-    verdict = imagined(*given, folded=0.15)
+    verdict = verdict_of(*given, folded=0.15)
     assert verdict.kind == "not reached"
     check_message(verdict.reason, "15%")
-    confirmed = imagined(*given, folded=0.15, verified=0.02)
+    confirmed = verdict_of(*given, folded=0.15, verified=0.02)
     assert confirmed.kind == "matched"
     check_message(confirmed.advice, "15%")
-    assert imagined(*given, folded=0.05).advice == ""
+    assert verdict_of(*given, folded=0.05).advice == ""
 
 
-def test_iterations_that_ran_out():
+def test_iteration_limit_advises_more_iterations():
     verdict = matched(at(0), at(60), iterations=4).verdict
     assert verdict.kind == "not reached"
     assert verdict.reason.endswith(verdict.why)
@@ -224,16 +230,16 @@ def test_iterations_that_ran_out():
         ("Continue", {}, True),
     ]
     few, limit = Parameters.of(iterations=4), "iteration limit"
-    nearly = imagined(at(0), at(45), at(50), limit, few)
+    nearly = verdict_of(at(0), at(45), at(50), limit, few)
     assert (nearly.kind, nearly.remedies) == ("nearly", verdict.remedies)
-    assert labels(imagined(at(0), at(45), at(53), limit, few, verified=0.9)) == ["More time"]
-    assert labels(imagined(at(0), at(45), at(50), limit)) == ["Reach further"]
-    still = matched(at(0), at(90), iterations=0).verdict
-    assert "0 iterations" in still.reason
-    assert labels(still) == ["More time", "Continue"]
+    assert labels(verdict_of(at(0), at(45), at(53), limit, few, verified=0.9)) == ["More time"]
+    assert labels(verdict_of(at(0), at(45), at(50), limit)) == ["Reach further"]
+    unmoved = matched(at(0), at(90), iterations=0).verdict
+    assert "0 iterations" in unmoved.reason
+    assert labels(unmoved) == ["More time", "Continue"]
     given = at(0), at(60), at(30), limit
-    check_message(imagined(*given, energies=np.ones(30)).reason)
-    check_message(imagined(*given, energies=np.linspace(2, 1, 30)).reason)
+    check_message(verdict_of(*given, energies=np.ones(30)).reason)
+    check_message(verdict_of(*given, energies=np.linspace(2, 1, 30)).reason)
 
 
 @pytest.mark.parametrize(
@@ -245,21 +251,23 @@ def test_iterations_that_ran_out():
         ("iteration limit", "reach"),
     ],
 )
-def test_the_stop_reason_is_told_where_nothing_else_is(stop_reason, named):
-    verdict = imagined(at(0), at(60), at(30), stop_reason)
+def test_stop_reason_is_the_last_cause(stop_reason, named):
+    """It is the cause if no other one applies."""
+    verdict = verdict_of(at(0), at(60), at(30), stop_reason)
     assert verdict.kind == "not reached"
     check_message(verdict.reason, "1.2", "0.72")
     check_message(verdict.advice, named)
 
 
-def test_without_smoothness_more_of_it_is_advised_from_the_usual_value_and_never_less():
+def test_advice_for_alpha_of_zero():
+    """The default is advised if the line search failed, and never a smaller value."""
     given, rough = (at(0), at(60), at(30)), Parameters(alpha=0.0)
-    check_message(imagined(*given, "line search failed", rough).advice, "0.01")
-    assert "alpha" not in imagined(*given, "converged", rough).advice
+    check_message(verdict_of(*given, "line search failed", rough).advice, "0.01")
+    assert "alpha" not in verdict_of(*given, "converged", rough).advice
 
 
-def test_signals_that_only_resemble_each_other_are_told_without_blame():
-    """Shared waves and others of each function's own, as measured signals have."""
+def test_similar_signals_have_a_neutral_reason():
+    """They share some waves and have others of their own, like measured signals."""
     rng = np.random.default_rng(1)
     waves = np.sin(5 * SPHERE.vertices @ rng.normal(size=(3, 6)) + rng.normal(size=6)).T
     f, g = waves[:3].sum(axis=0), waves[1:4].sum(axis=0)
@@ -270,7 +278,7 @@ def test_signals_that_only_resemble_each_other_are_told_without_blame():
 
 
 def test_every_verdict_is_one_line_without_a_full_stop():
-    """All combinations of what may be known, for functions of each kind."""
+    """For all combinations of evidence, and functions of each kind."""
     f, g, unknown, kinds = at(0), at(60), np.nan, set()
     for source, target in ((f, g), (f, 1.3 * g), (f, 3 * g), (f, g + at(-60)), (FLAT, f)):
         for advected, reason, verified, folded in itertools.product(
@@ -280,7 +288,7 @@ def test_every_verdict_is_one_line_without_a_full_stop():
             (unknown, 0.5),
         ):
             known = {"verified": verified, "folded": folded}
-            verdict = imagined(source, target, advected, reason, **known)
+            verdict = verdict_of(source, target, advected, reason, **known)
             kinds.add(verdict.kind)
             assert verdict.reason
             for line in (verdict.reason, verdict.advice):
@@ -306,7 +314,7 @@ def remedies(parameters, degrees=60, width=0.1, refined=0):
         (["Smoother", "Refine"], 90, Parameters.of(order=1, alpha=0.001, refine=0)),
     ],
 )
-def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
+def test_each_remedy_lowers_the_residual(names, degrees, parameters):
     match = abfm.match(EGG, around(0), around(degrees), parameters)
     assert match.verdict.kind in ("nearly", "not reached")
     assert labels(match.verdict) == names
@@ -317,8 +325,8 @@ def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
         assert again.worse_residual < match.worse_residual, remedy
 
 
-def test_a_larger_tau_is_a_smaller_sigma():
-    """So that there is no remedy of more time in that sense."""
+def test_larger_tau_is_equivalent_to_smaller_sigma():
+    """Therefore no remedy changes tau."""
     p = Parameters.of(sigma=0.1, levels=1, reach=0.0, cooling_stages=1, iterations=20)
     slow, long = (
         abfm.match(EGG, around(0, 0.2), around(60, 0.2), p.with_values(**changes))
@@ -329,14 +337,20 @@ def test_a_larger_tau_is_a_smaller_sigma():
     assert_allclose(long.energy_history[:, 0], slow.energy_history[:, 0] / 4, rtol=1e-6)
 
 
-def test_a_remedy_changes_only_what_differs():
-    blind = remedies(USUAL, 120).larger_reach()
-    assert blind.parameters["reach"] == 1.0
-    assert {"order", "levels", "sigma", "sigma_unit", "iterations"} <= blind.parameters.keys()
-    check_message(blind.words)
+def test_remedy_changes_only_different_parameters():
+    without_reach = remedies(USUAL, 120).larger_reach()
+    assert without_reach.parameters["reach"] == 1.0
+    assert {
+        "order",
+        "levels",
+        "sigma",
+        "sigma_unit",
+        "iterations",
+    } <= without_reach.parameters.keys()
+    check_message(without_reach.words)
     near = remedies(Parameters.of(reach=0.05), 120).larger_reach()
     assert near.parameters == {"reach": 1.0}
-    for remedy in (blind, near):
+    for remedy in (without_reach, near):
         assert json.loads(json.dumps(asdict(remedy))) == asdict(remedy)
     assert remedies(Parameters(sigma=0.02)).smaller_sigma().parameters == {"sigma": 0.0067}
     assert remedies(Parameters(), refined=1).finer_mesh().parameters == {"refine": 2}
@@ -357,9 +371,10 @@ def test_a_remedy_changes_only_what_differs():
     st.sampled_from(["converged", "iteration limit", "line search failed", "no progress"]),
     st.lists(st.tuples(SHARE, SHARE | st.just(np.nan), st.integers(0, 9)), min_size=6, max_size=6),
 )
-def test_remedies_that_are_followed_never_undo_each_other(p, reason, outcomes):
-    """Whatever each run comes to: alpha, order, reach and how often a mesh is refined only grow,
-    sigma only falls.
+def test_remedies_never_undo_each_other(p, reason, outcomes):
+    """Alpha, order, reach and refinement only grow, and sigma only falls.
+
+    This is true for any outcome of each run.
     """
     problem = FunctionTerm(EGG, around(0), around(60))
     for mismatch, verified, choice in outcomes:
@@ -385,11 +400,11 @@ def test_remedies_that_are_followed_never_undo_each_other(p, reason, outcomes):
         (Parameters.of(reach=0.01), "Reach further"),
     ],
 )
-def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(parameters, label):
+def test_disagreement_first_advises_the_defaults(parameters, label):
     assert remedies(parameters, width=0.2).more_consistent().label == label
 
 
-def test_only_a_finer_mesh_helps_the_defaults():
+def test_defaults_are_only_advised_to_refine():
     assert remedies(Parameters(), width=0.01).more_consistent() is None
     problem = FunctionTerm(EGG, around(0, 0.1), around(60, 0.1))
     refuted = Evidence(problem.target, 0.0, StopReason.CONVERGED, verified=0.5)
@@ -400,7 +415,7 @@ def test_only_a_finer_mesh_helps_the_defaults():
 
 
 @pytest.mark.parametrize("wrong", [{"sigmma": 1.0}, {"sigma": -1.0}, {"sigma": "small"}])
-def test_a_remedy_with_wrong_parameters_is_refused(wrong):
+def test_remedy_with_wrong_parameters_is_refused(wrong):
     with raises(ParameterError):
         Remedy("Match closer", "a smaller sigma", wrong)
 
@@ -409,7 +424,7 @@ def test_a_remedy_with_wrong_parameters_is_refused(wrong):
     "extreme", [{"alpha": ALPHA_MAX}, {"sigma": VALUE_MIN}, {"iterations": COUNT_MAX}]
 )
 @pytest.mark.parametrize("size", [1.0, 1e-29])
-def test_parameters_at_their_ends_cost_no_result(extreme, size):
+def test_remedies_of_extreme_parameters_are_valid(extreme, size):
     parameters, (x, y, _) = Parameters.of(**extreme), EGG.vertices.T
     made = Remedies(FunctionTerm(EGG, size * x, size * y), parameters)
     names = "more_iterations larger_alpha smaller_sigma much_smaller_sigma larger_reach finer_mesh"
@@ -418,7 +433,7 @@ def test_parameters_at_their_ends_cost_no_result(extreme, size):
 
 
 @pytest.mark.parametrize(
-    ("alike", "left", "held_out", "kind", "cause"),
+    ("correlation", "residual_ratio", "held_out", "kind", "cause"),
     [
         (0.0, 0.9, 0.9, "registered", Cause.LIMIT_OF_DATA),
         (0.0, 0.9, math.nan, "registered", Cause.LIMIT_OF_DATA),
@@ -428,15 +443,19 @@ def test_parameters_at_their_ends_cost_no_result(extreme, size):
         (0.9, 0.5, 1.01, "not reached", Cause.NOT_HELD_OUT),
     ],
 )
-def test_registered_needs_a_clear_gain(alike, left, held_out, kind, cause):
-    """Noise of a correlation ``alike``: ``left`` is absolute of unlike functions, else a share of
-    the residual without motion.
+def test_registered_needs_a_clear_gain(correlation, residual_ratio, held_out, kind, cause):
+    """Noise with this correlation needs a residual clearly below that without motion.
+
+    ``residual_ratio`` is absolute for unrelated functions, and else relative to the residual
+    without motion.
     """
     f, other = np.random.default_rng(0).normal(size=(2, len(SPHERE.vertices)))
-    g = alike * f + math.sqrt(1 - alike**2) * other
+    g = correlation * f + math.sqrt(1 - correlation**2) * other
     functions = FunctionTerm(SPHERE.normalized(), f, g)
-    residual = left * (functions.residual(functions.source) if alike else 1)
-    carried = np.roll(f, 1)[None]
-    evidence = Evidence(carried, residual, StopReason.NO_PROGRESS, residual, 0.0, held_out=held_out)
+    residual = residual_ratio * (functions.residual(functions.source) if correlation else 1)
+    advected = np.roll(f, 1)[None]
+    evidence = Evidence(
+        advected, residual, StopReason.NO_PROGRESS, residual, 0.0, held_out=held_out
+    )
     found = judge(functions, evidence, Parameters())
     assert (found.kind, found.cause) == (kind, cause)

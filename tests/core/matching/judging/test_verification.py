@@ -1,4 +1,4 @@
-"""Witnesses of a match: they agree with what is known, fall with order two."""
+"""Verification of matches: agreement with exact flows, and order of convergence."""
 
 import dataclasses
 
@@ -23,30 +23,33 @@ AXIS = np.array([0.3, -0.5, 0.8])
 
 
 def verify(mesh, f, g, velocity, *, linearised=False, subdivided=True, **given):
-    """Ask the witnesses of a problem with these functions."""
+    """Verify a problem with these functions."""
     parameters = Parameters.of(method="linearised" if linearised else "nonlinear")
     problem = abfm.Problem(mesh, f, g, parameters, **given)
     return abfm.matching.verify(problem, velocity, subdivided)
 
 
-def turned(mesh, axis, width):
-    """A bump, the same after a turn by a rotation vector (exact on a surface of revolution)."""
+def rotated(mesh, axis, width):
+    """Return a bump before and after a rotation, and the field of the rotation.
+
+    The rotation is given by its vector, and exact on a surface of revolution.
+    """
     place = np.array([0.8, 0.0, 0.6]) if mesh.is_closed else np.array([0.8, 0.0, 0.0])
     place_after = Rotation.from_rotvec(axis).as_matrix() @ place
     return bump(mesh, place, width), bump(mesh, place_after, width), rotation_field(mesh, axis)
 
 
 def noisy(mesh, field, size):
-    """The field with independent noise on each face."""
+    """Return a field with independent noise on each face."""
     noise = np.random.default_rng(3).normal(size=field.shape)
     return field + size * mesh.length_scale * noise
 
 
-def test_a_turning_sphere_is_verified_with_order_two():
+def test_rotation_of_sphere_is_verified_with_order_two():
     found = []
     for level in (3, 4, 5):
         mesh = icosphere(level)
-        found.append(verify(mesh, *turned(mesh, AXIS, 0.12)))
+        found.append(verify(mesh, *rotated(mesh, AXIS, 0.12)))
     for name in ("flow_lines", "subdivided"):
         errors = [getattr(one, name) for one in found]
         assert errors[-1] < 0.01
@@ -57,11 +60,11 @@ def test_a_turning_sphere_is_verified_with_order_two():
     assert_allclose(orders, 1, rtol=0, atol=0.1)
 
 
-def test_a_turning_disc_is_verified_up_to_its_boundary():
+def test_rotation_of_disc_is_verified_up_to_the_boundary():
     errors = []
     for n in (10, 20, 40):
         mesh = disc(n)
-        one = verify(mesh, *turned(mesh, np.array([0, 0, 1.2]), 0.15))
+        one = verify(mesh, *rotated(mesh, np.array([0, 0, 1.2]), 0.15))
         errors.append([one.flow_lines, one.subdivided])
         assert one.folded == 0
     assert max(errors[-1]) < 0.02
@@ -69,10 +72,10 @@ def test_a_turning_disc_is_verified_up_to_its_boundary():
         assert observed_orders([4, 2, 1], column).min() > 1.4
 
 
-def test_what_only_the_scheme_carries_is_found_out():
-    """A target made with the scheme itself, so that the discrete mismatch is 0."""
+def test_discrete_match_of_noise_is_not_confirmed():
+    """The target is the result of the discrete flow, so that the discrete residual is 0."""
     mesh = icosphere(4)
-    f, _, field = turned(mesh, AXIS, 0.15)
+    f, _, field = rotated(mesh, AXIS, 0.15)
     smooth, rough = (
         verify(mesh, f, advect(mesh, v, f, 1.0), v) for v in (field, noisy(mesh, field, 2.0))
     )
@@ -82,10 +85,10 @@ def test_what_only_the_scheme_carries_is_found_out():
     assert rough.overturned > 0.02
 
 
-def test_rough_fields_turn_faces_over_or_overflow_and_one_that_does_nothing_leaves_the_distance():
-    """The flow of a continuous field tears nothing."""
+def test_rough_fields_overturn_faces_or_overflow():
+    """The flow of a continuous field has no folds; without motion, the residual is known."""
     mesh = icosphere(3)
-    f, g, field = turned(mesh, AXIS, 0.2)
+    f, g, field = rotated(mesh, AXIS, 0.2)
     smooth, rough = (
         verify(mesh, f, g, v, subdivided=False) for v in (field, noisy(mesh, field, 10.0))
     )
@@ -93,17 +96,19 @@ def test_rough_fields_turn_faces_over_or_overflow_and_one_that_does_nothing_leav
     assert rough.folded == 0
     assert rough.overturned > 0.2
     fields = np.stack([60 * noisy(mesh, field, 1.0)] * 40)
-    wild = verify(mesh, 1e99 * f, 1e99 * g, fields, linearised=True)
-    assert wild.subdivided == np.inf
-    assert wild.checks_disagree
+    overflowing = verify(mesh, 1e99 * f, 1e99 * g, fields, linearised=True)
+    assert overflowing.subdivided == np.inf
+    assert overflowing.checks_disagree
     varying = g - np.average(g, weights=vertex_areas(mesh))
-    still, expected = verify(mesh, f, g, 0 * field), l2_norm(mesh, f - g) / l2_norm(mesh, varying)
-    assert_allclose(still.flow_lines, expected, rtol=1e-8)
-    assert_allclose(still.subdivided, expected, rtol=0.1)  # the same functions, other quadrature
+    unmoved, expected = verify(mesh, f, g, 0 * field), l2_norm(mesh, f - g) / l2_norm(mesh, varying)
+    assert_allclose(unmoved.flow_lines, expected, rtol=1e-8)
+    assert_allclose(
+        unmoved.subdivided, expected, rtol=0.1
+    )  # the same functions with another quadrature
 
 
-def test_several_fields_and_channels():
-    """Two turns that do not commute; of two channels, one with no weight does not count."""
+def test_several_fields_and_channels_are_verified():
+    """Two rotations do not commute, and a channel of weight 0 is ignored."""
     mesh = icosphere(4)
     first, second = [np.pi / 2, 0, 0], [0, 0, np.pi / 2]
     fields = np.stack([2 * rotation_field(mesh, first), 2 * rotation_field(mesh, second)])
@@ -118,20 +123,20 @@ def test_several_fields_and_channels():
     assert_allclose(dataclasses.astuple(both), dataclasses.astuple(one), rtol=1e-9)
 
 
-def test_what_a_mask_hides_does_not_matter():
+def test_masked_values_have_no_effect():
     mesh = icosphere(4)
-    f, g, field = turned(mesh, AXIS, 0.2)
+    f, g, field = rotated(mesh, AXIS, 0.2)
     mask = (mesh.vertices[:, 2] > -0.5).astype(float)
     hidden = np.where(mask > 0, [f, g], 1e3)
-    clean, junk = (verify(mesh, *pair, field, mask=mask) for pair in ((f, g), hidden))
-    assert junk == clean
+    clean, changed = (verify(mesh, *pair, field, mask=mask) for pair in ((f, g), hidden))
+    assert changed == clean
     assert verify(mesh, *hidden, field).residual > 0.5
 
 
-def test_linearised_steps_are_those_of_the_subdivided_mesh():
-    """Many short ones are as good as the exponential, few long ones are not."""
+def test_linearised_steps_converge_on_the_subdivision():
+    """Many short steps are as good as the exponential, one long step is not."""
     mesh = icosphere(3)
-    f, g, field = turned(mesh, 0.3 * AXIS, 0.2)
+    f, g, field = rotated(mesh, 0.3 * AXIS, 0.2)
     exact = verify(mesh, f, g, field)
     many, few = (verify(mesh, f, g, np.stack([field] * n), linearised=True) for n in (60, 1))
     assert_allclose(many.subdivided, exact.subdivided, rtol=0, atol=0.03)
@@ -139,9 +144,9 @@ def test_linearised_steps_are_those_of_the_subdivided_mesh():
     assert_allclose([many.flow_lines, few.flow_lines], exact.flow_lines, rtol=0.02)
 
 
-def test_a_match_verifies_itself():
+def test_match_has_a_verification():
     mesh = icosphere(3)
-    f, g, _ = turned(mesh, 0.5 * AXIS, 0.25)
+    f, g, _ = rotated(mesh, 0.5 * AXIS, 0.25)
     match = abfm.match(mesh, f, g, abfm.Parameters.of(iterations=30, segments=2))
     one = match.verify()
     assert isinstance(one, abfm.matching.Verification)
@@ -150,9 +155,9 @@ def test_a_match_verifies_itself():
     assert np.isnan(match.verify(subdivided=False).subdivided)
 
 
-def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(monkeypatch):
+def test_check_on_subdivision_is_optional(monkeypatch):
     mesh = icosphere(2)
-    given = (mesh, *turned(mesh, AXIS, 0.3))
+    given = (mesh, *rotated(mesh, AXIS, 0.3))
     one = verify(*given, subdivided=False)
     assert np.isnan(one.subdivided)
     assert not one.checks_disagree
@@ -163,7 +168,7 @@ def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(monkeypatch
 @pytest.mark.parametrize(
     ("flow_lines", "subdivided", "checks_disagree"),
     [
-        (0.01, 0.05, False),  # far below what anyone sees
+        (0.01, 0.05, False),  # both are small
         (0.10, 0.19, False),
         (0.10, 0.21, True),
         (0.30, 0.10, True),
@@ -172,7 +177,8 @@ def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(monkeypatch
         (0.02, np.nan, False),
     ],
 )
-def test_witnesses_that_disagree_are_doubtful(flow_lines, subdivided, checks_disagree):
+def test_disagreement_of_checks(flow_lines, subdivided, checks_disagree):
+    """It needs a difference of more than 0.05 and a ratio of more than 2."""
     one = Verification(flow_lines, subdivided, 0.0, 0.0, 10.0)
     assert one.checks_disagree == checks_disagree
     assert one.residual == flow_lines
@@ -180,12 +186,12 @@ def test_witnesses_that_disagree_are_doubtful(flow_lines, subdivided, checks_dis
     assert ("subdivided" in one.report()) == (not np.isnan(subdivided))
 
 
-def test_the_report_says_what_is_too_narrow():
+def test_report_contains_all_numbers():
     check_message(Verification(0.1, 0.1, 0.012, 0.05, 3.0).report(), "0.1000", "1.2", "3.0")
 
 
-def test_what_does_not_fit_is_refused():
+def test_wrong_number_of_vectors_is_refused():
     mesh = icosphere(1)
-    f, g, field = turned(mesh, AXIS, 0.3)
+    f, g, field = rotated(mesh, AXIS, 0.3)
     with raises(ParameterError, "velocity"):
         verify(mesh, f, g, field[1:])

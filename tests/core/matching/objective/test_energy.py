@@ -1,4 +1,4 @@
-"""The energy and its gradient, as the paper and as the stages of a match have them."""
+"""The energy and its gradient, for the paper and for the stages of a match."""
 
 import gc
 import weakref
@@ -21,11 +21,11 @@ CLOSED, OPEN = MESHES.values()
 FINE = {"closed": icosphere(3, radius=3.0), "boundary": hemisphere(12)}
 USUAL = Parameters(alpha=0.05, beta=0.01, sigma=0.1, tau=1.3)
 PLAIN = Parameters.of(**PAPER, alpha=0.1, beta=0.01, sigma=0.1, tau=1.3)
-FAR = [0.0, 0.4]
+REACHES = [0.0, 0.4]
 
 
 def problem(mesh, channels=1):
-    """Bumps (V, C) and others elsewhere, each channel ten times as large as the one before."""
+    """Return bumps and other bumps, (V, C); each channel is ten times the last one."""
     sizes, starts = 10.0 ** np.arange(channels), range(0, 30 * channels, 30)
     f = np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in starts], axis=1)
     g = np.stack([bump(mesh, mesh.vertices[i + 17], 0.15) for i in starts], axis=1)
@@ -33,7 +33,7 @@ def problem(mesh, channels=1):
 
 
 def fields(mesh, count):
-    """Smooth ones (N, F, 3) in units of the mesh scaled to unit area."""
+    """Return smooth fields (N, F, 3), in the unit of the mesh scaled to unit area."""
     return 0.2 * np.stack([wavy_field(mesh, seed) for seed in range(count)]) / mesh.length_scale
 
 
@@ -42,7 +42,7 @@ def frames(mesh, count):
 
 
 def energy(mesh, channels=1, p=USUAL, **changes):
-    """With a mask and weights where there are several channels."""
+    """Return the energy; several channels have a mask and weights."""
     mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices)) if channels > 1 else None
     weights = [1.0, 0.0, 2.5][:channels] if channels > 1 else None
     return MatchingEnergy(
@@ -51,7 +51,7 @@ def energy(mesh, channels=1, p=USUAL, **changes):
 
 
 def order_at(E, v, size=0.02, **of_stage):
-    """Smallest order of the remainder of a Taylor expansion in a random direction."""
+    """Return the smallest order of the Taylor remainder in a random direction."""
 
     def evaluate(x):
         found = E.objective(0.2, **of_stage).evaluate(x)
@@ -62,14 +62,15 @@ def order_at(E, v, size=0.02, **of_stage):
 
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES.keys())
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("reach", FAR)
+@pytest.mark.parametrize("reach", REACHES)
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize(
     "kind",
     [{"segments": 1}, {"segments": 3}, {"method": "linearised", "segments": 4}],
     ids=["one field", "three fields", "linearised"],
 )
-def test_gradient_is_exact_as_stages_have_it(mesh, order, reach, channels, kind):
+def test_gradient_is_exact(mesh, order, reach, channels, kind):
+    """For all norms and methods that stages use."""
     E = energy(mesh, channels, order=order, sigma_unit="relative", **kind)
     v = frames(mesh, E.parameters.solver.segments)
     assert order_at(E, v, reach=reach) >= 1.9
@@ -77,34 +78,34 @@ def test_gradient_is_exact_as_stages_have_it(mesh, order, reach, channels, kind)
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-6, 1e-10])
-@pytest.mark.parametrize("reach", FAR)
-def test_gradient_is_that_of_the_truncated_sum(tolerance, reach):
-    """Small steps, so that the number of terms stays."""
+@pytest.mark.parametrize("reach", REACHES)
+def test_gradient_is_exact_for_truncated_series(tolerance, reach):
+    """The steps are so small that the number of terms does not change."""
     E = energy(CLOSED, 3, order=2)
     assert order_at(E, frames(CLOSED, 1), 1e-3, reach=reach, tolerance=tolerance) >= 1.9
 
 
-@pytest.mark.parametrize("reach", FAR)
-def test_gradient_is_exact_where_a_shift_is_taken_off_what_is_carried(reach):
+@pytest.mark.parametrize("reach", REACHES)
+def test_gradient_is_exact_with_a_shift(reach):
     E = energy(CLOSED, 3, order=2)
     shift = np.random.default_rng(3).normal(size=E.functions.source.shape)
     assert order_at(E, frames(CLOSED, 1), reach=reach, shift=shift) >= 1.9
 
 
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES.keys())
-def test_a_shift_taken_off_is_one_put_on_the_target(mesh):
+def test_shift_is_equivalent_to_a_shifted_target(mesh):
     (f, g), v = problem(mesh, 3), frames(mesh, 1)
     p = USUAL.with_values(sigma_unit="absolute", divergence=1.0)
     shift = np.random.default_rng(3).normal(size=g.shape)
     shifted, other = MatchingEnergy(mesh, f, g, p), MatchingEnergy(mesh, f, g + shift, p)
     found = shifted.objective(0.1, shift=shift.T).evaluate(v)
-    wanted = other.objective(0.1).evaluate(v)
-    assert found.energy == pytest.approx(wanted.energy, rel=1e-12)
-    assert_allclose(found.gradient, wanted.gradient, rtol=1e-9, atol=1e-9)
-    assert_array_equal(found.advected, wanted.advected)  # what was carried is as it was
+    expected = other.objective(0.1).evaluate(v)
+    assert found.energy == pytest.approx(expected.energy, rel=1e-12)
+    assert_allclose(found.gradient, expected.gradient, rtol=1e-9, atol=1e-9)
+    assert_array_equal(found.advected, expected.advected)
 
 
-def test_looser_sums_are_shorter_and_close():
+def test_larger_tolerance_has_larger_error():
     E, v = energy(CLOSED), 5 * frames(CLOSED, 1)
     exact = E.objective(0.2).evaluate(v).energy
     found = [E.objective(0.2, tolerance=t).evaluate(v).energy for t in (1e-2, 1e-4, 1e-7)]
@@ -114,7 +115,7 @@ def test_looser_sums_are_shorter_and_close():
 
 
 @pytest.mark.parametrize("extras", [{}, {"gradient": "bracket"}, {"method": "linearised"}])
-def test_gradient_may_be_asked_for_late(extras):
+def test_gradient_can_be_computed_later(extras):
     """Later evaluations use the same memory."""
     mesh = FINE["closed"]
     E = MatchingEnergy(mesh, *problem(mesh, 2), PLAIN.with_values(segments=0, **extras))
@@ -125,8 +126,8 @@ def test_gradient_may_be_asked_for_late(extras):
     assert_array_equal(late.gradient, early)
 
 
-def test_value_is_the_formula():
-    """Eq. 6 with SciPy's exponential and explicit matrices, on the mesh scaled to unit area."""
+def test_value_agrees_with_the_formula():
+    """Eq. 6 with the exponential of SciPy and explicit matrices, on the mesh of unit area."""
     mesh, p = FINE["boundary"], PLAIN.with_values(segments=3)
     (f, g), unit, v = problem(mesh, 2), mesh.normalized(), fields(mesh, 3)
     mask, weights = np.linspace(0.01, 1, len(mesh.vertices)), [0.5, 2.0]
@@ -140,7 +141,7 @@ def test_value_is_the_formula():
     assert value == pytest.approx(regularity + 0.5 / p.sigma**2 * misfit, rel=1e-9)
 
 
-def test_bracket_gradient_approaches_the_exact_one_with_more_substeps():
+def test_bracket_gradient_converges_with_substeps():
     mesh = FINE["closed"]
     v = 0.15 * wavy_field(mesh, 4)[None] / mesh.length_scale
 
@@ -155,7 +156,7 @@ def test_bracket_gradient_approaches_the_exact_one_with_more_substeps():
 
 
 def test_linearised_bracket_is_the_exact_gradient():
-    """Eq. 8 needs no bracket."""
+    """Eq. 8 has no bracket."""
     mesh, p = FINE["closed"], PLAIN.with_values(method="linearised", segments=3)
     exact, bracket = (
         MatchingEnergy(mesh, *problem(mesh), p.with_values(gradient=kind))(fields(mesh, 3))[1]
@@ -166,13 +167,13 @@ def test_linearised_bracket_is_the_exact_gradient():
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("segments", [1, 3])
-def test_bracket_gradient_at_rest_is_exact_with_reach_and_either_order(order, segments):
-    """At v = 0 there is nothing to approximate, whatever measures the mismatch."""
+def test_bracket_gradient_without_motion_is_exact(order, segments):
+    """At v = 0 there is no approximation, for any norm of the mismatch."""
     exact, bracket = (
         energy(OPEN, 3, order=order, segments=segments, gradient=kind)
         for kind in ("adjoint", "bracket")
     )
-    for reach in FAR:
+    for reach in REACHES:
         found = bracket.objective(0.2, reach).evaluate(np.zeros(bracket.shape)).gradient
         expected = exact.objective(0.2, reach).evaluate(np.zeros(exact.shape)).gradient
         assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
@@ -180,8 +181,8 @@ def test_bracket_gradient_at_rest_is_exact_with_reach_and_either_order(order, se
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("alpha", [0.0, 0.002, 0.7])
-def test_another_alpha_is_that_of_other_parameters(order, alpha):
-    """To the last bit, also for the inverse, and what the parameters have stays."""
+def test_other_alpha_is_equivalent_to_other_parameters(order, alpha):
+    """Energy, gradient and inverse are bitwise equal; the norm of the parameters is unchanged."""
     E, other, v = energy(OPEN, order=order), energy(OPEN, order=order, alpha=alpha), frames(OPEN, 1)
     before = E.objective(0.2).evaluate(v)
     found = E.objective(0.2, alpha=alpha).evaluate(v)
@@ -195,8 +196,8 @@ def test_another_alpha_is_that_of_other_parameters(order, alpha):
     assert order_at(E, v, alpha=alpha) >= 1.9
 
 
-def test_of_other_alphas_only_the_latest_is_kept():
-    """Factors are large, and closing stages have many alphas."""
+def test_only_the_latest_other_alpha_is_cached():
+    """Factorisations are large, and the last stages have many values of alpha."""
     E = energy(OPEN)
     usual, known = E.regularizer(), [weakref.ref(E.regularizer(alpha)) for alpha in (0.3, 0.2, 0.1)]
     gc.collect()
@@ -206,8 +207,8 @@ def test_of_other_alphas_only_the_latest_is_kept():
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_order_changes_the_regularity_alone(order):
-    """``dtau / 2 sum_j <v_j, R_order v_j>``, and the mismatch is that of the other order."""
+def test_order_changes_only_the_regularity(order):
+    """It is ``dtau / 2 sum_j <v_j, R_order v_j>``."""
     E, other = (energy(OPEN, order=k, segments=3) for k in (order, 3 - order))
     v = frames(OPEN, 3)
     found = E.objective(0.2).evaluate(v)
@@ -218,8 +219,8 @@ def test_order_changes_the_regularity_alone(order):
     assert E.regularizer().order == order
 
 
-def test_function_size_is_the_larger_deviation_and_never_zero():
-    """Of the sphere's height, ``||z||^2 = area R^2 / 3``; the mean of z^4 is R^4 / 5."""
+def test_function_size_is_the_larger_deviation():
+    """On the sphere, ``||z||^2 = area R^2 / 3``, and the mean of z^4 is R^4 / 5."""
     mesh = icosphere(4, radius=2.0)
     z, flat = mesh.vertices[:, 2], np.full(len(mesh.vertices), 5.0)
 
@@ -234,7 +235,7 @@ def test_function_size_is_the_larger_deviation_and_never_zero():
     assert size(flat, 2 * flat) == 1.0
 
 
-def test_absolute_sigma_is_left_alone():
+def test_relative_sigma_is_a_multiple_of_the_size():
     relative, absolute = (
         MatchingEnergy(CLOSED, *problem(CLOSED), Parameters.of(sigma_unit=unit))
         for unit in ("relative", "absolute")
@@ -244,20 +245,21 @@ def test_absolute_sigma_is_left_alone():
     assert relative.objective(0.3).evaluate(v).energy == pytest.approx(expected, rel=1e-12)
 
 
-def test_exponent_is_a_bound_of_the_spectrum_times_time():
-    """Homogeneous in the fields, the same in other units, the sum over fields in a row."""
+def test_exponent_bounds_the_spectrum():
+    """It is homogeneous in the fields, and additive over consecutive fields."""
     mesh = open_cylinder(16, 6)
     v, E = frames(mesh, 2), energy(mesh, segments=2)
-    whole = E.flow(v).exponent
-    assert E.flow(2 * v).exponent == pytest.approx(2 * whole, rel=1e-12)  # octaves of the bounds
+    total = E.flow(v).exponent
+    assert E.flow(2 * v).exponent == pytest.approx(2 * total, rel=1e-12)
     parts = [E.flow(np.stack([one, one])).exponent / 2 for one in v]
-    assert whole == pytest.approx(sum(parts), rel=1e-12)
+    assert total == pytest.approx(sum(parts), rel=1e-12)
     eigenvalues = [np.linalg.eigvals(directional_derivative(E.mesh, one).toarray()) for one in v]
-    assert whole >= 1.3 / 2 * sum(abs(of_one).max() for of_one in eigenvalues)
+    assert total >= 1.3 / 2 * sum(abs(of_one).max() for of_one in eigenvalues)
     assert energy(mesh, method="linearised", segments=2).flow(v).exponent == 0
 
 
-def test_the_source_carried_is_that_of_the_evaluation_and_at_overflow_the_energy_is_infinite():
+def test_overflow_has_infinite_energy():
+    """The advected source is that of the evaluation, and NaN if the flow overflows."""
     E, v = energy(OPEN, 3, segments=2), frames(OPEN, 2)
     assert_array_equal(E.advected(v), E.objective(0.2).evaluate(v).advected)
     assert np.isnan(E.advected(1e9 * v)).all()

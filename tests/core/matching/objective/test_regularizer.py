@@ -1,4 +1,4 @@
-"""The norm of fields: equal to its matrix, positive, its inverse exact."""
+"""The norm of fields: agreement with its matrix, positivity and exact inverse."""
 
 import gc
 import threading
@@ -38,14 +38,14 @@ def random_field(mesh, seed=0):
 
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_apply_is_the_norm_matrix(mesh, alpha):
-    """And of second order ``R M^-1 R``: the square of ``D_alpha v``."""
+    """The norm of second order is ``R M^-1 R``."""
     v, R = random_field(mesh), vector_norm_matrix(mesh, alpha)
     norms = [Regularizer(mesh, alpha, order) for order in (1, 2)]
     momentum = R @ v.ravel()
     by_mass = momentum / norms[1].mass
     for norm, expected in zip(norms, (momentum, R @ by_mass), strict=True):
         found = norm.apply(v)
-        assert_array_equal(v, random_field(mesh))  # input is left alone
+        assert_array_equal(v, random_field(mesh))  # the input is unchanged
         assert found.shape == v.shape
         assert_allclose(found.ravel(), expected, rtol=0, atol=1e-12 * abs(expected).max())
     assert (v * found).sum() == pytest.approx(momentum @ by_mass, rel=1e-11)
@@ -55,10 +55,10 @@ def test_apply_is_the_norm_matrix(mesh, alpha):
 @pytest.mark.parametrize("alpha", ALPHAS)
 @pytest.mark.parametrize("divergence", [0.1, 1.0, 10.0])
 def test_inverse_is_exact(mesh, alpha, order, divergence):
-    """To what rounding leaves of the condition number, about ``(1 + alpha / h^2)^order``."""
+    """Up to rounding errors, by a condition number of about ``(1 + alpha / h^2)^order``."""
     R, m = Regularizer(mesh, alpha, order, divergence), random_field(mesh)
-    norm, most = np.linalg.norm, max(1.0, divergence) * alpha
-    condition = 1 + most * abs(vector_norm_matrix(mesh, 1.0)).max() / R.mass.min()
+    norm, factor_max = np.linalg.norm, max(1.0, divergence) * alpha
+    condition = 1 + factor_max * abs(vector_norm_matrix(mesh, 1.0)).max() / R.mass.min()
     found = R.inverse(m)
     assert found.shape == m.shape
     assert norm(R.apply(found) - m) < 1e-13 * condition**order * norm(m)
@@ -68,8 +68,8 @@ def test_inverse_is_exact(mesh, alpha, order, divergence):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("alpha", [0.0, 1e-4, 0.1, 1.0])
 @pytest.mark.parametrize("divergence", [1.0, 10.0])
-def test_symmetric_and_positive_both_ways(mesh, alpha, order, divergence):
-    """And no order is below the one before, the mass being the first."""
+def test_norm_and_inverse_are_symmetric_and_positive(mesh, alpha, order, divergence):
+    """The norm of each order is at least that of the order below, starting with the mass."""
     R = Regularizer(mesh, alpha, order, divergence)
     v, u = random_field(mesh, 1), random_field(mesh, 2)
     norm = np.linalg.norm
@@ -84,7 +84,8 @@ def test_symmetric_and_positive_both_ways(mesh, alpha, order, divergence):
     assert (v * R.apply(v)).sum() >= (1 - 1e-12) * below
 
 
-def test_inverse_is_scipys_also_without_cholespy_and_without_alpha_the_mass(mesh, monkeypatch):
+def test_inverse_agrees_with_scipy(mesh, monkeypatch):
+    """Also without cholespy; for alpha 0 the norm is the mass."""
     m = random_field(mesh)
     for alpha in (0.1, 1e3):
         expected = spsolve(sparse.csc_array(vector_norm_matrix(mesh, alpha)), m.ravel())
@@ -93,7 +94,7 @@ def test_inverse_is_scipys_also_without_cholespy_and_without_alpha_the_mass(mesh
     R = Regularizer(mesh, 0.0)
     assert_array_equal(R.apply(m).ravel(), R.mass * m.ravel())
     assert_array_equal(R.inverse(m).ravel(), m.ravel() / R.mass)
-    assert_array_equal(m, random_field(mesh))  # input is left alone
+    assert_array_equal(m, random_field(mesh))  # the input is unchanged
     expected = Regularizer(mesh, 0.1).inverse(m)
     monkeypatch.setattr(cholesky, "CholeskySolverD", None)  # SuperLU's, where there is no wheel
     found = Regularizer(mesh, 0.1).inverse(m)
@@ -101,8 +102,8 @@ def test_inverse_is_scipys_also_without_cholespy_and_without_alpha_the_mass(mesh
 
 
 @pytest.mark.parametrize("divergence", [0.1, 1.0, 10.0])
-def test_divergence_weighs_on_gradients_alone(divergence):
-    """That of z on the sphere has the eigenvalue 2, as has the rotation that it is turned into."""
+def test_divergence_affects_only_gradients(divergence):
+    """The gradient of z on the sphere, and the rotated gradient, have eigenvalue 2."""
     errors = []
     for subdivisions in (3, 4, 5):
         sphere = icosphere(subdivisions)
@@ -110,17 +111,17 @@ def test_divergence_weighs_on_gradients_alone(divergence):
         gradient = np.stack([turned[:, 1], -turned[:, 0]], axis=1)
         mass = np.repeat(face_areas(sphere), 2).reshape(turned.shape)
         R = Regularizer(sphere, 0.7, 1, divergence)
-        left = []
+        of_fields = []
         for v, weight in ((turned, 1.0), (gradient, divergence)):
             u = (1 + 2 * 0.7 * weight) * R.inverse(mass * v) - v
-            left.append(np.sqrt((mass * u**2).sum() / (mass * v**2).sum()))
-        errors.append(left)
+            of_fields.append(np.sqrt((mass * u**2).sum() / (mass * v**2).sum()))
+        errors.append(of_fields)
     assert np.max(errors[-1]) < 0.02
     assert (np.array(errors[-1]) < 0.6 * np.array(errors[0])).all()
 
 
-def test_rotations_of_the_sphere_are_divided_by_their_eigenvalue():
-    """The field of a rotation is an eigenfield of ``Delta_H``."""
+def test_inverse_of_rotation_field_is_known():
+    """The field of a rotation of the sphere is an eigenfield of ``Delta_H``."""
     errors = []
     for subdivisions in (3, 4, 5):
         sphere = icosphere(subdivisions)
@@ -133,7 +134,7 @@ def test_rotations_of_the_sphere_are_divided_by_their_eigenvalue():
     assert max(errors[-1]) < 0.002
 
 
-def test_orders_share_the_factors_there_are_and_the_first_is_as_it_was():
+def test_orders_share_factorisations():
     mesh, plain = icosphere(2), Regularizer(icosphere(2), 0.1)
     m, second, first = random_field(mesh), regularizer(mesh, 0.1, 2), regularizer(mesh, 0.1)
     assert (first.order, second.order) == (1, 2)
@@ -148,29 +149,31 @@ def test_orders_share_the_factors_there_are_and_the_first_is_as_it_was():
 _OUTLIVES = """
 import ctypes
 from scipy import sparse
-from abfm.numerics.factoring_apart import factoring_apart
+from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.parameters import Parameters
 from abfm.numerics.cholesky import factor
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(factor(sparse.csr_array(sparse.eye_array(3)))))
 """
 
 
-def test_a_factorisation_that_outlives_python_is_not_told_as_a_leak():
+def test_factorisation_at_exit_reports_no_leak():
+    """The factorisation still exists when the interpreter ends."""
     assert python(_OUTLIVES, check=True).stderr == ""
 
 
-def test_factors_in_processes_of_their_own_give_the_same_bits():
+def test_factoring_in_subprocesses_is_bitwise_equal():
     mesh = icosphere(3)
-    m, apart = random_field(mesh), Regularizer(mesh, 0.1)
+    m, in_subprocess = random_field(mesh), Regularizer(mesh, 0.1)
     expected = Regularizer(mesh, 0.1).inverse(m)
-    with factoring_in_subprocess(1000):  # the edges' system, not the vertices'
+    with factoring_in_subprocess(1000):  # only the system of the edges
         for _ in range(2):
-            assert_array_equal(apart.inverse(m), expected)
-    elsewhere = [isinstance(solve, cholesky._Elsewhere) for solve in apart._solvers]
-    assert sorted(elsewhere) == [False, True]
+            assert_array_equal(in_subprocess.inverse(m), expected)
+    kinds = [isinstance(solve, cholesky._SubprocessFactor) for solve in in_subprocess._solvers]
+    assert sorted(kinds) == [False, True]
 
 
-def test_a_process_that_was_ended_is_told_as_want_of_memory_and_one_that_nobody_needs_ends():
+def test_ended_factoring_process_raises_memory_error():
+    """A process ends when its factorisation is no longer needed."""
     with factoring_in_subprocess(1):
         solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
     assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
@@ -188,7 +191,8 @@ def test_a_process_that_was_ended_is_told_as_want_of_memory_and_one_that_nobody_
     assert process.poll() is not None
 
 
-def test_systems_are_factored_apart_only_where_that_was_asked_for():
+def test_factoring_in_subprocess_is_local():
+    """It needs the context manager, in the same thread, and enough unknowns."""
     matrix = sparse.csr_array(sparse.eye_array(3))
     found = []
     with factoring_in_subprocess(1):
@@ -198,19 +202,19 @@ def test_systems_are_factored_apart_only_where_that_was_asked_for():
         other.start()
         other.join()
     found.append(factor(matrix))
-    assert not any(isinstance(solve, cholesky._Elsewhere) for solve in found)
+    assert not any(isinstance(solve, cholesky._SubprocessFactor) for solve in found)
 
 
-def needle(height):
-    """A face with a needle on one side of it, whose tip has the surface's boundary around it."""
+def sliver(height):
+    """Return a face with a sliver next to it, whose tip is on the boundary."""
     corners = [[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -height, 0]]
     return TriangleMesh(np.array(corners), [[0, 1, 2], [1, 0, 3]])
 
 
 @pytest.mark.parametrize("height", [1e-5, 1e-7, 1e-9, 1e-11])
 @pytest.mark.parametrize("order", [1, 2])
-def test_norm_is_definite_on_needles(height, order):
-    mesh = needle(height).normalized()
+def test_norm_is_definite_on_slivers(height, order):
+    mesh = sliver(height).normalized()
     m = face_areas(mesh)[:, None] * random_field(mesh)
     for alpha in (1e-4, 0.01, 1.0):
         R = Regularizer(mesh, alpha, order)
@@ -222,22 +226,22 @@ def test_norm_is_definite_on_needles(height, order):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("height", [1e-7, 1e-9, 1e-11])
-def test_a_match_on_a_needle_ends_with_a_verdict(height):
-    mesh = needle(height)
+def test_match_on_a_sliver_has_a_verdict(height):
+    mesh = sliver(height)
     found = match(mesh, *mesh.vertices.T[:2], Parameters.of(iterations=30, refine=1))
     assert np.isfinite(found.velocity).all()
     assert np.isfinite(found.residual)
 
 
-def test_needles_alone_are_made_thicker():
-    mesh = needle(1e-9)
+def test_only_slivers_are_made_thicker():
+    mesh = sliver(1e-9)
     found = mollified_shapes(mesh)
     assert found.areas[0] == face_areas(mesh)[0]
     assert found.areas[1] == pytest.approx(0.5 * 1e-5)
     assert np.sqrt((found.gradients[1] ** 2).sum(axis=1).max()) == pytest.approx(1e5)
     assert_array_equal(found.gradients[0], hat_gradients(mesh)[0])
-    # orthogonality of gradients and rotated gradients asks for the area of their own triangle
+    # gradients and rotated gradients are orthogonal only with the area of the same triangle
     x, y = found.gradients[1, 0], found.gradients[1, 1]
     assert found.areas[1] * (x[0] * y[1] - x[1] * y[0]) == pytest.approx(0.5)
-    fat = needle(1e-4)
-    assert_array_equal(mollified_shapes(fat).gradients, hat_gradients(fat))
+    wide = sliver(1e-4)
+    assert_array_equal(mollified_shapes(wide).gradients, hat_gradients(wide))

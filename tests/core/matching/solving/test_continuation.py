@@ -1,4 +1,4 @@
-"""The way of a match: far, then near; from smooth to close; where it ends, and on which mesh."""
+"""The continuation of a match: variants, steps of sigma, selection, and refinement."""
 
 from dataclasses import replace
 from functools import cache
@@ -26,7 +26,7 @@ SPHERE, SMALL = icosphere(3), icosphere(2)
 NUMBERS = "residual", "verified_residual", "folded", "log2_area", "log2_shape"
 SIGMAS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 SEEDS = (0, 2, 3)
-_CHOSEN_BY = "sigma", "score"
+_SELECTION_NAMES = "sigma", "score"
 
 
 def pair(a=0, b=60, width=0.15, mesh=SPHERE):
@@ -35,7 +35,7 @@ def pair(a=0, b=60, width=0.15, mesh=SPHERE):
 
 @cache
 def exact(width=0.15, b=60, mesh=SPHERE, **parameters):
-    """A match of two Gaussians, and its iterates."""
+    """Match two Gaussians; return the match and its iterates."""
     seen = []
     p = Parameters.of(**{"refine": 0} | parameters)
     return abfm.match(mesh, *pair(0, b, width, mesh), p, on_iteration=seen.append), seen
@@ -46,7 +46,7 @@ def worse(step):
 
 
 def waves(points, seed):
-    """Twelve waves in random directions, three to eight radians per unit of length."""
+    """Return twelve waves in random directions, with 3 to 8 radians per unit of length."""
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(12, 3))
     directions *= rng.uniform(3, 8, 12)[:, None] / np.linalg.norm(directions, axis=1)[:, None]
@@ -54,8 +54,11 @@ def waves(points, seed):
 
 
 @cache
-def carried_waves(seed):
-    """Waves and what a smooth flow makes of them, each with a fifth of noise; and its origins."""
+def advected_waves(seed):
+    """Return noisy waves, advected by a smooth flow, as a problem; and the origins of values.
+
+    The noise is a fifth of the deviation.
+    """
     origins = ContinuousFlow(SPHERE, 0.1 * wavy_field(SPHERE, seed)[None], 1.0).origins().positions
     rng, there = np.random.default_rng(seed), origins / np.linalg.norm(origins, axis=1)[:, None]
     f, g = (waves(points, seed) for points in (SPHERE.vertices, there))
@@ -65,49 +68,51 @@ def carried_waves(seed):
 
 @cache
 def registered(seed, **parameters):
-    seen, problem = [], carried_waves(seed)[0].with_parameters(Parameters.of(**parameters))
+    seen, problem = [], advected_waves(seed)[0].with_parameters(Parameters.of(**parameters))
     return abfm.match(problem, on_iteration=seen.append), seen
 
 
 def error(match, fields, origins):
-    """Root of the mean square, of where the values of vertices come from."""
+    """Return the root mean square error of the origins of the vertex values."""
     found = ContinuousFlow(match.mesh, fields, 1.0).origins().positions
     return np.sqrt(((found - origins) ** 2).sum(axis=1).mean())
 
 
-def test_the_far_norm_leads_until_the_target_is_found_and_never_again_on_this_way():
+def test_reach_ends_when_the_target_is_found():
+    """In each variant, stages have the reach until the residual is at most 0.75."""
     _, seen = exact(0.07, 30)
-    ways = [list(way) for _, way in groupby(seen, lambda one: len(one.velocity))][:2]
-    assert [len(way[0].velocity) for way in ways] == [1, 2]
-    for way in ways:
-        reaches = [one.reach for one in way]
+    variants = [list(variant) for _, variant in groupby(seen, lambda one: len(one.velocity))][:2]
+    assert [len(variant[0].velocity) for variant in variants] == [1, 2]
+    for variant in variants:
+        reaches = [one.reach for one in variant]
         assert reaches == sorted(reaches, reverse=True)
         assert set(reaches) == {0.0, 1.0}
-        assert way[0].residual > 1.2  # from no motion again
+        assert variant[0].residual > 1.2  # from no motion again
         at = reaches.index(0.0)
-        assert way[at - 1].residual <= 0.75
-        assert way[at].sigma == way[at - 1].sigma
-        ends = [list(step)[-1] for _, step in groupby(way[:at], lambda one: one.sigma)]
+        assert variant[at - 1].residual <= 0.75
+        assert variant[at].sigma == variant[at - 1].sigma
+        ends = [list(step)[-1] for _, step in groupby(variant[:at], lambda one: one.sigma)]
         assert all(one.residual > 0.75 for one in ends[:-1])
 
 
-@pytest.mark.parametrize(("sigma", "enough"), [(None, 0.05), (0.02, 0.15)])
-def test_a_second_way_has_two_fields_in_a_row_and_is_walked_where_one_leaves_more(sigma, enough):
-    near, seen = exact(0.2, sigma=sigma)
+@pytest.mark.parametrize(("sigma", "required"), [(None, 0.05), (0.02, 0.15)])
+def test_second_variant_has_two_fields(sigma, required):
+    """It is tried only if the first one has a larger residual than required."""
+    close, seen = exact(0.2, sigma=sigma)
     assert {len(one.velocity) for one in seen} == {1}
-    assert near.worse_residual <= enough
-    far, seen = exact(0.07, 30, sigma=sigma)
-    ways = [list(way) for _, way in groupby(seen, lambda one: len(one.velocity))]
-    assert [len(way[0].velocity) for way in ways[:2]] == [1, 2]
-    assert len({step.velocity.shape for step in far.path}) == 1
+    assert close.worse_residual <= required
+    distant, seen = exact(0.07, 30, sigma=sigma)
+    variants = [list(variant) for _, variant in groupby(seen, lambda one: len(one.velocity))]
+    assert [len(variant[0].velocity) for variant in variants[:2]] == [1, 2]
+    assert len({step.velocity.shape for step in distant.path}) == 1
     alone, seen = exact(0.07, 30, sigma=sigma, segments=1)
     assert {len(one.velocity) for one in seen} == {1}
-    assert far.worse_residual <= alone.worse_residual
+    assert distant.worse_residual <= alone.worse_residual
 
 
 @pytest.mark.parametrize(("width", "sigma", "count"), [(0.2, 0.02, 2), (0.3, 0.05, 3)])
 def test_short_coarse_stages_end_at_the_same_match(width, sigma, count, monkeypatch):
-    """With a given sigma the mesh itself makes up for iterations left out on coarser ones."""
+    """With a given sigma, the mesh itself compensates for fewer iterations on coarse levels."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, width) for axis in ([0, 0, 1], [0, 1, 0]))
     p = Parameters.of(sigma=sigma, cooling_stages=1, levels=count)
@@ -132,8 +137,8 @@ def test_short_coarse_stages_end_at_the_same_match(width, sigma, count, monkeypa
     assert_allclose(short.energy_history[-1][0], long.energy_history[-1][0], rtol=0.1)
 
 
-def test_fields_of_coarse_meshes_are_smoothed_for_a_given_sigma():
-    """The kinks that they have over edges of the coarse mesh cost less than the match is worth."""
+def test_coarse_fields_are_smoothed_for_given_sigma():
+    """Otherwise kinks over edges of the coarse mesh would cost more than the match gains."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, 0.2) for axis in ([0, 0, 1], [0, 1, 0]))
     seen = []
@@ -145,7 +150,7 @@ def test_fields_of_coarse_meshes_are_smoothed_for_a_given_sigma():
 
 
 @pytest.mark.parametrize("goal", [0.3, 0.15, 0.1])
-def test_without_a_given_sigma_it_ends_where_both_witnesses_leave_the_goal(goal):
+def test_path_ends_when_both_checks_reach_the_goal(goal):
     match, _ = exact(goal=goal)
     *before, end = match.path
     assert match.step == len(before)
@@ -160,30 +165,32 @@ def test_without_a_given_sigma_it_ends_where_both_witnesses_leave_the_goal(goal)
     assert exact(goal=goal / 2)[0].path[-1].sigma <= end.sigma
 
 
-def test_where_none_confirms_the_goal_the_best_step_by_the_worse_witness_is_the_match():
+def test_best_step_by_larger_residual_is_selected():
+    """If no step reaches the goal."""
     match, _ = exact(0.07, 30)
-    left = [worse(step) for step in match.path]
-    assert min(left) > match.parameters.goal
-    assert match.step == int(np.argmin(left))
-    assert match.worse_residual == min(left)
+    residuals = [worse(step) for step in match.path]
+    assert min(residuals) > match.parameters.goal
+    assert match.step == int(np.argmin(residuals))
+    assert match.worse_residual == min(residuals)
     assert match.stop_reason != "iteration limit"
 
 
 @pytest.mark.parametrize(("width", "b"), [(0.1, 30), (0.12, 60), (0.1, 100)])
-def test_what_flow_lines_leave_more_is_shared_by_both_witnesses(width, b, monkeypatch):
+def test_correction_balances_both_checks(width, b, monkeypatch):
+    """It lowers the larger residual, and brings both residuals closer to each other."""
     corrected = exact(width, b)[0].path
     monkeypatch.setattr(continuation, "_corrected", lambda state, level: state)
     match = abfm.match(SPHERE, *pair(0, b, width), Parameters(refine=0))
     assert match.residual < 0.05 < match.verified_residual
     better = min(corrected, key=worse)
     assert worse(better) < 0.8 * match.worse_residual
-    apart = match.verified_residual - match.residual
-    assert abs(better.verified_residual - better.residual) < 0.5 * apart
+    difference = match.verified_residual - match.residual
+    assert abs(better.verified_residual - better.residual) < 0.5 * difference
 
 
 @pytest.mark.parametrize("sigma", [30.0, 0.7, 0.05])
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
-def test_a_given_sigma_is_where_it_ends_and_nothing_comes_after(sigma, unit):
+def test_path_ends_at_given_sigma(sigma, unit):
     match, seen = exact(sigma=sigma, sigma_unit=unit, goal=0.3)
     assert match.step == len(match.path) - 1
     assert match.path[-1].sigma == seen[-1].sigma == sigma == min(one.sigma for one in seen)
@@ -191,7 +198,8 @@ def test_a_given_sigma_is_where_it_ends_and_nothing_comes_after(sigma, unit):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_on_measured_functions_what_is_left_falls_with_sigma_and_what_it_costs_rises(seed):
+def test_residual_falls_and_distortion_grows_with_sigma(seed):
+    """For measured functions, with decreasing sigma."""
     ends = [registered(seed, sigma=sigma)[0].path[-1] for sigma in SIGMAS]
     assert [end.sigma for end in ends] == list(SIGMAS)
     assert (np.diff([end.residual for end in ends]) < 0).all()
@@ -200,51 +208,55 @@ def test_on_measured_functions_what_is_left_falls_with_sigma_and_what_it_costs_r
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_of_measured_functions_the_step_is_chosen_whose_map_is_about_the_truest(seed):
+def test_selected_step_has_nearly_the_most_accurate_map(seed):
+    """The most accurate step is neither the first one nor the last one."""
     match, _ = registered(seed)
-    origins = carried_waves(seed)[1]
+    origins = advected_waves(seed)[1]
     errors = [error(match, step.velocity, origins) for step in match.path]
     assert match.verdict.kind == "registered"
     assert errors[match.step] <= 1.5 * min(errors)
-    # the truest one is neither the first nor the last
+    # neither the first nor the last step is the most accurate
     assert max(errors[0], errors[-1]) > 1.2 * min(errors)
     assert 0.3 * error(match, 0 * match.velocity, origins) > errors[match.step]
     assert LAST_SIGMA < match.path[match.step].sigma < FIRST_SIGMA_MAX
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_chosen_sigma_is_minimum_of_parabola(seed):
-    """It lies between steps of a ratio of sqrt(3), which end one step after the best of them."""
+def test_selected_sigma_is_minimum_of_parabola(seed):
+    """It lies between steps with a ratio of sqrt(3); the path ends one step after the best."""
     match, _ = registered(seed)
     path = list(match.path)
-    own = path.pop(match.step)
-    sigmas, scores = (np.array([getattr(step, name) for step in path]) for name in _CHOSEN_BY)
+    selected = path.pop(match.step)
+    sigmas, scores = (np.array([getattr(step, name) for step in path]) for name in _SELECTION_NAMES)
     assert_allclose(sigmas[:-1] / sigmas[1:], np.sqrt(3))
     best = int(np.argmin(scores))
     assert best == len(path) - 2
     sigma, weights = best_between(sigmas[best - 1 :], scores[best - 1 :])
-    assert own.sigma == pytest.approx(sigma)
-    assert own.score == pytest.approx(weights @ scores[best - 1 :])
-    assert own.score <= scores.min()
-    assert path[match.step - 1].sigma > own.sigma > path[match.step].sigma
+    assert selected.sigma == pytest.approx(sigma)
+    assert selected.score == pytest.approx(weights @ scores[best - 1 :])
+    assert selected.score <= scores.min()
+    assert path[match.step - 1].sigma > selected.sigma > path[match.step].sigma
     reason = match.facts.reason
-    assert f"sigma {own.sigma:.3g} has the smallest held-out score, {own.score:.4f}" in reason
+    assert (
+        f"sigma {selected.sigma:.3g} has the smallest held-out score, {selected.score:.4f}"
+        in reason
+    )
     assert f"{path[match.step].score:.4f} at {path[match.step].sigma:.3g}" in reason
     assert "held-out score" not in match.at_step(0).facts.reason
 
 
-def test_chosen_sigma_is_a_solution_of_its_own():
-    """The step between two others is minimised, so with its sigma given the map is the same."""
+def test_selected_sigma_is_minimised():
+    """The interpolated step is minimised, so a given sigma of this value gives the same map."""
     match, _ = registered(0)
     given, _ = registered(0, sigma=match.path[match.step].sigma)
-    origins = carried_waves(0)[1]
+    origins = advected_waves(0)[1]
     errors = [error(found, found.velocity, origins) for found in (match, given)]
     assert errors[0] == pytest.approx(errors[1], rel=0.1)
     assert match.residual == pytest.approx(given.residual, rel=0.05)
 
 
-def test_choosing_sigma_costs_little(monkeypatch):
-    """All folds together take less than twice as many evaluations as the steps themselves."""
+def test_selection_of_sigma_costs_little(monkeypatch):
+    """All folds together take less than twice as many evaluations as the steps."""
     in_folds, search = [], descent.search_of
 
     def counted(energy, stage, at):
@@ -257,20 +269,21 @@ def test_choosing_sigma_costs_little(monkeypatch):
 
     monkeypatch.setattr(held_out, "minimum", minimum)
     seen = []
-    abfm.match(carried_waves(0)[0], on_iteration=seen.append)
+    abfm.match(advected_waves(0)[0], on_iteration=seen.append)
     assert 0 < len(in_folds) < 2 * seen[-1].evaluations
 
 
-def test_measured_functions_are_walked_anew_from_a_start():
+def test_measured_functions_ignore_a_start():
+    """Unless there are no iterations."""
     match, _ = registered(0)
     again = abfm.match(match.problem.starting_from(match.path[-1].velocity))
     assert_array_equal(again.fine_velocity, match.fine_velocity)
     start = match.problem.starting_from(match.velocity)
-    kept = abfm.match(start.with_parameters(Parameters.of(iterations=0)))
-    assert_allclose(kept.velocity, match.velocity, atol=1e-12)
+    unchanged = abfm.match(start.with_parameters(Parameters.of(iterations=0)))
+    assert_allclose(unchanged.velocity, match.velocity, atol=1e-12)
 
 
-def test_nothing_is_said_to_look_wrong_while_smaller_sigmas_or_other_ways_are_to_come():
+def test_no_warning_before_the_last_variant_and_sigma():
     for match, seen in (exact(0.07, 30), exact(0.05, 30, iterations=40), registered(0)):
         warned = [one for one in seen if one.warning]
         last = match.parameters.last_sigma
@@ -278,7 +291,7 @@ def test_nothing_is_said_to_look_wrong_while_smaller_sigmas_or_other_ways_are_to
 
 
 @pytest.mark.parametrize("found", [lambda: exact(0.07, 30)[0], lambda: registered(0)[0]])
-def test_steps_are_what_they_say(found):
+def test_measurements_of_steps_agree_with_their_fields(found):
     match = found()
     energy = MatchingEnergy(match.problem)
     for one, following in pairwise(match.path):
@@ -290,36 +303,37 @@ def test_steps_are_what_they_say(found):
         for name in NUMBERS[:3]:
             assert getattr(there, name) == getattr(step, name)
         assert_array_equal(there.fine_velocity, step.velocity)
-        said = flow_line_measures(energy, step.velocity / energy.length_scale)
+        measures = flow_line_measures(energy, step.velocity / energy.length_scale)
         for name in NUMBERS[1:]:
-            assert said[name] == pytest.approx(getattr(step, name), abs=1e-9)
+            assert measures[name] == pytest.approx(getattr(step, name), abs=1e-9)
     assert match.path[match.step].velocity is match.fine_velocity
 
 
 @pytest.mark.parametrize("width", [0.1, 0.12])
 @pytest.mark.parametrize("changes", [{}, {"sigma": 0.3}], ids=["auto", "given"])
-def test_a_finer_mesh_never_ends_worse_and_is_made_as_often_as_asked_for(width, changes):
+def test_refinement_never_increases_the_residual(width, changes):
+    """The number of subdivisions is at most the requested one."""
     of = [exact(width, 30, SMALL, **{"refine": k} | changes)[0] for k in (0, 1, 2)]
-    left = [match.worse_residual for match in of]
-    assert left == sorted(left, reverse=True)
+    residuals = [match.worse_residual for match in of]
+    assert residuals == sorted(residuals, reverse=True)
     assert of[0].refined == 0
     for k, match in enumerate(of):
         assert match.refined <= k
         assert match.parameters.refine == k
         assert match.path[match.step].sigma == changes.get("sigma", match.path[match.step].sigma)
-        if match.refined < k:  # once one gains nothing there is no next one
-            assert left[k] == left[k - 1] or left[k] <= match.parameters.goal
-    assert left[2] < 0.7 * left[0]
+        if match.refined < k:  # the next subdivision did not help
+            assert residuals[k] == residuals[k - 1] or residuals[k] <= match.parameters.goal
+    assert residuals[2] < 0.7 * residuals[0]
 
 
-def test_what_is_refined_is_seen_on_the_mesh_itself():
+def test_refined_match_is_a_match_of_the_mesh():
     match, seen = exact(0.3, 8, SMALL, refine=1, goal=0.01, segments=1)
     count, faces = len(SMALL.vertices), len(SMALL.faces)
     assert match.refined == 1
     assert match.fine.mesh is refined(SMALL, 1)
     assert_array_equal(match.velocity, mean_of_children(match.fine_velocity, faces))
-    carried = match.fine.push(match.fine.source, 1.0)
-    assert_allclose(match.advected, carried[:count], atol=1e-6)
+    advected = match.fine.push(match.fine.source, 1.0)
+    assert_allclose(match.advected, advected[:count], atol=1e-6)
     assert match.advect(1.0) == pytest.approx(match.advected[:, 0], abs=1e-6)
     assert match.fine.verify(subdivided=False).flow_lines == pytest.approx(match.verified_residual)
     assert {one.vertices for one in seen} == {count, len(refined(SMALL, 1).vertices)}
@@ -327,8 +341,8 @@ def test_what_is_refined_is_seen_on_the_mesh_itself():
     assert seen[-1].advected.shape == (count, 1)
 
 
-def test_what_the_mesh_resolves_is_refined_only_where_flow_lines_alone_are_far_and_a_flow_can_do():
-    """Otherwise the mesh is not what is in the way."""
+def test_resolved_functions_are_rarely_refined():
+    """Only if flow lines alone have a large residual, and a flow can match the functions."""
 
     def resolved(f, g, mismatch, verified):
         energy = MatchingEnergy(SPHERE, f, g, Parameters())
@@ -342,24 +356,26 @@ def test_what_the_mesh_resolves_is_refined_only_where_flow_lines_alone_are_far_a
     assert resolved(one, other, 0.2, 0.2)
     assert not resolved(one, other, 0.1, 0.2)
     assert not resolved(one, other, 0.1, 0.1)
-    assert not resolved(*pair(width=0.05), 0.2, 0.2)  # of fewer than five edges
-    assert resolved(one, one + other, 0.1, 0.2)  # of two peaks
+    assert not resolved(*pair(width=0.05), 0.2, 0.2)  # narrower than five edges
+    assert resolved(one, one + other, 0.1, 0.2)  # with two peaks
 
 
-def test_a_jump_is_refined_only_where_that_is_asked_for():
+def test_jumps_are_refined_only_on_request():
     ends = "indicator:vertex=0,radius=0.4", "indicator:vertex=30,radius=0.4"
     of = [abfm.match(SMALL, *ends, Parameters(refine=k)) for k in (None, 1)]
     assert [match.refined for match in of] == [0, 1]
     assert of[0].worse_residual > max(of[0].parameters.goal, of[1].worse_residual)
 
 
-def test_far_from_the_target_nothing_is_refined_that_has_no_iterations_left():
+def test_refinement_needs_remaining_iterations():
+    """Without iterations, a match far from its target is not refined."""
     for iterations, times in ((6, 0), (60, 1)):
         found = exact(0.2, 30, SMALL, refine=None, iterations=iterations)[0]
         assert (found.refined, len(found.energy_history)) == (times, iterations + 1)
 
 
-def test_only_what_is_not_confirmed_is_refined_and_a_given_sigma_where_it_is_asked_for():
+def test_refinement_of_unconfirmed_matches():
+    """With a given sigma or measured functions, meshes are refined only on request."""
     assert exact(0.12, 30, SMALL, refine=None)[0].refined > 0
     assert exact(0.12, 30, SMALL, refine=None, sigma=0.3)[0].refined == 0
     assert exact(0.12, 30, SMALL, refine=1, sigma=0.3)[0].refined == 1

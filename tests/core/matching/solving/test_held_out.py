@@ -1,4 +1,4 @@
-"""What a field says of places that it has not seen: how they are dealt out, what is measured."""
+"""Held-out patches: folds of the surface, scores, and the selection of sigma."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def bumps(b):
 
 
 @pytest.mark.parametrize("mesh", [SPHERE, torus(60, 30), hemisphere(30), icosphere(1)])
-def test_patches_are_dealt_out_evenly_and_always_alike(mesh):
+def test_folds_are_even_and_deterministic(mesh):
     fold = folds(mesh)
     assert set(fold) == {0, 1, 2}
     shares = np.bincount(fold, vertex_areas(mesh)) / vertex_areas(mesh).sum()
@@ -36,49 +36,52 @@ def test_patches_are_dealt_out_evenly_and_always_alike(mesh):
 
 
 @pytest.mark.parametrize("mesh", [SPHERE, torus(60, 30)])
-def test_rounding_deals_out_nothing_where_a_surface_has_symmetries(mesh):
-    """Many points are as far from what is dealt out, wherever the surface lies."""
+def test_folds_of_symmetric_surfaces_ignore_rounding(mesh):
+    """Many points have the same distance from the last centres, for any motion of the surface."""
     for turn in range(3):
         moved = Rotation.random(random_state=turn).apply(mesh.vertices.copy())
         other = TriangleMesh(3.7 * moved + turn, mesh.faces)
         assert_array_equal(folds(other), folds(mesh))
 
 
-def test_they_are_patches_and_not_vertices_here_and_there():
-    """Most neighbours are in one fold: else what is held out is known by them."""
+def test_folds_consist_of_patches():
+    """Most neighbours are in the same fold, so that they do not reveal held-out values."""
     same = np.equal(*folds(SPHERE)[SPHERE.edges].T)
     assert same.mean() > 0.6
 
 
 @pytest.mark.parametrize("mask", [None, MASK])
-def test_each_fold_sees_all_but_its_patches_and_every_vertex_is_hidden_once(mask):
-    whole = energy(*bumps(5), mask)
-    parts = fold_energies(whole)
+def test_every_vertex_is_held_out_once(mask):
+    """A fold has no weight on its patches, and shares the factorisations."""
+    complete = energy(*bumps(5), mask)
+    parts = fold_energies(complete)
     given = np.ones(len(SPHERE.vertices)) if mask is None else mask
     assert_array_equal(sum(hidden for _, hidden in parts), given)
     for part, hidden in parts:
         assert_array_equal(part.functions.mask + hidden, given)
         assert not (part.functions.mask * hidden).any()
-        assert part.functions.function_size == pytest.approx(whole.functions.function_size, rel=0.2)
-        assert part.regularizer(0.5) is whole.regularizer(0.5)  # factored once for all
-    few = np.where(folds(whole.mesh) == 1, given, 0.0)
+        assert part.functions.function_size == pytest.approx(
+            complete.functions.function_size, rel=0.2
+        )
+        assert part.regularizer(0.5) is complete.regularizer(0.5)  # shared factorisations
+    few = np.where(folds(complete.mesh) == 1, given, 0.0)
     assert fold_energies(energy(*bumps(5), few)) == []
 
 
-def test_what_is_told_is_the_mismatch_of_what_no_fold_has_seen():
-    whole = energy(*bumps(5))
-    rest = np.zeros(whole.shape)
-    stage = Schedule(Parameters.of(iterations=0), whole.functions, 1).stage(0, 1.0, ONE)
-    left = [
-        whole.functions.with_mask(hidden).residual(whole.functions.source)
-        for _, hidden in fold_energies(whole)
+def test_score_is_the_residual_of_held_out_patches():
+    complete = energy(*bumps(5))
+    rest = np.zeros(complete.shape)
+    stage = Schedule(Parameters.of(iterations=0), complete.functions, 1).stage(0, 1.0, ONE)
+    residuals = [
+        complete.functions.with_mask(hidden).residual(complete.functions.source)
+        for _, hidden in fold_energies(complete)
     ]
-    found = HeldOut.at(whole, rest).follow([stage]).score(0.0)
-    assert found == pytest.approx((np.sqrt(np.mean(np.square(left))),) * 3)
+    found = HeldOut.at(complete, rest).follow([stage]).score(0.0)
+    assert found == pytest.approx((np.sqrt(np.mean(np.square(residuals))),) * 3)
 
 
-def test_fields_of_a_fold_know_nothing_of_what_it_hides():
-    """Another target there is another number, of the same field."""
+def test_fields_do_not_depend_on_held_out_values():
+    """Another target on the patches of a fold does not change the field of this fold."""
     (f, g), fields, p = (
         bumps(5),
         [],
@@ -86,24 +89,24 @@ def test_fields_of_a_fold_know_nothing_of_what_it_hides():
     )
     stage = Schedule(p, energy(f, g).functions, 1).stage(0, 0.3, ONE)
     for target in (g, np.where(folds(SPHERE.normalized()) == 0, -g, g)):
-        whole = MatchingEnergy(SPHERE, f, target, p)
-        held = HeldOut.at(whole, np.zeros(whole.shape)).follow([stage])
+        complete = MatchingEnergy(SPHERE, f, target, p)
+        held = HeldOut.at(complete, np.zeros(complete.shape)).follow([stage])
         fields.append([fold.fields for fold in held.folds])
-    apart = [
+    differences = [
         np.abs(one - other).max() / np.abs(one).max() for one, other in zip(*fields, strict=True)
     ]
-    assert apart[0] < 1e-9
-    assert min(apart[1:]) > 0.01
+    assert differences[0] < 1e-9
+    assert min(differences[1:]) > 0.01
 
 
-def test_noise_is_not_found_where_it_was_not_seen_and_a_flow_is():
+def test_held_out_residual_distinguishes_flow_from_noise():
     f, g = bumps(5)
     rng = np.random.default_rng(0)
     noisy = f + 0.3 * rng.normal(size=len(f)), f + 0.3 * rng.normal(size=len(f))
     for functions, gains in (((f, g), True), (noisy, False)):
-        whole = energy(*functions)
-        schedule = Schedule(Parameters.of(iterations=20), whole.functions, 1)
-        held = HeldOut.at(whole, np.zeros(whole.shape))
+        complete = energy(*functions)
+        schedule = Schedule(Parameters.of(iterations=20), complete.functions, 1)
+        held = HeldOut.at(complete, np.zeros(complete.shape))
         before = held.follow([schedule.stage(0, 1e6, Variant(1.0, 1))]).score(0.0).held_out
         stages = [schedule.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)]
         after = held.follow(stages).score(0.0).held_out
@@ -111,12 +114,12 @@ def test_noise_is_not_found_where_it_was_not_seen_and_a_flow_is():
         assert (after > before) != gains
 
 
-SIGMAS = np.array([6.0, 3.0, 2.0])  # steps need not be equally far from each other
+SIGMAS = np.array([6.0, 3.0, 2.0])  # at different distances
 
 
 @pytest.mark.parametrize("best", [2.3, 3.0, 4.1])
 def test_parabola_finds_exact_minimum(best):
-    """Scores that are quadratic in log sigma; values there are interpolated without an error."""
+    """Scores are quadratic in log sigma, so values there are interpolated without error."""
     scores = 0.7 + 0.04 * np.log(SIGMAS / best) ** 2
     sigma, weights = best_between(SIGMAS, scores)
     assert sigma == pytest.approx(best, rel=1e-9)
@@ -126,7 +129,7 @@ def test_parabola_finds_exact_minimum(best):
 
 
 def test_parabola_is_invariant():
-    """Offset and scale of the scores change nothing; sigma keeps its unit."""
+    """Offset and scale of the scores have no effect, and sigma keeps its unit."""
     scores = np.array([0.62, 0.58, 0.59])
     sigma, weights = best_between(SIGMAS, scores)
     for times, offset, unit in ((1, 5, 1), (20, 0, 1), (1e-3, -0.3, 1), (1, 0, 7.0)):
@@ -137,7 +140,7 @@ def test_parabola_is_invariant():
 
 
 @pytest.mark.parametrize("scores", [[1, 1, 1], [3, 2, 1], [1, np.nan, 1], [np.inf, 1, 2]])
-def test_parabola_without_minimum(scores):
+def test_parabola_without_minimum_is_none(scores):
     assert best_between([4.0, 2.0, 1.0], scores) is None
 
 
@@ -147,7 +150,7 @@ def test_parabola_without_minimum(scores):
     [[0.58046, 0.57574, 0.58225], [0.58811, 0.5828, 0.58645], [0.57568, 0.57204, 0.57771]],
 )
 def test_score_error_moves_sigma_little(scores):
-    """An error of 0.001 in any score moves sigma by less than 5%, where steps are 73% apart."""
+    """An error of 0.001 moves sigma by less than 5%, although steps differ by 73%."""
     sigmas = 18 / np.sqrt(3) ** np.arange(2, 5)
     sigma, _ = best_between(sigmas, scores)
     for error in 0.001 * np.vstack([np.eye(3), -np.eye(3)]):
@@ -155,8 +158,8 @@ def test_score_error_moves_sigma_little(scores):
         assert abs(np.log(moved / sigma)) < 0.05
 
 
-def test_score_adds_price_of_areas():
-    whole = energy(*bumps(5))
-    held = HeldOut.at(whole, np.zeros(whole.shape))
+def test_score_includes_the_change_of_areas():
+    complete = energy(*bumps(5))
+    held = HeldOut.at(complete, np.zeros(complete.shape))
     assert held.score(0.2).value == pytest.approx(held.score(0.0).value + 0.05)
     assert np.isnan(held.score(np.nan).value)

@@ -1,4 +1,4 @@
-"""The meshes that a match begins on, and what goes between two meshes of a surface."""
+"""The levels of a match, and transfers between two meshes of a surface."""
 
 import threading
 import time
@@ -31,27 +31,27 @@ def all_levels(finest):
     return Levels.of_mesh(finest).with_coarser()
 
 
-def made(mesh):
+def levels_of(mesh):
     f = mesh.vertices[:, 0]
     return all_levels(MatchingEnergy(mesh, f, f[::-1].copy(), COARSER))
 
 
-def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
+def test_match_uses_prepared_meshes(monkeypatch):
     mesh = torus(40, 20)
     prepare(mesh, COARSER)
 
     def never(*_):
-        raise AssertionError("made again")
+        raise AssertionError("the mesh is coarsened again")
 
     monkeypatch.setattr(coarsening, "_collapse_edges", never)
-    found = made(mesh)
+    found = levels_of(mesh)
     assert [len(level.energy.mesh.vertices) for level in found.all] == [50, 200, 800]
     for level in found.all[:-1]:
-        kept = vars(level.to_finer).keys()
-        assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= kept
+        cached = vars(level.to_finer).keys()
+        assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= cached
 
 
-def test_a_match_waits_for_what_is_being_made(monkeypatch):
+def test_match_waits_for_meshes_in_preparation(monkeypatch):
     mesh = torus(40, 20)
     begun, collapse, face_counts = threading.Event(), coarsening._collapse_edges, []
 
@@ -62,47 +62,47 @@ def test_a_match_waits_for_what_is_being_made(monkeypatch):
         collapse(*arguments)
 
     monkeypatch.setattr(coarsening, "_collapse_edges", slowly)
-    ahead = threading.Thread(target=prepare, args=(mesh, COARSER))
-    ahead.start()
+    preparing = threading.Thread(target=prepare, args=(mesh, COARSER))
+    preparing.start()
     assert begun.wait(10)
-    assert len(made(mesh)) == 3
-    ahead.join()
+    assert len(levels_of(mesh)) == 3
+    preparing.join()
     assert face_counts == [400, 100]
 
 
-def test_who_waits_can_be_cancelled():
+def test_waiting_match_can_be_cancelled():
     mesh, cancelled = icosphere(1), Control()
     cancelled.cancel()
     with _making(mesh), controlled(cancelled), pytest.raises(CancelledError), _making(mesh):
         pass
-    with _making(mesh):  # nobody holds it any more
+    with _making(mesh):  # the lock is free again
         pass
 
 
-def chosen(mesh, f, g, monkeypatch, **extras):
-    """How many meshes are used where their number is chosen by the mesh and the functions."""
+def level_count(mesh, f, g, monkeypatch, **extras):
+    """Return the number of levels that mesh and functions determine."""
     monkeypatch.setattr(module, "SETTINGS", replace(SETTINGS, coarsest_vertices=160))
     return len(all_levels(MatchingEnergy(mesh, f, g, Parameters(), **extras)))
 
 
-def test_meshes_that_do_not_resolve_the_functions_are_left_out(monkeypatch):
-    """A bump of half the width allows for one mesh less, of a quarter of the vertices each."""
+def test_coarse_levels_resolve_the_functions(monkeypatch):
+    """A bump of half the width has one level less; each level has a quarter of the vertices."""
     mesh, small = icosphere(4), icosphere(2)
     for width, count in ((0.3, 3), (0.15, 2), (0.075, 1)):
         f, g = (bump(mesh, [0, 0, s], width) for s in (1, -1))
-        assert chosen(mesh, f, g, monkeypatch) == count
+        assert level_count(mesh, f, g, monkeypatch) == count
     flat = np.ones(len(mesh.vertices))
-    assert chosen(mesh, flat, flat, monkeypatch) == 3
-    assert chosen(small, bump(small, [0, 0, 1], 0.5), np.ones(162), monkeypatch) == 1
-    # what has no weight does not choose
+    assert level_count(mesh, flat, flat, monkeypatch) == 3
+    assert level_count(small, bump(small, [0, 0, 1], 0.5), np.ones(162), monkeypatch) == 1
+    # channels of weight 0 are ignored
     wide, narrow = (bump(mesh, [0, 0, 1], w) for w in (0.3, 0.075))
     f = np.stack([wide, narrow], axis=1)
-    assert chosen(mesh, f, -f, monkeypatch, weights=[1, 1]) == 1
-    assert chosen(mesh, f, -f, monkeypatch, weights=[1, 0]) == 3
+    assert level_count(mesh, f, -f, monkeypatch, weights=[1, 1]) == 1
+    assert level_count(mesh, f, -f, monkeypatch, weights=[1, 0]) == 3
 
 
-def test_the_energy_is_about_the_same_on_all_meshes():
-    """At rest, in the norm of the parameters and in one that reaches far, with mask and weights."""
+def test_energy_is_similar_on_all_levels():
+    """Without motion, for both norms, with mask and weights."""
     mesh = icosphere(4)
     f = np.stack([bump(mesh, [0, 0, 1], 0.3), 2 * bump(mesh, [1, 0, 0], 0.3)], axis=1)
     g = np.stack([bump(mesh, [0, 1, 0], 0.3), 2 * bump(mesh, [0, 0.6, 0.8], 0.3)], axis=1)
@@ -124,8 +124,8 @@ def test_the_energy_is_about_the_same_on_all_meshes():
             assert abs(here / there - 1) < 0.15
 
 
-def test_fields_there_and_back_move_as_far():
-    """In units of each mesh scaled to unit area, whose surfaces differ."""
+def test_fields_round_trip_between_levels():
+    """In the unit of each mesh scaled to unit area, although the areas differ."""
     ball = icosphere(4)
     f, g = (bump(ball, [0, 0, s], 0.3) for s in (1, -1))
     level, finer = all_levels(MatchingEnergy(ball, f, g, Parameters.of(levels=2))).all
@@ -138,8 +138,8 @@ def test_fields_there_and_back_move_as_far():
     assert relative_error(fine, up[0], field[0]) < 0.02
 
 
-def test_coarser_meshes_of_one_size_are_not_taken_for_each_other():
-    """Two that were asked for differently may have as many vertices, and other faces."""
+def test_transfers_of_different_meshes_are_distinct():
+    """Two coarse meshes may have equal numbers of vertices but different faces."""
     fine, coarse = icosphere(2), icosphere(1)
     other = renumbered(coarse, 1)[0]
     assert module._transfer(fine, coarse).coarse is coarse
@@ -163,17 +163,17 @@ def transfer(fine):
 
 
 @pytest.mark.parametrize("fine", FINE.values(), ids=FINE.keys())
-def test_both_ways_are_averages_and_they_are_the_adjoint_of_interpolation(fine):
-    """No weight is negative; and ``<f, P h> = <P* f, h>`` with the fine areas."""
+def test_transfers_are_averages_and_adjoint(fine):
+    """No weight is negative, and ``<f, P h> = <P* f, h>`` with the areas of the fine mesh."""
     pair = transfer(fine)
-    few, many = (len(mesh.vertices) for mesh in (pair.coarse, pair.fine))
-    for carried, before, after in (
-        (pair.function_to_fine, few, many),
-        (pair.function_to_coarse, many, few),
+    on_coarse, on_fine = (len(mesh.vertices) for mesh in (pair.coarse, pair.fine))
+    for transferred, before, after in (
+        (pair.function_to_fine, on_coarse, on_fine),
+        (pair.function_to_coarse, on_fine, on_coarse),
     ):
         flat = np.full((2, after), 3.0)
-        assert_allclose(carried(np.full((2, before), 3.0)), flat, rtol=1e-14, strict=True)
-        matrix = carried(np.eye(before)).T
+        assert_allclose(transferred(np.full((2, before), 3.0)), flat, rtol=1e-14, strict=True)
+        matrix = transferred(np.eye(before)).T
         assert (matrix >= 0).all()
         assert_allclose(matrix.sum(axis=1), 1, rtol=1e-12)
     f, h, areas = random_function(fine), random_function(pair.coarse), vertex_areas(fine)
@@ -183,8 +183,8 @@ def test_both_ways_are_averages_and_they_are_the_adjoint_of_interpolation(fine):
     assert there == pytest.approx((covered * h) @ pair.function_to_coarse(f), rel=1e-10)
 
 
-def test_integrals_are_kept_but_for_the_area():
-    """Exactly by the areas that hats cover, and by those of the coarse mesh with second order."""
+def test_averages_preserve_integrals():
+    """Exactly by the areas of hat functions, and with order two by areas of the coarse mesh."""
     errors = []
     for subdivisions in (3, 4, 5):
         pair = transfer(icosphere(subdivisions))
@@ -196,21 +196,21 @@ def test_integrals_are_kept_but_for_the_area():
     assert errors[-1] < 0.005
 
 
-def test_linear_functions_and_constant_fields_on_a_plane_stay():
-    """Where the coarse mesh, which cuts corners, covers the fine one."""
+def test_linear_functions_on_a_plane_are_exact():
+    """Also constant fields, on the part of the fine mesh that the coarse one covers."""
     pair, slope = transfer(FINE["square"]), np.array([2.0, -3.0, 0.0])
     mesh, coarse = pair.fine, pair.coarse
     covered = project_onto_surface(coarse, mesh.vertices).distances_from(mesh.vertices) < 1e-12
     assert covered.mean() > 0.8
     found = pair.function_to_fine(1 + coarse.vertices @ slope)
     assert_allclose(found[covered], (1 + mesh.vertices @ slope)[covered], atol=1e-14)
-    few, many = (np.tile(slope, (len(each.faces), 1)) for each in (coarse, mesh))
-    assert_allclose(to_ambient(mesh, pair.field_to_fine(few)), many, atol=1e-12)
-    assert_allclose(to_ambient(coarse, pair.field_to_coarse(many)), few, atol=1e-12)
+    on_coarse, on_fine = (np.tile(slope, (len(each.faces), 1)) for each in (coarse, mesh))
+    assert_allclose(to_ambient(mesh, pair.field_to_fine(on_coarse)), on_fine, atol=1e-12)
+    assert_allclose(to_ambient(coarse, pair.field_to_coarse(on_fine)), on_coarse, atol=1e-12)
 
 
 def errors_between(subdivisions, nested):
-    """Of functions up and down, then of a rotation's field up and down."""
+    """Return errors of functions in both directions, then of the field of a rotation."""
     fine = icosphere(subdivisions)
     pair = Transfer(icosphere(subdivisions - 1), fine) if nested else transfer(fine)
     coarse = pair.coarse
@@ -224,8 +224,8 @@ def errors_between(subdivisions, nested):
     ]
 
 
-def test_errors_fall_with_the_square_of_the_edge_length():
-    """Between nested meshes; between uneven ones averages are centred less well."""
+def test_transfer_errors_have_order_two():
+    """On uneven meshes, averages are less accurate, as they are centred less well."""
     nested, uneven = (
         np.transpose([errors_between(k, kind) for k in (3, 4, 5)]) for kind in (True, False)
     )
@@ -236,7 +236,7 @@ def test_errors_fall_with_the_square_of_the_edge_length():
 
 
 def test_discretisation_errors_of_levels():
-    """They fall with the square of the edge length, and depend neither on unit nor offset."""
+    """They have order two, and do not depend on unit and offset of the functions."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, 0.3) for axis in ([0, 0, 1], [0, 1, 0]))
 
@@ -252,17 +252,17 @@ def test_discretisation_errors_of_levels():
     assert errors(np.ones(len(f)), np.ones(len(f)))[0] < 1e-12
 
 
-def assert_same_but_on_edges(found, expected):
-    """Where rounding chooses the face whose tangent plane counts."""
-    apart = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1).max()
-    assert np.mean(apart > 1e-7) < 0.35
-    assert np.sqrt(np.mean(apart**2)) < 0.02
+def assert_equal_except_on_edges(found, expected):
+    """Compare fields; on edges, rounding decides which of two faces is used."""
+    errors = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1).max()
+    assert np.mean(errors > 1e-7) < 0.35
+    assert np.sqrt(np.mean(errors**2)) < 0.02
 
 
 @pytest.mark.parametrize("name", ["genus two", "hemisphere"])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e9])
-def test_units_place_and_rotation_do_not_matter(name, scale):
-    """On meshes without symmetry, where no point is as close to one face as to another."""
+def test_transfers_are_invariant_to_motion_and_unit(name, scale):
+    """On meshes without symmetry, closest points are unique."""
     here, rotation = transfer(FINE[name]), Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
     fine, coarse = here.fine, here.coarse
     there = Transfer(
@@ -275,22 +275,22 @@ def test_units_place_and_rotation_do_not_matter(name, scale):
     for mesh, name in ((coarse, "field_to_fine"), (fine, "field_to_coarse")):
         field = wavy_field(mesh, 3)
         other = getattr(there, name)(scale * field @ rotation.T)
-        assert_same_but_on_edges(other / scale, getattr(here, name)(field))
+        assert_equal_except_on_edges(other / scale, getattr(here, name)(field))
 
 
-def test_the_order_of_vertices_and_faces_does_not_matter():
+def test_transfers_are_invariant_to_numbering():
     one = transfer(FINE["genus two"])
     fine, coarse = one.fine, one.coarse
     mixed, vertices, faces = renumbered(coarse, 1)
     h, u = bump(coarse, coarse.vertices[10], 0.2), wavy_field(coarse, 3)
     other = Transfer(mixed, fine)
     assert_allclose(other.function_to_fine(h[vertices]), one.function_to_fine(h), atol=1e-12)
-    assert_same_but_on_edges(other.field_to_fine(u[faces]), one.field_to_fine(u))
+    assert_equal_except_on_edges(other.field_to_fine(u[faces]), one.field_to_fine(u))
     f = bump(fine, fine.vertices[40], 0.2)
     assert_allclose(other.function_to_coarse(f), one.function_to_coarse(f)[vertices], atol=1e-12)
 
 
-def test_same_input_same_bits_prepared_or_not():
+def test_transfers_are_bitwise_reproducible():
     found = []
     for prepared in (False, True):
         pair = transfer(torus(40, 20))
@@ -301,32 +301,33 @@ def test_same_input_same_bits_prepared_or_not():
     assert_array_equal(*found)
 
 
-def test_a_mesh_onto_itself_leaves_functions_and_smooths_fields():
+def test_transfer_to_the_same_mesh():
+    """Functions do not change, and fields are smoothed."""
     mesh = icosphere(4)
     pair = Transfer(mesh, TriangleMesh(mesh.vertices, mesh.faces))
     f = bump(mesh, [0, 0, 1], 0.1)
     assert_allclose(pair.function_to_fine(f), f, atol=1e-12)
     assert_allclose(pair.function_to_coarse(f), f, atol=1e-12)
     v = rotation_field(mesh, AXIS)
-    for carried in (pair.field_to_fine, pair.field_to_coarse):
-        assert relative_error(mesh, to_ambient(mesh, carried(v)), v) < 0.003
+    for transferred in (pair.field_to_fine, pair.field_to_coarse):
+        assert relative_error(mesh, to_ambient(mesh, transferred(v)), v) < 0.003
 
 
-def test_coarse_vertices_that_no_fine_one_is_near_take_the_closest_value():
-    """As happens where the coarse mesh is not coarser everywhere."""
-    many, few = icosphere(3), icosphere(1)
-    pair = Transfer(many, few)
-    assert (pair.interpolation.T @ vertex_areas(few) == 0).sum() > 500
-    assert_allclose(pair.function_to_coarse(np.ones(len(few.vertices))), 1, rtol=1e-12)
-    z = few.vertices[:, 2]
-    assert_allclose(pair.function_to_coarse(z), many.vertices[:, 2], atol=0.15)
+def test_uncovered_vertices_have_the_closest_value():
+    """This happens where the coarse mesh is finer than the fine one."""
+    coarse, fine = icosphere(3), icosphere(1)  # the "coarse" mesh is the finer one
+    pair = Transfer(coarse, fine)
+    assert (pair.interpolation.T @ vertex_areas(fine) == 0).sum() > 500
+    assert_allclose(pair.function_to_coarse(np.ones(len(fine.vertices))), 1, rtol=1e-12)
+    z = fine.vertices[:, 2]
+    assert_allclose(pair.function_to_coarse(z), coarse.vertices[:, 2], atol=0.15)
 
 
-def test_fields_turn_with_the_surface_and_keep_their_length():
-    """Around a cylinder, onto one whose faces lie between; its normals are 12 degrees away."""
+def test_fields_rotate_with_the_surface():
+    """Between cylinders whose normals differ by 12 degrees; lengths are preserved."""
     coarse, fine = open_cylinder(15, 4), open_cylinder(60, 16)
     pair = Transfer(coarse, fine)
     around = to_ambient(fine, pair.field_to_fine(rotation_field(coarse, [0, 0, 1])))
     assert relative_error(fine, around, rotation_field(fine, [0, 0, 1])) < 0.03
-    few, many = (np.tile([0.0, 0.0, 1.0], (len(mesh.faces), 1)) for mesh in (coarse, fine))
-    assert_allclose(pair.field_to_fine(few), to_frame(fine, many), atol=1e-9)
+    on_coarse, on_fine = (np.tile([0.0, 0.0, 1.0], (len(mesh.faces), 1)) for mesh in (coarse, fine))
+    assert_allclose(pair.field_to_fine(on_coarse), to_frame(fine, on_fine), atol=1e-9)

@@ -1,4 +1,4 @@
-"""The schedule of a match: its sigmas, ways and stages; the paper's where that is asked for."""
+"""The schedule of a match: values of sigma, variants and stages."""
 
 import math
 from dataclasses import replace
@@ -22,7 +22,8 @@ SIGMA, FACTOR = st.floats(1e-3, 1e3), st.floats(1.5, 20)
 
 
 @given(SIGMA, FACTOR, st.sampled_from([EXACT, MEASURED]))
-def test_a_given_sigma_is_the_last_and_multiples_of_it_lead_there(sigma, factor, functions):
+def test_given_sigma_is_the_last_one(sigma, factor, functions):
+    """The others are multiples of it."""
     given = Parameters.of(sigma=sigma, cooling_factor=factor)
     sigmas = Schedule(given, functions, 1).sigmas
     assert sigmas[-1] == sigma
@@ -36,9 +37,8 @@ def test_a_given_sigma_is_the_last_and_multiples_of_it_lead_there(sigma, factor,
 
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
 @pytest.mark.parametrize(("functions", "power"), [(EXACT, 1), (MEASURED, 0.5)])
-def test_without_one_they_fall_from_the_warmest_more_slowly_for_measured_functions(
-    functions, power, unit
-):
+def test_automatic_sigmas_begin_at_the_largest_one(functions, power, unit):
+    """They fall more slowly for measured functions."""
     schedule = Schedule(Parameters.of(sigma_unit=unit), functions, 1)
     sigmas = np.divide(schedule.sigmas, 1 if unit == "relative" else functions.function_size)
     assert (sigmas[0], schedule.is_measured) == (FIRST_SIGMA_MAX, functions is MEASURED)
@@ -47,8 +47,8 @@ def test_without_one_they_fall_from_the_warmest_more_slowly_for_measured_functio
 
 
 @given(SIGMA, FACTOR, st.integers(1, 8), st.integers(0, 2000))
-def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count, iterations):
-    """Every sigma from the largest to its value, each early one with its share."""
+def test_one_mesh_without_reach_has_schedule_of_the_paper(sigma, factor, count, iterations):
+    """Every sigma down to the given one is used, and each early stage has its share."""
     cooling = {"sigma": sigma, "cooling_factor": factor, "cooling_stages": count}
     p = Parameters.of(**PAPER, **cooling, iterations=iterations)
     for functions in (EXACT, MEASURED):
@@ -61,7 +61,7 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count
             assert stage.is_worthwhile([1.0] * 1000)
 
 
-def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
+def test_fixed_stages_use_all_their_iterations():
     p = Parameters.of(stage_iterations=7, sigma=0.1)
     schedule = Schedule(p, EXACT, 3)
     *early, last = (schedule.stage(2, sigma, Variant(p.alpha, 1)) for sigma in schedule.sigmas)
@@ -88,19 +88,23 @@ def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
         ({"method": "linearised"}, EXACT, None),
     ],
 )
-def test_there_is_a_second_way_with_two_fields_or_for_measured_functions_a_third_of_alpha(
-    changes, functions, other
-):
+def test_second_variant(changes, functions, other):
+    """It has two fields or, for measured functions, a third of alpha."""
     p = Parameters.of(**changes)
     first = (p.alpha, 1)
-    ways = [first, other] if other else [first]
-    assert_allclose(Schedule(p, functions, 1).variants(1), ways)
-    assert Schedule(p, EXACT, 1).variants(2) == [(p.alpha, 2)]  # as a start has them
+    variants = [first, other] if other else [first]
+    assert_allclose(Schedule(p, functions, 1).variants(1), variants)
+    assert Schedule(p, EXACT, 1).variants(2) == [(p.alpha, 2)]  # as in a start
 
 
-def test_after_a_way_that_did_not_find_the_target_the_next_one_looks_as_far_as_there_is():
+def test_reach_is_maximal_after_a_failed_variant():
+    """Only if sigma is automatic and the functions are exact."""
     schedule = Schedule(Parameters.of(reach=0.5), EXACT, 1)
-    assert [schedule.reach(left) for left in (0.6, 0.9, np.inf)] == [0.5, REACH_MAX, REACH_MAX]
+    assert [schedule.reach(residual) for residual in (0.6, 0.9, np.inf)] == [
+        0.5,
+        REACH_MAX,
+        REACH_MAX,
+    ]
     for schedule in (
         Schedule(Parameters(), MEASURED, 1),
         Schedule(Parameters(sigma=1.0), EXACT, 1),
@@ -109,9 +113,8 @@ def test_after_a_way_that_did_not_find_the_target_the_next_one_looks_as_far_as_t
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.5), st.sampled_from([1, 2, 4]))
-def test_exact_functions_end_below_the_goal_and_a_quarter_of_the_time_is_for_the_mesh_itself(
-    iterations, goal, meshes
-):
+def test_goal_and_iterations_of_stages(iterations, goal, meshes):
+    """Stages of exact functions end below the goal; a quarter of iterations is for the mesh."""
     p = Parameters.of(iterations=iterations, goal=goal)
     for level in range(meshes):
         stage = Schedule(p, EXACT, meshes).stage(level, 1.0, Variant(p.alpha, 1), p.solver.reach)
@@ -122,12 +125,12 @@ def test_exact_functions_end_below_the_goal_and_a_quarter_of_the_time_is_for_the
 
 
 def test_given_sigma_ends_coarse_levels_at_their_error():
-    """Only in the stage whose result the mesh itself replaces, and in no fixed or free schedule."""
+    """Only in the last stage of a level, and in no fixed or automatic schedule."""
     p = Parameters(sigma=0.1)
-    schedule, way = Schedule(p, EXACT, 2), Variant(p.alpha, 1)
+    schedule, variant = Schedule(p, EXACT, 2), Variant(p.alpha, 1)
     *early, last = schedule.sigmas
     for reach in (0.0, 1.0):
-        coarse, fine = (schedule.stage(level, last, way, reach, 0.2) for level in (0, 1))
+        coarse, fine = (schedule.stage(level, last, variant, reach, 0.2) for level in (0, 1))
         assert (coarse.goal, coarse.is_search) == (0.2, reach > 0)
         assert (fine.goal, fine.is_search) == (0.0, False)
         for other, sigma in (
@@ -136,16 +139,18 @@ def test_given_sigma_ends_coarse_levels_at_their_error():
             (Schedule(Parameters(), EXACT, 2), last),
             (Schedule(Parameters(), MEASURED, 2), last),
         ):
-            assert other.stage(0, sigma, way, reach, 0.2) == other.stage(0, sigma, way, reach)
+            assert other.stage(0, sigma, variant, reach, 0.2) == other.stage(
+                0, sigma, variant, reach
+            )
 
 
-def test_search_pays_while_the_residual_falls():
-    """Once the target is found; before that and in other stages the energy alone decides."""
+def test_search_continues_while_the_residual_falls():
+    """Before the target is found, and in other stages, only the energy has to fall."""
     stage = Stage(0, 1, 1.0, 1.0, 1.0, 100, 100, fixed=False, goal=0.0)
     search = replace(stage, is_search=True)
     falling = [0.9**k for k in range(40)]
-    for residual, is_worthwhile in ((0.8, True), (0.6, False)):
-        assert search.is_worthwhile(falling, [residual] * 40) == is_worthwhile
+    for residual, continues in ((0.8, True), (0.6, False)):
+        assert search.is_worthwhile(falling, [residual] * 40) == continues
         assert search.is_worthwhile(falling[:5], [residual] * 5)
         assert stage.is_worthwhile(falling, [residual] * 40)
         assert replace(search, fixed=True).is_worthwhile(falling, [residual] * 40)
@@ -153,21 +158,21 @@ def test_search_pays_while_the_residual_falls():
     assert not search.is_worthwhile([1.0] * 40, falling)
 
 
-def test_a_stage_pays_while_its_energy_falls():
+def test_stage_continues_while_its_energy_falls():
     stage = Stage(0, 1, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
-    falling, still = [0.99**k for k in range(40)], [1.0] * 40
+    falling, constant = [0.99**k for k in range(40)], [1.0] * 40
     assert stage.is_worthwhile(falling)
     assert not stage.is_worthwhile([0.998**k for k in range(40)])
-    assert not stage.is_worthwhile(still)
-    assert stage.is_worthwhile(still[:5])  # too early to tell
-    assert replace(stage, fixed=True).is_worthwhile(still)
+    assert not stage.is_worthwhile(constant)
+    assert stage.is_worthwhile(constant[:5])  # too few iterations
+    assert replace(stage, fixed=True).is_worthwhile(constant)
     assert not stage.is_worthwhile([math.inf] * 40)
 
 
-def test_what_was_learned_serves_the_same_norm_on_the_same_mesh():
+def test_curvature_is_valid_for_the_same_norm_and_mesh():
     stage = Stage(1, 1, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
-    colder = replace(stage, sigma=0.1)
-    assert colder.continues(stage)
-    assert not replace(colder, fixed=True).continues(stage)
+    smaller = replace(stage, sigma=0.1)
+    assert smaller.continues(stage)
+    assert not replace(smaller, fixed=True).continues(stage)
     for other in ({"level": 0}, {"fields": 2}, {"reach": 1.0}, {"alpha": 0.3}):
         assert not replace(stage, **other).continues(stage)

@@ -1,4 +1,4 @@
-"""The objective takes whatever terms and norms it is given, with exact gradients."""
+"""Data terms and norms of the objective: exact gradients, and the smoothed norm."""
 
 from dataclasses import replace
 from functools import partial
@@ -28,7 +28,7 @@ FIELD = 0.2 * wavy_field(MESH, 1)[None]
 
 
 class Places:
-    """Where vertices come from: ``|x o phi^-1 - p|^2 / 2`` at some of them."""
+    """The term ``|x o phi^-1 - p|^2 / 2`` for the origins of the values at some vertices."""
 
     name = "places"
 
@@ -39,14 +39,14 @@ class Places:
     def measure(self, parameters, reach):
         return self
 
-    def value_and_residual(self, carried, sigma):
-        residual = np.zeros_like(carried)
-        misfit = carried[:, self.vertices] - self.places.T
+    def value_and_residual(self, advected, sigma):
+        residual = np.zeros_like(advected)
+        misfit = advected[:, self.vertices] - self.places.T
         residual[:, self.vertices] = misfit / sigma**2
         return float((misfit**2).sum()) / (2 * sigma**2), residual
 
-    def residual(self, carried):
-        misfit = carried[:, self.vertices] - self.places.T
+    def residual(self, advected):
+        misfit = advected[:, self.vertices] - self.places.T
         before = self.sources[:, self.vertices] - self.places.T
         return float(np.linalg.norm(misfit) / np.linalg.norm(before))
 
@@ -58,7 +58,7 @@ class Places:
 
 
 class PlainNorm:
-    """That of L2."""
+    """The L2 norm of fields."""
 
     def __init__(self, mesh):
         self.areas = face_areas(mesh)[:, None]
@@ -71,14 +71,14 @@ class PlainNorm:
 
 
 def both(**parameters):
-    """Functions, and a vertex whose value shall come from the place of another one."""
+    """Return a problem with functions, and a vertex whose value has a given origin."""
     term = Places(MESH, [17], MESH.vertices[[0]])
     return abfm.Problem(MESH, F, G, Parameters.of(**parameters), terms=(term,))
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.3])
 @pytest.mark.parametrize("reach", [0.0, 0.5])
-def test_a_residual_is_the_derivative_of_the_value(sigma, reach):
+def test_residual_is_derivative_of_the_value(sigma, reach):
     channels = np.stack([F, 2 * G], axis=1)
     terms = (
         FunctionTerm(MESH, channels, channels[:, ::-1], 1 + MESH.vertices[:, 2], [1.0, 2.5]),
@@ -88,12 +88,12 @@ def test_a_residual_is_the_derivative_of_the_value(sigma, reach):
         measure, rng = term.measure(P, reach), np.random.default_rng(0)
         step = 1e-5 * rng.normal(size=term.sources.shape)
         value_and_residual = partial(measure.value_and_residual, sigma=sigma)
-        ahead, back = (value_and_residual(term.sources + s * step)[0] for s in (1, -1))
+        after, before = (value_and_residual(term.sources + s * step)[0] for s in (1, -1))
         _, residual = value_and_residual(term.sources)
-        assert ahead - back == pytest.approx(2 * float((residual * step).sum()), rel=1e-6)
+        assert after - before == pytest.approx(2 * float((residual * step).sum()), rel=1e-6)
 
 
-def test_terms_add_up_and_are_carried_together():
+def test_terms_are_summed_and_advected_together():
     problem = both()
     first, second = problem.terms
     terms, functions = DataTerms(problem.terms), np.concatenate([G[None], MESH.vertices.T])
@@ -101,36 +101,36 @@ def test_terms_add_up_and_are_carried_together():
     assert second.residual(functions[1:]) == 1
     distance = np.linalg.norm(MESH.vertices[17] - MESH.vertices[0])
     assert shares == (0, pytest.approx(distance**2 * 50))
-    own = [
+    separate = [
         term.measure(P, 0.0).value_and_residual(part, 0.1)
         for term, part in ((first, functions[:1]), (second, functions[1:]))
     ]
     shares, residual = terms.measure(P, 0.0).shares_and_residual(functions, 0.1)
-    assert shares == tuple(value for value, _ in own)
-    assert np.array_equal(residual, np.concatenate([of_term for _, of_term in own]))
+    assert shares == tuple(value for value, _ in separate)
+    assert np.array_equal(residual, np.concatenate([of_term for _, of_term in separate]))
     assert terms.residual(functions) == 1
     at_rest = np.hypot(first.residual(F[None]), 1)
     assert terms.residual(terms.sources) == pytest.approx(at_rest)
 
 
-def test_a_second_term_has_an_exact_gradient_and_is_matched():
+def test_second_term_has_exact_gradient_and_matches():
     energy = MatchingEnergy(both(alpha=0.05, sigma=0.1))
     assert taylor_order(energy, FIELD, 0.02 * wavy_field(MESH, 2)[None]) >= 1.9
-    few, told = {"iterations": 60, "levels": 1, "sigma": 0.3}, []
-    found = abfm.match(both(**few), on_iteration=told.append)
-    alone = abfm.match(MESH, F, G, Parameters.of(**few))
-    assert all(list(now.shares) == ["closeness", "places"] for now in told)
-    assert all(sum(now.shares.values()) == now.mismatch_energy for now in told)
+    changes, iterations = {"iterations": 60, "levels": 1, "sigma": 0.3}, []
+    found = abfm.match(both(**changes), on_iteration=iterations.append)
+    alone = abfm.match(MESH, F, G, Parameters.of(**changes))
+    assert all(list(now.shares) == ["closeness", "places"] for now in iterations)
+    assert all(sum(now.shares.values()) == now.mismatch_energy for now in iterations)
     assert found.advected.shape == (len(F), 1)
-    apart, without = (
+    distance, without = (
         np.linalg.norm(match.push(MESH.vertices, 1.0)[17] - MESH.vertices[0])
         for match in (found, alone)
     )
-    assert apart < min(0.02, without)
+    assert distance < min(0.02, without)
     assert found.residual < 0.1
 
 
-def test_another_norm_of_fields_has_an_exact_gradient():
+def test_other_norm_of_fields_has_exact_gradient():
     energy = MatchingEnergy(MESH, F, G, P)
     plain = replace(energy.objective(P.sigma), regularity=PlainNorm(MESH))
 
@@ -151,68 +151,68 @@ def mesh(request):
 
 
 def metric(mesh, reach, areas=None):
-    """Scaled for a random mismatch."""
+    """Return a smoothed norm that is scaled for a random mismatch."""
     areas = vertex_areas(mesh) if areas is None else areas
     return SmoothedNorm(mesh, areas, reach, random_function(mesh, 0)[None], ONE)
 
 
 @pytest.mark.parametrize("reach", REACHES)
-def test_symmetric_and_positive_and_the_mismatch_it_was_made_for_keeps_its_energy(mesh, reach):
-    """All eigenvalues are positive: only an exact match has no mismatch."""
-    far = metric(mesh, reach)
-    matrix = np.stack([far(row) for row in np.eye(len(mesh.vertices))])
+def test_smoothed_norm_is_symmetric_and_positive(mesh, reach):
+    """All eigenvalues are positive, so only an exact match has energy 0. It is scaled to L2."""
+    smoothed = metric(mesh, reach)
+    matrix = np.stack([smoothed(row) for row in np.eye(len(mesh.vertices))])
     assert_allclose(matrix, matrix.T, rtol=0, atol=1e-13 * np.abs(matrix).max())
     eigenvalues = np.linalg.eigvalsh(matrix + matrix.T)
     assert eigenvalues.min() > 1e-12 * eigenvalues.max()
-    assert not far(np.zeros(len(mesh.vertices))).any()
+    assert not smoothed(np.zeros(len(mesh.vertices))).any()
     residuals = np.stack([size * random_function(mesh, size) for size in (1, 10, 3)])
     weights = np.array([1.0, 0.3, 0.0])
     areas = vertex_areas(mesh) * np.abs(random_function(mesh, 4))
-    far = SmoothedNorm(mesh, areas, reach, residuals, weights)
-    found = sum(w * float(r @ far(r)) for w, r in zip(weights, residuals, strict=True))
+    smoothed = SmoothedNorm(mesh, areas, reach, residuals, weights)
+    found = sum(w * float(r @ smoothed(r)) for w, r in zip(weights, residuals, strict=True))
     assert found == pytest.approx(float(weights @ (residuals**2 @ areas)), rel=1e-12)
 
 
-def test_constants_have_the_energy_of_l2_whatever_the_reach(mesh):
-    """``L 1 = 0``: without a mask ``(A + s L)^-1 A 1 = 1``, so that only the scale is left."""
+def test_constants_have_the_energy_of_l2(mesh):
+    """As ``L 1 = 0``, ``(A + s L)^-1 A 1 = 1`` without a mask, for any reach."""
     flat, areas = np.ones(len(mesh.vertices)), vertex_areas(mesh)
-    far = SmoothedNorm(mesh, areas, 0.7, 3 * flat[None], ONE)
-    assert_allclose(far(flat), areas, rtol=1e-10)
+    smoothed = SmoothedNorm(mesh, areas, 0.7, 3 * flat[None], ONE)
+    assert_allclose(smoothed(flat), areas, rtol=1e-10)
 
 
-def test_short_reach_is_l2():
+def test_small_reach_converges_to_l2():
     r, areas, errors = bump(MESH, MESH.vertices[0], 0.3), vertex_areas(MESH), []
     for reach in (0.04, 0.02, 0.01):
-        far = metric(MESH, reach)(r)
-        far *= (areas * r).sum() / far.sum()
-        errors.append(np.abs(far - areas * r).max() / areas.max())
+        smoothed = metric(MESH, reach)(r)
+        smoothed *= (areas * r).sum() / smoothed.sum()
+        errors.append(np.abs(smoothed - areas * r).max() / areas.max())
     assert observed_orders([4, 2, 1], errors).min() > 1.7  # s = reach^2
 
 
 def test_spherical_harmonics_are_damped_by_their_eigenvalues():
-    """``1 / (1 + s l (l + 1))`` on the unit sphere."""
+    """The factor is ``1 / (1 + s l (l + 1))`` on the unit sphere."""
     reach, errors = 0.8, []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions)
         (x, y, z), areas = mesh.vertices.T, vertex_areas(mesh)
-        far = SmoothedNorm(mesh, areas, reach, z[None], ONE)
-        damped = [h @ far(h) / (h @ (areas * h)) for h in (x * y, x * y * z)]
+        smoothed = SmoothedNorm(mesh, areas, reach, z[None], ONE)
+        damped = [h @ smoothed(h) / (h @ (areas * h)) for h in (x * y, x * y * z)]
         expected = [(1 + 2 * reach**2) / (1 + k * (k + 1) * reach**2) for k in (2, 3)]
         errors.append(np.abs(np.array(damped) / expected - 1).max())
     assert observed_orders([4, 2, 1], errors).min() > 1.8
     assert errors[-1] < 0.01
 
 
-def test_where_the_mask_is_zero_nothing_counts():
+def test_masked_values_have_no_energy():
     mesh = icosphere(3).normalized()
     seen = mesh.vertices[:, 2] > 0
-    far = metric(mesh, 0.5, vertex_areas(mesh) * seen)
-    assert not far(np.where(seen, 0.0, 7.0)).any()
-    assert not far(random_function(mesh, 5))[~seen].any()
+    smoothed = metric(mesh, 0.5, vertex_areas(mesh) * seen)
+    assert not smoothed(np.where(seen, 0.0, 7.0)).any()
+    assert not smoothed(random_function(mesh, 5))[~seen].any()
 
 
 @pytest.mark.parametrize("scale", [1e-6, 64.0, 1e9])
-def test_energy_and_gradient_do_not_depend_on_units_place_and_rotation(scale):
+def test_energy_is_invariant_to_motion_and_unit(scale):
     mesh = icosphere(2)
     f, g = bump(mesh, [0, 0, 1], 0.15), bump(mesh, [0, 1, 0], 0.15)
     rotation = Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
@@ -224,7 +224,7 @@ def test_energy_and_gradient_do_not_depend_on_units_place_and_rotation(scale):
     assert_allclose(other.gradient, one.gradient, rtol=0, atol=1e-7 * np.abs(one.gradient).max())
 
 
-def test_at_the_start_the_energy_is_that_of_l2():
+def test_initial_energy_is_that_of_l2():
     mesh = SURFACES["hemisphere"]
     f = np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in (0, 40)], axis=1)
     g = np.stack([bump(mesh, mesh.vertices[i], 0.3) for i in (20, 60)], axis=1)
@@ -238,8 +238,8 @@ def test_at_the_start_the_energy_is_that_of_l2():
 
 
 @pytest.mark.parametrize("degrees", [60, 100, 140])
-def test_the_derivative_leads_to_a_target_that_l2_cannot_see(degrees):
-    """Bumps that do not touch: how fast the energy falls, relative to itself."""
+def test_derivative_leads_to_a_disjoint_target(degrees):
+    """The bumps do not overlap; compare the relative slopes of the energy."""
     mesh, angle, slopes = icosphere(4), np.deg2rad(degrees), {}
     f, g = (bump(mesh, [0, np.sin(a), np.cos(a)], 0.05) for a in (0, angle))
     E = MatchingEnergy(mesh, f, g)

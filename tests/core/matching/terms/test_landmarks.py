@@ -1,4 +1,4 @@
-"""Landmarks as a data term: what they say of fields, exactly, and what is refused."""
+"""Landmarks as a data term: energies, derivatives and checks of their input."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def fields(mesh, count, seed, speed=0.2):
 
 @pytest.mark.parametrize("count", [1, 3])
 @pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "hemisphere", "cylinder"])
-def test_the_energy_has_its_exact_derivative(name, count):
+def test_derivative_of_landmark_energy_is_exact(name, count):
     mesh = SURFACES[name].normalized()
     term = landmarks_of(mesh, PAIRS[:3] % len(mesh.vertices), [1.0, 0.5, 2.0])
 
@@ -52,7 +52,7 @@ def test_the_energy_has_its_exact_derivative(name, count):
     assert_allclose(gradient.reshape(x.shape), found.differentiate(), atol=1e-12)
 
 
-def test_the_whole_objective_with_functions_has_its_exact_derivative():
+def test_derivative_with_functions_is_exact():
     f, g = (bump(SPHERE, SPHERE.vertices[i], 0.2) for i in (0, 30))
     problem = abfm.Problem(
         SPHERE, f, g, abfm.Parameters(sigma=0.2, landmark_sigma=0.1), landmarks=PAIRS
@@ -63,8 +63,8 @@ def test_the_whole_objective_with_functions_has_its_exact_derivative():
     found = energy.objective(0.2).evaluate(to_frame(UNIT, field))
     assert energy.term_names == ("closeness", "landmarks")
     assert found.energy == pytest.approx(found.regularity + sum(found.shares))
-    lone = MatchingEnergy(abfm.Problem(SPHERE, f, g, problem.parameters))
-    without = lone.objective(0.2).evaluate(to_frame(UNIT, field))
+    functions_only = MatchingEnergy(abfm.Problem(SPHERE, f, g, problem.parameters))
+    without = functions_only.objective(0.2).evaluate(to_frame(UNIT, field))
     assert found.shares[0] == without.shares[0]
     misfit = problem.landmarks.misfit(to_frame(UNIT, field), 1.0, 0.1)
     assert_allclose(found.gradient, without.gradient + misfit.differentiate(), atol=1e-12)
@@ -72,7 +72,7 @@ def test_the_whole_objective_with_functions_has_its_exact_derivative():
     assert energy.residual_at(found) == max(of_functions, residual_of_errors(misfit.errors))
 
 
-def test_a_rotation_takes_landmarks_where_it_turns_them():
+def test_rotation_moves_landmarks_to_known_points():
     turn = Rotation.from_rotvec([0, 0, 0.7]).as_matrix()
     ends = abfm.maps.project_onto_surface(SPHERE, SPHERE.vertices[PAIRS[:, 0]] @ turn.T)
     term = landmarks_of(SPHERE, (vertex_points(SPHERE, PAIRS[:, 0]), ends), None)
@@ -83,8 +83,8 @@ def test_a_rotation_takes_landmarks_where_it_turns_them():
     assert term.misfit(x, 1.0, 0.1).share < 1e-3 * term.misfit(0 * x, 1.0, 0.1).share
 
 
-def test_where_nothing_flows_it_points_to_where_landmarks_are_wanted():
-    """Whatever the distance: the gradient of half its square is minus the logarithm."""
+def test_gradient_without_motion_points_to_targets():
+    """The gradient of half the squared distance is minus the logarithm, at any distance."""
     term = landmarks_of(UNIT, PAIRS, None)
     rest = np.zeros((1, len(UNIT.faces), 2))
     curvature = term.curvature(rest, 1.0, 1.0)
@@ -100,7 +100,7 @@ def test_where_nothing_flows_it_points_to_where_landmarks_are_wanted():
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e9])
-def test_motion_and_units_do_not_matter(scale):
+def test_errors_are_invariant_to_motion_and_unit(scale):
     rotation = Rotation.from_rotvec([0.4, -0.2, 1.0]).as_matrix()
     mesh = SURFACES["torus"]
     other = moved(mesh, rotation, scale)
@@ -112,7 +112,7 @@ def test_motion_and_units_do_not_matter(scale):
     assert_allclose(two.misfit(y, 1.0, 1.0).errors, one.misfit(x, 1.0, 1.0).errors, rtol=1e-6)
 
 
-def test_on_other_meshes_the_points_are_the_same():
+def test_landmarks_on_other_meshes_are_the_same_points():
     rng = np.random.default_rng(1)
     pair = tuple(
         SurfacePoints(SPHERE, rng.integers(1280, size=4), rng.dirichlet(np.ones(3), 4))
@@ -132,7 +132,7 @@ def test_on_other_meshes_the_points_are_the_same():
     assert np.array_equal(fine.landmarks.weights, [1, 2, 0, 3])
 
 
-def test_a_landmark_without_weight_says_nothing():
+def test_landmark_of_weight_zero_is_ignored():
     term = landmarks_of(SPHERE, PAIRS, [1, 0, 0, 0])
     alone = landmarks_of(SPHERE, PAIRS[:1], None)
     x = fields(UNIT, 1, 4)
@@ -166,14 +166,14 @@ ON_OTHER = vertex_points(icosphere(1), [0, 1])
         (None, [1, 2], ("landmark_weights",)),
     ],
 )
-def test_what_does_not_fit_is_refused_in_words(given, weights, named):
+def test_invalid_landmarks_are_refused(given, weights, named):
     f = SPHERE.vertices[:, 0]
     with raises(AbfmError, *named):
         abfm.Problem(SPHERE, f, f, landmarks=given, landmark_weights=weights)
 
 
-def test_vertices_count_as_the_given_mesh_does():
-    """A pair of arrays counts its vertices, also those without faces; a mesh has rows."""
+def test_vertex_numbers_refer_to_the_given_mesh():
+    """A pair of arrays also counts vertices without faces, whereas a mesh has rows."""
     pair = np.vstack([[[9.0, 9, 9]], SPHERE.vertices]), SPHERE.faces + 1
     expected = abfm.Problem(SPHERE, None, None, landmarks=PAIRS).landmarks
     for mesh, given in ((pair, PAIRS + 1), (TriangleMesh(*pair), PAIRS)):
@@ -183,7 +183,7 @@ def test_vertices_count_as_the_given_mesh_does():
         abfm.Problem(pair, None, None, landmarks=PAIRS)
 
 
-def test_functions_are_missing_only_beside_landmarks():
+def test_functions_are_required_without_landmarks():
     with pytest.raises(AbfmError):
         abfm.Problem(SPHERE, None, None)
     with pytest.raises(AbfmError):
@@ -193,34 +193,34 @@ def test_functions_are_missing_only_beside_landmarks():
     assert replace(abfm.Parameters(), landmark_sigma=0.2).landmark_sigma == 0.2
 
 
-def test_flow_lines_over_too_many_faces_are_an_infinite_energy():
+def test_too_long_flow_lines_have_infinite_energy():
     energy = MatchingEnergy(abfm.Problem(SPHERE, None, None, landmarks=PAIRS))
     x = 1e6 * fields(UNIT, 1, 1)
     assert energy.objective(0.1).evaluate(x).energy == np.inf
     assert energy.residual_of(x, energy.terms.sources) == np.inf
 
 
-def test_a_mesh_that_is_scaled_is_the_same_mesh():
+def test_landmarks_of_a_scaled_mesh_are_accepted():
     large = TriangleMesh(10 * SPHERE.vertices, SPHERE.faces)
     pair = vertex_points(SPHERE, PAIRS[:, 0]), vertex_points(SPHERE, PAIRS[:, 1])
     one, other = landmarks_of(large, pair, None), landmarks_of(large, PAIRS, None)
     assert_allclose(one.initial_errors, other.initial_errors)
 
 
-def test_functions_without_weight_are_carried_and_change_nothing():
+def test_functions_of_weight_zero_are_only_advected():
     f, g = (bump(SPHERE, SPHERE.vertices[i], 0.2) for i in (0, 30))
     alone = abfm.match(abfm.Problem(SPHERE, None, None, landmarks=PAIRS[:2]))
-    beside = abfm.match(abfm.Problem(SPHERE, f, g, weights=[0.0], landmarks=PAIRS[:2]))
-    assert beside.problem.is_of_landmarks
-    assert_allclose(beside.velocity, alone.velocity)
-    assert (beside.verdict, beside.residual) == (alone.verdict, alone.residual)
-    assert_allclose(beside.advected[:, 0], beside.advect(1.0), atol=1e-12)
-    assert np.linalg.norm(beside.advected[:, 0] - f) > 0.1 * np.linalg.norm(f)
+    together = abfm.match(abfm.Problem(SPHERE, f, g, weights=[0.0], landmarks=PAIRS[:2]))
+    assert together.problem.is_of_landmarks
+    assert_allclose(together.velocity, alone.velocity)
+    assert (together.verdict, together.residual) == (alone.verdict, alone.residual)
+    assert_allclose(together.advected[:, 0], together.advect(1.0), atol=1e-12)
+    assert np.linalg.norm(together.advected[:, 0] - f) > 0.1 * np.linalg.norm(f)
     with raises(ParameterError, "weights"):
         abfm.Problem(SPHERE, f, g, weights=[0.0])
 
 
-def test_files_hold_functions_without_weight(tmp_path):
+def test_files_store_functions_of_weight_zero(tmp_path):
     f = bump(SPHERE, SPHERE.vertices[0], 0.2)
     problem = abfm.Problem(SPHERE, f, f, weights=[0.0], landmarks=PAIRS)
     problem.save(tmp_path / "p.npz")
@@ -229,8 +229,8 @@ def test_files_hold_functions_without_weight(tmp_path):
 
 
 @pytest.mark.parametrize("iterations", [1, 3])
-def test_cancelled_in_a_thread_that_is_controlled_it_keeps_its_field(iterations):
-    """As in a process that is told so from outside: nothing is asked of a thread that ends."""
+def test_cancelled_match_in_controlled_thread_has_a_field(iterations):
+    """The thread itself is controlled, as in a process that is cancelled from outside."""
     control = abfm.workers.Control()
 
     def cancel(now):

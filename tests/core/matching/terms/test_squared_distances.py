@@ -1,4 +1,4 @@
-"""Squared distances along a surface: exact near their points and on planes, and least there."""
+"""Squared distances along a surface: accuracy, continuity and slopes."""
 
 import numpy as np
 import pytest
@@ -25,28 +25,28 @@ def repeated(points, number, count):
     return points[np.full(count, number)]
 
 
-def test_on_a_plane_they_are_exact():
+def test_distances_on_a_plane_are_exact():
     mesh = square(7)
     to, points = some_points(mesh, 40, 0), some_points(mesh, 40, 1)
-    distances, apart = SquaredDistances(to), points.positions - to.positions
-    near(distances.at(points), (apart**2).sum(axis=1), 1e-13)
+    distances, offsets = SquaredDistances(to), points.positions - to.positions
+    near(distances.at(points), (offsets**2).sum(axis=1), 1e-13)
     frames = face_frames(mesh)[points.faces]
-    near(distances.slopes(points), 2 * np.einsum("lkx,lx->lk", frames, apart), 1e-11)
+    near(distances.slopes(points), 2 * np.einsum("lkx,lx->lk", frames, offsets), 1e-11)
 
 
-def test_they_are_exact_around_their_point_on_any_surface():
+def test_distances_are_exact_near_the_point():
     for name in ("ellipsoid", "torus", "genus two", "hemisphere"):
         mesh = SURFACES[name]
         to = some_points(mesh, 10, 2)
-        near_by = SurfacePoints(mesh, to.faces, np.full((10, 3), 1 / 3))
-        apart = np.linalg.norm(near_by.positions - to.positions, axis=1)
-        assert_allclose(SquaredDistances(to).at(near_by), apart**2, rtol=1e-9)
+        middles = SurfacePoints(mesh, to.faces, np.full((10, 3), 1 / 3))
+        exact = np.linalg.norm(middles.positions - to.positions, axis=1)
+        assert_allclose(SquaredDistances(to).at(middles), exact**2, rtol=1e-9)
         near(SquaredDistances(to).at(to), 0, 1e-14)
         near(SquaredDistances(to).slopes(to), 0, 1e-12)
 
 
 @pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "hemisphere", "cylinder"])
-def test_the_exact_geodesic_distance_is_near(name):
+def test_distances_approximate_geodesic_distances(name):
     mesh = SURFACES[name].normalized()
     every = np.arange(len(mesh.vertices))
     for source in (0, 17):
@@ -57,7 +57,7 @@ def test_the_exact_geodesic_distance_is_near(name):
         assert np.abs(found - exact).max() < 0.05 * exact.max()
 
 
-def test_on_a_sphere_they_converge_to_arcs():
+def test_distances_on_a_sphere_converge_to_arcs():
     errors = []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions)
@@ -69,7 +69,8 @@ def test_on_a_sphere_they_converge_to_arcs():
     assert errors[-1] < 0.01
 
 
-def test_they_are_continuous_over_edges_and_slopes_are_their_derivatives():
+def test_distances_are_continuous_with_exact_slopes():
+    """They are continuous across edges."""
     mesh = SURFACES["genus two"].normalized()
     slots = mesh.edge_slots[~mesh.is_boundary_edge][:40]
     weights = np.zeros((2, len(slots), 3))
@@ -85,18 +86,19 @@ def test_they_are_continuous_over_edges_and_slopes_are_their_derivatives():
     )
     near(here, there, 1e-13)
     points, step = some_points(mesh, 40, 6), 1e-4 * np.array([1.0, -2.0, 1.0])
-    ahead, back = (
+    after, before = (
         SurfacePoints(mesh, points.faces, points.barycentric + s * step) for s in (1, -1)
     )
     moved = np.einsum(
-        "lkx,lx->lk", face_frames(mesh)[points.faces], ahead.positions - back.positions
+        "lkx,lx->lk", face_frames(mesh)[points.faces], after.positions - before.positions
     )
     slopes = (distances.slopes(points) * moved).sum(axis=1)
-    assert_allclose(distances.at(ahead) - distances.at(back), slopes, rtol=1e-6, atol=1e-12)
+    assert_allclose(distances.at(after) - distances.at(before), slopes, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["sphere", "flat ellipsoid", "torus", "genus two", "cylinder"])
-def test_downhill_from_anywhere_leads_to_the_point(name):
+def test_descent_leads_to_the_point(name):
+    """The point is the only minimum of the squared distance."""
     mesh = (SURFACES | {"sphere": icosphere(3), "flat ellipsoid": ellipsoid(2, 1.0, 1.0, 0.1)})[
         name
     ].normalized()
@@ -105,17 +107,17 @@ def test_downhill_from_anywhere_leads_to_the_point(name):
     distances, flow = SquaredDistances(to), smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
     points = starts
     for _ in range(int(2.5 / size)):
-        ways = -0.5 * distances.slopes(points)
-        ways *= np.minimum(1, size / np.maximum(np.linalg.norm(ways, axis=1), 1e-30))[:, None]
-        points = walked(mesh, flow, points, ways)
+        vectors = -0.5 * distances.slopes(points)
+        vectors *= np.minimum(1, size / np.maximum(np.linalg.norm(vectors, axis=1), 1e-30))[:, None]
+        points = walked(mesh, flow, points, vectors)
     assert np.sqrt(distances.at(points).clip(0)).max() < 1e-6
 
 
-def walked(mesh, flow, points, ways):
+def walked(mesh, flow, points, vectors):
     faces, weights = points.faces.copy(), points.barycentric.copy()
     corners = mesh.vertices[mesh.faces[faces]]
     places = np.einsum("px,pkx->pk", points.positions - corners[:, 0], face_frames(mesh)[faces])
-    for i, ((x, y), (u, v)) in enumerate(zip(places, ways, strict=True)):
+    for i, ((x, y), (u, v)) in enumerate(zip(places, vectors, strict=True)):
         end = walk_straight(flow, Walker(faces[i], x, y, u, v), True)
         faces[i] = end.face
         inside = flow.gradients[end.face] @ [end.x, end.y] + [1, 0, 0]
@@ -123,7 +125,7 @@ def walked(mesh, flow, points, ways):
     return SurfacePoints(mesh, faces, weights)
 
 
-def test_units_do_not_matter():
+def test_distances_scale_with_the_unit():
     mesh = SURFACES["torus"]
     large = TriangleMesh(1e6 * mesh.vertices, mesh.faces)
     one, other = (

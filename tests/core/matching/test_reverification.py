@@ -1,4 +1,4 @@
-"""Files are held against their arrays: what a result's field does not do is not believed."""
+"""Verification of loaded matches: their numbers have to agree with their fields."""
 
 import json
 import math
@@ -30,7 +30,7 @@ def found(request):
 
 
 def reloaded(found, path, **changes):
-    """The match of its file, some of whose arrays were changed by what they are given to."""
+    """Return the match of its file after changing arrays of the file by functions."""
     found.save(path)
     with np.load(path) as file:
         arrays = dict(file)
@@ -38,21 +38,23 @@ def reloaded(found, path, **changes):
     return load(path)
 
 
-def test_what_was_saved_is_believed_as_it_is(found, tmp_path):
+def test_saved_match_agrees_with_its_field(found, tmp_path):
+    """Rounding and small differences of the residual cause no warning."""
     loaded = reloaded(found, tmp_path / "m.npz")
     assert loaded.load_warning == ""
     assert (loaded.residual, loaded.verdict) == (found.residual, found.verdict)
-    # rounding to single precision, and what another scheme may come to
+    # rounding to single precision, and a difference that another scheme may have
     single = reloaded(
         found,
         tmp_path / "m.npz",
         advected=np.float32,
-        residual=lambda left: left - 0.004,
+        residual=lambda residual: residual - 0.004,
     )
     assert single.load_warning == ""
 
 
-def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
+def test_zero_field_is_recomputed(found, tmp_path):
+    """The numbers of a file whose field was set to zero are those without motion."""
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: np.zeros_like})
     check_message(loaded.load_warning, f"{found.residual:.3g}")
@@ -68,39 +70,40 @@ def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "is_told"),
+    ("changes", "has_warning"),
     [
-        ({"residual": lambda left: left / 100}, True),
-        ({"residual": lambda left: 0.9 * left}, False),
+        ({"residual": lambda residual: residual / 100}, True),
+        ({"residual": lambda residual: 0.9 * residual}, False),
         ({"advected": lambda f: f[::-1]}, True),
         ({"target": lambda g: g[::-1]}, True),
     ],
 )
-def test_other_changes_are_told_where_they_are_larger_than_rounding(
-    found, tmp_path, changes, is_told
-):
+def test_changes_above_rounding_cause_a_warning(found, tmp_path, changes, has_warning):
+    """Changes of the residual, the advected source or the target are found."""
     loaded = reloaded(found, tmp_path / "m.npz", **changes)
-    assert bool(loaded.load_warning) == is_told
+    assert bool(loaded.load_warning) == has_warning
     check_message(loaded.load_warning)
 
 
-def test_a_word_that_is_better_than_its_numbers_is_not_believed(found, tmp_path):
-    still = match(PROBLEM.with_parameters(Parameters.of(iterations=1, cooling_stages=1)))
-    assert still.verdict.kind == "not reached"
-    praised = replace(still, verdict=Verdict(Outcome.MATCHED, "so it is", ""))
-    loaded = reloaded(praised, tmp_path / "m.npz")
+def test_verdict_better_than_residual_is_replaced(found, tmp_path):
+    unmoved = match(PROBLEM.with_parameters(Parameters.of(iterations=1, cooling_stages=1)))
+    assert unmoved.verdict.kind == "not reached"
+    changed = replace(unmoved, verdict=Verdict(Outcome.MATCHED, "matched", ""))
+    loaded = reloaded(changed, tmp_path / "m.npz")
     check_message(loaded.load_warning)
     assert loaded.verdict.kind == "not reached"
 
 
-def test_a_field_too_fast_to_carry_anything_is_no_match(found, tmp_path):
+def test_overflowing_field_is_not_reached(found, tmp_path):
+    """A field whose flow overflows loads with a warning and the outcome "not reached"."""
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: lambda v: 1e9 * v})
     check_message(loaded.load_warning)
     assert loaded.verdict.kind == "not reached"
 
 
-def test_a_field_taken_out_of_a_run_has_numbers_of_a_coarser_level_and_is_no_cheat(found):
+def test_interrupted_match_is_recomputed_silently(found):
+    """The numbers of an interrupted run refer to a coarser level, which is not an error."""
     coarse = replace(
         found,
         residual=found.residual / 3,
