@@ -314,8 +314,8 @@ def test_transfer_to_the_same_mesh():
 
 
 def test_uncovered_vertices_have_the_closest_value():
-    """This happens where the coarse mesh is finer than the fine one."""
-    coarse, fine = icosphere(3), icosphere(1)  # the "coarse" mesh is the finer one
+    """The coarse mesh is finer than the fine one, so some vertices cover no fine vertex."""
+    coarse, fine = icosphere(3), icosphere(1)
     pair = Transfer(coarse, fine)
     assert (pair.interpolation.T @ vertex_areas(fine) == 0).sum() > 500
     assert_allclose(pair.function_to_coarse(np.ones(len(fine.vertices))), 1, rtol=1e-12)
