@@ -1,3 +1,3 @@
-"""Dialogs, which must be answered first: files to choose, questions, things to read."""
+"""Modal dialogs: choice of files, questions and messages."""
 
 from abfm_viewer.dialogs.dialogs import Dialogs as Dialogs

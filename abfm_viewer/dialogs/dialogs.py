@@ -1,4 +1,4 @@
-"""The dialogs of the window: at most one is drawn, and the others wait behind it."""
+"""The stack of modal dialogs, of which only the newest is drawn."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,14 +21,17 @@ _FIRST_COLUMN = 0.34
 
 @dataclass(frozen=True)
 class Message:
-    """Lines under a title, and a text that can be copied instead of them."""
+    """Dialog with a title and lines.
+
+    The button Copy copies `copied` to the clipboard, if it is not empty.
+    """
 
     title: str
     lines: Sequence[Line]
     copied: str = ""
 
     def draw(self, ui: Ui) -> bool:
-        """Draw the lines; whether they were closed in this frame."""
+        """Draw the dialog, and return whether it was closed in this frame."""
         with dialog(ui, self.title, _MESSAGE_WIDTH):
             height = imgui.GetIO().DisplaySize[1] * 0.92 - 4 * imgui.GetFrameHeightWithSpacing()
             with child(ui, "lines", height, border=False, fits="at most"):
@@ -37,7 +40,7 @@ class Message:
             if self.copied:
                 if ui.button("Copy", "All lines as text, to the clipboard.", width=ui.px(110)):
                     imgui.SetClipboardText(self.copied)
-                ui.beside()
+                ui.same_line()
             closed = ui.button("Close", "Esc", primary=True, width=ui.px(110))
             keys = (imgui.ImGuiKey_Enter, imgui.ImGuiKey_Escape)
             return closed or any(imgui.IsKeyPressed(key, False) for key in keys)
@@ -56,8 +59,10 @@ class Message:
 
 @dataclass(frozen=True)
 class Question:
-    """A text, in words that hold now, and the labels of its answers: Enter takes the first one, Esc
-    the last.
+    """Dialog with a text and buttons for answers: Enter is the first answer, Esc the last.
+
+    A callable `text` is evaluated in each frame. As soon as `instead` returns an action, the dialog
+    closes and the action is performed.
     """
 
     title: str
@@ -66,7 +71,7 @@ class Question:
     instead: Callable[[], Callable[[], None] | None] = lambda: None
 
     def draw(self, ui: Ui) -> str | None:
-        """Draw the question; the answer that was chosen in this frame."""
+        """Draw the question, and return the answer that was chosen in this frame, if any."""
         with dialog(ui, self.title, _QUESTION_WIDTH):
             ui.note(self.text if isinstance(self.text, str) else self.text(), "ink")
             imgui.Dummy((0, ui.px(4)))
@@ -74,7 +79,7 @@ class Question:
             width = max(map(ui.text_width, self.answers)) + ui.px(32)
             for number, answer in enumerate(self.answers):
                 if number:
-                    ui.beside_if_fits(answer, is_button=True, width=width)
+                    ui.same_line_if_fits(answer, is_button=True, width=width)
                 if ui.button(answer, primary=number == 0, width=width):
                     chosen = answer
             if imgui.IsKeyPressed(imgui.ImGuiKey_Enter, False):
@@ -85,11 +90,17 @@ class Question:
 
 
 class Dialogs:
-    """Opens dialogs, the newest in front, and calls back; files are looked for in `folder`."""
+    """Opens dialogs and calls back with their answers.
+
+    Attributes
+    ----------
+    folder : Path
+        Folder in which file dialogs start.
+    """
 
     def __init__(self) -> None:
         self.folder = Path()
-        # each with what to call with an answer that drawing it gave
+        # each with its callback, which receives the answer
         self._open: list[tuple[Question | FileDialog | Message, Callable[[Any], None]]] = []
 
     @property
@@ -100,13 +111,13 @@ class Dialogs:
         return any(isinstance(one, Question) and one.title == title for one, _ in self._open)
 
     def open(self, title: str, suffixes: tuple[str, ...], on_path: Callable[[Path], None]) -> None:
-        self._choose(title, FileChoice(self._begin(), suffixes), on_path)
+        self._choose(title, FileChoice(self._start_folder(), suffixes), on_path)
 
     def save(
         self, title: str, suffixes: tuple[str, ...], name: str, on_path: Callable[[Path], None]
     ) -> None:
-        """Let the user name a file to write; one that exists is replaced only after a question."""
-        choice = FileChoice(self._begin(), suffixes, saving=True, name=name)
+        """Let the user choose a file to write; replacing an existing file needs a confirmation."""
+        choice = FileChoice(self._start_folder(), suffixes, saving=True, name=name)
         self._choose(title, choice, on_path)
 
     def question(
@@ -116,8 +127,18 @@ class Dialogs:
         buttons: Mapping[str, Callable[[], None] | None],
         instead: Callable[[], Callable[[], None] | None] = lambda: None,
     ) -> None:
-        """Ask a question: Enter presses the first button, Esc the last; None does nothing. When its
-        premise has gone, so does it, and what there is to do `instead` is done.
+        """Open a question.
+
+        Parameters
+        ----------
+        title : str
+        text : str or callable
+            A callable is evaluated in each frame.
+        buttons : mapping
+            Actions by labels; None does nothing. Enter presses the first button, Esc the last.
+        instead : callable
+            Called in each frame. If it returns an action, the question closes and the action is
+            performed.
         """
 
         def answered(label: str) -> None:
@@ -128,7 +149,7 @@ class Dialogs:
         self._open.append((Question(title, text, tuple(buttons), instead), answered))
 
     def show(self, title: str, lines: Sequence[Line], copied: str = "") -> None:
-        """Show paragraphs and rows of two columns, or headings; with a text to be `copied`."""
+        """Show paragraphs, rows of two columns, or headings (rows with an empty second column)."""
         self._open.append((Message(title, lines, copied), lambda _: self._close()))
 
     def draw(self, ui: Ui) -> None:
@@ -141,13 +162,13 @@ class Dialogs:
             return
         try:
             answer = front.draw(ui)
-        except Exception:  # a dialog that cannot be drawn must not hold the window
+        except Exception:  # a dialog that cannot be drawn must not block the window
             self._close()
             raise
         if answer:
             answered(answer)
 
-    def _begin(self) -> Path:
+    def _start_folder(self) -> Path:
         try:
             return self.folder.resolve(strict=True)
         except OSError:
@@ -158,7 +179,7 @@ class Dialogs:
             if (path := answer[0]) is None:
                 self._close()
             elif choice.saving and path.exists():
-                text = f"{shown(path.name)} is already there. Its contents will be lost."
+                text = f"{shown(path.name)} exists already. Its contents will be lost."
                 answers = {"Replace": partial(take, path), "Go back": None}
                 self.question("Replace the file?", text, answers)
             else:

@@ -1,4 +1,4 @@
-"""The file dialog: a path to type, a list to click, a name when saving, and what they lead to."""
+"""The file dialog: a path, a list of files, and a name for files to save."""
 
 import os
 import re
@@ -12,11 +12,11 @@ from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
 ENTRIES_MAX = 10_000
-"""Entries of a folder that are listed."""
-_ENDING = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}")  # of names, of any kind of files
+"""Largest number of entries that are listed."""
+_ENDING = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}")  # ending of any file name
 _WIDTH = 640
 _HEIGHT = 480
-_ROWS_AROUND = 200  # rows above and below the visible ones that are drawn too
+_MARGIN_ROWS = 200  # drawn above and below the visible rows
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,16 @@ class FolderEntry:
 
     @property
     def label(self) -> str:
-        """The name as it is shown; a folder's ends in a slash."""
+        """Displayed name; names of folders end in a slash."""
         return shown(self.name) + "/" * self.is_folder
 
 
 @dataclass(frozen=True)
 class Listing:
-    """A folder's entries, folders first; and why that is not everything, or nothing."""
+    """Entries of a folder, folders first.
+
+    `note` is set if the list is incomplete, `error` if the folder cannot be read.
+    """
 
     entries: tuple[FolderEntry, ...] = ()
     note: str = ""
@@ -44,7 +47,7 @@ class Listing:
 
 
 def read_folder(folder: Path, suffixes: tuple[str, ...]) -> Listing:
-    """List a folder without hidden files; the reason instead if it cannot be read."""
+    """Return the entries of a folder without hidden files, or the reason if it cannot be read."""
     found = []
     try:
         with os.scandir(folder) as entries:
@@ -56,17 +59,17 @@ def read_folder(folder: Path, suffixes: tuple[str, ...]) -> Listing:
     except OSError as error:
         return Listing(error=f"{folder} cannot be read: {error.strerror or error}")
     found.sort(key=lambda entry: (not entry.is_folder, entry.name.casefold(), entry.name))
-    note = f"the first {ENTRIES_MAX:,} of {len(found):,}: type the name of another one"
+    note = f"the first {ENTRIES_MAX:,} of {len(found):,}; type the name of any other file"
     return Listing(tuple(found[:ENTRIES_MAX]), note if len(found) > ENTRIES_MAX else "")
 
 
 def has_suffix(name: str, suffixes: tuple[str, ...]) -> bool:
-    """Return whether a file's name ends in one of the suffixes, in capitals or not."""
+    """Return whether a file name ends in one of the suffixes, ignoring case."""
     return not suffixes or name.lower().endswith(suffixes)
 
 
 def shown(path: str | Path) -> str:
-    """Return a path that can be drawn: bytes that are no text become question marks."""
+    """Return a path that can be drawn; invalid UTF-8 is replaced by question marks."""
     return os.fsencode(path).decode("utf-8", "replace")
 
 
@@ -79,10 +82,22 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 @dataclass(eq=False)
 class FileChoice:
-    """A folder, of whose entries one is `selected`, and why the last step was refused.
+    """State of a file dialog.
 
-    A file for `saving` need not exist: its `name` is typed, and gets the first of the suffixes if
-    it has no ending; another ending than these is refused.
+    Attributes
+    ----------
+    folder : Path
+        Folder that is shown.
+    suffixes : tuple of str
+        Allowed suffixes.
+    saving : bool
+        Whether a file to write is chosen. It need not exist.
+    name : str
+        Typed name of a file to write. Without an ending it gets the first suffix.
+    selected : str
+        Name of the selected entry.
+    error : str
+        Reason why the last action was refused.
     """
 
     folder: Path
@@ -95,35 +110,38 @@ class FileChoice:
     _listing: Latest[Listing] = field(default_factory=Latest, init=False)
 
     def listing(self) -> Listing | None:
-        """Return the folder's entries; None while they are read, which may take long."""
+        """Return the entries of the folder; None while they are read."""
         folder, suffixes = self.folder, self.suffixes
         return self._listing.ask((self._reads, folder), lambda: read_folder(folder, suffixes))
 
     def go(self, folder: Path) -> None:
-        """Show another folder, or the same one anew."""
+        """Show another folder, or read the same one again."""
         self.folder, self.selected, self.error = folder, "", ""
         self._reads += 1
 
     def go_up(self) -> None:
-        """Show the folder that this one is in, with this one marked."""
-        below = self.folder
-        self.go(below.parent)
-        self.selected = below.name
+        """Show the parent folder, and select the current folder in it."""
+        child_folder = self.folder
+        self.go(child_folder.parent)
+        self.selected = child_folder.name
 
     def select(self, entry: FolderEntry) -> None:
-        """Mark an entry; a file to save over gives its name."""
+        """Select an entry; when saving, a selected file sets the name."""
         self.selected, self.error = entry.name, ""
         if self.saving and not entry.is_folder:
             self.name = entry.name
 
     def move_selection(self, step: int) -> None:
-        """Mark the entry before or after the marked one; the first one if none is."""
+        """Select the entry ``step`` entries further, or the first one if none is selected."""
         if (listing := self.listing()) is not None and (names := listing.names):
             place = names.index(self.selected) + step if self.selected in names else 0
             self.select(listing.entries[min(max(place, 0), len(names) - 1)])
 
     def go_or_take(self, typed: str) -> Path | None:
-        """Follow a path from the shown folder: go to a folder, take a file, or refuse."""
+        """Resolve a path relative to the shown folder; return a file, or show a folder.
+
+        If the path is refused, `error` is set.
+        """
         try:
             path = (self.folder / Path(typed.strip()).expanduser()).resolve()
             if path.is_dir():
@@ -149,12 +167,12 @@ class FileChoice:
     @property
     def final_name(self) -> str:
         name = self.name.strip()
-        is_whole = not name or has_suffix(name, self.suffixes) or self.has_other_ending
-        return name if is_whole else name + self.suffixes[0]
+        is_complete = not name or has_suffix(name, self.suffixes) or self.has_other_ending
+        return name if is_complete else name + self.suffixes[0]
 
     @property
     def has_other_ending(self) -> bool:
-        """Whether the name of a file to save ends as those of another kind do."""
+        """Whether the name of a file to save has an ending that is not allowed."""
         name = self.name.strip()
         is_known = not self.suffixes or has_suffix(name, self.suffixes)
         return not is_known and _ENDING.fullmatch(Path(name).suffix) is not None
@@ -167,7 +185,7 @@ class FileChoice:
             listed = self._listing.value
             vanished = listed is not None and path.name in listed.names
             self.go(self.folder)
-            self.error = f"{path.name} is no longer there" if vanished else f"there is no {path}"
+            self.error = f"{path.name} no longer exists" if vanished else f"{path} does not exist"
         elif not has_suffix(path.name, self.suffixes):
             self.error = f"{path.name}: expected a file that ends in {', '.join(self.suffixes)}"
         else:
@@ -182,11 +200,11 @@ class FileChoice:
                 self.error = f"{path.name}: expected a name that ends in {known}, or has no ending"
             elif path.name.startswith("."):
                 name = self.name.strip()
-                self.error = f"{name}: begin the name with no dot, which hides files"
+                self.error = f"{name} starts with a dot and would be hidden; choose another name"
             elif path.is_dir():
-                self.error = f"{path.name} is a folder: choose another name"
+                self.error = f"{path.name} is a folder; choose another name"
             elif not path.parent.is_dir():
-                self.error = f"there is no folder {path.parent}"
+                self.error = f"the folder {path.parent} does not exist"
             else:
                 return path
         except (OSError, RuntimeError, ValueError) as error:
@@ -206,7 +224,10 @@ class FileDialog:
     _is_new: bool = field(default=True, init=False)
 
     def draw(self, ui: Ui) -> tuple[Path | None] | None:
-        """Draw the dialog; when it was answered in this frame the file, None if it was given up."""
+        """Draw the dialog; return its answer, if there is one in this frame.
+
+        The answer is a tuple with the file, or with None if the dialog was cancelled.
+        """
         with dialog(ui, self.title, _WIDTH, _HEIGHT):
             taken, typing = self._draw_path(ui)
             below = 2 if self.choice.saving else 1
@@ -219,30 +240,33 @@ class FileDialog:
                 self._draw_name(ui)
             word = "Save" if self.choice.saving else "Open"
             pressed = ui.button(word, enabled=self.choice.ready, primary=True, width=ui.px(110))
-            ui.beside()
-            given_up = ui.button("Cancel", "Esc", width=ui.px(110))
+            ui.same_line()
+            cancelled = ui.button("Cancel", "Esc", width=ui.px(110))
             if not typing:
-                given_up = given_up or imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False)
+                cancelled = cancelled or imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False)
                 keys = (imgui.ImGuiKey_Enter, imgui.ImGuiKey_KeypadEnter)
                 pressed = pressed or any(imgui.IsKeyPressed(key, False) for key in keys)
             if not imgui.GetIO().WantTextInput:
                 self._move_by_keys()
-            if given_up:
+            if cancelled:
                 return (None,)
             if pressed and taken is None:
                 taken = self.choice.confirm()
         return None if taken is None else (taken,)
 
     def _draw_path(self, ui: Ui) -> tuple[Path | None, bool]:
-        """Draw the path box and the ways up and home; a typed file, and whether someone types."""
+        """Draw the path and the buttons Up and Home.
+
+        Return a typed file, and whether the user is typing.
+        """
         with ui.disabled(self.choice.folder == self.choice.folder.parent):
-            if ui.button("Up", "The folder that this one is in (Alt+Up)."):
+            if ui.button("Up", "Show the parent folder (Alt+Up)."):
                 self._go_up()
-        ui.beside()
-        if ui.button("Home", "Your own folder."):
+        ui.same_line()
+        if ui.button("Home", "Show your home folder."):
             self.choice.go(Path.home())
-        ui.beside()
-        tip = "A folder to go to, or a file; ~ is your own folder."
+        ui.same_line()
+        tip = "Type a folder or a file; ~ is your home folder."
         typed = ui.text("folder", shown(self.choice.folder), tip)
         return (None if typed is None else self.choice.go_or_take(typed)), ui.typing
 
@@ -253,17 +277,17 @@ class FileDialog:
             return None
         if listing.entries:
             return self._draw_entries(ui, listing)
-        nothing = f"no folders, and no files that end in {', '.join(self.choice.suffixes)}"
+        nothing = f"no folders and no files that end in {', '.join(self.choice.suffixes)}"
         ui.note(listing.error or nothing, "failure" if listing.error else "muted")
         return None
 
     def _draw_entries(self, ui: Ui, listing: Listing) -> Path | None:
-        """Draw the rows in sight and some around them; each one costs time."""
+        """Draw the visible rows and some around them, because each row takes time."""
         row = imgui.GetTextLineHeightWithSpacing()
         entries = listing.entries
         self._scroll(listing, row)
-        first = max(0, int(imgui.GetScrollY() / row) - _ROWS_AROUND)
-        last = first + int(imgui.GetWindowHeight() / row) + 2 * _ROWS_AROUND
+        first = max(0, int(imgui.GetScrollY() / row) - _MARGIN_ROWS)
+        last = first + int(imgui.GetWindowHeight() / row) + 2 * _MARGIN_ROWS
         top = imgui.GetCursorPosY()
         imgui.SetCursorPosY(top + first * row)
         taken = None
@@ -292,7 +316,7 @@ class FileDialog:
         return float(height + imgui.GetStyle().ItemSpacing[1])
 
     def _note(self) -> tuple[str, bool]:
-        """Return what to say below the list, and whether it is an error."""
+        """Return the text below the list, and whether it is an error."""
         choice = self.choice
         listing = choice.listing()
         if choice.error:
@@ -317,7 +341,7 @@ class FileDialog:
         self._scroll_to = self.choice.selected
 
     def _scroll(self, listing: Listing, row: float) -> None:
-        """Bring the entry that the keyboard marked into sight."""
+        """Scroll to the entry that was selected by the keyboard."""
         names = listing.names if self._scroll_to else []
         if self._scroll_to in names:
             top, first = names.index(self._scroll_to) * row, imgui.GetScrollY()

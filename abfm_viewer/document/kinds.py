@@ -428,7 +428,7 @@ class SequenceDocument(Document):
         self.settings.check()
         for frames in (self.sequence.frames, self.sequence.phases or self.sequence.frames):
             if len(frames.times) < 2 or not (frames.durations > 0).all():
-                raise ValueError("the times of the frames do not ascend")
+                raise ValueError("the times of the frames are not in ascending order")
             if frames.mesh is not self.surface().mesh:
                 raise ValueError("the frames are on another surface")
         if self.result is not None and len(self.result) != self.sequence.intervals:

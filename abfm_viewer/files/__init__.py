@@ -1,1 +1,1 @@
-"""Files of the app: projects, results, autosaves, preferences."""
+"""Files of the app: projects, results, autosaved copies and preferences."""

@@ -1,4 +1,4 @@
-"""A copy of unsaved work every few seconds, and what crashes left of earlier ones."""
+"""Autosaved copies of unsaved documents, and their recovery after a crash."""
 
 from __future__ import annotations
 
@@ -21,13 +21,22 @@ Content = tuple[Document, Mapping[str, FloatArray]]
 """A document, and the values of its functions from other files (see `save_project`)."""
 _PREFIX = "autosave-"
 _SUFFIX = ".abfm"
-# seconds without a heartbeat: the process is gone, whatever its number says
+# after this time without a heartbeat the process has ended, even if its number is in use again
 _HEARTBEAT_SECONDS_MAX = 120.0
 
 
 class Autosave:
-    """Writes a document to the state folder when it has changed, in the background, at most every
-    few seconds; a process may have several, each with a `number` of its own.
+    """Writes copies of a changed document to the state folder in the background.
+
+    Copies are written at most every `seconds`. A process may have several objects of this class,
+    each with a different `number`. The heartbeat of a copy is the time of its last modification.
+
+    Attributes
+    ----------
+    path : Path
+        File of the copy.
+    error : str
+        Reason why the last copy could not be written; empty if it was.
     """
 
     def __init__(
@@ -38,20 +47,20 @@ class Autosave:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         owner = f"{os.getpid()}.{number}" if number else f"{os.getpid()}"
-        self.path = folder.path / f"{_PREFIX}{owner}{_SUFFIX}"  # the copy
-        self.error = ""  # why the last copy could not be written; empty if it could
+        self.path = folder.path / f"{_PREFIX}{owner}{_SUFFIX}"
+        self.error = ""
         self._seconds, self._clock = seconds, clock
         self._last = clock()
         self._state: object = None
         self._has_copy = False
-        self._sequence_run: object = None  # under way when a copy was last due
-        # other than daemons it ends its work though nobody closes it
+        self._sequence_run: object = None  # the run of a sequence when a copy was last due
+        # unlike a daemon thread, it finishes writing at the end of the program
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
-        with suppress(OSError):  # what an earlier process with this one's number left
-            left = self.path.with_stem(f"{self.path.stem}-{self.path.stat().st_mtime_ns}")
-            self.path.replace(left)
-            abfm.sequences.move_checkpoints(self.path, left)
+        with suppress(OSError):  # the copy of an earlier process with the same number
+            earlier = self.path.with_stem(f"{self.path.stem}-{self.path.stat().st_mtime_ns}")
+            self.path.replace(earlier)
+            abfm.sequences.move_checkpoints(self.path, earlier)
 
     def offer(
         self,
@@ -61,11 +70,21 @@ class Autosave:
         origin: Origin | None = None,
         sequence_run: object = None,
     ) -> None:
-        """Call every frame: writes a copy where it is time for one, removes it where all is saved.
+        """Write a copy if it is due, or remove the copy if all is saved. Call once per frame.
 
-        What is written changes with the `state`, objects that are compared by identity. When a
-        film's run begins, told apart by `sequence_run`, it is written at once: what the run keeps
-        beside it is of no use without, until a copy has the fields of all intervals.
+        Parameters
+        ----------
+        state : object
+            Objects that are compared by identity; the copy is written again if they change.
+        content : callable
+            Returns the document to write.
+        unsaved : bool
+            Whether the document has unsaved changes.
+        origin : Origin, optional
+            Project file of the document.
+        sequence_run : object, optional
+            Current run of a sequence. When a run begins, a copy is written immediately, because the
+            checkpoint of the run can be used only with the document.
         """
         if self._future is not None:
             if not self._future.done():
@@ -73,7 +92,7 @@ class Autosave:
             problem, self._future = self._future.exception(), None
             self.error = error_line(problem) if problem else ""
             if problem:
-                self._state = None  # to be tried again
+                self._state = None  # try again
         if not unsaved and self._has_copy:
             self.discard()
         is_new = not same(state, self._state)
@@ -96,7 +115,7 @@ class Autosave:
         return not self._has_copy and self._future is None
 
     def take_over(self, recovery: Recovery) -> None:
-        """Make what a crash left the copy of this process, until the next one is written."""
+        """Use a recovered copy as the copy of this process until the next one is written."""
         with suppress(OSError):
             recovery.path.replace(self.path)
             self._has_copy = True
@@ -104,11 +123,11 @@ class Autosave:
 
     @property
     def has_checkpoint(self) -> bool:
-        """Whether there is beside the copy what a film's run found that did not come to its end."""
+        """Whether the copy has a checkpoint of an unfinished run of a sequence."""
         return bool(abfm.sequences.checkpoints_of(self.path))
 
     def discard(self) -> None:
-        """Remove the copy, also one that is being written, and what is beside it."""
+        """Remove the copy, even if it is being written, and its checkpoints."""
         self._state, self._has_copy = None, False
         Recovery(self.path, 0.0).discard()
 
@@ -133,13 +152,16 @@ class Autosave:
 
 @dataclass(frozen=True)
 class Recovery:
-    """A copy that a process left which ended without saving, and when it was written."""
+    """Copy of a process that ended without saving.
+
+    `written` is the time of its last modification, in seconds since the epoch.
+    """
 
     path: Path
     written: float
 
     def set_aside(self) -> Path:
-        """Keep one that cannot be read where it is not found again; return its new place."""
+        """Rename a copy that cannot be read, so that it is not offered again; return its path."""
         place = self.path.with_name(f"unreadable-{self.path.name}")
         with suppress(OSError):
             self.path.replace(place)
@@ -152,20 +174,21 @@ class Recovery:
 
 
 def recoverable(folder: StateFolder) -> list[Recovery]:
-    """Copies of processes that are gone, the latest first; what such left of films beside no copy
-    is removed.
+    """Return the copies of processes that have ended, the latest first.
+
+    Checkpoints of such processes without a copy are removed.
     """
     found = []
     with suppress(OSError):
         for path in folder.path.glob(f"{_PREFIX}*"):
             with suppress(OSError, ValueError, OverflowError):
-                name, _, beside = path.name.partition(_SUFFIX)
-                number, _, left = name.removeprefix(_PREFIX).partition("-")
+                name, _, checkpoint = path.name.partition(_SUFFIX)
+                number, _, earlier = name.removeprefix(_PREFIX).partition("-")
                 process, written = int(number.partition(".")[0]), path.stat().st_mtime
                 abandoned = time.time() - written > _HEARTBEAT_SECONDS_MAX
-                if abandoned or left or not _is_alive(process):
+                if abandoned or earlier or not _is_alive(process):
                     recovery = Recovery(path.with_name(name + _SUFFIX), written)
-                    if not beside:
+                    if not checkpoint:
                         found.append(recovery)
                     elif not recovery.path.exists():
                         recovery.discard()
@@ -173,12 +196,12 @@ def recoverable(folder: StateFolder) -> list[Recovery]:
 
 
 def _is_alive(process: int) -> bool:
-    """Return whether a process runs; on Windows the heartbeat alone tells."""
+    """Return whether a process is running; always True on Windows, which relies on heartbeats."""
     if os.name == "posix":
         try:
             os.kill(process, 0)
         except ProcessLookupError:
             return False
-        except PermissionError:  # it is another user's
+        except PermissionError:  # the process of another user
             pass
     return True

@@ -1,4 +1,4 @@
-"""What a file is opened as, by its name, and where that does not decide by what is in it."""
+"""Kinds of files, determined by name and, if necessary, by contents."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ FRAME_ENDINGS = (
     *(".npy", ".mat", ".csv", ".tsv", ".txt", ".1d", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
     *(".func.gii", ".func.gii.gz", ".dtseries.nii", ".dscalar.nii"),
 )
-"""Endings of files that hold frames and nothing else that is opened."""
-_NUMBERED_NAME = re.compile(r"[0-9]\.vt[kup]$")  # grids of VTK; those without a number are meshes
+"""Endings of files that always contain frames."""
+# VTK files with a number are frames, those without a number are meshes
+_NUMBERED_NAME = re.compile(r"[0-9]\.vt[kup]$")
 _POINTS = "NIFTI_INTENT_POINTSET"
 
 
 def is_named_as_frames(path: Path) -> bool:
-    """Return whether a name says that a file holds frames, and nothing else that is opened."""
+    """Return whether a file contains frames, according to its name."""
     name = path.name.lower()
     return name.endswith(FRAME_ENDINGS) or _NUMBERED_NAME.search(name) is not None
 
 
 class Contents(StrEnum):
-    """What a file is opened as."""
+    """Kind of a file or folder."""
 
     MESH = "mesh"
     FRAMES = "frames"
@@ -43,7 +44,7 @@ class Contents(StrEnum):
 
 
 def contents_of(path: Path) -> Contents:
-    """Return what a file or a folder is opened as; damaged ones as what their name says."""
+    """Return the kind of a file or folder; for damaged files, according to the name."""
     name = path.name.lower()
     if place_of(path) is not None:
         return Contents.TABLE
@@ -53,7 +54,7 @@ def contents_of(path: Path) -> Contents:
         return Contents.DOCUMENT
     if name.endswith(RESULT):
         return _contents_of_arrays(path)
-    if name.endswith((".gii", ".gii.gz")) and _is_no_surface(path):
+    if name.endswith((".gii", ".gii.gz")) and _has_no_surface(path):
         return Contents.FRAMES
     return Contents.MESH if name.endswith(MESHES) else Contents.UNKNOWN
 
@@ -64,12 +65,12 @@ def _contents_of_arrays(path: Path) -> Contents:
         if task is None:
             return Contents.FRAMES
         return Contents.TABLE if task.result is abfm.Population else Contents.DOCUMENT
-    return Contents.DOCUMENT  # reading it reports the damage
+    return Contents.DOCUMENT  # reading it will report the damage
 
 
-def _is_no_surface(path: Path) -> bool:
-    """Return whether a file is of GIFTI without a surface in it, as those of frames are."""
+def _has_no_surface(path: Path) -> bool:
+    """Return whether a GIFTI file has no surface, which is true for files of frames."""
     try:
         return all(each.intent != _POINTS for each in read_gifti(path).arrays)
-    except (OSError, ValueError):  # which is reported when it is read as a mesh
+    except (OSError, ValueError):  # reported when the file is read as a mesh
         return False

@@ -1,4 +1,4 @@
-"""Documents of files: projects, and results, which documents show."""
+"""Reading of documents from projects and results."""
 
 from __future__ import annotations
 
@@ -53,8 +53,9 @@ def read_document(path: Path) -> Opened:
 def document_of_result(
     match: abfm.Match, path: Path
 ) -> tuple[MatchDocument, dict[str, FloatArray]]:
-    """A document that shows a result at tau; its functions are named by their own text, if that
-    needs no file, or else by the result's file.
+    """Return a document that shows a match at tau, and the values of its functions.
+
+    Functions keep their specs if these need no file. Otherwise the result's file becomes the spec.
     """
     known: dict[str, FloatArray] = {}
 
@@ -70,7 +71,7 @@ def document_of_result(
         )
     )
     weights = match.weights.tolist()
-    if not any(weights):  # functions have none beside landmarks
+    if not any(weights):  # in matches of landmarks alone
         weights = [1.0] * len(weights)
     document = MatchDocument(
         (Surface(match.mesh, path.name),),
@@ -87,8 +88,9 @@ def document_of_result(
 
 
 def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
-    """A document that shows a registration at tau. Functions that are known on B alone are
-    transferred to A by the initial map.
+    """Return a document that shows a registration at tau, and the values of its functions.
+
+    Functions that are known on B alone are transferred to A by the initial map.
     """
     match, initial = found.match, found.initial
     (document, on_b), back = document_of_result(match, path), initial.inverse()
@@ -106,12 +108,13 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
     drafted = {one.name: getattr(document, one.name) for one in fields(document)}
     drafted |= {"surfaces": pair, "landmarks": landmarks, "initial": GIVEN_WORD}
     opened = PairDocument(**drafted)
-    kept = InitialMap(initial, opened.map_request, found.notes, found.functions, found.warnings)
-    return replace(opened, initial_map=kept), known
+    request = opened.map_request
+    initial_map = InitialMap(initial, request, found.notes, found.functions, found.warnings)
+    return replace(opened, initial_map=initial_map), known
 
 
 def document_of_sequence(sequence: abfm.Sequence, path: Path) -> SequenceDocument:
-    """Return a document that shows a sequence from its beginning, with tracks."""
+    """Return a document that shows a sequence at its start, with tracks."""
     return SequenceDocument(
         (Surface(sequence.mesh, path.name),),
         FrameSequence(path.name, sequence._frames),
@@ -129,5 +132,5 @@ def _column(path: Path, name: str) -> str:
 def _needs_no_file(spec: str) -> bool:
     try:
         return not terms_from_files(spec)
-    except FunctionError:  # of another version
+    except FunctionError:  # written by another version
         return False

@@ -1,4 +1,4 @@
-"""Output files: refused before hours of work, and written by their suffix."""
+"""Output files: checks before a long computation, and writing by suffix."""
 
 from __future__ import annotations
 
@@ -23,83 +23,90 @@ if TYPE_CHECKING:
     from abfm.tasks import Task
 
 FPS_MIN = 0.1
-# frames a second by suffix; browsers slow down a GIF that is faster
+# frames per second by suffix; browsers slow down faster GIFs
 FPS_MAX = {".mp4": 120.0, ".gif": 50.0}
 
 
 def suffixes(task: type[Task]) -> tuple[str, ...]:
-    """Return the suffixes of files that results of a kind of task can be written to."""
+    """Return the suffixes of the formats of a task's results."""
     return (".npz", *task.exports, ".html")
 
 
 def check_result(path: Path, task: type[Task]) -> None:
-    """Refuse a path that no result of a kind of task could be written to."""
+    """Raise a `ResultError` if a result of a task cannot be written to a path."""
     check(path, suffixes(task))
     if path.suffix in task.exports:
         task.exports[path.suffix].check(path)
 
 
 def check(path: Path, suffixes: Collection[str]) -> None:
-    """Refuse a path that could not be written, by a `ResultError` that says why and what to do."""
+    """Raise a `ResultError` if a path cannot be written or has another suffix."""
     if path.suffix not in suffixes:
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(suffixes)}")
     check_folder(path)
 
 
 def check_folder(path: Path) -> None:
-    """Refuse a path that could not be written, whatever its suffix."""
+    """Raise a `ResultError` if a path cannot be written, with any suffix."""
     if path.parent.exists() and not path.parent.is_dir():
-        raise ResultError(f"cannot write {path}: {path.parent} is no folder; choose another place")
+        raise ResultError(
+            f"cannot write {path}: {path.parent} is not a folder; choose another folder"
+        )
     if not path.parent.is_dir():
-        raise ResultError(f"cannot write {path}: there is no folder {path.parent}; make it first")
+        raise ResultError(f"cannot write {path}: folder {path.parent} does not exist; create it")
     abfm.io.check_writable(path)
 
 
 def check_not_read(path: Path, read: Iterable[str | None]) -> None:
-    """Refuse a path of a file that the same command reads, also by the text of a function, and a
-    .pvd whose frames would lie among those that are read.
+    """Raise a `ResultError` if writing a path would overwrite an input of the same command.
+
+    ``read`` are paths and specs of functions, which may name files. The frames of a .pvd file are
+    checked as well.
     """
     for name in (name for each in read if each is not None for name in _files_in(each)):
         other = Path(os.path.expanduser(name))
-        among = re.fullmatch(rf"{re.escape(path.stem)}_[0-9]+\.vtu", other.name)
+        is_frame = re.fullmatch(rf"{re.escape(path.stem)}_[0-9]+\.vtu", other.name)
         frame = path.with_suffix("") / other.name
-        written = [path, frame] if path.suffix == ".pvd" and among else [path]
+        written = [path, frame] if path.suffix == ".pvd" and is_frame else [path]
         for place in written:
             if os.path.exists(other) and os.path.exists(place) and place.samefile(other):
-                named = "it" if place is path else f"its {other.name}"
-                raise ResultError(f"cannot write {path}: {named} is read; choose another name")
+                file = "it" if place is path else f"its frame {other.name}"
+                raise ResultError(
+                    f"cannot write {path}: {file} is also an input; choose another name"
+                )
 
 
 def _files_in(text: str) -> list[str]:
-    """Return the names of files that a text may mean: itself, or those of a function."""
+    """Return the files that a text may name: the text itself, and files in a spec."""
     found = [text]
 
-    def seen(name: str) -> str:
+    def collect(name: str) -> str:
         found.append(name)
         return name
 
     with suppress(AbfmError):
-        abfm.tasks.renamed_spec(text, seen)
+        abfm.tasks.renamed_spec(text, collect)
     return found
 
 
 class LostResultError(ResultError):
-    """A result that could be written nowhere."""
+    """Error: a result could not be written anywhere."""
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder for output unless it is there; a `ResultError` says why that cannot be."""
+    """Create an output folder unless it exists; failure raises a `ResultError`."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise ResultError(
-            f"cannot make the folder {path}: {one_line(error)}; choose another"
+            f"cannot create the folder {path}: {one_line(error)}; choose another folder"
         ) from None
 
 
 def write(path: Path, found: Any, up: str | None = None) -> str:
-    """Write a result by the suffix; ``up`` is the axis that points upwards on a page. Return what
-    the file lacks and why, in a line; empty if nothing.
+    """Write a result in the format of the suffix, and return a note if the file lacks something.
+
+    ``up`` is the axis that points upwards on a page. The note is one line or empty.
     """
     if path.suffix == ".npz":
         return results.save_what_can_be(path, found)
@@ -115,48 +122,54 @@ def write_all(
     up: str | None = None,
     tables: Mapping[str, Path] | None = None,
 ) -> list[str]:
-    """Write a result to several files, and its tables by their names; return what files lack, a
-    line each.
+    """Write a result to several files, and its tables by their names.
 
-    If a file cannot be written the result is kept elsewhere, unless a result file holds it, and a
-    ResultError reports that.
+    If a file cannot be written, a `ResultError` is raised. The result is then saved in another
+    folder, unless a result file was written.
+
+    Returns
+    -------
+    list of str
+        Notes about files that lack something, one line each.
     """
     writers: dict[Path, Callable[[], object]] = {
         path: partial(write, path, found, up) for path in paths
     }
     for name, path in (tables or {}).items():
         writers[path] = partial(abfm.loading.task_of(found).tables[name].write, path, found)
-    problem, kept, notes = None, False, []
+    problem, is_saved, notes = None, False, []
     for path, write_file in writers.items():
         try:
             note = str(write_file() or "")
-        except Exception as error:  # whatever goes wrong, the result is kept
+        except Exception as error:  # after any error the result must be saved
             problem = problem or error
         else:
-            kept = kept or path.suffix == ".npz"
+            is_saved = is_saved or path.suffix == ".npz"
             notes += [note] if note else []
     if problem is None:
         return notes
     reason = one_line(problem) if isinstance(problem, AbfmError) else f"not written: {problem!r}"
-    if kept:
+    if is_saved:
         raise ResultError(reason) from problem
-    if place := _kept_elsewhere(found):
+    if place := _save_elsewhere(found):
         raise ResultError(f"{reason}; the result is in {place}") from problem
-    raise LostResultError(f"{reason}; there was no other place for the result either") from problem
+    raise LostResultError(
+        f"{reason}; the result could not be saved in any other folder"
+    ) from problem
 
 
-def _kept_elsewhere(whole: results.Saved) -> str:
-    """Save a result in a folder that can be written; return its place, or nothing."""
+def _save_elsewhere(found: results.Saved) -> str:
+    """Save a result in the first writable folder; return its path and a note, or an empty text."""
     for folder in (Path.cwd, Path.home, tempfile.gettempdir):
         with suppress(Exception):
             place = Path(folder()) / f"abfm-{secrets.token_hex(4)}.npz"
-            missing = results.save_what_can_be(place, whole)
-            return f"{place}{f'; {missing}' if missing else ''}"
+            note = results.save_what_can_be(place, found)
+            return f"{place}{f'; {note}' if note else ''}"
     return ""
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text, whole or not at all, with question marks for what UTF-8 cannot encode."""
+    """Write a text atomically; characters that UTF-8 cannot encode become question marks."""
     with write_atomically(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="replace")
 

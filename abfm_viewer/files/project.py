@@ -1,8 +1,8 @@
-"""Project files (``.abfm``): a zip with everything that is needed to resume elsewhere.
+"""Project files (``.abfm``): zip files with all data of a document.
 
-``result.npz`` is the result as its own `save` writes it, ``project.json`` the other fields of the
-document, ``view.json`` its view, and ``*.npy`` are arrays. In JSON an array and a mesh are the name
-of their members, and an object that the result has is ``result/`` and its name there.
+``result.npz`` is the result file, as written by the result's `save`. ``project.json`` has the other
+fields of the document, ``view.json`` its view, and ``*.npy`` are arrays. JSON refers to arrays and
+meshes by the names of their members. Objects that the result contains are named ``result/NAME``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from abfm_viewer.document.kinds import KINDS
 from abfm_viewer.document.label_map import LabelMap
 
 MEMBER = "origin.json"
-"""Where a copy of unsaved work says what it is a copy of."""
+"""Member of an autosaved copy that names the original project file."""
 _FORMAT = 9
 _JSON_BYTES_MAX = 2 << 20  # of a member
 _RESULT = "result.npz"
@@ -56,10 +56,10 @@ _ENTRIES = {
         **{name: SEQUENCE.entries[name] for name in ("times", "mask", "weights")},
     },
 }
-"""Arrays of dataclasses by their names; V is that of the dataclass's mesh, if it has one."""
+"""Array fields by dataclass and field; V is the vertex count of the dataclass's mesh, if any."""
 _PARTS = ("match", "initial", "functions", "initial.a", "initial.b", "mesh", "_frames")
-"""What a result has that a document has as well."""
-# a document without a result does not load its type
+"""Attributes of results that documents contain as well."""
+# types of results are not loaded for documents without a result
 _OF_RESULT: dict[str, Any] = {
     name: Annotated[Any, name] for name in ("Match", "Correspondence", "Sequence")
 }
@@ -68,7 +68,10 @@ _hints = cache(partial(get_type_hints, localns=_OF_RESULT, include_extras=True))
 
 @dataclass(frozen=True)
 class Origin:
-    """A project file, and when (ns) it was modified, and its bytes, when last read or written."""
+    """A project file in the state in which it was last read or written.
+
+    `modified` is the modification time in ns, `size` the size in bytes.
+    """
 
     path: Path
     modified: int
@@ -76,7 +79,7 @@ class Origin:
 
     @classmethod
     def of(cls, path: Path) -> Origin:
-        """The file as it is now; with a negative size if there is none."""
+        """Return the current state of a file; the size of a missing file is negative."""
         return cls(path, *_state(path))
 
     @property
@@ -90,7 +93,10 @@ class Origin:
 
 @dataclass(frozen=True)
 class _Header:
-    """The content of `project.json`; `known` has the name of the array of each known function."""
+    """Contents of `project.json`.
+
+    `known` maps keys of function values (`Document.values_key`) to names of arrays.
+    """
 
     kind: str
     has_result: bool
@@ -104,11 +110,21 @@ def save_project(
     known: Mapping[str, FloatArray],
     origin: Origin | None = None,
 ) -> None:
-    """Write a project, completely or not at all; the same document gives the same bytes.
+    """Write a project file atomically; equal documents give equal bytes.
 
-    Known are the values (V,) of the terms that `terms_from_files` names. A copy of unsaved work
-    names the project file that it is a copy of. A `ResultError` reports why it would not open
-    again, or cannot be written.
+    Parameters
+    ----------
+    path : path-like
+    document : Document
+    known : mapping
+        Values (V,) of the terms from files (`terms_from_files`), by `Document.values_key`.
+    origin : Origin, optional
+        For autosaved copies: the original project file.
+
+    Raises
+    ------
+    ResultError
+        If the file cannot be written, or could not be opened again.
     """
     document, found = document.saved(), document.complete_result
     writer = _Writer(_parts(found))
@@ -142,11 +158,11 @@ def save_project(
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
-    """Read a document and its values from other files; a `ResultError` says what is wrong."""
+    """Read a document and its values from other files; a damaged file raises a `ResultError`."""
     with results.open_archive(path, "project", "take another copy of the file") as archive:
         if results.is_own(archive):
             raise ResultError(
-                "a result file, not a project; open it as a result, under a name that ends in .npz"
+                "a result file, not a project; rename it so that its name ends in .npz"
             )
         if archive.packed:
             raise ValueError(
@@ -161,7 +177,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
 
 
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
-    """Read what a copy of unsaved work is a copy of; None if of no file that is still there."""
+    """Return the original file of an autosaved copy; None if there is none or it is missing."""
     try:
         with results.open_archive(copy, "project", "") as archive:
             plain = json.loads(archive.read(MEMBER))
@@ -172,7 +188,7 @@ def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
 
 
 def terms_from_files(spec: str) -> list[str]:
-    """Return the terms of a function that read files; a `FunctionError` if it is no function."""
+    """Return the terms of a spec that read files; an invalid spec raises a `FunctionError`."""
 
     def reads_file(part: abfm.functions.Spec) -> bool:
         is_map = isinstance(part, abfm.functions.Permuted) and not part.is_detected
@@ -184,7 +200,7 @@ def terms_from_files(spec: str) -> list[str]:
 
 
 def _parts(found: Any) -> dict[str, Any]:
-    """Return what a result has that a document has as well, by its name in files."""
+    """Return the parts of a result that documents contain as well, by their names in files."""
     parts = {} if found is None else {"result": found}
     for name in _PARTS:
         with suppress(AttributeError):
@@ -196,20 +212,23 @@ def _text(plain: Any) -> str:
     text = json.dumps(plain, indent=1)
     if len(text) > _JSON_BYTES_MAX:
         raise ValueError(
-            f"it has {len(text)} bytes besides its arrays; expected at most {_JSON_BYTES_MAX}"
+            f"it has {len(text)} bytes without its arrays; expected at most {_JSON_BYTES_MAX}"
         )
     return text
 
 
 class _Writer:
-    """Makes JSON and arrays of a document; `objects` have names already, as those of its result."""
+    """Converts a document to JSON and arrays.
+
+    `objects` are objects that have names already, such as the parts of the result.
+    """
 
     def __init__(self, objects: dict[str, Any]) -> None:
         self.arrays: dict[str, Any] = {}
         self.objects = objects
 
     def plain(self, value: Any, place: str) -> Any:
-        """Return a value for JSON, whose arrays have names that begin with a place."""
+        """Return a value for JSON; names of its arrays begin with ``place``."""
         if (name := self._name(value)) is not None:
             return name
         if isinstance(value, np.ndarray):
@@ -230,7 +249,7 @@ class _Writer:
         return value
 
     def _name(self, value: Any) -> str | None:
-        """Return the name of an object, or of the result's mesh if a mesh has the same content."""
+        """Return the name of an object, or for a mesh that of an equal mesh of the result."""
         for name, known in self.objects.items():
             if known is value:
                 return name
@@ -243,16 +262,16 @@ class _Writer:
 
 
 class _Reader:
-    """Makes a document of JSON and arrays, by the types of its fields.
+    """Converts JSON and arrays to a document, according to the types of its fields.
 
-    A ValueError reports what does not fit. `objects` are those that have names already.
+    Invalid values raise a `ValueError`. `objects` are objects that have names already.
     """
 
     def __init__(self, arrays: Mapping[str, Any], objects: dict[str, Any]) -> None:
         self._arrays, self._objects = arrays, objects
 
     def read(self, hint: Any, value: Any, where: str) -> Any:
-        """Return what JSON was made of, for a type."""
+        """Return a value of a type from JSON; ``where`` is its place for error messages."""
         origin, options = get_origin(hint), get_args(hint)
         if origin in (Union, types.UnionType):
             [inner] = [option for option in options if option is not type(None)]
@@ -280,13 +299,13 @@ class _Reader:
         return isinstance(value, str) and value in self._objects
 
     def array(self, entry: Entry, value: Any, where: str, sizes: dict[str, int]) -> Any:
-        """Return an array by its name."""
+        """Return an array by its name, checked against an entry."""
         is_there = isinstance(value, str) and value in self._arrays
         _expect(is_there, where, value, "an array that is in the file")
         return entry.check(where, np.asarray(self._arrays[value]), sizes)
 
     def _object(self, hint: Any, value: Any, where: str) -> Any:
-        """Return what has a name: a part of the result, or a mesh."""
+        """Return a named object: a part of the result, or a mesh."""
         _expect(isinstance(value, str), where, value, "a name")
         if hint is TriangleMesh and value not in self._objects:
             arrays = results.check_arrays(self._arrays, MESH_ENTRIES, f"{value}/")
@@ -337,7 +356,7 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
 
 
 def _read(plain: Any, view: Any, reader: _Reader) -> tuple[Document, dict[str, FloatArray]]:
-    """Return the document and the known values of what a file holds."""
+    """Return the document and the values from files in a project."""
     plain = {name: part for name, part in plain.items() if name != "format_version"}
     header: _Header = reader.read(_Header, plain, "project")
     _expect(header.kind in KINDS, "project.kind", header.kind, " or ".join(KINDS))
@@ -355,7 +374,7 @@ def _read(plain: Any, view: Any, reader: _Reader) -> tuple[Document, dict[str, F
 
 
 def _check(document: Document) -> None:
-    """Refuse a document whose parts do not fit together, by a `ValueError` that says why."""
+    """Raise a `ValueError` if the parts of a document are inconsistent."""
     result, initial = document.result, document.initial_map
     meshes = [surface.mesh for surface in document.surfaces]
     count = document.surface_count
@@ -363,7 +382,7 @@ def _check(document: Document) -> None:
     is_on = result is None or result.mesh is meshes[-1]
     _require(is_on, "the result is on another surface")
     if initial is not None:
-        _require(result is not None, "there is an initial map of no result")
+        _require(result is not None, "it has an initial map but no result")
         ends = initial.correspondence.a, initial.correspondence.b
         is_between = ends[0] is meshes[0] and ends[1] is meshes[-1]
         _require(is_between, "the initial map is between other surfaces")
@@ -394,7 +413,7 @@ def _check(document: Document) -> None:
 def _check_run(run: RunRecord, name: str) -> None:
     rows = len(run.stages)
     inside = all(0 <= row <= rows for row in run.restarts)
-    _require(inside, f"{name} restarts outside them")
+    _require(inside, f"{name} has restarts outside its rows")
     for part in ("vertices", "reaches", "residuals", "sigmas", "shares"):
         count = len(getattr(run, part))
         _require(count in (0, rows), f"{name} has {count} {part}")
@@ -405,14 +424,17 @@ def _check_run(run: RunRecord, name: str) -> None:
 
 def _check_labels(labels: LabelMap, surface: Surface) -> None:
     counts = {len(labels.keys), len(labels.names), len(labels.colors)}
-    _require(len(counts) == 1, "labels have not as many keys, names and colours")
+    _require(len(counts) == 1, "the labels have different numbers of keys, names and colours")
     keys = np.array(labels.keys, dtype=np.int64)
-    _require(bool((np.diff(keys) > 0).all()), "the keys of labels do not ascend")
+    _require(bool((np.diff(keys) > 0).all()), "the keys of the labels are not in ascending order")
     values, vertices = len(labels.values), len(surface.mesh.vertices)
-    _require(values == vertices, f"there are {values} labels; expected {vertices}")
-    _require(bool(np.isin(labels.values, keys).all()), "labels have keys that are none of theirs")
+    _require(values == vertices, f"it has {values} labels; expected {vertices}")
+    _require(
+        bool(np.isin(labels.values, keys).all()),
+        "vertices have labels that are not in the list of keys",
+    )
     inside = all(0 <= channel <= 1 for color in labels.colors for channel in color)
-    _require(inside, "labels have colours outside 0 to 1")
+    _require(inside, "the labels have colours outside 0 to 1")
 
 
 def _check_points(document: Document, side: Side, *points: Point) -> None:

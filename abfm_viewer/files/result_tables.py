@@ -1,4 +1,4 @@
-"""Reading the results of a batch or of a population as a table, also while they are made."""
+"""Reading of the results of a batch or of a population as a table, also during the run."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from abfm_viewer.document.result_table import PopulationTable, ResultRow, Result
 
 POPULATION = "population.npz"
 NAMES = (POPULATION, "subjects.csv", "summary.csv", "rows.json")
-"""Files of a folder of results by which it is opened; `abfm batch` and `abfm population` write
-them.
-"""
+"""Files that identify a folder of results, written by `abfm batch` and `abfm population`."""
 _LEDGER = "ledger"
-_NUMBERS = ("residual", "folded", "log2_area", "correlation")  # of subjects
+_NUMBERS = ("residual", "folded", "log2_area", "correlation")  # facts of subjects
 
 
 def place_of(path: Path) -> Path | None:
-    """Return the folder of results that a path is, or is a file of; a population's own file is
-    itself. None for what is no table.
+    """Return the folder of results to which a path belongs; None if the path is not a table.
+
+    The file of a population stands for itself.
     """
     if path.is_dir() or path.name == POPULATION:
         return path
@@ -31,7 +30,7 @@ def place_of(path: Path) -> Path | None:
 
 
 class TableReader:
-    """Reads a table, and again what has changed of it."""
+    """Reads a table, and reads it again when its files change."""
 
     def __init__(self, place: Path) -> None:
         self.place = place
@@ -40,8 +39,9 @@ class TableReader:
         self._known: dict[Path, ResultRow] = {}
 
     def read(self, anew: bool = True) -> ResultTable:
-        """Return the table, the same object where nothing has changed unless it is read `anew`; a
-        ResultError reports that there is none, or that it is damaged.
+        """Return the table, as the same object if no file changed and `anew` is False.
+
+        A missing or damaged table raises a `ResultError`.
         """
         stamps = _stamps(self.place)
         if self._table is None or anew or stamps != self._stamps:
@@ -49,10 +49,10 @@ class TableReader:
         return self._table
 
     def _read(self) -> ResultTable:
-        own = self.place / POPULATION if self.place.is_dir() else self.place
-        if own.is_file():
-            return _of_population(self.place, own)
-        from abfm.batch import Ledger  # with all that solves
+        file = self.place / POPULATION if self.place.is_dir() else self.place
+        if file.is_file():
+            return _of_population(self.place, file)
+        from abfm.batch import Ledger  # loads the solver
 
         title, entries = Ledger(self.place).read_rows()
         rows = tuple(self._row(number, entry) for number, entry in enumerate(entries))
@@ -60,7 +60,7 @@ class TableReader:
 
     def _row(self, number: int, entry: abfm.batch.LedgerEntry) -> ResultRow:
         name = one_line(entry.row.name, 200)
-        # files of results are named by what is in them
+        # results are named by their digest, so a known file cannot have changed
         known = None if entry.path is None else self._known.get(entry.path)
         if known is not None and known.key == (number, name):
             return known
@@ -73,12 +73,12 @@ class TableReader:
 
 
 def _texts(entry: abfm.batch.LedgerEntry) -> tuple[tuple[str, str], ...]:
-    """Return what a row says of its channels; nothing of a film."""
+    """Return source and target of each channel as written in a row; empty for sequences."""
     from abfm.tasks.inputs import channels
 
     try:
         sources, targets, _ = channels(entry.row.written)
-    except AbfmError:  # of another version
+    except AbfmError:  # written by another version
         return ()
     return tuple(zip(sources, targets, strict=True))
 
@@ -96,20 +96,21 @@ def _of_population(place: Path, path: Path) -> PopulationTable:
         outcome = Outcome.OUTLIER if is_outlier else verdict
         numbers = {each: float(getattr(found, each)[number]) for each in _NUMBERS}
         facts = Facts(outcome, str(outcome), found.reasons[number], numbers=numbers)
-        own = result if found.digests[number] and result.is_file() else None
+        existing = result if found.digests[number] and result.is_file() else None
         texts = tuple((channel.name, channel.name) for channel in matched)
-        rows.append(ResultRow(number, name, facts, own, texts))
+        rows.append(ResultRow(number, name, facts, existing, texts))
     name = path.parent.name if path.name == POPULATION else path.name
     return PopulationTable(place, f"population {name}", tuple(rows), found)
 
 
 def _stamps(place: Path) -> list[int]:
-    """Return the times (ns) at which files of a table were modified, by which a change is noticed;
-    each writing replaces a file.
+    """Return the modification times (ns) of the files of a table.
+
+    Files are replaced on every write, so a change is always visible in these times.
     """
-    looked_at = (place, place / POPULATION, place / _LEDGER, place / _LEDGER / "rows.json")
+    watched = (place, place / POPULATION, place / _LEDGER, place / _LEDGER / "rows.json")
     stamps = []
-    for path in looked_at if place.is_dir() else (place,):
+    for path in watched if place.is_dir() else (place,):
         try:
             stamps.append(path.stat().st_mtime_ns)
         except OSError:

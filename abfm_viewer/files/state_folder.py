@@ -1,4 +1,4 @@
-"""Where the app keeps things between launches: recent files, preferences, autosaves."""
+"""The folder in which the app keeps recent files, preferences and autosaved copies."""
 
 import json
 import os
@@ -11,26 +11,28 @@ from abfm.io import write_atomically
 from abfm.reading import read_bytes
 
 _RECENT_FILES_MAX = 10
-_FILE_BYTES_MAX = 1 << 20  # bytes of a file of the folder
+_FILE_BYTES_MAX = 1 << 20
 STATE_VARIABLE = "ABFM_STATE_FOLDER"
 
 
 class StateFolder:
-    """A folder of the user's, by default ABFM_STATE_FOLDER or the system's for such things; where
-    it cannot be read or written, the app starts afresh every time.
+    """Folder for the state of the app between launches.
+
+    The default is the environment variable ABFM_STATE_FOLDER or the system's folder for state. If
+    the folder cannot be read or written, nothing is remembered.
     """
 
     def __init__(self, path: Path | None = None) -> None:
         if path is None and (named := os.environ.get(STATE_VARIABLE)):
             path = Path(named)
         elif path is None:
-            import platformdirs  # of the app, which the library does without
+            import platformdirs  # the library must not depend on it
 
             path = Path(platformdirs.user_state_dir("abfm", appauthor=False))
         self.path = path
 
     def recent(self) -> list[Path]:
-        """Files and folders of results that were opened or saved and still exist, latest first."""
+        """Return recent files and folders of results that still exist, the latest first."""
         found = []
         for name in self._read("recent.json", list):
             with suppress(OSError, ValueError, TypeError):
@@ -41,14 +43,14 @@ class StateFolder:
 
     def add_recent(self, path: Path) -> None:
         path = Path(os.path.abspath(path))
-        kept = [path, *(known for known in self.recent() if known != path)]
-        self._write("recent.json", [str(known) for known in kept[:_RECENT_FILES_MAX]])
+        paths = [path, *(known for known in self.recent() if known != path)]
+        self._write("recent.json", [str(known) for known in paths[:_RECENT_FILES_MAX]])
 
     def clear_recent(self) -> None:
         self._write("recent.json", [])
 
     def preferences(self) -> dict[str, Any]:
-        """Return what the user set for all projects, by name."""
+        """Return the user's preferences for all projects, by name."""
         found: dict[str, Any] = self._read("preferences.json", dict)
         return found
 
@@ -58,7 +60,7 @@ class StateFolder:
             self._write("preferences.json", known | {name: value})
 
     def _read(self, name: str, kind: type[Any]) -> Any:
-        """Return what a file holds; nothing of a kind where it is not that."""
+        """Return the contents of a JSON file, or an empty value if they are of another type."""
         with suppress(OSError, ValueError, RecursionError, MemoryError):
             found = json.loads(read_bytes(self.path / name, size_max=_FILE_BYTES_MAX))
             if isinstance(found, kind):

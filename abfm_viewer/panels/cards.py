@@ -1,4 +1,4 @@
-"""Cards over the surfaces: what went wrong, what can be done about it, what one waits for."""
+"""Cards over the surfaces: errors with their remedies, and progress of long operations."""
 
 import time
 from collections.abc import Callable
@@ -16,27 +16,30 @@ from abfm_viewer.widgets.containers import card
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
-_CARDS_MAX = 3  # cards that are shown at once
+_CARDS_MAX = 3  # shown at once
 _WIDTH = 460
 _EDGE = 10
-_CARD_DELAY_SECONDS = 0.3  # seconds that something may take without a card
+_CARD_DELAY_SECONDS = 0.3  # shorter operations have no card
 
 
 @dataclass(frozen=True)
 class _Work:
-    """What goes on, and what Cancel does, with its tooltip; a share that nobody knows is None."""
+    """Operation in progress.
+
+    `share` is None if the progress is unknown. `tip` is the tooltip of the button Cancel.
+    """
 
     name: str
     text: str
-    elapsed: float
+    elapsed: float  # seconds
     share: float | None
-    doing: str = ""
+    step: str = ""
     cancel: Callable[[], None] | None = None
     tip: str = ""
 
 
 def draw(context: Context, rect: Rect) -> None:
-    """Draw what one waits for and the latest cards below it, in a rectangle of the window."""
+    """Draw operations in progress, and the latest cards below, in a rectangle of the window."""
     ui, cards = context.ui, context.session.notices.cards
     left, top, right, bottom = rect
     width = min(ui.px(_WIDTH), right - left - 2 * ui.px(_EDGE))
@@ -66,19 +69,19 @@ def _draw_message(context: Context, message: Card, more: int) -> None:
         if ui.button(label, primary=number == 0):
             notices.dismiss(message)
             do()
-        ui.beside_if_fits(labels[number + 1])
-    if ui.button("Dismiss", "Take this message away (Esc). Help, Messages has all of them."):
+        ui.same_line_if_fits(labels[number + 1])
+    if ui.button("Dismiss", "Remove this message (Esc). Help, Messages lists all messages."):
         notices.dismiss(message)
     if more > 0:
         ui.note(f"and {more} more")
 
 
 def _opening(session: Session) -> _Work | None:
-    """Return what is being opened, or how far the first functions of a mesh are."""
+    """Return the file that is being opened, or the computation of a mesh's first functions."""
     load = session.loading.now
     if load is not None and load.elapsed > _CARD_DELAY_SECONDS:
         text = f"{load.what}: {load.elapsed:.0f} s"
-        cancel, tip = session.loading.cancel, "Go on without it."
+        cancel, tip = session.loading.cancel, "Do not open it."
         return _Work("opening", text, load.elapsed, None, cancel=cancel, tip=tip)
     if session.functions.waiting_since is None:
         return None
@@ -93,16 +96,16 @@ def _ending(context: Context) -> _Work | None:
     step, elapsed = context.session.solver.step, waiting.elapsed
     text = f"{waiting.what} when the run has ended: {elapsed:.0f} s"
     share, doing = (step.share(), step.text()) if step else (None, "taking its best field")
-    tip = "Not now. The run ends all the same, with its best field."
+    tip = "Keep the current document. The run still ends, with its best field."
     return _Work("ending the run", text, elapsed, share, doing, context.files.stop_waiting, tip)
 
 
 def _draw_work(ui: Ui, work: _Work) -> None:
-    """Draw what goes on, with a bar that runs where nobody knows how far it is."""
+    """Draw an operation; its progress bar is animated if the progress is unknown."""
     ui.note(capital(work.text), "ink")
     share = -0.5 * work.elapsed if work.share is None else work.share
     imgui.ProgressBar(share, (-1, ui.px(8)), "")
-    if work.doing:
-        ui.note(capital(work.doing))
+    if work.step:
+        ui.note(capital(work.step))
     if work.cancel is not None and ui.button("Cancel", work.tip):
         work.cancel()

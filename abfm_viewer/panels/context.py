@@ -1,4 +1,4 @@
-"""What panels, menus and keys draw with and act on."""
+"""Context of panels, menus and keys: the session, widgets, dialogs and files."""
 
 from typing import TypeVar
 
@@ -24,7 +24,7 @@ Kind = TypeVar("Kind", bound=Document)
 
 
 class Context:
-    """A session and what a window shows it with, which keeps recent files in a state folder."""
+    """A session with the parts of its window; recent files are kept in a state folder."""
 
     def __init__(self, session: Session, state: StateFolder | None) -> None:
         self.session, self.shown = session, Shown(session)
@@ -36,7 +36,7 @@ class Context:
         self.files.file_actions[OTHER_TABLE] = self.open_table
 
     def document(self, kind: type[Kind]) -> Kind:
-        """Return the document that is open, which must be of a kind."""
+        """Return the current document, which must be of a given kind."""
         document = self.session.document
         assert isinstance(document, kind)
         return document

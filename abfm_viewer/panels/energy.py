@@ -1,4 +1,4 @@
-"""What is left: after each iteration of runs, or against what steps of the path do to areas."""
+"""Plot of residuals: by iteration, or by the area distortion of the steps of a path."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.toolkit import Ui
 
-_SHORTEST_AXIS = 10  # iterations
+_AXIS_ITERATIONS_MIN = 10
 _NO_RUN = (
-    "Appears here while the solver runs: what is left after each iteration; then what each step "
-    "from smooth to close leaves, and how much it changes areas."
+    "During a run this plot shows the residual of each iteration. After it, the plot shows the "
+    "residual and the area change of each step."
 )
 _VIEWS = {
-    "iterations": "What was left after each iteration.",
-    "trade-off": "What each step from smooth to close leaves, against what its map does to areas.",
+    "iterations": "Residual after each iteration.",
+    "trade-off": "Residual of each step against the area change of its map.",
 }
-_MARKS = "Lines: where a stage began (grey), a finer mesh (wide), or a changed problem (green)."
+_MARKS = "Lines: start of a stage (grey), of a finer mesh (wide), or of a changed problem (green)."
 
 
 def draw(context: Context) -> None:
@@ -42,17 +42,17 @@ def draw(context: Context) -> None:
         new = ui.radio(views, view, [*_VIEWS.values()])
     if new != view:
         session.editor.set_view(f"plot the {new}", "", **{name: new == "trade-off"})
-    ui.beside_if_fits("Export CSV...", is_button=True)
+    ui.same_line_if_fits("Export CSV...", is_button=True)
     result = session.result
     if view == "trade-off":
-        tip = "Write the steps of the path and their numbers to a table, when the run has ended."
-        title, file, is_whole = "Export the path", "path.csv", not session.solver.running
+        tip = "Write the steps of the path to a table, after the run."
+        title, file, is_enabled = "Export the path", "path.csv", not session.solver.running
     else:
         tip = "Write the three energies of each iteration of this run to a table."
-        title, file, is_whole = "Export the energy", "energy.csv", run is not None
+        title, file, is_enabled = "Export the energy", "energy.csv", run is not None
 
     def export(path: Path) -> None:
-        """Write what was shown when the button was pressed."""
+        """Write the data that were shown when the button was pressed."""
         with session.notices.showing_errors():
             if view == "trade-off":
                 abfm.loading.task_of(result).tables["path"].write(path, result)
@@ -60,7 +60,7 @@ def draw(context: Context) -> None:
                 abfm.io.export_energy_csv(path, run.energies, run.stages)
             session.notices.show(f"wrote {path}")
 
-    if ui.button("Export CSV...", tip, enabled=is_whole):
+    if ui.button("Export CSV...", tip, enabled=is_enabled):
         context.dialogs.save(title, (".csv",), file, export)
     if view == "trade-off":
         trade_off.draw(context, path)
@@ -71,12 +71,12 @@ def draw(context: Context) -> None:
 def _iterations(
     ui: Ui, session: Session, run: RunRecord | None, previous: Sequence[RunRecord]
 ) -> None:
-    tip = "Draw what earlier runs left as faint curves."
+    tip = "Show the residuals of earlier runs as faint curves."
     shown = ui.checkbox("previous runs", session.view.previous_runs, tip)
     step = f"{'show' if shown else 'hide'} previous runs"
     session.editor.set_view(step, previous_runs=shown)
-    ui.beside_if_fits("Clear")
-    tip = "Forget the runs before this one."
+    ui.same_line_if_fits("Clear")
+    tip = "Remove all runs before this one."
     if ui.button("Clear##Clear previous", tip, enabled=bool(previous)):
         latest = () if session.matching.record else session.editor.draft.runs[-1:]
         session.editor.change("clear previous runs", runs=latest)
@@ -84,49 +84,49 @@ def _iterations(
         ui.note(_NO_RUN)
         return
     stages, meshes = starts(run)
-    told = (("grey: stage", stages), ("wide: mesh", meshes), ("green: restart", run.restarts))
-    marks = ", ".join(mark for mark, places in told if places)
+    legend = (("grey: stage", stages), ("wide: mesh", meshes), ("green: restart", run.restarts))
+    marks = ", ".join(mark for mark, places in legend if places)
     ui.note("; ".join(filter(None, [run.label, marks])))
     ui.tip(_MARKS if marks else "")
     _plot(ui, run, previous if session.view.previous_runs else ())
 
 
 def _plot(ui: Ui, run: RunRecord, previous: Sequence[RunRecord]) -> None:
-    (stages, meshes), left, least = starts(run), run.residual_curve, run.best_residuals
-    # of a result's file it is a guess, whose scale is not to be compared
+    (stages, meshes), residuals, best = starts(run), run.residual_curve, run.best_residuals
+    # curves of result files are only estimates, whose scale cannot be compared
     before = [earlier.best_residuals for earlier in previous if len(earlier.residuals)]
-    last = max(*map(len, [left, *before]), _SHORTEST_AXIS + 1) - 1
+    last = max(*map(len, [residuals, *before]), _AXIS_ITERATIONS_MIN + 1) - 1
     with plots.plot(ui, "energy plot") as is_drawn:
         if not is_drawn:
             return
-        plots.set_up("iteration", (0, last), [left, *before])
+        plots.set_up("iteration", (0, last), [residuals, *before])
         muted, flow = ui.colors.muted[:3], ui.colors.flow
         for number, earlier in enumerate(before):
             plots.line(f"##previous {number}", earlier, (*muted, 0.45), ui.px(1))
         plots.vertical_lines("##stages", stages, (*muted, 0.5), ui.px(1))
         plots.vertical_lines("##meshes", meshes, (*muted, 0.7), ui.px(2.5))
         plots.vertical_lines("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
-        plots.line("##each", left, (*flow[:3], 0.5), ui.px(1))
-        plots.line("##least", least, flow, ui.px(2))
+        plots.line("##each", residuals, (*flow[:3], 0.5), ui.px(1))
+        plots.line("##least", best, flow, ui.px(2))
         if plots.is_under_mouse():
-            _point_at(ui, run)
+            _draw_tooltip(ui, run)
 
 
-def _point_at(ui: Ui, run: RunRecord) -> None:
+def _draw_tooltip(ui: Ui, run: RunRecord) -> None:
     at = int(np.clip(round(implot.GetPlotMousePos()[0]), 0, len(run.stages) - 1))
     plots.vertical_lines("##here", [at], ui.colors.ink, ui.px(1))
-    least, left = run.best_residuals[at], run.residual_curve[at]
-    lines = [f"iteration {at}{', restarted here' if at in run.restarts else ''}", course(run, at)]
-    lines.append(f"what is left: {share(left)}")
-    if share(least) != share(left):
-        lines[-1] += f", the least so far {share(least)}"
+    best, residual = run.best_residuals[at], run.residual_curve[at]
+    restart = ", restarted here" if at in run.restarts else ""
+    lines = [f"iteration {at}{restart}", stage_text(run, at), f"residual {share(residual)}"]
+    if share(best) != share(residual):
+        lines[-1] += f", best so far {share(best)}"
     lines += [f"{name} {values[at]:.4g}" for name, values in run.curves.items()]
     lines += [f"σ {sigma:.3g}" for sigma in run.sigmas[at : at + 1]]
     plots.tooltip(ui, "\n".join(lines))
 
 
-def course(run: RunRecord, at: int) -> str:
-    """Return an iteration's ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
+def stage_text(run: RunRecord, at: int) -> str:
+    """Return the stage of an iteration: ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
     parts = [f"stage {run.stages[at] + 1}"]
     if run.has_mesh_sizes:
         reach = [f"reach {run.reaches[at]:g}"] if run.reaches[at] else []
@@ -135,7 +135,7 @@ def course(run: RunRecord, at: int) -> str:
 
 
 def starts(run: RunRecord) -> tuple[list[int], list[int]]:
-    """Return where another stage began on the same mesh, and where a finer mesh; not restarts."""
+    """Return the iterations at which stages and finer meshes began, without restarts."""
     finer, other = np.diff(run.vertices) > 0, np.diff(run.stages) != 0
     places: list[list[int]] = [(np.flatnonzero(new) + 1).tolist() for new in (other, finer)]
     stages, meshes = ([at for at in found if at not in run.restarts] for found in places)

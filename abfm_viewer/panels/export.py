@@ -1,4 +1,4 @@
-"""Pictures, movies and data of what the window shows."""
+"""The tab Export: pictures, movies and data of the current document."""
 
 from __future__ import annotations
 
@@ -30,38 +30,41 @@ from abfm_viewer.widgets.widget_record import Range
 
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
 _OWN_SIZE = "own size"
-_LABELS_TIP = "Labels, carried to τ, never mixed (.label.gii, .annot, or a table of keys)."
+_LABELS_TIP = "Labels at τ, transferred by the flow (.label.gii, .annot, or a table of keys)."
 _WIDTH_RANGE = Range(320, 7680, whole=True)
 _HEIGHT_RANGE = Range(240, 4320, whole=True)
 
 
 class _Saved(NamedTuple):
-    """An attribute of a document that is saved, what it is called, and a name of its file."""
+    """An attribute of a document that a button saves.
+
+    `what` is the name in the button's label, `name` the default name of the file.
+    """
 
     what: str
     tip: str
     name: str
     attribute: str = "result"
-    endings: tuple[str, ...] = ()  # of its file; by default the suffixes of its kind
+    endings: tuple[str, ...] = ()  # of the file; by default the suffixes of the kind of result
 
 
 _MATCH = _Saved(
     "result",
-    "The match (.npz), mesh, functions and field (.ply, .vtu), energies (.csv), or a page for a "
-    "browser (.html).",
+    "The match (.npz), or mesh, functions and field (.ply, .vtu). Also energies (.csv) and a web "
+    "page (.html).",
     "match.npz",
 )
 _REGISTRATION = _Saved(
     "registration",
-    "Where A and B correspond (.npz); A's faces where they lie on B (.gii, .ply); or the vertex of "
-    "A for each of B (.txt, .csv, .npy); or a page for a browser (.html).",
+    "The correspondence of A and B (.npz) or a web page (.html). Also A's faces on B (.gii, .ply), "
+    "or A's vertex for each vertex of B (.txt, .csv, .npy).",
     "registration.npz",
     "complete_result",
 )
 _SEQUENCE = _Saved(
     "sequence",
-    "Frames and the fields between them (.npz), for ParaView (.pvd), a page that plays it (.html), "
-    "or the speed at vertices (-lh.stc or -rh.stc by the hemisphere, .gii).",
+    "Frames and fields (.npz, .pvd for ParaView), or a web page that plays them (.html). Also the "
+    "speed at vertices (-lh.stc or -rh.stc by hemisphere, .gii).",
     "sequence.npz",
     endings=(".npz", ".pvd", "-lh.stc", "-rh.stc", ".gii", ".html"),
 )
@@ -77,7 +80,7 @@ def draw(context: Context) -> None:
         )
 
     ask = context.dialogs.save
-    # what is saved meanwhile waits its turn, as the settings do
+    # settings must not change during an export; further exports are queued
     with ui.disabled(exporter.running):
         _draw_size(ui, exporter)
     if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
@@ -85,28 +88,28 @@ def draw(context: Context) -> None:
     ui.heading("movie")
     with ui.disabled(exporter.running):
         _draw_movie(ui, session, exporter)
-    tip = "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
+    tip = "The flow between two times (.mp4 or .gif). Every frame is computed exactly."
     if ui.button("Save movie...", tip):
         ask("Save a movie", MOVIES, "movie.mp4", partial(save, exporter.save_movie))
     ui.heading("data")
 
 
 def draw_result(context: Context) -> None:
-    """Draw the button that saves a match, and that of its labels."""
+    """Draw the buttons that save a match and its labels."""
     _draw_save(context, _MATCH)
     if context.session.document.labels is not None:
         _draw_labels(context)
 
 
 def draw_registration(context: Context) -> None:
-    """Draw the same of two surfaces, and before it the button that saves the registration."""
+    """Draw the buttons that save a registration, its match and its labels."""
     _draw_save(context, _REGISTRATION)
-    context.ui.beside_if_fits("Save result...", is_button=True)
+    context.ui.same_line_if_fits("Save result...", is_button=True)
     draw_result(context)
 
 
 def draw_sequence(context: Context) -> None:
-    """Draw the buttons that save a film's fields and their tables."""
+    """Draw the buttons that save the fields of a sequence and their tables."""
     ui = context.ui
     _draw_save(context, _SEQUENCE)
     for name, table in abfm.sequences.SequenceTask.tables.items():
@@ -116,25 +119,25 @@ def draw_sequence(context: Context) -> None:
                 context.exporter.save_table(path, found, name)
 
         label, is_there = f"Save {name}...", context.session.document.result is not None
-        ui.beside_if_fits(label, is_button=True)
+        ui.same_line_if_fits(label, is_button=True)
         if ui.button(label, _tip(context, f"{capital(table.help)} (.csv)."), enabled=is_there):
             context.dialogs.save(f"Save the {name}", TABLES, f"{name}.csv", save)
 
 
 def _tip(context: Context, text: str) -> str:
     is_there = context.session.document.result is not None
-    return text if is_there else f"{text} There is one after a match."
+    return text if is_there else f"{text} Available after a match."
 
 
 def _draw_save(context: Context, saved: _Saved) -> None:
-    """Draw the button that saves a part of the document, if it is there."""
+    """Draw the button that saves a part of the document."""
     session = context.session
 
     def save(path: Path) -> None:
         document = session.document
         if (found := getattr(document, saved.attribute)) is not None:
-            kept = partial(session.saves.record_export, document)
-            context.exporter.save_result(path, found, kept)
+            on_saved = partial(session.saves.record_export, document)
+            context.exporter.save_result(path, found, on_saved)
 
     found, tip = getattr(session.document, saved.attribute), _tip(context, saved.tip)
     if context.ui.button(f"Save {saved.what}...", tip, enabled=found is not None):
@@ -156,16 +159,16 @@ def _draw_labels(context: Context) -> None:
 
 
 def draw_state(context: Context) -> None:
-    """Draw what is written and what was: last, so that nothing moves when there is something."""
+    """Draw the state of exports, at the end of the tab so that other widgets do not move."""
     ui, session, exporter = context.ui, context.session, context.exporter
     if exporter.running:
         draw_step(ui, exporter.step)
-        if ui.button("Cancel export", "Stop; an older file stays as it was."):
+        if ui.button("Cancel export", "Cancel the export. An existing file stays unchanged."):
             exporter.cancel()
     elif exporter.message:
         ui.note(exporter.message, "failure" if exporter.failed else "good")
     if session.solver.running:
-        ui.note("What is saved shows the latest result, not the run that goes on.")
+        ui.note("Files contain the latest result, not the current run.")
 
 
 def _draw_size(ui: Ui, exporter: Exporter) -> None:
@@ -174,14 +177,17 @@ def _draw_size(ui: Ui, exporter: Exporter) -> None:
     names = {size: name for name, size in sizes.items()}
     now = names.get((picture.width, picture.height), _OWN_SIZE)
     choices = [*sizes, _OWN_SIZE] if now == _OWN_SIZE else list(sizes)
-    chosen = ui.combo("size", now, choices, "Of pictures and movies.")
+    chosen = ui.combo("size", now, choices, "Size of pictures and movies.")
     width, height = (picture.width, picture.height) if chosen == now else sizes[chosen]
-    width = round(ui.bounded("pixels across", width, _WIDTH_RANGE, "320 to 8192.", (320, 8192)))
-    height = round(ui.bounded("pixels down", height, _HEIGHT_RANGE, "240 to 8192.", (240, 8192)))
-    tip = "A picture without a ground, for slides and papers."
+    tip = "Width in pixels, 320 to 8192."
+    width = round(ui.bounded("pixels across", width, _WIDTH_RANGE, tip, (320, 8192)))
+    tip = "Height in pixels, 240 to 8192."
+    height = round(ui.bounded("pixels down", height, _HEIGHT_RANGE, tip, (240, 8192)))
+    tip = "Transparent background, for slides and papers."
     transparent = ui.checkbox("transparent", picture.transparent, tip)
-    ui.beside_if_fits("color bar")
-    bar = ui.checkbox("color bar", picture.color_bar, "Whether pictures and movies have one.")
+    ui.same_line_if_fits("color bar")
+    tip = "Include a colour bar in pictures and movies."
+    bar = ui.checkbox("color bar", picture.color_bar, tip)
     exporter.picture = replace(
         picture, width=width, height=height, transparent=transparent, color_bar=bar
     )
@@ -190,21 +196,21 @@ def _draw_size(ui: Ui, exporter: Exporter) -> None:
 def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
     movie, document = exporter.movie, session.document
     first, last = document.start, document.end
-    whole = document.last_target_time - first
+    duration = document.last_target_time - first
 
     def bounded_time(label: str, share: float, tip: str) -> float:
-        shown = min(first + share * whole, last)
+        shown = min(first + share * duration, last)
         new = ui.bounded(label, shown, Range(first, last), tip, (first, last))
-        return share if new == shown else (new - first) / whole
+        return share if new == shown else (new - first) / duration
 
-    tip = "How long the movie is."
+    tip = "Length of the movie in seconds."
     seconds = ui.bounded("seconds", movie.seconds, Range(0.5, 20), tip, (0.1, 600.0))
-    tip = "Frames a second; at most 120, in a GIF 50."
+    tip = "Frames per second: at most 120, in a GIF 50."
     fps = ui.bounded("fps", movie.fps, Range(5, 60, whole=True), tip, (1.0, 120.0))
-    start = bounded_time("from", movie.start, "The first time shown.")
-    beyond = "; beyond τ the flow goes on" if document.extrapolates else ""
-    tip = f"The last time shown{beyond}."
+    start = bounded_time("from", movie.start, "First time of the movie.")
+    beyond = " Beyond τ the flow is extrapolated." if document.extrapolates else ""
+    tip = f"Last time of the movie.{beyond}"
     end = bounded_time("to", movie.end, tip)
-    tip, endless = "How far the surfaces turn meanwhile, in degrees.", (-math.inf, math.inf)
-    turn = ui.bounded("turntable", movie.turntable, Range(-360, 360), tip, endless)
+    tip, unlimited = "Rotation of the surfaces during the movie, in degrees.", (-math.inf, math.inf)
+    turn = ui.bounded("turntable", movie.turntable, Range(-360, 360), tip, unlimited)
     exporter.movie = replace(movie, seconds=seconds, fps=fps, start=start, end=end, turntable=turn)

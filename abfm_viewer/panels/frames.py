@@ -1,4 +1,4 @@
-"""A film's frames, two of them as a match of their own, and what all are matched with."""
+"""Tabs of a sequence: its frames, a separate match of two frames, and the settings."""
 
 from __future__ import annotations
 
@@ -14,35 +14,34 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui, finite
 from abfm_viewer.widgets.widget_record import Range
 
-_OPEN_TIP = "Choose frames for the mesh that is open. They can also be dropped on the window."
-_STEP = "Seconds from each frame to the next; until they are known, frames count as 1 apart."
+_OPEN_TIP = "Open frames for the current mesh. Files can also be dropped on the window."
+_STEP = "Seconds between frames. Without a value, times are numbers of frames."
 _CIRCULAR_TIP = (
-    "The values are phases, which repeat after a period: compare their cosine, channel 0, and "
-    "sine, channel 1, instead of the numbers."
+    "The values are phases, which repeat after a period. Compare their cosine (channel 0) and sine "
+    "(channel 1) instead of the values."
 )
-_PAIR = "Of a match of its own; at first those around the time that is shown."
-_MATCH = "Open a match of these two frames as it would be of any two functions; Undo comes back."
+_PAIR = "Frame of the separate match. The default is the interval of the shown time."
+_MATCH = "Open a separate match of these two frames. Undo returns to the sequence."
 _GAMMA = (
-    "How much the fields of neighbouring intervals are held together. More if they flicker, 0 for "
-    "each interval by itself. Default: 1."
+    "Smoothness in time: larger if the fields flicker, 0 for independent intervals. Default: 1."
 )
 _ORDER = (
-    "Order of the norm of the fields: 2 is smoother, 1 is the paper's. Auto: the one that predicts "
-    "held-out patches of a few intervals best."
+    "Order of the norm of the fields: 2 gives smoother fields, 1 is as in the paper. Auto chooses "
+    "by held-out patches of some intervals."
 )
-_ALPHA = "Smaller if motion is missed, larger if the fields are rough."
-_SIGMA = "How closely each frame is met, in standard deviations of the frames."
-_CHOSEN_TIP = "Chosen by what predicts held-out patches of a few intervals."
+_ALPHA = "Smoothness of the fields: smaller if motion is missed, larger if they are rough."
+_SIGMA = "Allowed difference of the frames, in standard deviations. Smaller is a closer match."
+_CHOSEN_TIP = "Choose the value by held-out patches of some intervals."
 _AUTO = {"alpha": Auto(1.0, _CHOSEN_TIP), "sigma": Auto(LAST_SIGMA, _CHOSEN_TIP)}
 
 
 def draw_frames(context: Context) -> None:
-    """Draw what the film is, its channels and its times."""
+    """Draw the mesh, the channels and the times of the frames."""
     ui, session, document = context.ui, context.session, context.document(SequenceDocument)
     sequence = document.sequence
-    if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
+    if ui.button("Open mesh...", "Open a mesh file. It can also be dropped on the window."):
         context.open_mesh()
-    ui.beside_if_fits("Open frames...", is_button=True)
+    ui.same_line_if_fits("Open frames...", is_button=True)
     if ui.button("Open frames...", _OPEN_TIP):
         context.open_frames()
     ui.line(document.name, "ink")
@@ -55,12 +54,12 @@ def draw_frames(context: Context) -> None:
     ui.line(f"{len(sequence)} frames, {ends}", "ink")
     if sequence.channels > 1:
         words = [str(number) for number in range(sequence.channels)]
-        tip = "The one that is shown; all of them are matched by the same fields."
+        tip = "The channel that is shown. All channels are matched by the same fields."
         chosen = ui.combo("channel", words[document.channel], words, tip)
         session.editor.select(channel=words.index(chosen))
     if sequence.frames.mask is not None:
         unknown = int(np.count_nonzero(sequence.frames.mask == 0))
-        ui.note(f"Vertices without values, in grey, which are not compared: {unknown:,}.")
+        ui.note(f"{unknown:,} vertices have no values (grey) and are not compared.")
     if sequence.phases is not None or sequence.period is not None:
         is_circular = sequence.phases is not None
         if ui.checkbox("circular", is_circular, _CIRCULAR_TIP) != is_circular:
@@ -76,7 +75,9 @@ def _draw_step(ui: Ui, context: Context, sequence: FrameSequence) -> None:
     if typed is not None:
         with ui.refusals.refusing("frame step"):
             if (step := finite(typed)) is None or not step > 0:
-                raise ParameterError(f"{typed} is no time; expected seconds above 0, such as 0.04")
+                raise ParameterError(
+                    f"{typed} is not a time; expected seconds above 0, such as 0.04"
+                )
             times = step * np.arange(float(len(sequence)))
             changed = replace(
                 sequence, frames=replace(sequence.frames, times=times, unit_of_time="s")
@@ -88,7 +89,7 @@ def _draw_step(ui: Ui, context: Context, sequence: FrameSequence) -> None:
 
 
 def draw_pair(context: Context) -> None:
-    """Draw which two frames are matched by themselves, and the button."""
+    """Draw the choice of two frames and the button that matches them."""
     ui, session, document = context.ui, context.session, context.document(SequenceDocument)
     sequence = document.sequence
     ui.heading("two frames")
@@ -107,7 +108,7 @@ def draw_pair(context: Context) -> None:
 
 
 def draw_settings(context: Context) -> None:
-    """Draw what all intervals are matched with."""
+    """Draw the settings with which all intervals are matched."""
     ui, document, editor = context.ui, context.document(SequenceDocument), context.session.editor
     settings = document.settings
     for label, name, ends, tip in (
@@ -136,7 +137,7 @@ def draw_settings(context: Context) -> None:
 
 
 def _chosen(document: SequenceDocument) -> str:
-    """Return what was chosen for the fields that are shown."""
+    """Return the values that were chosen for the current fields."""
     result, settings = document.result, document.settings
     if result is None:
         return ""

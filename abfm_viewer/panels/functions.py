@@ -23,43 +23,42 @@ from abfm_viewer.widgets.toolkit import TextTone, Ui
 from abfm_viewer.widgets.widget_record import Range
 
 Put: TypeAlias = "Callable[[functions.Family, str], None]"
-"""Takes a changed function and the label of the widget that changed it."""
-_LABEL_LENGTH_MAX = 16  # letters
-_BY_MOUSE = "On the source or target; a click moves it there, and Shift-wheel sets its width."
+"""Called with a changed function and the label of the widget that changed it."""
+_LABEL_LENGTH_MAX = 16  # characters
+_MOUSE_TIP = "On the source or target, Shift-click also moves it and Shift-wheel sets its width."
 _ADD_CHANNEL = (
-    "One more channel: another pair of functions that the same flow should match. It begins as a "
-    "landmark that stays where it is, far from the Gaussians of the others."
+    "Add another pair of functions that the same flow matches. It starts with a fixed Gaussian "
+    "far from all others."
 )
-_RESCALE = "Scale and shift the source so that it has the target's values, from least to largest."
+_RESCALE = "Scale and shift the source to the range of the target."
 _CIRCULAR_TIP = (
-    "The values are phases, which repeat after a period: compare their cosine and sine, two "
-    "channels, instead of the numbers."
+    "The values are phases, which repeat after a period. Compare their cosine and sine, as two "
+    "channels, instead of the values."
 )
-_WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves it out."
+_WEIGHT = "Weight of the active channel's mismatch relative to the others; 0 ignores it."
 _SEVERAL_TERMS = "several terms"
-_FAMILY = "What kind of function it is. Sums can be typed below.\n\n{name}: {summary}"
-_SPEC = "The function as text: terms with +, anything by hand. Enter takes it."
+_FAMILY = "Family of the function. Sums can be typed below.\n\n{name}: {summary}"
+_SPEC = "The function as text. Join terms with +, and press Enter to apply."
 _BUMP = "The Gaussian that the mouse and the widgets below change."
 _ADD = "Add Gaussian"
 _REMOVE = "Remove Gaussian"
 _NO_MAP = "none"
 _MAP_FILE = "file..."
 _MAP = (
-    "Compose the function with a map of the vertices: the mirror plane or the rotation by 180 "
-    "degrees that the surface is found to have, or a file with one vertex number per vertex or "
-    "pairs of vertices."
+    "Compose the function with a map of the vertices: a detected mirror plane, a detected rotation "
+    "by 180 degrees, or a file. The file has one vertex number per vertex, or pairs of vertices."
 )
 
 
 def draw_mesh(context: Context) -> None:
-    """Draw what the surface is."""
+    """Draw the name and the size of the surface."""
     document = context.session.document
     mesh = document.surface().mesh
     _draw_meshes(context, document.name, (_size(mesh), "muted"), 2 * [_area(mesh)])
 
 
 def draw_meshes(context: Context) -> None:
-    """Draw what both surfaces are, and the initial map between them."""
+    """Draw names and sizes of both surfaces, and the initial map between them."""
     surfaces = context.session.document.surfaces
     first, second = (
         f"{letter}: {surface.name}, {len(surface.mesh.vertices):,} vertices"
@@ -74,12 +73,12 @@ def _draw_meshes(
     context: Context, first: str, second: tuple[str, TextTone], tips: list[str]
 ) -> None:
     ui, document = context.ui, context.session.document
-    if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
+    if ui.button("Open mesh...", "Open a mesh file. It can also be dropped on the window."):
         context.open_mesh()
-    ui.beside()
+    ui.same_line()
     ui.align()
     place = "Stop placing" if document.view.tool == "landmark" else "Place landmarks"
-    room = ui.room_beside(place)
+    room = ui.remaining_width(place)
     ui.line(first, "ink", tips[0], room)
     ui.at_right_end(place)
     if ui.button(place, landmarks.PLACE_TIP):
@@ -99,7 +98,7 @@ def _size(mesh: TriangleMesh) -> str:
 
 def _area(mesh: TriangleMesh) -> str:
     scale = mesh.length_scale
-    return f"Area {scale**2:.4g}; widths are fractions of its root, {scale:.4g}."
+    return f"Area {scale**2:.4g}. Widths are fractions of its square root, {scale:.4g}."
 
 
 def draw(context: Context) -> None:
@@ -113,11 +112,11 @@ def draw(context: Context) -> None:
             _Side(context, side, session.active.spec(side)).draw()
     _draw_circular(ui, session)
     _draw_foreseen(ui, session)
-    ui.line("Shift-drag on a surface moves its Gaussian.", tip=_BY_MOUSE)
+    ui.line("Shift-drag on a surface moves its Gaussian.", tip=_MOUSE_TIP)
 
 
 def _draw_circular(ui: Ui, session: Session) -> None:
-    """Draw whether phases are compared by cosine and sine, if the active channel has some."""
+    """Draw the switch for comparing phases by cosine and sine, if the active channel has phases."""
     assert session.active is not None
     specs = session.active.specs
     is_circular = any(functions.without_circle(spec) != spec for spec in specs)
@@ -131,7 +130,10 @@ def _draw_circular(ui: Ui, session: Session) -> None:
 
 
 def _draw_foreseen(ui: Ui, session: Session) -> None:
-    """Draw, below all else that moves, why no flow can match the functions, and what to do."""
+    """Draw why no flow can match the functions, and the advice.
+
+    It is drawn at the end, so that other widgets do not move.
+    """
     if (facts := session.work.expected_facts) is None:
         return
     ui.note(sentence(facts.reason), facts.tone)
@@ -147,7 +149,7 @@ def _draw_channels(context: Context) -> None:
     several = len(session.channels) > 1
     for number, channel in enumerate(session.channels if several else ()):
         weight = "" if channel.weight == 1 else f", weight {channel.weight:g}"
-        source, target = (_called(session.editor.draft, spec) for spec in channel.specs)
+        source, target = (_display_name(session.editor.draft, spec) for spec in channel.specs)
         both = source if source == target else f"{source} to {target}"
         label = f"{number + 1}: {both}{weight}"
         if ui.row(label, number == session.document.channel)[0]:
@@ -160,7 +162,7 @@ def _draw_channels(context: Context) -> None:
     )
     for label, tip, do in buttons:
         if label != "Add":
-            ui.beside_if_fits(label)
+            ui.same_line_if_fits(label)
         if ui.button(label, tip, enabled=several or label != "Remove"):
             do()
     if several and session.active is not None:
@@ -170,8 +172,8 @@ def _draw_channels(context: Context) -> None:
                 editor.set_weight(changed, "weight")
 
 
-def _called(document: MatchDocument, spec: str) -> str:
-    """Return a function in a word or two; of a result as its table calls it."""
+def _display_name(document: MatchDocument, spec: str) -> str:
+    """Return a short name of a function; for results the name in their table."""
     text = document.display_names.get(spec, spec)
     try:
         return _short(functions.parse(text))
@@ -180,7 +182,7 @@ def _called(document: MatchDocument, spec: str) -> str:
 
 
 def _short(tree: functions.Spec) -> str:
-    """Return a function in a word or two, which tell channels of one kind apart."""
+    """Return a short name of a function that distinguishes channels of the same kind."""
     if isinstance(tree, functions.Sum):
         families = {getattr(term, "family", "function") for term in tree.terms}
         return f"{len(tree.terms)} {families.pop() + 's' if len(families) == 1 else 'terms'}"
@@ -203,13 +205,13 @@ def _short(tree: functions.Spec) -> str:
 
 
 def _file_of(family: type[functions.Family]) -> functions.Parameter | None:
-    """Return the parameter that names a file of values."""
+    """Return the parameter of a family that names a file of values, if there is one."""
     files = (parameter for parameter in family.parameters() if parameter.kind.suffixes)
     return None if family is functions.Permuted else next(files, None)
 
 
 class _Side:
-    """Draws one side of a channel, and puts a changed function into its place."""
+    """Draws one side of a channel, and applies changes to it."""
 
     def __init__(self, context: Context, side: Side, spec: str) -> None:
         self._context, self._ui, self._session = context, context.ui, context.session
@@ -226,7 +228,7 @@ class _Side:
         left, right = ui.halves("family", "vertex map")
         self._draw_family(left)
         if right:
-            ui.beside()
+            ui.same_line()
         self._draw_map(right)
         if self._bump is not None:
             self._draw_gaussians(self._bump)
@@ -241,7 +243,7 @@ class _Side:
         ui.refusal("spec", otherwise=self._session.work.error(self._side))
 
     def _put(self, spec: str, label: str, bump: int | None = None) -> None:
-        """Take a whole spec, or say below the label's widget why not; a drag is one step."""
+        """Set the spec of the side; an error is shown below the widget. A drag is one step."""
         with self._ui.refusals.refusing(label):
             self._session.editor.set_spec(self._side, spec, f"{self._side} {label}", bump)
 
@@ -256,23 +258,23 @@ class _Side:
         document = self._session.editor.draft
         color, title = getattr(ui.colors, self._side), document.slot_title(self._side)
         if self._spec in document.display_names:
-            title = f"{title}: {_called(document, self._spec)}"
+            title = f"{title}: {_display_name(document, self._spec)}"
         if bump is None:
             ui.heading(title, color)
             return
         count = len(gaussians.gaussians(self._spec))
         ui.heading(title, color, buttons=(_ADD, _REMOVE)[: 2 if count > 1 else 1])
-        if ui.button(_ADD, "One more bump, as far as possible from the others."):
+        if ui.button(_ADD, "Add a Gaussian, as far as possible from the others."):
             with ui.refusals.refusing(_ADD):
                 self._put(gaussians.added(self._spec, self._mesh), "family", count)
         if count > 1:
-            ui.beside_if_fits(_REMOVE, is_button=True)
-            if ui.button(_REMOVE, "Remove the bump that is chosen."):
+            ui.same_line_if_fits(_REMOVE, is_button=True)
+            if ui.button(_REMOVE, "Remove the selected Gaussian."):
                 self._put(gaussians.removed(self._spec, bump), "family", max(bump - 1, 0))
         ui.refusal(_ADD)
 
     def _draw_family(self, width: float) -> None:
-        """Draw the combo of families; a new one begins with a function that is valid here."""
+        """Draw the combo of families; a new family starts with a function valid on this mesh."""
         known = {cls.family: cls for cls in functions.families()}
         if isinstance(self._inner, functions.Family):
             now = self._inner.family
@@ -291,7 +293,7 @@ class _Side:
             self._choose_values(family, file)
         else:
             example = family.example or family.family
-            self._put_inner(_begun(example, self._mesh, self._vertex()), "family")
+            self._put_inner(_example(example, self._mesh, self._vertex()), "family")
 
     def _draw_gaussians(self, bump: int) -> None:
         known = gaussians.gaussians(self._spec)
@@ -330,7 +332,7 @@ class _Side:
     def _choose(
         self, title: str, file: functions.Parameter, function: Callable[[str], functions.Spec]
     ) -> None:
-        """Let the user choose the file that a function reads; nothing changes before."""
+        """Let the user choose the file of a function; the function changes only after that."""
 
         def take(path: Path) -> None:
             with self._session.notices.showing_errors():
@@ -339,35 +341,39 @@ class _Side:
         self._context.dialogs.open(title, file.kind.suffixes, take)
 
     def _vertex(self) -> int:
-        """Return the vertex, as in the file, of its first Gaussian, or where it is largest."""
+        """Return the centre of the first Gaussian, or the vertex of the largest value.
+
+        The vertex is numbered as in the file.
+        """
         for gaussian in gaussians.gaussians(self._spec):
             try:
                 return gaussians.centre(gaussian, self._mesh)
-            except FunctionError:  # a vertex that was typed and is not there
+            except FunctionError:  # a typed vertex that the mesh does not have
                 continue
         values = self._session.values(self._side)
         return int(self._mesh.vertex_ids[0 if values is None else values.argmax()])
 
 
-# The parameters of a family, which declares them
+# Widgets of the parameters of a family
 
 
-def _begun(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
-    """Return a family's example, made for a mesh and a vertex as its file counts."""
+def _example(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
+    """Return the example of a family for a mesh and a vertex, numbered as in the file."""
     middle = f"{mesh.vertices[:, 1].mean():.3g}"
     return functions.parse(example.format(vertex=vertex, middle=middle))
 
 
 def draw_parameters(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> None:
-    """Draw the choice of a function's shape and a widget for each parameter, those without a slider
-    first, two in a line.
+    """Draw the choice of a function's shape and a widget for each parameter.
+
+    Parameters without a slider are first, two in a line.
     """
     if function.shapes:
         about = ", or ".join(shape.summary for shape in function.shapes.values())
         now = function.shape()
         chosen = ui.combo("shape", now, tuple(function.shapes), sentence(about))
         if chosen != now:
-            other = _begun(function.shapes[chosen].example, mesh, int(mesh.vertex_ids[0]))
+            other = _example(function.shapes[chosen].example, mesh, int(mesh.vertex_ids[0]))
             assert isinstance(other, functions.Family)
             put(other, "shape")
             function = other
@@ -384,7 +390,7 @@ def draw_parameters(ui: Ui, function: functions.Family, mesh: TriangleMesh, put:
         widths = ui.halves(*names) if len(pair) == 2 else (0.0,)
         for number, (control, width) in enumerate(zip(pair, widths, strict=True)):
             if number and width:
-                ui.beside()
+                ui.same_line()
             control.draw(width)
         for name in names:
             ui.refusal(name)
@@ -395,7 +401,7 @@ def draw_parameters(ui: Ui, function: functions.Family, mesh: TriangleMesh, put:
 
 @dataclass(frozen=True)
 class _Control:
-    """The widget of a parameter."""
+    """Widget of a parameter."""
 
     ui: Ui
     function: functions.Family
@@ -405,7 +411,7 @@ class _Control:
 
     @cached_property
     def ends(self) -> Range | None:
-        """Those of its slider; None for one that is chosen or typed."""
+        """Range of the slider; None for a parameter that is chosen or typed."""
         kind, slider = self.parameter.kind, self.parameter.slider
         if kind.choices or getattr(self.function, self.parameter.name) is None:
             return None
@@ -442,7 +448,7 @@ class _Control:
             self._change(name, new)
 
     def _change(self, name: str, new: object) -> None:
-        """Take a new value, or say in place why not."""
+        """Apply a new value, or show below the widget why it is refused."""
         parameters = self.function.parameters()
         replaced = {other.name: None for other in parameters if other.instead_of == name}
         with self.ui.refusals.refusing(name):

@@ -1,4 +1,4 @@
-"""How surface A comes to surface B before anything flows: the choice of the initial map."""
+"""Choice of the initial map from surface A to surface B."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ from abfm_viewer.files.contents import MESHES
 from abfm_viewer.panels.context import Context
 
 _MAP_TIP = (
-    "Where each point of B lies on A before anything flows; the flow on B goes on from there."
+    "Map from each point of B to A before the flow. The flow on B corrects its remaining errors."
 )
-_MIRRORED_TIP = "See A in a mirror first, as between left and right."
+_MIRRORED_TIP = "Mirror A first, for example to register a left to a right side."
 _STEP = "change the initial map"
 _MIRROR = "mirror"
 _FILE = "file"
 
 
 class _Choice(NamedTuple):
-    """A word of `abfm.registration.initial`, what it means, and the files that it takes."""
+    """A word of `abfm.registration.initial` with its tooltip and its files.
+
+    `titles` are the titles of the dialogs that open the files, `suffixes` their suffixes.
+    """
 
     word: str
     about: str
@@ -33,54 +36,57 @@ class _Choice(NamedTuple):
 _CHOICES = {
     "automatic": _Choice(
         "",
-        "The best of the following maps that apply, compared by how much they stretch the "
-        "surfaces, and by descriptors, functions and landmarks.",
+        "The best of the applicable maps below, judged by stretch, descriptors, functions and "
+        "landmarks.",
     ),
     "landmarks": _Choice(
         "landmarks",
-        "From three or more landmarks: by distances to them, by eigenfunctions, or closest points.",
+        "From three or more landmarks, by distances, eigenfunctions or closest points.",
         can_mirror=True,
     ),
     "ends of limbs": _Choice(
         "extremities",
-        "By the ends of limbs, matched by distances, for surfaces that are not isometric.",
+        "By the ends of limbs, matched by distances. For surfaces that are not isometric.",
         can_mirror=True,
     ),
-    "same connectivity": _Choice("connectivity", "Vertex i to vertex i, of the same faces."),
+    "same connectivity": _Choice(
+        "connectivity", "Vertex i to vertex i, for meshes of equal faces."
+    ),
     "closest points": _Choice(
-        "closest", "To the closest point, after B was laid on A.", can_mirror=True
+        "closest", "To the closest point, after a rigid alignment of B to A.", can_mirror=True
     ),
     "eigenfunctions": _Choice(
         "spectral",
-        "By eigenfunctions and functions, of surfaces that are nearly isometric.",
+        "By eigenfunctions and functions. For surfaces that are nearly isometric.",
         can_mirror=True,
     ),
     "spheres": _Choice(
         "sphere",
-        "The surfaces are spheres; A's is turned as the functions ask.",
+        "For surfaces that are spheres. The sphere of A is rotated to match the functions.",
         can_mirror=True,
     ),
     "spheres made of both": _Choice(
         "embedding",
-        "Through spheres that are made of the surfaces, which have no handles; A's is turned as "
-        "the functions ask.",
+        "By spheres computed from surfaces without handles. The sphere of A is rotated to match "
+        "the functions.",
         can_mirror=True,
     ),
     "spheres from files...": _Choice(
         "sphere",
-        "Through spheres with the surfaces' vertices; A's is turned as the functions ask.",
+        "By spheres with the vertices of the surfaces. The sphere of A is rotated to match the "
+        "functions.",
         ("Open the sphere of A", "Open the sphere of B"),
         can_mirror=True,
     ),
     "map from a file...": _Choice(
         _FILE,
-        "For each vertex of B its vertex of A, or a face and weights.",
+        "A file with the vertex of A, or a face and weights, for each vertex of B.",
         ("Open a map from B to A",),
         (*VALUES_ENDINGS, ".map"),
     ),
 }
-"""By their labels."""
-_OPENED_CHOICE = {"as opened": _Choice(GIVEN_WORD, "The map that the file came with.")}
+"""Choices by their labels."""
+_OPENED_CHOICE = {"as opened": _Choice(GIVEN_WORD, "The map in the registration file.")}
 
 
 def draw(context: Context) -> None:
@@ -93,22 +99,22 @@ def draw(context: Context) -> None:
         for label, choice in choices.items()
         if choice.word == word and bool(choice.titles) == bool(files)
     )
-    now = next(fitting, document.initial)  # one that was typed into a project
+    now = next(fitting, document.initial)  # a project may have another word
     choices.setdefault(now, _Choice(document.initial, ""))
-    known = choices[now]
+    current = choices[now]
     names = ", ".join(Path(file).name for file in files)
-    tip = "\n\n".join(filter(None, (_MAP_TIP, f"{sentence(now)} {known.about}", names)))
+    tip = "\n\n".join(filter(None, (_MAP_TIP, f"{sentence(now)} {current.about}", names)))
     label = ui.combo("initial map", now, {key: one.about for key, one in choices.items()}, tip)
     if label != now:
         _choose(context, choices[label], ())
-    elif known.can_mirror:
-        ui.beside_if_fits("mirrored")
+    elif current.can_mirror:
+        ui.same_line_if_fits("mirrored")
         wanted = ui.checkbox("mirrored", mirror, _MIRRORED_TIP)
         editor.change(_STEP, initial=_joined(word, wanted, files))
 
 
 def draw_notes(context: Context) -> None:
-    """Say why there is no map, or what is worth knowing of it."""
+    """Draw notes and warnings of the initial map, or the reason why there is none."""
     session = context.session
     if session.work.prepared is not None:
         for note in session.work.prepared.initial.notes:
@@ -120,7 +126,7 @@ def draw_notes(context: Context) -> None:
 
 
 def _choose(context: Context, choice: _Choice, files: tuple[str, ...]) -> None:
-    """Take a choice, and let the user choose its files before, one after the other."""
+    """Apply a choice after the user chose its files, one after another."""
     missing = choice.titles[len(files) :]
     if not missing:
         context.session.editor.change(_STEP, initial=_joined(choice.word, False, files))
@@ -133,7 +139,7 @@ def _choose(context: Context, choice: _Choice, files: tuple[str, ...]) -> None:
 
 
 def _parts(word: str) -> tuple[str, bool, tuple[str, ...]]:
-    """Return a word without what follows it, whether A is mirrored, and files."""
+    """Split the text of an initial map into its word, whether A is mirrored, and files."""
     base, _, rest = word.partition(":")
     if base == _FILE:
         return base, False, (rest,)

@@ -1,4 +1,4 @@
-"""What is left of each interval of a film, by both witnesses, or how fast its field is."""
+"""Plot of the intervals of a sequence: residuals of both checks, or speeds."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets import plots
 
 _EMPTY_NOTE = (
-    "Appears here while all frames are matched: how fast each interval's field is; then what it "
-    "leaves by the discrete flow and by flow lines."
+    "During a run this plot shows the speed in each interval. After it, the plot shows the "
+    "residuals of the discrete flow and along flow lines."
 )
 _VIEWS = {
-    "what is left": "Of each interval: by the discrete flow, and by flow lines.",
-    "speed": "Root mean square of the speed over the surface, in the mesh's unit per second, or "
-    "per frame where there are no times; shaded where it is slow (stable) or fast (transient).",
+    "what is left": "Residual of each interval, by the discrete flow and along flow lines.",
+    "speed": "Root mean square speed in the mesh's unit per second, or per frame without times. "
+    "Shaded: slow (stable) or fast (transient).",
 }
-_SIZE = 2.6
-_MOST_DOTS = 60
+_DOT_SIZE = 2.6
+_DOTS_MAX = 60  # longer sequences are drawn without dots
 
 
 def draw(context: Context) -> None:
-    """Draw the plot; a click on it goes to that interval."""
+    """Draw the plot; a click shows the interval."""
     ui, session, document = context.ui, context.session, context.document(SequenceDocument)
     sequence, result = document.sequence, document.result
     is_live = session.sequence_match.found_count(document) > 0
@@ -45,11 +45,11 @@ def draw(context: Context) -> None:
     if result is None or is_live or shows_speed:
         _speeds(context, sequence)
     else:
-        _left(context, sequence, result)
+        _residuals(context, sequence, result)
 
 
-def doubtful(result: abfm.Sequence) -> BoolArray:
-    """Return which intervals were solved and are not confirmed, (T - 1,) of bool."""
+def unconfirmed(result: abfm.Sequence) -> BoolArray:
+    """Return which intervals are solved but not confirmed, (T - 1,) of bool."""
     good = [verdict.kind.is_good for verdict in result.verdicts]
     found: BoolArray = result.solved & ~np.array(good)
     return found
@@ -70,36 +70,37 @@ def _speeds(context: Context, sequence: FrameSequence) -> None:
             plots.span(episode.start, episode.end, colors[episode.kind])
         _present(context, sequence)
         plots.line("##speed", speeds, ui.colors.flow, ui.px(2), sequence.middles)
-        if len(sequence) <= _MOST_DOTS:
+        if len(sequence) <= _DOTS_MAX:
             ink = ui.colors.flow
-            plots.dots("##speeds", (sequence.middles, speeds), ui.px(_SIZE), (ink, ink))
+            plots.dots("##speeds", (sequence.middles, speeds), ui.px(_DOT_SIZE), (ink, ink))
         _clicks(context, sequence, speeds)
 
 
-def _left(context: Context, sequence: FrameSequence, result: abfm.Sequence) -> None:
+def _residuals(context: Context, sequence: FrameSequence, result: abfm.Sequence) -> None:
     ui, document = context.ui, context.session.document
     unsolved = ~result.solved
     by_flow = np.where(unsolved, np.nan, result.residual)
     by_lines = np.where(unsolved, np.nan, result.verified_residual)
-    doubts = doubtful(result)
+    warned = unconfirmed(result)
     legend = {"residual": ui.colors.flow, "by flow lines": ui.colors.lines}
-    plots.legend(ui, legend | ({"not confirmed": ui.colors.failure} if doubts.any() else {}))
+    plots.legend(ui, legend | ({"not confirmed": ui.colors.failure} if warned.any() else {}))
     with plots.plot(ui, "interval plot") as is_drawn:
         if not is_drawn:
             return
         plots.set_up(_across(sequence), (document.start, document.end), (by_flow, by_lines))
         _present(context, sequence)
-        for name, left, ink in (
+        for name, values, ink in (
             ("by flow lines", by_lines, ui.colors.lines),
             ("residual", by_flow, ui.colors.flow),
         ):
-            plots.line(f"##{name}", left, ink, ui.px(1.8), sequence.middles)
-            if len(sequence) <= _MOST_DOTS:
-                plots.dots(f"##dots {name}", (sequence.middles, left), ui.px(_SIZE), (ink, ink))
-        if doubts.any():
+            plots.line(f"##{name}", values, ink, ui.px(1.8), sequence.middles)
+            if len(sequence) <= _DOTS_MAX:
+                dots = sequence.middles, values
+                plots.dots(f"##dots {name}", dots, ui.px(_DOT_SIZE), (ink, ink))
+        if warned.any():
             failure, worse = ui.colors.failure, worse_residual(by_flow, by_lines)
-            at = sequence.middles[doubts], worse[doubts]
-            plots.dots("##doubts", at, ui.px(1.7 * _SIZE), (failure, failure))
+            at = sequence.middles[warned], worse[warned]
+            plots.dots("##unconfirmed", at, ui.px(1.7 * _DOT_SIZE), (failure, failure))
         _clicks(context, sequence, by_flow)
 
 
@@ -108,7 +109,7 @@ def _across(sequence: FrameSequence) -> str:
 
 
 def _present(context: Context, sequence: FrameSequence) -> None:
-    """Shade the present interval, and draw the shown time."""
+    """Shade the current interval, and draw the shown time."""
     ui, time = context.ui, context.session.document.time
     now = sequence.interval(time)
     ends = float(sequence.times[now]), float(sequence.times[now + 1])
@@ -117,7 +118,7 @@ def _present(context: Context, sequence: FrameSequence) -> None:
 
 
 def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> None:
-    """Let a click go to an interval; scripts find them by their numbers."""
+    """Show a clicked interval, and record the intervals for scripts by their numbers."""
     ui, session = context.ui, context.session
     known = values[np.isfinite(values)]
     level = float(np.median(known)) if len(known) else 1.0
@@ -128,13 +129,13 @@ def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> No
     if not plots.is_under_mouse():
         return
     at = sequence.interval(float(implot.GetPlotMousePos()[0]))
-    plots.tooltip(ui, _words(context, sequence, at))
+    plots.tooltip(ui, _tooltip_text(context, sequence, at))
     if imgui.IsMouseClicked(0) and ui.record.enabled:
         session.set_time(float(sequence.middles[at]))
 
 
-def _words(context: Context, sequence: FrameSequence, at: int) -> str:
-    """Return what an interval is and has come to."""
+def _tooltip_text(context: Context, sequence: FrameSequence, at: int) -> str:
+    """Return the frames, speed, residuals and verdict of an interval."""
     session, document = context.session, context.document(SequenceDocument)
     lines = [f"{sequence.frame_label(at)} to {sequence.frame_label(at + 1)}"]
     speed = session.sequence_match.speeds(document)[at]
@@ -142,8 +143,9 @@ def _words(context: Context, sequence: FrameSequence, at: int) -> str:
     if np.isfinite(speed):
         lines.append(f"speed {speed:.3g}, in {sequence.unit_of_speed}")
     if result is not None and result.solved[at]:
-        left, by_lines = float(result.residual[at]), float(result.verified_residual[at])
-        told = f", by flow lines {share(by_lines)}" if np.isfinite(by_lines) else ""
-        lines += [f"what is left: {share(left)}{told}", result.verdicts[at].kind]
-        lines.append(f"in between: {share(float(result.motion_shares[at]))} of the motion")
+        residual, by_lines = float(result.residual[at]), float(result.verified_residual[at])
+        along_lines = f", along flow lines {share(by_lines)}" if np.isfinite(by_lines) else ""
+        lines += [f"residual {share(residual)}{along_lines}", result.verdicts[at].kind]
+        motion = share(float(result.motion_shares[at]))
+        lines.append(f"in-between frames use {motion} of the motion")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Landmarks: points of the source's surface, and the points of the target's they belong to."""
+"""Landmarks: pairs of corresponding points on the surfaces of source and target."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from abfm_viewer.session.session import Session
 
 FILES = (".csv", ".txt", ".vts")
 PLACE_TIP = (
-    "Points of both surfaces that belong together: the flow takes each one to its partner. Click "
-    "on one surface, then on its partner on the other; drag to move (M)."
+    "Place pairs of points that the flow should match (M). Click on one surface and then on the "
+    "corresponding point of the other; drag a point to move it."
 )
-_ALONE_TIP = "Match nothing but the landmarks; the functions are carried along."
-_OPEN_TIP = "Pairs from a file: vertices of both surfaces, or their coordinates, a line each."
+_ALONE_TIP = "Match only the landmarks. The functions are advected by the same flow."
+_OPEN_TIP = "Open pairs from a file. Each line has vertices of both surfaces or their coordinates."
 _SAVE = "Write the pairs to a .csv file, as coordinates on both surfaces."
-_REMOVE = "Remove the chosen landmark from both surfaces (Delete)."
+_REMOVE = "Remove the selected landmark from both surfaces (Delete)."
 
 
 def draw(context: Context) -> None:
-    """Draw landmarks as a list, if there are some, or there will be."""
+    """Draw the list of landmarks, if there are any or the user is placing some."""
     ui, document = context.ui, context.session.document
     places = document.view.tool == "landmark"
     if not (document.landmarks or places):
@@ -44,36 +44,36 @@ def open_file(context: Context) -> None:
 
 def _draw_list(context: Context) -> None:
     ui, session, editor = context.ui, context.session, context.session.editor
-    document, left = session.editor.draft, _left(session)
-    # first, so that they stay where they are while landmarks come
+    document, errors = session.editor.draft, _errors(session)
+    # above the list, so that the buttons do not move when landmarks are added
     if ui.button("Remove##landmark", _REMOVE):
         editor.remove_landmark()
-    ui.beside_if_fits("Clear landmarks", is_button=True)
+    ui.same_line_if_fits("Clear landmarks", is_button=True)
     if ui.button("Clear landmarks", "Remove all landmarks."):
         editor.set_landmarks("clear landmarks", ())
-    ui.beside_if_fits("Open landmarks...", is_button=True)
+    ui.same_line_if_fits("Open landmarks...", is_button=True)
     if ui.button("Open landmarks...", _OPEN_TIP):
         open_file(context)
     if ui.button("Save landmarks...", _SAVE, enabled=bool(document.pairs)):
         name = f"{Path(document.name).stem}_landmarks.csv"
         context.dialogs.save("Save landmarks", FILES[:1], name, lambda path: write(session, path))
-    ui.beside_if_fits("landmarks alone")
+    ui.same_line_if_fits("landmarks alone")
     alone = ui.checkbox("landmarks alone", document.landmarks_alone, _ALONE_TIP)
     step = f"match {'landmarks alone' if alone else 'functions as well'}"
     editor.change(step, landmarks_alone=alone)
     for number, landmark in enumerate(document.landmarks):
-        label = f"{number + 1}: {_words(document, landmark, left.get(landmark))}"
+        label = f"{number + 1}: {_row_text(document, landmark, errors.get(landmark))}"
         if ui.row(label, number == document.landmark)[0]:
             editor.select(landmark=number)
 
 
 def read(session: Session, path: Path) -> None:
-    """Take the pairs of a file in place of those that there are."""
+    """Replace the landmarks by the pairs of a file."""
     a, b = (session.surface(side).mesh for side in SIDES)
     with session.notices.showing_errors():
         found = landmarks_of(abfm.registration.read_landmarks(a, b, str(path)))
         session.editor.set_landmarks(f"open {path.name}", found)
-        session.notices.show(f"{counted(len(found), 'landmark')} of {path.name}")
+        session.notices.show(f"opened {counted(len(found), 'landmark')} of {path.name}")
 
 
 def write(session: Session, path: Path) -> None:
@@ -85,16 +85,16 @@ def write(session: Session, path: Path) -> None:
             session.notices.show(f"saved {path}")
 
 
-def _words(document: Document, landmark: Landmark, left: float | None) -> str:
+def _row_text(document: Document, landmark: Landmark, error: float | None) -> str:
     name = f"{landmark.name}, " if landmark.name else ""
     missing = [document.surface_label(side) for side in SIDES if landmark.point(side) is None]
     if missing:
         return f"{name}not yet on {missing[0]}, not used"
-    return f"{name}{'placed' if left is None else f'{share(left)} away'}"
+    return f"{name}{'placed' if error is None else f'{share(error)} away'}"
 
 
-def _left(session: Session) -> dict[Landmark, float]:
-    """Return how far the match leaves landmarks from their partners, of sqrt(area)."""
+def _errors(session: Session) -> dict[Landmark, float]:
+    """Return the landmark errors of the match, as fractions of sqrt(area)."""
     result, pairs = session.result, session.document.pairs
     if result is None or session.outdated or session.solver.running:
         return {}

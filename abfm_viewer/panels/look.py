@@ -1,4 +1,4 @@
-"""The tab Look: what the surfaces show, and what can be said of it in numbers."""
+"""The tab Look: settings of the view, and facts in numbers."""
 
 import numpy as np
 
@@ -13,43 +13,40 @@ from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.widget_record import Range
 
 _COLORINGS: dict[Coloring, str] = {
-    "function": "The advected function itself.",
-    "speed": "How fast the field is; of a film in the mesh's unit, else in sqrt(area), per time.",
-    "divergence": "Where the flow spreads (positive) and where it gathers.",
-    "curl": "Where the flow turns, and which way.",
-    "coordinates": "The coordinates as red, green and blue, carried by the flow.",
-    "checker": "A checkerboard, carried by the flow.",
-    "labels": "Labels of the source's surface, such as regions of a brain, carried by the flow.",
-    "area distortion": "How much larger (red) or smaller (blue) the map makes each face.",
-    "conformal distortion": "How much the map stretches each face in one direction more than in "
-    "the other.",
+    "function": "The advected function.",
+    "speed": "Speed of the field per time, in sqrt(area); for sequences in the mesh's unit.",
+    "divergence": "Divergence of the field: positive where the flow spreads.",
+    "curl": "Curl of the field: where the flow rotates, and in which direction.",
+    "coordinates": "Coordinates as red, green and blue, advected by the flow.",
+    "checker": "Checkerboard, advected by the flow.",
+    "labels": "Labels of the source's surface, such as brain regions, advected by the flow.",
+    "area distortion": "Area change of each face: enlarged (red) or reduced (blue).",
+    "conformal distortion": "Ratio of the largest to the smallest stretch of each face.",
 }
 _MAPS: tuple[Coloring, ...] = (*TRANSFERRED_COLORINGS, "area distortion", "conformal distortion")
 _LABELS = "Open labels..."
 _PART = (
-    "The whole field, or a part of its Helmholtz-Hodge decomposition: without curl, without "
-    "divergence, or both. Or the smoothest field that commutes with it (seconds), or the "
-    "source's gradient, carried along its flow."
+    "The complete field, or a part of its Helmholtz-Hodge decomposition. Also the smoothest "
+    "commuting field (takes seconds), or the source's gradient advected by the flow."
 )
-_ARROWS = "The field as arrows on the advected surface."
-_STREAKS = "Lines all over the surface: line integral convolution, seconds after a match."
+_ARROWS = "Show the field as arrows on the advected surface."
+_STREAKS = "Show the field as streaks (line integral convolution). They take seconds to compute."
 _TRACKS = (
-    "Where the fields' sources, sinks, spirals and saddles go over the surface in time; balls show "
-    "where they are at the shown time."
+    "Paths of the fields' sources, sinks, spirals and saddles over time. Balls show their places "
+    "at the shown time."
 )
-_LINKS = "From points of A to where they are on B at the shown time."
-_FADE = "Less contrast of the streaks where the field is slower."
+_LINKS = "Lines from points of A to their images on B at the shown time."
+_FADE = "Reduce the contrast of the streaks where the field is slow."
 _CLICKS = (
-    "Nothing.",
-    "A landmark.",
-    "A flow line through the point.",
-    "Follow where the point goes over time.",
+    "A click does nothing.",
+    "A click places a landmark.",
+    "A click draws the flow line through the point.",
+    "A click follows the point over time.",
 )
 _COMPARISON_TIPS = {
-    "linear blend": "A surface with (1 - t/τ) source + t/τ target: nothing moves, it only fades.",
-    "optimal transport": "A surface with the Wasserstein interpolation: the mass takes the "
-    "shortest ways.",
-    "error": "A surface with |target - advected|, on a range of its own.",
+    "linear blend": "Add a surface with (1 - t/τ) source + t/τ target, without motion.",
+    "optimal transport": "Add a surface with the Wasserstein interpolation of source and target.",
+    "error": "Add a surface with |target - advected|, with a separate colour range.",
 }
 
 
@@ -60,7 +57,7 @@ def _switch(context: Context, label: str, name: str, step: str, tip: str) -> Non
 
 def draw_coloring(context: Context) -> None:
     now = context.session.view.coloring
-    tip = f"What the advected surface shows. {_COLORINGS[now]}"
+    tip = f"Colours of the advected surface. {_COLORINGS[now]}"
     chosen = context.ui.combo("color by", now, _COLORINGS, tip)
     context.session.editor.set_view(f"color by {chosen}", coloring=chosen)
     if chosen == "labels":
@@ -72,13 +69,16 @@ def draw_links(context: Context) -> None:
 
 
 def _draw_labels(context: Context, opens: bool) -> None:
-    """Draw which labels there are, and what opens others: at once where there are none."""
+    """Draw the labels, and the button that opens others.
+
+    If ``opens``, the dialog opens immediately unless there are labels.
+    """
     ui, labels = context.ui, context.session.document.labels
-    tip = "Labels of the source's surface: .label.gii, .annot, .dlabel.nii, or whole numbers."
+    tip = "Open labels of the source's surface: .label.gii, .annot, .dlabel.nii, or integers."
     if ui.button(_LABELS, tip) or (opens and labels is None):
         context.dialogs.open("Open labels", LABELS, context.files.open_labels)
     if labels is not None:
-        ui.beside_if_fits(labels.file)
+        ui.same_line_if_fits(labels.file)
         named = sum(map(bool, labels.names)) or len(labels.keys)
         ui.line(
             f"{labels.file}, {counted(named, 'label')}", tip=", ".join(filter(None, labels.names))
@@ -92,25 +92,25 @@ def draw_field(context: Context) -> None:
     set_view(f"show the {part} field", part=part)
     _switch(context, "arrows", "arrows", "switch arrows", _ARROWS)
     with ui.disabled(not view.arrows):
-        tip = "Of the longest, at most, as a fraction of sqrt(area). None is so long that it would "
-        tip += "lie over another one: where arrows are dense they are shorter."
+        tip = "Largest length as a fraction of sqrt(area). Dense arrows are shorter, so that they "
+        tip += "do not overlap."
         length = ui.number("length", view.arrow_length, Range(0.01, 0.4), tip)
         if length is not None and length > 0:
             set_view("arrows' length", "length", arrow_length=min(max(length, 0.001), 10.0))
-        tip = "How near to each other arrows are, in pixels: there are more on a larger surface."
+        tip = "Density of arrows in pixels. Larger surfaces have more arrows."
         density = ui.bounded("density", view.arrow_density, Range(0, 1), tip, (0.0, 1.0))
         set_view("arrows' density", "density", arrow_density=density)
     _switch(context, "streaks", "streaks", "switch streaks", _STREAKS)
     with ui.disabled(not view.streaks):
-        ui.beside_if_fits("fade with speed")
+        ui.same_line_if_fits("fade with speed")
         _switch(context, "fade with speed", "fade", "switch fading", _FADE)
-        ui.beside_if_fits("animate")
-        tip = "Streaks move along the field, here and in movies."
+        ui.same_line_if_fits("animate")
+        tip = "Move the streaks along the field, here and in movies."
         _switch(context, "animate", "animate", "switch animation", tip)
 
 
 def draw_tracks(context: Context) -> None:
-    """Draw the switch of a film's tracks, and what their colours mean."""
+    """Draw the switch for the tracks of a sequence, and the legend of their colours."""
     ui, session = context.ui, context.session
     with ui.disabled(session.document.result is None):
         _switch(context, "tracks", "tracks", "switch tracks", _TRACKS)
@@ -129,8 +129,8 @@ def draw_clicks(context: Context) -> None:
     editor.set_view("choose what a click does", tool=tool)
     if ui.button("Clear lines", "Remove all flow lines.", enabled=bool(document.lines)):
         editor.change("clear lines", lines=())
-    ui.beside_if_fits("Clear points")
-    if ui.button("Clear points", "Follow no points any more.", enabled=bool(document.points)):
+    ui.same_line_if_fits("Clear points")
+    if ui.button("Clear points", "Remove all followed points.", enabled=bool(document.points)):
         editor.change("clear points", points=())
 
 
@@ -138,7 +138,7 @@ def draw_compare(context: Context) -> None:
     context.ui.heading("compare with")
     for number, (label, tip) in enumerate(_COMPARISON_TIPS.items()):
         if number:
-            context.ui.beside_if_fits(label)
+            context.ui.same_line_if_fits(label)
         _switch(context, label, label.split()[-1], "compare", tip)
 
 
@@ -159,8 +159,8 @@ def _error(context: Context) -> None:
         difference = np.abs(target - advected)
         worst = int(np.argmax(difference))
         ui.note(
-            f"At time {session.document.time:.4g} the error is at most {difference[worst]:.4g}, at "
-            f"vertex {session.surface('error').mesh.vertex_ids[worst]}; on average "
+            f"Error at time {session.document.time:.4g}: at most {difference[worst]:.4g} (vertex "
+            f"{session.surface('error').mesh.vertex_ids[worst]}), mean "
             f"{float(difference.mean()):.4g}."
         )
     if session.result is not None and not (session.outdated or session.solver.running):
@@ -174,17 +174,17 @@ def _error(context: Context) -> None:
 def _field(context: Context) -> None:
     ui, quantities = context.ui, context.shown.quantities
     if context.shown.flow.state is None:
-        ui.note("There is a field after, and during, a match.")
+        ui.note("The field is shown during and after a match.")
     field = quantities.field()
     if context.session.view.part == "commuting" and quantities.is_computing_field:
-        ui.note("The field that commutes is being computed.")
+        ui.note("The commuting field is being computed.")
     elif field is not None:
         speed, unit = field.relative_speed()
         ui.note(f"Largest speed {float(speed.max()):.4g}, in {unit}.")
         if field.note:
             ui.note(field.note)
         if shares := [f"{name} {100 * share:.1f}%" for name, share in field.shares.items()]:
-            ui.note(f"Of the squared norm: {', '.join(shares)}.")
+            ui.note(f"Shares of the squared norm: {', '.join(shares)}.")
     if quantities.error:
         ui.note(quantities.error, "failure")
 
@@ -197,9 +197,10 @@ def _map(context: Context) -> None:
     found, back = quality.distortion, quality.round_trip
     area, shape = found.log2_area, found.log2_shape
     ui.note(
-        f"|log2| of areas' factors: mean {area.mean:.3f}, 95% below {area.p95:.3f}; of stretches' "
-        f"ratios: {shape.mean:.3f}, {shape.p95:.3f}. Folded faces: {found.folded}. There and back: "
-        f"{back.median:.2g} edges, 95% below {back.p95:.2g}."
+        f"Area change |log2 J|: mean {area.mean:.3f}, 95% below {area.p95:.3f}. "
+        f"Shape change |log2 R|: mean {shape.mean:.3f}, 95% below {shape.p95:.3f}. "
+        f"Folded faces: {found.folded}. "
+        f"Error of the round trip: median {back.median:.2g} edges, 95% below {back.p95:.2g}."
     )
     if quality.warning:
         ui.note(f"Warning: {quality.warning}.", "failure")

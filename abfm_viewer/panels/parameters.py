@@ -1,4 +1,4 @@
-"""Parameters of the match."""
+"""The parameters of the match in the tab Match."""
 
 from dataclasses import replace
 from functools import cache
@@ -28,7 +28,7 @@ _DEFAULT_PARAMETERS = Parameters()
 
 
 class _About(NamedTuple):
-    """What a parameter is called, where the paper has it, and its slider."""
+    """Label of a parameter, its place in the paper, and its slider."""
 
     label: str
     place: str
@@ -66,54 +66,54 @@ _PARAMETER_TEXTS = {
 }
 """In the order in which they are drawn."""
 _REMEDIES = {
-    "alpha": "Smaller if the target is missed, larger if the field is rough.",
-    "sigma": "Auto is mostly best; smaller if the match is loose, larger if the field is wild. It "
-    "is relative to the functions, whatever their scale and width, unless the unit of σ is "
-    "absolute: half as large asks for half the residual.",
-    "beta": "0 is mostly best; try 1e-4 if the target's edges are blurred.",
-    "tau": "Leave it and change the smoothness: mostly only speed and time trade places.",
-    "reach": "Larger if the source shrinks where it is instead of moving to the target.",
-    "divergence": "Auto is mostly best; 1 if areas have to change much, more if they must not.",
-    "iterations": "More if it ended at the iteration limit.",
-    "sigma_unit": "relative, which fits functions of any scale and width.",
-    "landmark_sigma": "Smaller if landmarks are left too far, larger if they tear at the map.",
-    "cooling_stages": "More if functions far apart do not meet.",
-    "cooling_factor": "Smaller if a new stage undoes the last one.",
-    "stage_iterations": "More if the energy still falls where a stage ends.",
-    "goal": "Smaller if what counts as matched is not close enough.",
-    "refine": "More if flow lines confirm less than the match shows, 0 if it takes long.",
-    "levels": "More if a large mesh takes long, 1 if its coarser ones lose thin parts.",
-    "order": "2 keeps fields continuous; 1 fits more closely, with fields whose flow differs.",
-    "method": "nonlinear if the result is jagged.",
-    "segments": "1 for a single field, more if one does not come close or linearised steps leave "
-    "noise.",
-    "gradient": "adjoint, which is exact.",
-    "substeps": "More if the line search fails early.",
-    "quadrature": "More if the line search fails early.",
-    "memory": "More if it is slow, fewer if memory runs out.",
-    "max_displacement": "Smaller if the field overshoots in the first iterations.",
-    "tolerance": "Smaller if it converges too early.",
-    "preconditioner": "hodge, which is faster on all but the coarsest meshes.",
+    "alpha": "Decrease it if the target is missed, increase it if the field is rough.",
+    "sigma": "Usually leave it at auto. Decrease it if the residual is too large, increase it if "
+    "the field is rough. Half as large a relative σ gives about half the residual.",
+    "beta": "Usually leave it at 0. Try 1e-4 if the edges of the target are blurred.",
+    "tau": "Leave it and change the smoothness. Usually τ only rescales the speed.",
+    "reach": "Increase it if the source shrinks in place instead of moving to the target.",
+    "divergence": "Usually leave it at auto. Use 1 if areas must change much, more to preserve "
+    "areas.",
+    "iterations": "Increase it if the run ended at the iteration limit.",
+    "sigma_unit": "Use relative, which works for functions of any scale and width.",
+    "landmark_sigma": "Decrease it if landmark errors are too large, increase it if landmarks "
+    "distort the map.",
+    "cooling_stages": "Increase it if functions far apart do not reach each other.",
+    "cooling_factor": "Decrease it if a new stage undoes the previous one.",
+    "stage_iterations": "Increase it if the energy still decreases at the end of a stage.",
+    "goal": "Decrease it if a match with verdict matched is not accurate enough.",
+    "refine": "Increase it if the residual along flow lines is much larger. Use 0 to save time.",
+    "levels": "Increase it if a large mesh takes long. Use 1 if coarse meshes lose thin parts.",
+    "order": "2 gives continuous fields. 1 fits more closely, but flow lines may disagree.",
+    "method": "Use nonlinear if the result is jagged.",
+    "segments": "Use 1 for a single field. Increase it if one field does not reach the target or "
+    "linearised steps produce noise.",
+    "gradient": "Use adjoint, which is exact.",
+    "substeps": "Increase it if the line search fails early.",
+    "quadrature": "Increase it if the line search fails early.",
+    "memory": "Increase it if convergence is slow, decrease it if memory runs out.",
+    "max_displacement": "Decrease it if the field overshoots in the first iterations.",
+    "tolerance": "Decrease it if the solver stops too early.",
+    "preconditioner": "Use hodge, which is faster on all but the coarsest meshes.",
 }
-"""What another value mends."""
+"""Advice on changing a parameter, for its tooltip."""
 _CHOICES = CHOICES | {"refine": (AUTO, "0", "1", "2")}
 _AUTO = {
     "sigma": Auto(
         LAST_SIGMA,
-        "The match comes as close as can be certified, and says how close. Untick it, or move the "
-        "slider, to end at a closeness of your own.",
+        "Use the smallest σ that passes verification. Untick it, or move the slider, to set σ.",
     ),
     "divergence": Auto(
         AREA_PRESERVING_DIVERGENCE,
-        "10 where the functions match exactly, and 1 where they were measured. Untick it, or move "
-        "the slider, to choose.",
+        "Use 10 for functions that match exactly, and 1 for measured functions. Untick it, or move "
+        "the slider, to set a value.",
     ),
 }
 _MAIN_PARAMETERS = ("alpha", "sigma", "beta", "tau", "reach")
 _MASK = (
-    "A function that weighs the mismatch at each vertex, 0 or more: where it is 0, anything may "
-    "happen. Any spec, for example indicator:vertex=12,radius=0.3 or expression:x>0. Empty: every "
-    "vertex counts alike.\nNot in the paper. Bad result in one region: give it more weight."
+    "Weight of the mismatch at each vertex, 0 or more, given by a function. Examples: "
+    "indicator:vertex=12,radius=0.3 or expression:x>0.\nEmpty: all vertices have the same weight. "
+    "Not in the paper.\nBad result in one region? Give it more weight."
 )
 
 
@@ -126,20 +126,18 @@ def draw(context: Context) -> None:
     draw_switches(ui, session)
     with section(ui, "Advanced", False) as is_open:
         if is_open:
-            useless = (
-                {"substeps", "quadrature"} if parameters.paper.gradient == "adjoint" else set()
-            )
+            unused = {"substeps", "quadrature"} if parameters.paper.gradient == "adjoint" else set()
             if parameters.paper.method == "linearised":
-                useless = {"gradient", "substeps", "quadrature"}
+                unused = {"gradient", "substeps", "quadrature"}
             for name in [name for name in _PARAMETER_TEXTS if name not in _MAIN_PARAMETERS]:
-                with ui.disabled(name in useless):
+                with ui.disabled(name in unused):
                     _control(ui, session, name)
             spec = ui.text("mask", session.document.mask, _MASK, hint="none: all vertices count")
             if spec is not None:
                 with ui.refusals.refusing("mask"):
                     session.editor.set_mask(spec.strip())
             ui.refusal("mask", otherwise=session.work.error("mask"))
-            tip = "All parameters as they are at first."
+            tip = "Reset all parameters to their defaults."
             if ui.button(
                 "Reset to defaults", tip, enabled=parameters != _DEFAULT_PARAMETERS, width=-1
             ):
@@ -153,9 +151,9 @@ def _preset(ui: Ui, session: Session) -> None:
     )
     rows = {row.name: row for row in TABLE_1.values()}
     tips = {_OWN_VALUES: ""} if shown == _OWN_VALUES else {}
-    tips[_DEFAULTS] = "What is best for most meshes and functions."
+    tips[_DEFAULTS] = "Recommended for most meshes and functions."
     tips |= {name: row.about for name, row in rows.items()}
-    about = "All parameters at once: the defaults, or a row of the paper's Table 1."
+    about = "Set all parameters: to the defaults, or to a row of the paper's Table 1."
     chosen = ui.combo("preset", shown, tips, f"{about}\n\n{tips[shown]}".strip())
     if chosen == shown:
         return
@@ -192,7 +190,7 @@ def _tip(name: str) -> str:
     help, symbol = FIELDS[name].metadata["help"], FIELDS[name].metadata["symbol"]
     default, about = FIELDS[name].default, _PARAMETER_TEXTS[name]
     shown = f"{default:g}" if isinstance(default, int | float) else default or AUTO
-    in_paper = ", ".join(filter(None, [symbol.strip("*"), about.place])) or "not there"
+    in_paper = ", ".join(filter(None, [symbol.strip("*"), about.place])) or "not used"
     return (
         f"{sentence(help)} Default: {shown}.\nIn the paper: {in_paper}.\n"
         f"In files and on the command line: {name}.\nBad result? {_REMEDIES[name]}"

@@ -1,4 +1,4 @@
-"""The table of a batch or a population: a click on a row shows its result."""
+"""The table of a batch or a population; a click on a row shows its result."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from abfm_viewer.widgets.toolkit import TextTone, Ui, pushed
 from abfm_viewer.widgets.widget_record import Rect
 
 _COMPARISON_TIPS: dict[ComparisonKind, str] = {
-    "difference": "The subject's values less the mean of the others.",
-    "mean": "The mean of all that fit.",
-    "deviation": "The standard deviation over those who fit.",
-    "areas": "How areas vary over those who fit: the deviation of log2 J.",
+    "difference": "The subject's values minus the mean of the others.",
+    "mean": "Mean of all subjects that fit.",
+    "deviation": "Standard deviation over the subjects that fit.",
+    "areas": "Standard deviation of log2 J over the subjects that fit.",
 }
 _FLAGS = (
     imgui.ImGuiTableFlags_Resizable
@@ -33,10 +33,11 @@ _FLAGS = (
     | imgui.ImGuiTableFlags_SizingStretchProp
 )
 _WEIGHTS: dict[Name, float] = {"name": 2.0, "reason": 4.0}
-_LEAST_TEXT: dict[Name, float] = {"name": 110, "reason": 180}  # widths, at a scale of 1
-_ARROW = 14  # beside a head, the same
-_COMPARE = 110
-_WIDEST_NUMBER = "100.00%"  # number
+# lengths at a scale of 1
+_TEXT_WIDTH_MIN: dict[Name, float] = {"name": 110, "reason": 180}
+_ARROW_WIDTH = 14
+_COMPARE_WIDTH = 110
+_WIDEST_NUMBER = "100.00%"
 _SPARE_COLUMNS: tuple[Name, ...] = (
     "folded",
     "log2_area",
@@ -44,21 +45,22 @@ _SPARE_COLUMNS: tuple[Name, ...] = (
     "residual",
     "reason",
 )
-"""Columns that are left out where there is no room for all; a row's tip has them then."""
+"""Columns that are hidden in a narrow table, in this order; the tooltip of a row shows them."""
 _HINT = "in names and reasons"
-_REFRESH_TIP = "Read the folder again now; it is looked at every two seconds."
-_CLOSE_TIP = "Take the table away; what the surfaces show stays."
-_MARGIN_ROWS = 3  # rows above and below those in sight that are drawn, too
+_REFRESH_TIP = "Read the folder now. It is also checked every two seconds."
+_CLOSE_TIP = "Close the table. The surfaces stay the same."
+_MARGIN_ROWS = 3  # drawn above and below the visible rows
 _ENDS = Memo[FloatArray]()
-# at a scale of 1, and of what is left for surfaces
+# height at a scale of 1, and as a share of the height for surfaces and table
 _HEIGHT = 236
-_SHARE = 0.4
+_HEIGHT_SHARE = 0.4
 _HEIGHT_MIN = 130
 
 
-def height(room: float, scale: float) -> float:
-    """Return how high the table is where so many pixels are left for surfaces and it."""
-    return max(min(_HEIGHT * scale, _SHARE * room), min(_HEIGHT_MIN * scale, room / 2))
+def height(available: float, scale: float) -> float:
+    """Return the height of the table from the height for surfaces and table, in pixels."""
+    share = _HEIGHT_SHARE * available
+    return max(min(_HEIGHT * scale, share), min(_HEIGHT_MIN * scale, available / 2))
 
 
 def draw(context: Context, rect: Rect) -> None:
@@ -73,7 +75,7 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _draw_line(ui: Ui, tables: Tables) -> None:
-    """Draw what is above the rows."""
+    """Draw the line above the rows."""
     table = tables.table
     assert table is not None
     buttons = ("Refresh", "Close table")
@@ -81,28 +83,28 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
     search = ui.text_width(_HINT) + 2 * imgui.GetStyle().FramePadding[0] + ui.px(2)
     taken += search + ui.text_width("search") + ui.px(16)
     if table.has_comparisons:
-        taken += ui.px(_COMPARE) + ui.text_width("compareRegistration") + ui.px(50)
+        taken += ui.px(_COMPARE_WIDTH) + ui.text_width("compareRegistration") + ui.px(50)
     ui.align()
     room = float(imgui.GetContentRegionAvail()[0]) - taken
     kind: TextTone = "failure" if tables.error or tables.unshown_row else "ink"
-    told = tables.error or tables.summary
-    if ui.text_width(told) <= room:
-        ui.line(told, kind, room=room)
-        ui.beside()
+    text = tables.error or tables.summary
+    if ui.text_width(text) <= room:
+        ui.line(text, kind, room=room)
+        ui.same_line()
     else:
-        ui.note(told, kind)
+        ui.note(text, kind)
     tables.search = ui.live_text("search", tables.search, _HINT, width=search)
     if table.has_comparisons:
-        ui.beside_if_fits("compare", is_button=True)
-        tip = "What is shown between the subject and the mean of the others."
+        ui.same_line_if_fits("compare", is_button=True)
+        tip = "Quantity shown between the subject and the mean of the others."
         what = ui.combo(
-            "compare", tables.comparison_kind, _COMPARISON_TIPS, tip, width=ui.px(_COMPARE)
+            "compare", tables.comparison_kind, _COMPARISON_TIPS, tip, width=ui.px(_COMPARE_WIDTH)
         )
         if what != tables.comparison_kind:
             tables.compare(what)
         row = tables.chosen
-        tip = "Show the chosen subject on its own surface, with the flow that registers it."
-        ui.beside_if_fits("Registration", is_button=True)
+        tip = "Show the selected subject on its surface, with the flow that registers it."
+        ui.same_line_if_fits("Registration", is_button=True)
         enabled = row is not None and row.path is not None
         if ui.button("Registration", tip, enabled=enabled) and row is not None:
             tables.open_result(row)
@@ -111,7 +113,7 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
         ("Close table", _CLOSE_TIP, tables.close_table),
     )
     for label, tip, act in ends:
-        ui.beside_if_fits(label, is_button=True)
+        ui.same_line_if_fits(label, is_button=True)
         if ui.button(label, tip):
             act()
 
@@ -122,9 +124,9 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
     left, top = imgui.GetCursorScreenPos()
     width, high = imgui.GetContentRegionAvail()
     columns = _fitting(ui, table.columns, width)
-    # without rows, the heads alone, and below them why
-    none_is_found = not rows and bool(tables.search.strip())
-    size = 0.0, _whole_rows(0.0 if none_is_found else high)
+    # without matching rows, draw only the headings, and the message below them
+    has_no_match = not rows and bool(tables.search.strip())
+    size = 0.0, _height_of_rows(0.0 if has_no_match else high)
     if not imgui.BeginTable(f"rows of {len(columns)}", len(columns), _FLAGS, size):
         return
     try:
@@ -133,14 +135,14 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
             _draw_cells(ui, tables, columns, (rows, _ends(rows, width)))
     finally:
         imgui.EndTable()
-    if none_is_found:
+    if has_no_match:
         all_rows = counted(len(table.rows), table.noun)
-        message = f"nothing called {brief(tables.search.strip())} among {all_rows}"
+        message = f"no match for {brief(tables.search.strip())} among {all_rows}"
         ui.line(message, "ink", room=width)
 
 
-def _whole_rows(room: float) -> float:
-    """Return the height of the heads, and of as many rows as have room and are not cut."""
+def _height_of_rows(room: float) -> float:
+    """Return the height of the headings and of as many complete rows as fit."""
     border = 2.0
     return _row_height() * max((room - border) // _row_height(), 1.0) + border
 
@@ -150,13 +152,13 @@ def _row_height() -> float:
 
 
 def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...]:
-    """Return the columns for which there is room beside names and reasons."""
+    """Return the columns that fit next to names and reasons."""
     style = imgui.GetStyle()
     padding = 2 * style.CellPadding[0] + 1
     for column in (None, *_SPARE_COLUMNS):
         columns = tuple(each for each in columns if each != column)
         widths = [
-            ui.px(_LEAST_TEXT[each]) if each in _LEAST_TEXT else _width(ui, each)
+            ui.px(_TEXT_WIDTH_MIN[each]) if each in _TEXT_WIDTH_MIN else _width(ui, each)
             for each in columns
         ]
         if sum(widths) + padding * len(widths) + style.ScrollbarSize <= width:
@@ -165,14 +167,17 @@ def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...
 
 
 def _width(ui: Ui, column: Name) -> float:
-    """Return the width that a column's head and texts need."""
-    words = tuple(Outcome) if column == "verdict" else (_WIDEST_NUMBER,)
-    head = ui.text_width(COLUMNS[column].head) + ui.px(_ARROW)
-    return max(head, *map(ui.text_width, words))
+    """Return the width of the heading and the texts of a column."""
+    texts = tuple(Outcome) if column == "verdict" else (_WIDEST_NUMBER,)
+    head = ui.text_width(COLUMNS[column].head) + ui.px(_ARROW_WIDTH)
+    return max(head, *map(ui.text_width, texts))
 
 
 def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
-    """Return where rows end below the heads (n,), whose reasons wrap in a column of a width."""
+    """Return the end of each row below the headings, (n,) in pixels.
+
+    The reasons wrap in a column of the given width.
+    """
     line, padding = float(imgui.GetTextLineHeight()), _row_height() - imgui.GetTextLineHeight()
 
     def make() -> FloatArray:
@@ -184,7 +189,7 @@ def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
 
 
 def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
-    """Draw the heads; the width of reasons, 0 without that column."""
+    """Draw the headings, and return the width of the column of reasons, 0 without it."""
     width = 0.0
     for column in columns:
         if column in _WEIGHTS:
@@ -215,7 +220,7 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
 
 
 def _draw_arrow(ui: Ui, falls: bool) -> None:
-    """Draw at the right of a head which way its column is sorted."""
+    """Draw the sort direction at the right of a heading."""
     (_, top), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
     size, x, y = ui.px(3.5), right - ui.px(7), (top + bottom) / 2
     tip, base = (y + size, y - size) if falls else (y - size, y + size)
@@ -225,18 +230,18 @@ def _draw_arrow(ui: Ui, falls: bool) -> None:
 
 
 Rows = tuple[tuple[ResultRow, ...], FloatArray]
-"""Rows, and where they end below the heads (n,)."""
+"""Rows, and their ends below the headings, (n,) in pixels."""
 
 
 def _draw_cells(ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: Rows) -> None:
-    """Draw the rows in sight: hundreds of others only take their room."""
+    """Draw the visible rows, and leave the space of all others empty."""
     rows, ends = placed
-    in_sight = imgui.GetWindowHeight() - _row_height()  # below the heads
+    visible = imgui.GetWindowHeight() - _row_height()  # height below the headings
     if tables.scrolls:
-        _scroll(tables, placed, in_sight)
+        _scroll(tables, placed, visible)
     top = imgui.GetScrollY()
     first = max(int(np.searchsorted(ends, top)) - _MARGIN_ROWS, 0)
-    last = min(int(np.searchsorted(ends, top + in_sight)) + _MARGIN_ROWS + 1, len(rows))
+    last = min(int(np.searchsorted(ends, top + visible)) + _MARGIN_ROWS + 1, len(rows))
     starts = np.concatenate([[0.0], ends])
     if first:
         imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, starts[first])
@@ -248,8 +253,8 @@ def _draw_cells(ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: Rows)
         imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, starts[-1] - starts[last])
 
 
-def _scroll(tables: Tables, placed: Rows, in_sight: float) -> None:
-    """Bring the chosen row into sight."""
+def _scroll(tables: Tables, placed: Rows, visible: float) -> None:
+    """Scroll to the selected row."""
     tables.scrolls = False
     rows, ends = placed
     keys = [row.key for row in rows]
@@ -257,14 +262,14 @@ def _scroll(tables: Tables, placed: Rows, in_sight: float) -> None:
         return
     number, now = keys.index(tables.cursor), imgui.GetScrollY()
     top = float(ends[number - 1]) if number else 0.0
-    if not now <= top <= float(ends[number]) <= now + in_sight:
-        imgui.SetScrollY(max(top - in_sight / 2, 0.0))
+    if not now <= top <= float(ends[number]) <= now + visible:
+        imgui.SetScrollY(max(top - visible / 2, 0.0))
 
 
 def _draw_row(
     ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: tuple[ResultRow, float]
 ) -> None:
-    """Draw a row in so many pixels."""
+    """Draw a row of a given height in pixels."""
     row, high = placed
     is_chosen, padding = row.key == tables.cursor, _row_height() - imgui.GetTextLineHeight()
     flags = imgui.ImGuiSelectableFlags_SpanAllColumns
@@ -272,16 +277,16 @@ def _draw_row(
         imgui.TableSetColumnIndex(place)
         text, room = row.cell_text(column), float(imgui.GetContentRegionAvail()[0])
         if column == "name":
-            shown = ui.fitted(text, room).replace("##", "# #")  # which would hide the rest
+            shown = ui.fitted(text, room).replace("##", "# #")  # ImGui hides text after ##
             clicked = imgui.Selectable(
                 f"{shown}###{row.number}", is_chosen, flags, (0, high - padding)
             )
             state = "chosen" if is_chosen else ""
-            left_out = (each for each in _SPARE_COLUMNS[::-1] if each not in columns)
+            hidden = (each for each in _SPARE_COLUMNS[::-1] if each not in columns)
             numbers = [
-                f"{COLUMNS[each].head} {told}"
-                for each in left_out
-                if COLUMNS[each].digits and (told := row.cell_text(each))
+                f"{COLUMNS[each].head} {value}"
+                for each in hidden
+                if COLUMNS[each].digits and (value := row.cell_text(each))
             ]
             parts = (
                 f"{row.name}: {row.verdict}",

@@ -1,4 +1,4 @@
-"""The column at the right: the solver always in view, and a tab for each step of the work."""
+"""The column at the right: the solver, and a tab for each step of the work."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -37,8 +37,9 @@ Tabs = dict[str, dict[str, Draw]]
 
 
 class Panels(NamedTuple):
-    """How the state of a run or result is drawn, and by label of each tab what is drawn in it, one
-    part below the other.
+    """Functions that draw the state of a run or result, and the parts of each tab.
+
+    The tabs are given by their labels; the parts of a tab are drawn below each other.
     """
 
     state: Callable[[Ui, Session], None]
@@ -90,19 +91,19 @@ PANELS: dict[type[Document], Panels] = {
     PairDocument: Panels(solver.draw_match, _PAIR_TABS),
     SequenceDocument: Panels(solver.draw_sequence, _SEQUENCE_TABS),
 }
-"""By the kind of the document that is open."""
-# of a tab, at a scale of 1; where a long verdict leaves less, the column scrolls
+"""Panels by the kind of the current document."""
+# height of a tab at scale 1; if a long verdict leaves less, the complete column scrolls
 _TAB_HEIGHT_MIN = 120
 STEPS = "steps"
-"""Where the tabs are, for the Driver: the button Match has the name of one of them."""
+"""Section of the tabs, for the Driver; it distinguishes the tab Match from the button Match."""
 
 
 def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
-    """Draw the column; a part that fails does not take the others with it."""
+    """Draw the column; an error in one part does not affect the others."""
     ui, session = context.ui, context.session
     document = session.document
-    own = (name for name in document.content_fields if name not in Document.content_fields)
-    drafted = (getattr(document, name) for name in own)
+    names = (name for name in document.content_fields if name not in Document.content_fields)
+    drafted = (getattr(document, name) for name in names)
     ui.refusals.accept_after(document.identity, *drafted, document.result, session.solver.running)
     panels = PANELS[type(document)]
     with window(ui, "panel", rect, scrolls=True):
@@ -111,5 +112,6 @@ def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
         is_low = imgui.GetContentRegionAvail()[1] < ui.px(_TAB_HEIGHT_MIN)
         with child(ui, label, 0, False, "at least" if is_low else "exactly"), ui.group(label):
             for part, draw_part in panels.tabs[label].items():
-                if type(session.document) is type(document):  # no part has opened another kind
+                # a part that was drawn before may have opened another kind of document
+                if type(session.document) is type(document):
                     guarded(part, draw_part, context)

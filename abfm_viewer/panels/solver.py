@@ -1,4 +1,4 @@
-"""The solver: the one obvious button, what goes on, and what the latest match came to."""
+"""The solver: its buttons, the progress of a run, and the verdict of the result."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import Fits, child
 from abfm_viewer.widgets.toolkit import Ui
 
-# at least, so that what is below seldom moves: six lines, or four and a row of buttons
+# minimum, so that the parts below seldom move: six lines, or four lines and a row of buttons
 _STATE_HEIGHT = 130
-_STATE_SHARE = 0.3  # of a low panel
+_STATE_SHARE = 0.3  # largest share of a low panel
 _SIDE_BUTTON = 76
 _SIDE_SHARE = 0.3
-_BAR = 8  # high, as those in the viewport: below it is room for three lines and a warning
+_BAR_HEIGHT = 8  # as in the viewport; leaves space for three lines and a warning
 _IMPOSSIBLE_NOTE = "No flow can match these functions."
 _WARM_START_LABEL = "from the current field"
 _FOLLOW_TIP = (
-    "While it runs, another parameter or function restarts the solver from the field that it has "
-    "by then. A new smoothness is taken when the mouse lets go of the slider."
+    "During a run, a changed parameter or function restarts the solver from its current field. A "
+    "new smoothness applies when the mouse button is released."
 )
 _WARM_TIP = (
-    "Match goes on from the present result instead of from zero, with σ at its last value. Good "
-    "after small changes; start from zero where it got stuck."
+    "Match starts from the current result instead of zero, with σ at its last value. Use it after "
+    "small changes, but not if the solver was stuck."
 )
 
 
@@ -43,9 +43,9 @@ def draw(context: Context, draw_state: Callable[[Ui, Session], None]) -> None:
     ui, session = context.ui, context.session
     _draw_buttons(ui, session)
     height = min(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
-    if session.steps.busy:  # nothing moves under the mouse meanwhile
+    if session.steps.busy:  # keep the height, so that nothing moves under the mouse
         height = max(height, ui.heights.get("state", 0.0))
-    # nothing is reported yet that must be in view as a whole
+    # during a run no text needs to be completely visible
     fits: Fits = "exactly" if session.solver.running else "at least"
     with child(ui, "state", height, border=False, fits=fits):
         if (row := context.files.tables.unshown_row) is not None:
@@ -57,7 +57,7 @@ def draw(context: Context, draw_state: Callable[[Ui, Session], None]) -> None:
 
 
 def draw_subject(ui: Ui, session: Session) -> None:
-    """Draw the same of a subject, or what its comparison shows before there is a match."""
+    """Draw the state of a subject's match, or of its comparison if there is no match."""
     compared, solver = session.document.active_comparison, session.solver
     if compared is None or solver.running or solver.failed or session.result is not None:
         draw_match(ui, session)
@@ -66,7 +66,7 @@ def draw_subject(ui: Ui, session: Session) -> None:
 
 
 def draw_match(ui: Ui, session: Session) -> None:
-    """Draw how far a match is, or what it came to."""
+    """Draw the progress of a match, or its verdict."""
     if session.solver.running:
         _draw_progress(ui, session)
     else:
@@ -74,40 +74,40 @@ def draw_match(ui: Ui, session: Session) -> None:
 
 
 def _draw_buttons(ui: Ui, session: Session) -> None:
-    """Draw them where they always are: a click when the run has just ended hits no other."""
+    """Draw the buttons at fixed places, so that a late click cannot hit another button."""
     document, replacing = session.document, session.loading.replacing
     solver = session.solver
     side = min(ui.px(_SIDE_BUTTON), _SIDE_SHARE * imgui.GetContentRegionAvail()[0])
     others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
     tip = document.match_tip
     if session.result is not None and not session.matching.warm:
-        tip += " It begins anew, from no motion."
+        tip += " It starts from zero."
     if replacing:
-        tip = f"{replacing}: that takes the place of {document.name}. Wait, or cancel it."
+        tip = f"{replacing} will replace {document.name}. Wait, or cancel it."
     ready = not (session.solver.running or session.obstacle or replacing)
     if ui.button(document.match_label, tip, primary=True, enabled=ready, width=-others):
         session.match()
-    ui.beside()
-    label, tip = "Pause", "Hold the solver; the window stays as it is (P)."
+    ui.same_line()
+    label, tip = "Pause", "Pause the solver (P)."
     if solver.paused:
-        label, tip = "Resume", "Let the solver go on (P)."
+        label, tip = "Resume", "Resume the solver (P)."
     if ui.button(label, tip, enabled=solver.running, width=side):
         solver.resume() if solver.paused else solver.pause()
-    ui.beside()
+    ui.same_line()
     if ui.button("Cancel", document.cancel_tip, enabled=solver.running, width=-1):
         solver.cancel()
 
 
 def draw_switches(ui: Ui, session: Session) -> None:
-    """Draw how runs begin: what the parameters do not say."""
+    """Draw the switches for restarts and for the start of runs."""
     matching, label = session.matching, "restart on changes##Restart on changes"
     matching.follow = ui.checkbox(label, matching.follow, _FOLLOW_TIP)
-    ui.beside_if_fits(_WARM_START_LABEL)
+    ui.same_line_if_fits(_WARM_START_LABEL)
     label = f"{_WARM_START_LABEL}##Start from the current field"
     matching.warm = ui.checkbox(label, matching.warm, _WARM_TIP)
 
 
-# While it runs
+# During a run
 
 
 def _draw_progress(ui: Ui, session: Session) -> None:
@@ -117,10 +117,12 @@ def _draw_progress(ui: Ui, session: Session) -> None:
         draw_step(ui, step or Step("starting the solver"))
         return
     now, limit = snapshot.iteration, snapshot.problem.parameters.solver.iterations
-    imgui.ProgressBar(now.iteration / max(limit, 1), (-1, ui.px(_BAR)), "")
-    each = None if step else solver.seconds_each
-    left = limit - now.iteration
-    at_most = f", at most {rounded_time(each * left)} more" if each and left > 0 else ""
+    imgui.ProgressBar(now.iteration / max(limit, 1), (-1, ui.px(_BAR_HEIGHT)), "")
+    seconds = None if step else solver.seconds_each
+    remaining = limit - now.iteration
+    at_most = ""
+    if seconds and remaining > 0:
+        at_most = f", at most {rounded_time(seconds * remaining)} more"
     residual = verdict_words.residual_text(now, snapshot.problem.is_of_landmarks)
     best = snapshot.shown.residual
     has_better = best < now.residual and not snapshot.problem.is_of_landmarks
@@ -132,15 +134,15 @@ def _draw_progress(ui: Ui, session: Session) -> None:
 
 
 def draw_step(ui: Ui, step: Step) -> None:
-    """Draw a bar, which runs where nobody knows how long it takes, and what is being done."""
+    """Draw a step with its progress bar, which is animated if the progress is unknown."""
     share = step.share()
-    running = -0.5 * (time.monotonic() - step.began)
-    imgui.ProgressBar(running if share is None else share, (-1, ui.px(_BAR)), "")
+    animated = -0.5 * (time.monotonic() - step.began)
+    imgui.ProgressBar(animated if share is None else share, (-1, ui.px(_BAR_HEIGHT)), "")
     ui.note(capital(step.text()))
 
 
 def draw_sequence(ui: Ui, session: Session) -> None:
-    """Draw how far a film's match is, or what it and the present interval have come to."""
+    """Draw the progress of a sequence's match, or its verdict and that of the interval."""
     document, run = session.document, session.sequence_match
     assert isinstance(document, SequenceDocument)
     sequence, result = document.sequence, document.result
@@ -151,13 +153,13 @@ def draw_sequence(ui: Ui, session: Session) -> None:
         return
     if result is None:
         ui.note("No match yet", "ink")
-        ui.note("Match finds the fields that carry each frame to the next, all together.")
+        ui.note("Match finds the fields that advect each frame to the next, all in one run.")
         return
     outdated = document.is_outdated
     facts = result.facts
     ui.note(capital(facts.headline), "muted" if outdated else facts.tone)
     if outdated:
-        ui.note("Frames or parameters changed since: match all frames again.", "ink")
+        ui.note("Frames or parameters have changed. Match all frames again.", "ink")
     now = document.interval
     verdict = result.verdicts[now]
     interval = abfm.sequences.interval_headline(result, now)
@@ -166,7 +168,7 @@ def draw_sequence(ui: Ui, session: Session) -> None:
         ui.note(sentence(reason))
 
 
-# When it has ended
+# After a run
 
 
 def _draw_verdict(ui: Ui, session: Session) -> None:
@@ -183,7 +185,7 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
 
 
 def _draw_before(ui: Ui, session: Session) -> None:
-    """Draw what is known of a match before there is one."""
+    """Draw the expected outcome, or the reason why no match can start."""
     if (facts := session.work.expected_facts) is not None:
         _draw_foreseen(ui, facts)
         return
@@ -193,14 +195,14 @@ def _draw_before(ui: Ui, session: Session) -> None:
 
 
 def _draw_foreseen(ui: Ui, facts: Facts) -> None:
-    """Draw in a line what is known of the next match; the reason is below the functions."""
+    """Draw the expected outcome in one line; the tab Functions shows the reason."""
     is_impossible = facts.outcome is Outcome.IMPOSSIBLE
     ui.note(_IMPOSSIBLE_NOTE if is_impossible else sentence(facts.headline), facts.tone)
 
 
 def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
     ui.note(capital(facts.headline), "muted" if session.outdated else facts.tone)
-    if steps := len(result.energy_history) - 1:  # at the end of the line, if there is room
+    if steps := len(result.energy_history) - 1:  # at the end of the line, if it fits
         text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
         start = end - ui.text_width(text) - ui.px(2)
@@ -214,14 +216,14 @@ def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> 
     elif (foreseen := session.work.expected_facts) is not None:
         _draw_foreseen(ui, foreseen)
     else:
-        ui.note("Functions or parameters changed since.", "ink")
+        ui.note("Functions or parameters have changed since this match.", "ink")
     _draw_remedies(ui, session, result, facts)
     if numbers := verdict_words.numbers_text(result):
         ui.note(numbers)
 
 
 def _draw_compared(ui: Ui, compared: Comparison) -> None:
-    """Say what a subject that is shown on the template has come to."""
+    """Draw the verdict of a subject that is shown on the template."""
     found, number = compared.population, compared.subject
     verdict = found.verdicts[number] or "failed"
     is_good = Outcome(verdict).is_good and bool(found.fits[number])
@@ -229,14 +231,14 @@ def _draw_compared(ui: Ui, compared: Comparison) -> None:
     ui.note(f"{compared.name}: {verdict}{misfit}", "good" if is_good else "failure")
     if found.reasons[number]:
         ui.note(sentence(found.reasons[number]), "ink")
-    about = "As it was carried to the template. Registration, in the table, shows the flow."
+    about = "Shown on the template. Press Registration in the table to see the flow."
     ui.note(about)
 
 
 def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
-    """Draw buttons, or what to try where no button can do it."""
+    """Draw buttons for remedies, or advice if no button can apply it."""
     was_interrupted, verdict = verdict_words.was_interrupted(result), result.verdict
-    # no other flow helps if the complete map is the cause
+    # if the complete map is the cause, no other flow helps
     remedies = verdict.remedies if facts.outcome is verdict.kind else ()
     with ui.group("verdict"):
         if session.outdated:
@@ -244,42 +246,42 @@ def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -
             return
         for number, remedy in enumerate(remedies):
             if number:
-                ui.beside_if_fits(remedy.label, is_button=True)
+                ui.same_line_if_fits(remedy.label, is_button=True)
             if ui.button(remedy.label, verdict_words.remedy_tooltip(remedy)):
                 session.remedy(remedy)
         if distorts := _distorts(facts):
             if remedies:
-                ui.beside_if_fits(LIMIT, is_button=True)
+                ui.same_line_if_fits(LIMIT, is_button=True)
             draw_limit(ui, session, primary=True)
-        # copies of a run have no remedies
+        # results of copied runs have no remedies
         if not remedies and was_interrupted:
             _draw_continue(ui, session)
     has_button, advice = bool(remedies) or distorts, facts.advice
     if advice and (verdict.kind is Outcome.IMPOSSIBLE or not has_button):
         ui.note(f"To try: {advice}.")
     elif was_interrupted:
-        ui.note("Continue, or Match starts over.")
+        ui.note("Continue resumes the match. Match starts again.")
 
 
 def _distorts(facts: Facts) -> bool:
-    """Return whether a good result changes areas so much that a bound is advised."""
+    """Return whether a good result changes areas so much that a bound is recommended."""
     log2 = facts.numbers.get("log2_area_95")
     return facts.outcome.is_good and log2 is not None and log2 > abfm.matching.LOG2_AREA_GOOD
 
 
 def _draw_again(ui: Ui, session: Session, was_interrupted: bool) -> None:
-    """Draw what there is to do after another problem than the present one."""
-    tip = "Match the functions and parameters as they are now."
+    """Draw the buttons for an outdated result."""
+    tip = "Match the current functions with the current parameters."
     if ui.button("Match again", tip, enabled=not session.obstacle):
         session.match()
     if was_interrupted:
-        ui.beside_if_fits("Continue", is_button=True)
+        ui.same_line_if_fits("Continue", is_button=True)
         _draw_continue(ui, session)
     if session.obstacle:
         ui.note(sentence(session.obstacle), "failure")
 
 
 def _draw_continue(ui: Ui, session: Session) -> None:
-    tip = "Match from the field that was found."
+    tip = "Resume the match from its field."
     if ui.button("Continue", tip, enabled=not session.obstacle):
         session.match(from_current_field=True)

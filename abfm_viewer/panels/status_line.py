@@ -12,12 +12,13 @@ from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
-_DETAILS_GAP = 16  # between what goes on and details, at a scale of 1
+_DETAILS_GAP = 16  # between text and details, at a scale of 1
 
 
 def draw(context: Context, rect: Rect) -> None:
-    """Draw a notice or what goes on; at the right the mesh, its size and frames per second, as far
-    as they leave room.
+    """Draw a notice or the current activity.
+
+    At the right are the mesh, its size and the frames per second, as far as they fit.
     """
     ui, session = context.ui, context.session
     with window(ui, "status line", rect):
@@ -35,7 +36,7 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
-    """Return the mesh, its size and frames per second, and less and less of that."""
+    """Return the mesh, its size and frames per second, in forms of decreasing length."""
     name = abbreviated(session.document.name, room / 3, ui.text_width)
     sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
     size = f"{name}   {' and '.join(sizes)} vertices"
@@ -43,7 +44,7 @@ def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
 
 
 def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) -> tuple[str, str]:
-    """Return the longest text that has room, with as many details as that leaves."""
+    """Return the longest text that fits, and the longest details that fit next to it."""
     for text, more in product(texts, details):
         if ui.text_width(text) + ui.text_width(more) + ui.px(_DETAILS_GAP) * (more != "") <= room:
             return text, more
@@ -51,16 +52,16 @@ def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) 
 
 
 def _state(context: Context) -> tuple[str, ...]:
-    """Return what goes on or what the result is, and a shorter form if there is one."""
+    """Return the current activity or the result, and a shorter form if there is one."""
     session = context.session
     if session.solver.running:
         return (session.work.progress,)
-    # a film, with fields of its own in each interval, is played without what is still to come
+    # a sequence is played while the quantities of later intervals are still being computed
     is_playing = session.player.playing and not session.document.has_one_field
-    if context.shown.busy and not is_playing:  # else it would flicker
+    if context.shown.busy and not is_playing:  # otherwise the line would flicker
         return (context.shown.busy,)
     if is_playing and context.shown.quantities.convolving:
-        return ("computing streaks; each interval has them when it is played again",)
+        return ("computing streaks; they are shown when the interval is played again",)
     if session.solver.failed:
         return f"the solver stopped: {session.solver.reason}", "the solver stopped"
     if (reported := session.work.facts) is None:

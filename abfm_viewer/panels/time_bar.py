@@ -1,4 +1,4 @@
-"""The time bar: playing the flow, and the slider over 0 to 2 tau."""
+"""The time bar: playback controls and the time slider."""
 
 import math
 
@@ -12,23 +12,23 @@ from abfm_viewer.widgets.toolkit import Ui, finite
 from abfm_viewer.widgets.widget_record import Range, Rect
 
 STEP = 1 / 20
-"""Of tau: how far a step moves in time."""
+"""Time of a step, as a fraction of tau."""
 PADDING = 20
 GAP = 8
-# at a scale of 1; in a narrower bar repeat has no caption
+# at a scale of 1; in a narrower bar the combo repeat has no caption
 _ROW_HEIGHT = 32
 _CAPTION_WIDTH_MIN = 430
 _GRAB_PADDING = 2.0  # pixels, ImGui's own
-_TICKS_APART = 5
+_TICK_DISTANCE_MIN = 5
 
 
 def groups(width: float) -> tuple[int, ...]:
-    """Return widths of the buttons, repeat, beyond tau and speed, all at a scale of 1."""
+    """Return the widths of the groups buttons, repeat, beyond tau and speed, at a scale of 1."""
     return 180, 153 if width >= _CAPTION_WIDTH_MIN else 70, 106, 136
 
 
 def rows(width: float) -> list[int]:
-    """Return in which row each group of widgets is, for a width at a scale of 1."""
+    """Return the row of each group of widgets, for a width at a scale of 1."""
     found, used = [0], 0.0
     for needed in groups(width):
         fits = used + needed <= width - PADDING
@@ -38,7 +38,7 @@ def rows(width: float) -> list[int]:
 
 
 def height(width: float, scale: float) -> float:
-    """Return how high a bar of a certain width must be, in pixels."""
+    """Return the height of a bar of a given width, in pixels."""
     return (PADDING - 6 + _ROW_HEIGHT * (1 + len(set(rows(width / scale))))) * scale
 
 
@@ -52,7 +52,7 @@ def draw(context: Context, rect: Rect) -> None:
             if draw_group is _beyond and not extrapolates:
                 continue
             if row == before:
-                ui.beside(ui.px(GAP))
+                ui.same_line(ui.px(GAP))
             draw_group(ui, context.session)
             before = row
         _slider(context)
@@ -62,12 +62,12 @@ def _buttons(ui: Ui, session: Session) -> None:
     player, document = session.player, session.document
     times = document.time_after(-STEP), document.time_after(STEP), document.start
     tip, *tips = document.play_tips
-    tip = "Hold (Space)." if player.playing else tip
+    tip = "Pause (Space)." if player.playing else tip
     if ui.button("Pause" if player.playing else "Play", tip, width=ui.px(52)):
         player.toggle()
     labels = ("<", 26), (">", 26), ("to start", 0)
     for (label, width), time, tip in zip(labels, times, tips, strict=True):
-        ui.beside(ui.px(4))
+        ui.same_line(ui.px(4))
         if ui.button(label, tip, width=ui.px(width)):
             session.set_time(time)
 
@@ -75,12 +75,12 @@ def _buttons(ui: Ui, session: Session) -> None:
 def _repeat(ui: Ui, session: Session) -> None:
     is_narrow = imgui.GetWindowWidth() < ui.px(_CAPTION_WIDTH_MIN)
     label, width = ("##repeat", 70) if is_narrow else ("repeat", 104)
-    tip, player = "Repeat: what happens at the end.", session.player
+    tip, player = "Repeat: what happens at the end of the time bar.", session.player
     player.repeat = ui.combo(label, player.repeat, REPEATS, tip, ui.px(width))
 
 
 def _beyond(ui: Ui, session: Session) -> None:
-    tip, player = "Play on to 2τ, where the flow extrapolates.", session.player
+    tip, player = "Play to 2τ. Beyond τ the flow is extrapolated.", session.player
     player.beyond = ui.checkbox("beyond τ##beyond tau", player.beyond, tip)
 
 
@@ -90,14 +90,16 @@ def _speed(ui: Ui, session: Session) -> None:
     speed = ui.slider("speed", player.speed, Range(0.1, 4.0, log=True), tip)
     if speed is not None:
         player.speed = float(f"{speed:.2g}")
-    ui.beside(ui.px(6))
+    ui.same_line(ui.px(6))
     ui.align()
     ui.line(f"speed {player.speed:g}", "ink")
 
 
 def _slider(context: Context) -> None:
-    """Draw the slider: over 0 to 2 tau, where the flow extrapolates beyond a tick at tau, or from
-    the first frame to the last, with a tick at each.
+    """Draw the time slider.
+
+    For a match it covers 0 to 2 tau, with a tick at tau. For a sequence it covers all frames, with
+    a tick at each.
     """
     ui, session = context.ui, context.session
     document = session.document
@@ -107,41 +109,41 @@ def _slider(context: Context) -> None:
     rect = (left, top, left + width, top + imgui.GetFrameHeight())
     ends = Range(document.start, document.end)
     note = context.shown.flow.note if document.extrapolates else ""
-    about = f"The time that is shown, {document.time_range_label}."
+    about = f"Shown time, {document.time_range_label}."
     tip = note or document.slider_tip
     if document.extrapolates:
         _track(ui, note, rect, document.time / document.end)
     else:
         _ticks(ui, document.ticks, ends, rect)
     grounds = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
-    for color in grounds:  # the ground stays in sight
+    for color in grounds:  # transparent, so that the ground is visible
         imgui.PushStyleColor(color, (0, 0, 0, 0))
     imgui.SetNextItemWidth(width)
     slid = ui.slider("time", document.time, ends, tip, tip_above=True)
     imgui.PopStyleColor(len(grounds))
-    if document.extrapolates:  # the tick at tau, also over the grab
+    if document.extrapolates:  # the tick at tau, drawn over the grab
         middle, ink = left + width / 2, imgui.GetColorU32(ui.colors.ink)
         imgui.GetWindowDrawList().AddLine((middle, top), (middle, rect[3]), ink, ui.px(1.5))
     if slid is not None:
         session.set_time(slid)
-    ui.beside(spacing)
+    ui.same_line(spacing)
     typed = ui.text("time", f"{document.time:.4g}", about, width=box)
     if typed is not None:
         if (time := finite(typed)) is None:
-            session.notices.show(f"time: {typed!r} is no number", is_error=True)
+            session.notices.show(f"time {typed!r} is not a number; type a number", is_error=True)
         else:
             session.set_time(time)
 
 
 def _ticks(ui: Ui, times: tuple[float, ...], ends: Range, rect: Rect) -> None:
-    """Draw the slider's ground, a tick at each frame as far as they are apart."""
+    """Draw the slider's ground and a tick at each frame; crowded ticks are thinned out."""
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
     packed = imgui.GetColorU32
     canvas.AddRectFilled((left, top), (right, bottom), packed(colors.field), rounding)
-    inset = imgui.GetStyle().GrabMinSize / 2 + _GRAB_PADDING  # as ImGui's grab is
+    inset = imgui.GetStyle().GrabMinSize / 2 + _GRAB_PADDING  # as for ImGui's grab
     start, room = left + inset, right - left - 2 * inset
-    every = max(math.ceil(len(times) * ui.px(_TICKS_APART) / max(room, 1.0)), 1)
+    every = max(math.ceil(len(times) * ui.px(_TICK_DISTANCE_MIN) / max(room, 1.0)), 1)
     ink = packed((*colors.muted[:3], 0.6))
     for time in times[::every]:
         x = start + ends.share_of(time) * room
@@ -149,7 +151,10 @@ def _ticks(ui: Ui, times: tuple[float, ...], ends: Range, rect: Rect) -> None:
 
 
 def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
-    """Draw the slider's ground, with words where the grab, at a share of it, hides none."""
+    """Draw the slider's ground with its texts, placed so that the grab does not cover them.
+
+    ``share`` is the position of the grab, 0 to 1.
+    """
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
     packed, middle, gap = imgui.GetColorU32, (left + right) / 2, ui.px(12)

@@ -1,4 +1,4 @@
-"""The trade-off: what each step of a path leaves, against what its map does to areas."""
+"""The trade-off plot: residual of each step of a path against the area change of its map."""
 
 from __future__ import annotations
 
@@ -21,31 +21,29 @@ Steps: TypeAlias = "tuple[abfm.matching.PathStep, ...]"
 
 _SOLVER_CHOICE = "solver's choice"
 _STEP = (
-    "The step of the path, from smooth to close, that is shown, saved and exported. A click on the "
-    "curve chooses one, too; Up and Down go to the next one. Steps are told as the solver measured "
-    "them on its way, where triangles are thin on clusters of vertices; the one that is shown is "
-    "measured anew on the mesh itself, and may leave more."
+    "Step of the path, by decreasing σ, that is shown, saved and exported. You can also click on "
+    "the curve or press Up and Down.\n\nThe numbers are those of the solver, which merges vertices "
+    "of thin triangles. The shown step is measured again on the mesh; its residual may be larger."
 )
 _BOUND_TIP = (
-    "How much areas and shapes may change, as |log2 J| and |log2 R|, on 99% of the faces, of two "
-    "surfaces by the initial map and the flow together: 1 allows factors from a half to 2."
+    "Largest area and shape change, |log2 J| and |log2 R|, on 99% of the faces: 1 allows factors "
+    "from 1/2 to 2. For two surfaces it includes the initial map."
 )
 LIMIT = "Limit distortion"
 _STOP = "Stop limiting"
-_LOOK = "Look for the closest field that keeps it; Undo returns to this one."
-_LEAST_WIDTH = 0.01  # of the axis of areas, in doublings
-_MOST_TICKS = 6
+_LIMIT_TIP = "Find the field of smallest residual within the bound."
+_AXIS_WIDTH_MIN = 0.01  # width of the axis of areas, in doublings
+_TICKS_MAX = 6
 _FACTORS = (1.001, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0)
 _FLOW_LINE_MARK_SIZE = 5.5
 _RESIDUAL_MARK_SIZE = 3.5
 _SHOWN_MARK_GROWTH = 2.5
 _CLICK_DISTANCE = 16
-"""Of marks by flow lines, which are seen behind those of the residual; of those; how much larger
-those of the step that is shown are; and how near a click is meant for one."""
+"""Lengths at a scale of 1. Marks of flow lines are larger, as those of the residual cover them."""
 
 
 def path_of(session: Session) -> Steps:
-    """Return the path of the run that goes on, as far as it came, else that of the result."""
+    """Return the path of the current run so far, or that of the result."""
     if session.solver.running:
         snapshot = session.matching.snapshot
         return snapshot.iteration.path if snapshot else ()
@@ -53,7 +51,7 @@ def path_of(session: Session) -> Steps:
 
 
 def draw(context: Context, path: Steps) -> None:
-    """Draw the choice of a step, and the curve, which is one, too."""
+    """Draw the choice of a step, the bound of distortion, and the curve."""
     ui, session = context.ui, context.session
     is_live = session.solver.running
     shown = len(path) - 1 if is_live else session.steps.shown
@@ -68,7 +66,7 @@ def draw(context: Context, path: Steps) -> None:
 
 def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:
     names = [f"step {n + 1} of {len(path)}: σ {step.sigma:.3g}" for n, step in enumerate(path)]
-    tips = {name: _words(path, n, chosen) for n, name in enumerate(names)}
+    tips = {name: _step_text(path, n, chosen) for n, name in enumerate(names)}
     room, (padding, _) = imgui.GetContentRegionAvail()[0], imgui.GetStyle().FramePadding
     button = ui.text_width(_SOLVER_CHOICE) + 2 * padding + imgui.GetStyle().ItemSpacing[0]
     with ui.disabled(session.solver.running):
@@ -76,14 +74,14 @@ def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | Non
         new = ui.combo("##step", names[shown], tips, _STEP, width)
         if new != names[shown]:
             session.show_step(names.index(new))
-        ui.beside_if_fits(_SOLVER_CHOICE, is_button=True)
-        tip = "Back to the step at which the match ended."
+        ui.same_line_if_fits(_SOLVER_CHOICE, is_button=True)
+        tip = "Return to the step that the solver chose."
         if ui.button(_SOLVER_CHOICE, tip, enabled=chosen != shown) and chosen is not None:
             session.show_step(chosen)
 
 
 def _bound(ui: Ui, session: Session) -> None:
-    """Draw the knob of distortion, and what looks for the field that keeps it."""
+    """Draw the bound of distortion, and the button that searches for a field within it."""
     bound = session.bound
     caption = ui.text_width("distortion") + imgui.GetStyle().ItemSpacing[0]
     width = min(ui.px(90), imgui.GetContentRegionAvail()[0] - caption)
@@ -92,19 +90,19 @@ def _bound(ui: Ui, session: Session) -> None:
         with ui.refusals.refusing("distortion"):
             if (number := finite(typed)) is None or not number > 0:
                 raise ParameterError(
-                    f"{typed} is no distortion; expected a number above 0, such as 1"
+                    f"{typed} is not a bound of distortion; expected a number above 0, such as 1"
                 )
             bound.maximum = number
-    ui.beside_if_fits(LIMIT, is_button=True)
+    ui.same_line_if_fits(LIMIT, is_button=True)
     draw_limit(ui, session)
     ui.refusal("distortion")
 
 
 def draw_limit(ui: Ui, session: Session, primary: bool = False) -> None:
-    """Draw the button that looks for the closest field within the bound, or ends that."""
+    """Draw the button that starts or stops the search within the bound."""
     bound = session.bound
     label = _STOP if bound.busy else LIMIT
-    tip = f"{_LOOK} The bound is {bound.maximum:g}."
+    tip = f"{_LIMIT_TIP} The bound is {bound.maximum:g}."
     if ui.button(label, tip, enabled=session.result is not None, primary=primary):
         bound.stop() if bound.busy else session.limit_distortion()
 
@@ -115,28 +113,28 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
     by_lines = plots.positive(np.array([step.verified_residual for step in path]))
     snapshot = session.matching.snapshot if session.solver.running else None
     now = np.array([snapshot.iteration.residual] if snapshot else [])
-    widest = max(_LEAST_WIDTH, *areas[np.isfinite(areas)])
+    widest = max(_AXIS_WIDTH_MIN, *areas[np.isfinite(areas)])
     with plots.plot(ui, "trade-off plot") as is_drawn:
         if not is_drawn:
             return
         ends = -0.04 * widest, 1.06 * widest
         plots.set_up("areas change by a factor of", ends, (by_flow, by_lines, now), inverted=True)
         ticks = area_ticks(widest)
-        words = [f"{2**tick:.4g}" for tick in ticks]
-        implot.SetupAxisTicks(implot.ImAxis_X1, np.array(ticks), words)
+        factors = [f"{2**tick:.4g}" for tick in ticks]
+        implot.SetupAxisTicks(implot.ImAxis_X1, np.array(ticks), factors)
         if chosen is not None:
             plots.vertical_lines("##chosen", [float(areas[chosen])], ui.colors.good, ui.px(1.5))
         if len(now):
             plots.horizontal_line("##now", float(now[0]), (*ui.colors.flow[:3], 0.5), ui.px(1))
-        for name, left, ink, size in (
+        for name, residuals, ink, size in (
             ("by flow lines", by_lines, ui.colors.lines, _FLOW_LINE_MARK_SIZE),
             ("residual", by_flow, ui.colors.flow, _RESIDUAL_MARK_SIZE),
         ):
-            plots.line(name, left, ink, ui.px(1.8), areas)
-            plots.dots(f"##{name}", (areas, left), ui.px(size), (ink, ink))
+            plots.line(name, residuals, ink, ui.px(1.8), areas)
+            plots.dots(f"##{name}", (areas, residuals), ui.px(size), (ink, ink))
             if chosen is not None:
                 at = slice(shown, shown + 1)
-                place, edge = (areas[at], left[at]), ui.colors.ink
+                place, edge = (areas[at], residuals[at]), ui.colors.ink
                 plots.dots(f"##{name} shown", place, ui.px(size + _SHOWN_MARK_GROWTH), (ink, edge))
         _clicks(ui, session, path, (areas, by_flow, by_lines), chosen)
 
@@ -144,56 +142,55 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
 def _clicks(
     ui: Ui, session: Session, path: Steps, curve: tuple[FloatArray, ...], chosen: int | None
 ) -> None:
-    """Let the mouse point at marks; scripts find those of the residual by their steps."""
-    areas, *witnesses = curve
+    """Let the mouse point at marks, and record those of the residual for scripts by their steps."""
+    areas, *residuals = curve
     places = np.array(
         [
-            [implot.PlotToPixels(float(x), float(y)) for x, y in zip(areas, left, strict=True)]
-            for left in witnesses
+            [implot.PlotToPixels(float(x), float(y)) for x, y in zip(areas, values, strict=True)]
+            for values in residuals
         ]
     )
     for n, (x, y) in enumerate(places[0]):
         if np.isfinite(x + y):
             ui.record.add(f"step {n + 1}", "mark", (x, y, x, y), not session.solver.running)
-    apart = np.linalg.norm(places - imgui.GetMousePos(), axis=2)
-    apart = np.nan_to_num(apart, nan=np.inf).min(axis=0)
-    nearest = int(np.argmin(apart))
-    if not (plots.is_under_mouse() and apart[nearest] <= ui.px(_CLICK_DISTANCE)):
+    distances = np.linalg.norm(places - imgui.GetMousePos(), axis=2)
+    distances = np.nan_to_num(distances, nan=np.inf).min(axis=0)
+    nearest = int(np.argmin(distances))
+    if not (plots.is_under_mouse() and distances[nearest] <= ui.px(_CLICK_DISTANCE)):
         return
-    plots.tooltip(ui, _words(path, nearest, chosen))
+    plots.tooltip(ui, _step_text(path, nearest, chosen))
     if imgui.IsMouseClicked(0) and ui.record.enabled and not session.solver.running:
         session.show_step(nearest)
 
 
 def area_ticks(widest: float) -> list[float]:
-    """Return doublings of areas that are round factors, from 0, apart enough on an axis."""
+    """Return ticks of the axis of areas, from 0: base-2 logarithms of round factors."""
     ticks = [0.0]
     for times in (*_FACTORS, *(m * 10.0**decade for decade in range(1, 30) for m in (1, 2, 5))):
         place = float(np.log2(times))
-        if ticks[-1] + widest / _MOST_TICKS <= place <= widest:
+        if ticks[-1] + widest / _TICKS_MAX <= place <= widest:
             ticks.append(place)
     return ticks
 
 
-def _words(path: Steps, number: int, chosen: int | None) -> str:
-    """Return what a step is, leaves and costs; what is unknown is left out."""
+def _step_text(path: Steps, number: int, chosen: int | None) -> str:
+    """Return parameters, residuals and distortion of a step; unknown numbers are omitted."""
     step = path[number]
     parameters = f"σ {step.sigma:.3g}, α {step.alpha:.3g}, reach {step.reach:.3g}"
     if (faces := step.velocity.shape[1]) > path[0].velocity.shape[1]:
         parameters += f", on a finer mesh of {faces:,} faces"
-    left = f"what is left: {share(step.residual)}"
+    residuals = f"residual {share(step.residual)}"
     if step.verified_residual == step.verified_residual:
-        left += f", by flow lines {share(step.verified_residual)}"
+        residuals += f", along flow lines {share(step.verified_residual)}"
     lines = [
         f"step {number + 1} of {len(path)}{f', the {_SOLVER_CHOICE}' if number == chosen else ''}",
         parameters,
-        left,
+        residuals,
     ]
     if step.log2_area == step.log2_area:
         lines += [
-            f"areas change by a factor of {factor(step.log2_area)}, mean |log2 J| "
-            f"{step.log2_area:.3g}",
-            f"shapes by {factor(step.log2_shape)}, mean |log2 R| {step.log2_shape:.3g}",
+            f"area change: factor {factor(step.log2_area)}, mean |log2 J| {step.log2_area:.3g}",
+            f"shape change: factor {factor(step.log2_shape)}, mean |log2 R| {step.log2_shape:.3g}",
         ]
     if step.folded == step.folded:
         lines.append(f"{100 * step.folded:.2g}% folded")

@@ -1,1 +1,1 @@
-"""ImGui widgets with undo, errors and labels; they know nothing of matching."""
+"""ImGui widgets, containers and plots, independent of matching."""

@@ -1,6 +1,6 @@
-"""What widgets are drawn in: windows, dialogs, cards, sections, tabs and menus.
+"""Containers of widgets: windows, dialogs, cards, sections, tabs and menus.
 
-What opens something is a context manager, so that an error inside leaves ImGui's stacks whole.
+They are context managers, so that an error inside cannot corrupt ImGui's stacks.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +34,7 @@ _CARD = (
 def _ended(
     ui: Ui, end: Callable[[], object], section: str = "", rect: Rect | None = None
 ) -> Iterator[None]:
-    """Draw a block in a part of the window, by default ImGui's present one, and end that."""
+    """Draw a block in a part of the window, by default ImGui's current one, and call ``end``."""
     try:
         (left, top), width = imgui.GetWindowPos(), imgui.GetWindowWidth()
         area = rect or (left, top, left + width, top + imgui.GetWindowHeight())
@@ -56,7 +56,7 @@ def window(ui: Ui, name: str, rect: Rect, scrolls: bool = False) -> Iterator[Non
 
 @contextmanager
 def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None]:
-    """Draw a window in front of a veil over everything; without a height it fits what is in it."""
+    """Draw a window over a dimmed background; without a height it fits its contents."""
     display = imgui.GetIO().DisplaySize
     imgui.SetNextWindowPos((0, 0))
     imgui.SetNextWindowSize(tuple(display))
@@ -81,7 +81,10 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
 def card(
     ui: Ui, name: str, place: tuple[float, float, float], color: Color, highest: float
 ) -> Iterator[None]:
-    """Draw a window with a coloured edge and no focus, as high as what is in it, up to a height."""
+    """Draw a window with a coloured edge and without focus.
+
+    Its height fits its contents, up to ``highest``.
+    """
     left, top, width = place
     imgui.SetNextWindowPos((left, top))
     imgui.SetNextWindowSizeConstraints((width, 0), (width, max(highest, ui.px(40))))
@@ -100,9 +103,10 @@ def card(
 def child(
     ui: Ui, name: str, height: float, border: bool = True, fits: Fits = "exactly"
 ) -> Iterator[None]:
-    """Draw a part of a panel that scrolls by itself; a negative height leaves that much below it.
-    One that `fits` "at most" or "at least" that height is as high as what is in it, within that
-    limit.
+    """Draw a part of a panel that scrolls separately.
+
+    A negative height leaves that much space below the part. If it ``fits`` "at most" or "at least",
+    the height fits the contents within that limit.
     """
     flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
     style, room = imgui.GetStyle(), imgui.GetContentRegionAvail()[0]
@@ -110,19 +114,20 @@ def child(
         flags |= imgui.ImGuiChildFlags_AutoResizeY
         lowest, highest = (height, _HEIGHT_MAX) if fits == "at least" else (0.0, height)
         imgui.SetNextWindowSizeConstraints((0, lowest), (room, highest))
-    else:  # what is in it stays where it is when a scroll bar comes
+    else:  # contents must not move when a scroll bar appears
         padding = 2 * style.WindowPadding[0] if border else 0
         imgui.SetNextWindowContentSize((room - style.ScrollbarSize - ui.px(4) - padding, 0))
     imgui.BeginChild(name, (0, height if fits == "exactly" else 0), flags)
-    around = ui.record.areas[-1] if fits == "at least" else None  # which scrolls in its place
-    with _ended(ui, imgui.EndChild, rect=around):
+    # a part of unlimited height does not scroll, the one around it does
+    outer = ui.record.areas[-1] if fits == "at least" else None
+    with _ended(ui, imgui.EndChild, rect=outer):
         _keep_scroll(ui, ui.record.path(name))
         ui.heights[name] = float(imgui.GetWindowHeight())
         yield
 
 
 def _keep_scroll(ui: Ui, name: str) -> None:
-    """Keep how far the present window was scrolled, also for a new context."""
+    """Remember the scroll position of the current window, and restore it in a new context."""
     ui.hidden_heights[name] = imgui.GetScrollMaxY()
     if ui.capturing or name not in ui.scrolls:
         imgui.SetScrollY(ui.scrolls.setdefault(name, 0.0))
@@ -147,7 +152,10 @@ def section(ui: Ui, label: str, opened: bool = True) -> Iterator[bool]:
 
 
 def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
-    """Draw a row of tabs, as wide as the panel; which one is open, at first the first."""
+    """Draw a row of tabs as wide as the panel, and return the label of the open one.
+
+    At first the first tab is open.
+    """
     if ui.open_tab not in labels:
         ui.open_tab = labels[0]
     gap, colors = ui.px(2), ui.colors
@@ -158,13 +166,13 @@ def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
     with ui.group(name):
         for number, (label, width) in enumerate(zip(labels, widths, strict=True)):
             if number and padding > 0:
-                ui.beside(gap)
+                ui.same_line(gap)
             is_open = label == ui.open_tab
-            looks = {
+            colors_of_tab = {
                 imgui.ImGuiCol_Button: colors.pressed if is_open else colors.panel,
                 imgui.ImGuiCol_Text: colors.ink if is_open else colors.muted,
             }
-            with pushed(looks, no_padding):
+            with pushed(colors_of_tab, no_padding):
                 clicked = imgui.Button(label, (width + max(padding, ui.px(2)), 0))
             (left, _), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
             line = imgui.GetColorU32(colors.accent if is_open else colors.border)
@@ -200,7 +208,7 @@ def menu(ui: Ui, label: str) -> Iterator[bool]:
 def menu_item(
     ui: Ui, label: str, shortcut: str = "", checked: bool = False, enabled: bool = True
 ) -> bool:
-    """Draw an entry of a menu; whether it was chosen."""
+    """Draw an entry of a menu, and return whether it was chosen."""
     chosen = imgui.MenuItem(label, shortcut, checked, enabled and ui.record.enabled)
     ui.record_item(label, "item", enabled=enabled, text="checked" if checked else "")
     return bool(chosen)

@@ -1,4 +1,4 @@
-"""Plots: what is left upright, in percent; lines and marks; and what a legend says of them."""
+"""Plots with a logarithmic axis of residuals in percent, and legends."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,21 +17,21 @@ _TRANSPARENT_COLOR = (0.0, 0.0, 0.0, 0.0)
 _FLAGS = (
     implot.ImPlotFlags_NoTitle
     | implot.ImPlotFlags_NoMenus
-    | implot.ImPlotFlags_NoLegend  # one of ours goes on in a second line where the panel is narrow
+    | implot.ImPlotFlags_NoLegend  # our own legend wraps in a narrow panel
     | implot.ImPlotFlags_NoBoxSelect
     | implot.ImPlotFlags_NoMouseText
     | implot.ImPlotFlags_NoInputs  # the wheel scrolls the panel
 )
-# between the ends of the upright axis, and at each
-_LEAST_FACTOR = 2.0
+# smallest factor between the ends of the vertical axis, and margin at each end
+_AXIS_FACTOR_MIN = 2.0
 _MARGIN = 0.1
 _MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 2, 3, 5), (1, 1.5, 2, 3, 4, 5, 6, 8))
-_FEWEST_TICKS = 3
+_TICKS_MIN = 3
 
 
 @contextmanager
 def plot(ui: Ui, label: str) -> Iterator[bool]:
-    """Draw a plot as high as fits."""
+    """Draw a plot as high as the panel allows."""
     colors = {
         implot.ImPlotCol_FrameBg: _TRANSPARENT_COLOR,
         implot.ImPlotCol_PlotBg: ui.colors.ground,
@@ -55,32 +55,32 @@ def plot(ui: Ui, label: str) -> Iterator[bool]:
 def set_up(
     title: str, ends: tuple[float, float], shares: Sequence[FloatArray], inverted: bool = False
 ) -> None:
-    """Set up the axes: one with a title, and a logarithmic one of what is left for these shares."""
+    """Set up a horizontal axis with a title and a logarithmic vertical axis for residuals."""
     low, high = _around(np.concatenate([positive(values) for values in shares]))
-    across, upright = implot.ImAxis_X1, implot.ImAxis_Y1
+    across, up = implot.ImAxis_X1, implot.ImAxis_Y1
     flags = implot.ImPlotAxisFlags_Invert if inverted else implot.ImPlotAxisFlags_None
     implot.SetupAxis(across, title, flags)
     implot.SetupAxisLimits(across, *map(float, ends), implot.ImPlotCond_Always)
-    implot.SetupAxis(upright, "what is left", implot.ImPlotAxisFlags_None)
-    implot.SetupAxisScale(upright, implot.ImPlotScale_Log10)
-    implot.SetupAxisLimits(upright, low, high, implot.ImPlotCond_Always)
+    implot.SetupAxis(up, "residual", implot.ImPlotAxisFlags_None)
+    implot.SetupAxisScale(up, implot.ImPlotScale_Log10)
+    implot.SetupAxisLimits(up, low, high, implot.ImPlotCond_Always)
     ticks = share_ticks(low, high)
-    implot.SetupAxisTicks(upright, np.array(ticks), [f"{100 * tick:g}%" for tick in ticks])
+    implot.SetupAxisTicks(up, np.array(ticks), [f"{100 * tick:g}%" for tick in ticks])
 
 
-def set_up_linear(title: str, ends: tuple[float, float], upright: str, values: FloatArray) -> None:
-    """Set up the axes: one with a title, and one from 0 on with another one."""
+def set_up_linear(title: str, ends: tuple[float, float], up_title: str, values: FloatArray) -> None:
+    """Set up two linear axes with titles; the vertical one starts at 0."""
     known = values[np.isfinite(values)]
     high = float(known.max()) if len(known) and known.max() > 0 else 1.0
     across, up = implot.ImAxis_X1, implot.ImAxis_Y1
     implot.SetupAxis(across, title, implot.ImPlotAxisFlags_None)
     implot.SetupAxisLimits(across, *map(float, ends), implot.ImPlotCond_Always)
-    implot.SetupAxis(up, upright, implot.ImPlotAxisFlags_None)
+    implot.SetupAxis(up, up_title, implot.ImPlotAxisFlags_None)
     implot.SetupAxisLimits(up, 0.0, 1.1 * high, implot.ImPlotCond_Always)
 
 
 def span(start: float, end: float, color: Color) -> None:
-    """Fill a plot between two places across, from top to bottom."""
+    """Fill the plot between two positions of the horizontal axis."""
     (_, top), (_, height) = implot.GetPlotPos(), implot.GetPlotSize()
     left, right = (implot.PlotToPixels(place, 1.0)[0] for place in (start, end))
     implot.PushPlotClipRect()
@@ -90,34 +90,34 @@ def span(start: float, end: float, color: Color) -> None:
 
 
 def _around(values: FloatArray) -> tuple[float, float]:
-    """Return ends apart enough, with room for marks at the edges."""
+    """Return limits of a logarithmic axis for values, with a margin for marks."""
     known = values[np.isfinite(values)]
     low, high = (known.min(), known.max()) if len(known) else (0.1, 1.0)
-    more = max((high / low) ** _MARGIN, np.sqrt(max(_LEAST_FACTOR * low / high, 1.0)))
-    return float(low / more), float(high * more)
+    factor = max((high / low) ** _MARGIN, np.sqrt(max(_AXIS_FACTOR_MIN * low / high, 1.0)))
+    return float(low / factor), float(high * factor)
 
 
 def share_ticks(low: float, high: float) -> list[float]:
-    """Return round shares from one to another, at least three where there are as many."""
+    """Return round ticks between two shares, at least three if possible."""
     ticks: list[float] = []
     for mantissas in _MANTISSAS:
         decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
         places = (float(f"{m}e{decade}") for decade in decades for m in mantissas)
         ticks = [place for place in places if low <= place <= high]
-        if len(ticks) >= _FEWEST_TICKS:
+        if len(ticks) >= _TICKS_MIN:
             break
     return ticks
 
 
 def positive(values: FloatArray) -> FloatArray:
-    """Return values for a logarithmic axis: what it cannot show is left out."""
+    """Return values for a logarithmic axis, with NaN for values that it cannot show."""
     return np.where(np.isfinite(values) & (values > 0), values, np.nan)
 
 
 def line(
     label: str, y: FloatArray, color: Color, weight: float, x: FloatArray | None = None
 ) -> None:
-    """Draw a line; x are by default the numbers of the values."""
+    """Draw a line; ``x`` is by default the index of the values."""
     implot.SetNextLineStyle(color, weight)
     implot.PlotLine(label, np.arange(float(len(y))) if x is None else x, positive(y))
 
@@ -149,7 +149,7 @@ def is_under_mouse() -> bool:
 
 
 def tooltip(ui: Ui, text: str) -> None:
-    """Show a tooltip beside the panel, where it hides nothing of the plot."""
+    """Show a tooltip next to the panel, where it does not cover the plot."""
     place = imgui.GetWindowPos()[0] - ui.px(12), imgui.GetMousePos()[1]
     imgui.SetNextWindowPos(place, imgui.ImGuiCond_Always, (1.0, 0.5))
     imgui.SetTooltip(text)
@@ -159,11 +159,11 @@ def legend(ui: Ui, colors: Mapping[str, Color]) -> None:
     side, (_, spacing) = 0.6 * imgui.GetTextLineHeight(), imgui.GetStyle().ItemSpacing
     for number, (name, color) in enumerate(colors.items()):
         if number:
-            ui.beside_if_fits(name)
+            ui.same_line_if_fits(name)
         left, top = imgui.GetCursorScreenPos()
         top += (imgui.GetTextLineHeight() - side) / 2
         corners, ink = ((left, top), (left + side, top + side)), imgui.GetColorU32(color)
         imgui.GetWindowDrawList().AddRectFilled(*corners, ink)
         imgui.Dummy((side, side))
-        ui.beside(spacing)
+        ui.same_line(spacing)
         ui.line(name, "ink")

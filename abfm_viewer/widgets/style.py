@@ -1,4 +1,4 @@
-"""ImGui's and ImPlot's look: the theme's colours, rounded and with room."""
+"""Style of ImGui and ImPlot: colours of the theme, rounding and spacing."""
 
 import polyscope.imgui as imgui
 import polyscope.implot as implot
@@ -44,7 +44,7 @@ def _lengths(style: imgui.ImGuiStyle, scale: float) -> None:
     def pair(x: float, y: float) -> tuple[float, float]:
         return x * scale, y * scale
 
-    # polyscope sets now the one, now the other, and resets none
+    # polyscope sets either of them and never resets the other
     style.FontScaleMain, style.FontScaleDpi = 1, scale
     style.WindowPadding, style.FramePadding = pair(10, 8), pair(8, 4)
     style.ItemSpacing, style.ItemInnerSpacing = pair(8, 6), pair(6, 4)

@@ -1,9 +1,8 @@
-"""The window's widgets and words: ImGui's, with one look, tooltips, and what is refused said in
-place.
+"""Widgets and texts of the window: ImGui's, with a common style, tooltips and error messages.
 
-A widget's label is what the user reads. Where scripts call it something else, as a parameter by its
-name in files, that follows after ``###``, as in ``"time τ###tau"``; what begins with ``##`` has a
-name only.
+The label of a widget is the text that the user reads. A different name for scripts, such as that of
+a parameter in files, follows after ``###``, as in ``"time τ###tau"``. A label that begins with
+``##`` is a name only.
 """
 
 import math
@@ -22,50 +21,64 @@ from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetR
 
 Word = TypeVar("Word", bound=str)
 AUTO = "auto"
-"""What is shown of a number that is chosen."""
+"""Text of a number that is chosen automatically."""
 TextTone = Literal["ink", "muted", "failure", "warning", "good", "source", "target"]
 """Colours of texts, by their names in the theme."""
 
-_TIP_DISTANCE = 8  # how far the mouse moves before tooltips come again
-_CAPTION = 96  # the column of captions, at a scale of 1
-_WIDEST_CAPTION = 0.45  # of the panel
-_CAPTION_WIDTH_MIN = 280  # a panel as narrow has captions above its widgets
-_NARROW_PAIR = 300
-_BOX = 76  # beside a slider, at a scale of 1
+# lengths at a scale of 1
+_TIP_DISTANCE = 8  # movement of the mouse after a click until tooltips appear again
+_CAPTION_WIDTH = 96
+_CAPTION_SHARE_MAX = 0.45  # of the panel's width
+_CAPTION_PANEL_MIN = 280  # narrower panels have captions above the widgets
+_PAIR_PANEL_MIN = 300  # narrower panels have one widget in a line
+_BOX_WIDTH = 76  # of the box next to a slider
 
 
 class Auto(NamedTuple):
-    """A box to tick for a number that is chosen: what unticking it gives, and its tooltip."""
+    """Checkbox for the automatic choice of a number.
+
+    `first` is the value after the checkbox is cleared.
+    """
 
     first: float
     tip: str
 
 
 class _WidgetRow(NamedTuple):
-    width: float  # as `Ui._placed` gives them
+    width: float  # of the widgets, from `Ui._placed`
     caption: float
-    written: str = ""  # in the box, in place of the value
+    written: str = ""  # text of the box instead of the value
 
 
 class Refusals:
-    """Why new values were refused, by `WidgetRecord.path`, and what was typed for them, which stays
-    to be mended until a value is accepted.
+    """Refused values of widgets, by `WidgetRecord.path`.
+
+    The typed text stays in the box, so that it can be corrected, until a value is accepted.
+
+    Attributes
+    ----------
+    reasons : dict
+        Why values were refused.
+    texts : dict
+        Texts that boxes show instead of their values.
+    entered : dict
+        Texts that were entered in this frame; they are kept if they are refused.
     """
 
     def __init__(self, record: WidgetRecord) -> None:
         self.reasons: dict[str, str] = {}
-        self.texts: dict[str, str] = {}  # what a box shows instead of its value
-        self.left: dict[str, str] = {}  # new texts of this frame: they stay if it refuses them
+        self.texts: dict[str, str] = {}
+        self.entered: dict[str, str] = {}
         self._record = record
         self._accepted: tuple[object, ...] = ()
 
     def refuse(self, name: str, reason: str) -> None:
-        """Say below the widget of this name why its new value was not taken."""
+        """Record why the new value of a widget was refused."""
         self.accept(name)
         key = self._record.path(name)
         self.reasons[key] = reason
-        if key in self.left:
-            self.texts[key] = self.left[key]
+        if key in self.entered:
+            self.texts[key] = self.entered[key]
 
     def accept(self, name: str) -> None:
         for known in (self.reasons, self.texts):
@@ -73,8 +86,9 @@ class Refusals:
 
     @contextmanager
     def refusing(self, name: str, label: str = "") -> Iterator[None]:
-        """Refuse a widget's new value if the block ends with an error, which then begins with its
-        label where it begins with its name.
+        """Refuse the new value of a widget if the block raises an `AbfmError`.
+
+        If the message begins with the name of the widget, its label replaces the name.
         """
         self.accept(name)
         try:
@@ -85,7 +99,7 @@ class Refusals:
             self.refuse(name, f"{label}{reason[len(name) :]}" if is_named else reason)
 
     def accept_after(self, *values: object) -> None:
-        """Take everything back when one of these has changed: something was accepted since."""
+        """Remove all refusals if one of the values changed, because a value was accepted then."""
         if list(map(id, values)) != list(map(id, self._accepted)):
             for key in self.reasons:
                 self.texts.pop(key, None)
@@ -94,23 +108,23 @@ class Refusals:
 
 
 class Ui:
-    """Draws widgets and words, and remembers what is where for `containers`, too."""
+    """Draws widgets and texts, and records their positions; also used by `containers`."""
 
     def __init__(self) -> None:
-        self.scale = 1.0  # pixels of a length of 1
+        self.scale = 1.0  # pixels per unit of length
         self.colors: Palette = theme.LIGHT_PALETTE
         self.record = WidgetRecord()
         self.refusals = Refusals(self.record)
-        # whether frames are drawn for a picture, which polyscope does in a new ImGui context
+        # whether frames are drawn for a picture, for which polyscope makes a new ImGui context
         self.capturing = False
-        self.typing = False  # whether the keyboard was in the latest `text`, also if it is no more
-        # the latest box that the keyboard was in, and the one that gets it next
+        self.typing = False  # whether the latest `text` has or just lost the keyboard focus
+        # the box that had the keyboard focus last, and the box that gets it next
         self.active_box = self.focus_next = ""
         self.open_tab = ""
         self.open_sections: dict[str, bool] = {}
         self.scrolls: dict[str, float] = {}
-        self.heights: dict[str, float] = {}  # of children, by their names
-        # of the parts of windows and children, by their names, that must be scrolled to
+        self.heights: dict[str, float] = {}  # heights of children by their names
+        # heights of the invisible parts of windows and children, by their names
         self.hidden_heights: dict[str, float] = {}
         self._clicked_at: tuple[float, float] | None = None
 
@@ -122,7 +136,7 @@ class Ui:
         self.scale, self.colors = scale, theme.palette(name)
         io = imgui.GetIO()
         self.record.begin_frame((0, 0, *io.DisplaySize))
-        self.refusals.left.clear()
+        self.refusals.entered.clear()
         if imgui.IsMouseClicked(0):
             self._clicked_at = tuple(io.MousePos)
         elif self._clicked_at and math.dist(self._clicked_at, io.MousePos) > self.px(_TIP_DISTANCE):
@@ -133,7 +147,7 @@ class Ui:
 
     @contextmanager
     def disabled(self, condition: bool = True) -> Iterator[None]:
-        """Draw grey widgets that do nothing; behind a dialog paler still."""
+        """Draw disabled widgets, which are paler behind a dialog."""
         style = imgui.GetStyle()
         paler = condition and not self.record.enabled
         alpha = style.Alpha * (style.DisabledAlpha if paler else 1.0)
@@ -146,7 +160,7 @@ class Ui:
 
     @contextmanager
     def group(self, name: str) -> Iterator[None]:
-        """Draw widgets whose labels are also elsewhere: `name` tells them apart."""
+        """Draw widgets in a named group, which distinguishes widgets of the same label."""
         imgui.PushID(name)
         try:
             with self.record.within(name):
@@ -154,7 +168,7 @@ class Ui:
         finally:
             imgui.PopID()
 
-    # Words
+    # Texts
 
     def note(self, text: str, kind: TextTone = "muted") -> None:
         """Write text that wraps at the panel's edge."""
@@ -163,14 +177,18 @@ class Ui:
         imgui.PopTextWrapPos()
 
     def line(self, text: str, kind: TextTone = "muted", tip: str = "", room: float = 0) -> None:
-        """Write text on one line, cut to its room, by default the panel's; a tip has all."""
+        """Write text on one line; if it does not fit, abbreviate it and show it in the tooltip.
+
+        ``room`` is the width, by default that of the panel.
+        """
         shown = self.fitted(text, room or imgui.GetContentRegionAvail()[0])
         self._write(shown, getattr(self.colors, kind))
         self.tip(_in_full(text, shown, tip))
 
     def heading(self, text: str, color: Color | None = None, buttons: Sequence[str] = ()) -> None:
-        """Write a title with a line, cut to its room, and a tip with all of it; buttons with these
-        labels, drawn next, fit at its right.
+        """Write a title with a line, and leave space at the right for buttons that are drawn next.
+
+        A title that does not fit is abbreviated and shown in the tooltip.
         """
         left, _ = imgui.GetCursorScreenPos()
         right = left + imgui.GetContentRegionAvail()[0]
@@ -189,49 +207,52 @@ class Ui:
             ink = imgui.GetColorU32(self.colors.border)
             imgui.GetWindowDrawList().AddLine((start, y), (stop, y), ink, self.px(1))
         if room:
-            self.beside(stop + spacing - end)
+            self.same_line(stop + spacing - end)
 
     def align(self) -> None:
-        """Put the next words at the height of those on buttons and boxes in their line."""
+        """Align the next text vertically with buttons and boxes of its line."""
         imgui.AlignTextToFramePadding()
 
-    def beside(self, spacing: float = -1) -> None:
-        """Put what is drawn next on the same line."""
+    def same_line(self, spacing: float = -1) -> None:
+        """Draw the next item on the same line."""
         imgui.SameLine(0, spacing)
 
-    def beside_if_fits(self, label: str, is_button: bool = False, width: float = 0) -> None:
-        """Put the next checkbox, or a button, perhaps of a width of its own, on the same line where
-        there is room.
+    def same_line_if_fits(self, label: str, is_button: bool = False, width: float = 0) -> None:
+        """Draw the next checkbox or button on the same line if it fits.
+
+        ``width`` is the width of a button if it differs from that of the label.
         """
         right = imgui.GetCursorScreenPos()[0] + imgui.GetContentRegionAvail()[0]
         style = imgui.GetStyle()
         more = style.ItemSpacing[0] + 2 * style.FramePadding[0] if is_button else self.px(42)
         taken = width + style.ItemSpacing[0] if width else self.text_width(label) + more
         if imgui.GetItemRectMax()[0] + taken <= right + 1:
-            self.beside()
+            self.same_line()
 
-    def room_beside(self, label: str) -> float:
-        """Return what a button at the right end of the line leaves for what is drawn before it."""
+    def remaining_width(self, label: str) -> float:
+        """Return the width that remains next to a button at the right end of the line."""
         style = imgui.GetStyle()
         button = self.text_width(label) + 2 * style.FramePadding[0]
         return float(imgui.GetContentRegionAvail()[0] - style.ItemSpacing[0] - button)
 
     def at_right_end(self, label: str) -> None:
-        """Put the next button on the same line, at its right end."""
-        self.beside()
-        room = self.room_beside(label) + imgui.GetStyle().ItemSpacing[0]
+        """Draw the next button at the right end of the same line."""
+        self.same_line()
+        room = self.remaining_width(label) + imgui.GetStyle().ItemSpacing[0]
         imgui.SetCursorPosX(imgui.GetCursorPosX() + max(room, 0.0))
 
     def text_width(self, text: str) -> float:
         return float(imgui.CalcTextSize(text)[0])
 
     def fitted(self, text: str, room: float) -> str:
-        """Return a text, cut with an ellipsis if it is wider than so many pixels."""
+        """Return a text, abbreviated with an ellipsis if it is wider than ``room`` pixels."""
         return abbreviated(text, room + 0.5, self.text_width)
 
     def tip(self, text: str, above: bool = False) -> None:
-        """Give the widget before a tooltip, also where it is disabled, but not during a drag, nor
-        after a click until the mouse moves. One `above` it hides nothing beside the mouse.
+        """Give the previous widget a tooltip.
+
+        Disabled widgets have tooltips as well. During a drag, and after a click until the mouse
+        moves, no tooltip is shown. With ``above`` it is shown above the widget.
         """
         flags = imgui.ImGuiHoveredFlags_AllowWhenDisabled | imgui.ImGuiHoveredFlags_DelayShort
         busy = self._clicked_at is not None or imgui.IsMouseDown(0)
@@ -247,7 +268,7 @@ class Ui:
         imgui.EndTooltip()
 
     def refusal(self, name: str, otherwise: str = "") -> None:
-        """Say why the new value of the widget of this name was refused, or else another error."""
+        """Write why the new value of a widget was refused, or another error."""
         if reason := self.refusals.reasons.get(self.record.path(name), "") or otherwise:
             self.note(reason, "failure")
 
@@ -266,7 +287,10 @@ class Ui:
         primary: bool = False,
         width: float = 0,
     ) -> bool:
-        """Draw a button; whether it was pressed. A negative width leaves that much at the right."""
+        """Draw a button, and return whether it was pressed.
+
+        A negative width leaves that much space at the right.
+        """
         text, name = _text_and_name(label)
         room = width if width > 0 else imgui.GetContentRegionAvail()[0] + width
         room = max(room, imgui.GetFrameHeight())
@@ -291,9 +315,9 @@ class Ui:
         return pressed
 
     def checkbox(self, label: str, value: bool, tip: str = "") -> bool:
-        """Draw a box to tick; its new value."""
+        """Draw a checkbox, and return its new value."""
         text, name = _text_and_name(label)
-        shown = self._fitted_beside_a_box(text)
+        shown = self._fitted_next_to_box(text)
         with self._outlined():
             _, value = imgui.Checkbox(f"{shown}###{name or text}", value)
         self._finish(text, "checkbox", tip, shown, name=name, text="on" if value else "off")
@@ -307,7 +331,10 @@ class Ui:
         tip: str = "",
         width: float = 0,
     ) -> Word:
-        """Draw a choice of one of several words, which may have tooltips; its new value."""
+        """Draw a drop-down list, and return the chosen word.
+
+        The choices may be a mapping with a tooltip for each word.
+        """
         text, name = _text_and_name(label)
         width, caption = self._placed(text, width)
         text = text or name
@@ -340,11 +367,11 @@ class Ui:
         return value
 
     def radio(self, choices: Sequence[Word], value: Word, tips: Sequence[str]) -> Word:
-        """Draw a choice of a few words, side by side as far as they fit; its new value."""
+        """Draw radio buttons, next to each other as far as they fit; return the chosen word."""
         for number, (choice, tip) in enumerate(zip(choices, tips, strict=True)):
             if number:
-                self.beside_if_fits(choice)
-            shown = self._fitted_beside_a_box(choice)
+                self.same_line_if_fits(choice)
+            shown = self._fitted_next_to_box(choice)
             with self._outlined():
                 if imgui.RadioButton(f"{shown}###{choice}", choice == value):
                     value = choice
@@ -352,8 +379,10 @@ class Ui:
         return value
 
     def number(self, label: str, value: float, ends: Range, tip: str) -> float | None:
-        """Draw a slider with a box to type into, which takes values beyond the slider's ends and
-        refuses in place what is no number; a new value, or None.
+        """Draw a slider with a text box, and return a new value or None.
+
+        The box accepts values outside the range of the slider. A text that is not a number is
+        refused with a message.
         """
         text, name = _text_and_name(label)
         new = self._slider_and_box(label, _WidgetRow(*self._placed(text)), value, ends, tip)
@@ -362,14 +391,16 @@ class Ui:
     def number_or_auto(
         self, label: str, value: float | None, ends: Range, tip: str, auto: Auto
     ) -> float | str | None:
-        """Draw the same with a box to tick for a number that is chosen, which is None; a new value,
-        `AUTO` for None, or None.
+        """Draw a slider with a text box and a checkbox for an automatic choice.
+
+        The value of the automatic choice is None. Return a new value, `AUTO` if the automatic
+        choice was switched on, or None if nothing changed.
         """
         text, name = _text_and_name(label)
         width, caption = self._placed(text)
         left, is_auto = imgui.GetCursorPosX(), value is None
         ticked = self.checkbox(f"{AUTO}##{AUTO} {name or text}", is_auto, auto.tip)
-        self.beside()
+        self.same_line()
         taken = imgui.GetCursorPosX() - left
         row = _WidgetRow(width - taken, caption, AUTO if is_auto else "")
         with pushed({imgui.ImGuiCol_SliderGrab: self.colors.muted} if is_auto else {}):
@@ -385,26 +416,27 @@ class Ui:
     def _slider_and_box(
         self, label: str, row: _WidgetRow, value: float, ends: Range, tip: str
     ) -> float | str | None:
-        """Draw them and the caption; a number that was slid to, or a typed text."""
+        """Draw slider, box and caption; return a number from the slider or a typed text."""
         text, name = _text_and_name(label)
-        spacing, box = imgui.GetStyle().ItemInnerSpacing[0], min(self.px(_BOX), row.width / 2)
+        spacing = imgui.GetStyle().ItemInnerSpacing[0]
+        box = min(self.px(_BOX_WIDTH), row.width / 2)
         imgui.SetNextItemWidth(row.width - box - spacing)
         slid = self.slider(label, value, ends, tip)
         if slid is not None:
-            # what a slider is good for
+            # a slider has a resolution of about three digits
             slid = float(round(slid)) if ends.whole else float(f"{slid:.3g}")
             self.refusals.accept(name or text)
-        self.beside(spacing)
+        self.same_line(spacing)
         written = row.written or (f"{round(value)}" if ends.whole else f"{value:.6g}")
         typed = self._box(label, written, tip, width=box)
         self._caption(text, row.caption, tip)
         return slid if typed is None else typed
 
     def _understood(self, key: str, new: float | str | None) -> float | None:
-        """Return what was slid to, or typed if it is a number; else it is refused in place."""
+        """Return a number from the slider or from a typed text; other texts are refused."""
         number = finite(new) if isinstance(new, str) else new
         if isinstance(new, str) and number is None:
-            self.refusals.refuse(key, f"{new!r} is no number")
+            self.refusals.refuse(key, f"{new!r} is not a number")
         elif number is not None:
             self.refusals.accept(key)
         self.refusal(key)
@@ -413,14 +445,14 @@ class Ui:
     def bounded(
         self, label: str, value: float, ends: Range, tip: str, limits: tuple[float, float]
     ) -> float:
-        """Draw the same; the nearest within the limits to a new value, or the old one."""
+        """Draw a slider with a text box; return the new or old value, clipped to the limits."""
         new = self.number(label, value, ends, tip)
         return value if new is None else min(max(new, limits[0]), limits[1])
 
     def slider(
         self, label: str, value: float, ends: Range, tip: str, tip_above: bool = False
     ) -> float | None:
-        """Draw a slider without a text, as wide as ImGui's next item; a new value, or None."""
+        """Draw a slider without text, as wide as ImGui's next item; return a new value or None."""
         text, name = _text_and_name(label)
         flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
         share = ends.share_of(ends.nearest(value))
@@ -433,8 +465,10 @@ class Ui:
     def text(
         self, label: str, value: str, tip: str = "", *, hint: str = "", width: float = 0
     ) -> str | None:
-        """Draw a box to type into; the new text when Enter is pressed or the box is left, else
-        None. One that is then refused stays in the box, to be mended or left by Escape.
+        """Draw a text box, and return the new text when Enter is pressed or the focus is lost.
+
+        Otherwise return None. A text that is then refused stays in the box, where it can be
+        corrected, or discarded by Escape.
         """
         shown, _ = _text_and_name(label)
         width, caption = self._placed(shown, width)
@@ -453,24 +487,24 @@ class Ui:
         is_longer = self.text_width(typed) > width - 2 * imgui.GetStyle().FramePadding[0]
         full_tip = _in_full(typed, "" if is_longer else typed, tip)
         self._finish(text, "box", full_tip, name=name, text=typed)
-        is_active, is_left = imgui.IsItemActive(), imgui.IsItemDeactivated()
-        self.typing = bool(is_active or is_left)
+        is_active, is_done = imgui.IsItemActive(), imgui.IsItemDeactivated()
+        self.typing = bool(is_active or is_done)
         if is_active:
             self.active_box = key
             refusals.texts[key] = typed
-        if not is_left:
+        if not is_done:
             return None
         if imgui.IsKeyPressed(imgui.ImGuiKey_Escape) or typed == value:
             refusals.accept(name or text)
             return None
         refusals.texts.pop(key, None)
-        refusals.left[key] = typed
+        refusals.entered[key] = typed
         return typed
 
     def live_text(
         self, label: str, value: str, hint: str, *, focus: bool = False, width: float = 0
     ) -> str:
-        """Draw a box to type into; what it holds now. `focus` puts the keyboard there."""
+        """Draw a text box, and return its current text. ``focus`` gives it the keyboard focus."""
         width, caption = self._placed(label, width)
         imgui.SetNextItemWidth(width)
         if focus:
@@ -481,23 +515,26 @@ class Ui:
         return value
 
     def row(self, label: str, chosen: bool) -> tuple[bool, bool]:
-        """Draw a row of a list; whether it was clicked, and whether twice in a row."""
+        """Draw a row of a list; return whether it was clicked, and whether double-clicked."""
         shown = self.fitted(label, imgui.GetContentRegionAvail()[0])
-        text = shown.replace("##", "# #")  # which would hide the rest
+        text = shown.replace("##", "# #")  # ImGui hides text after ##
         flags = imgui.ImGuiSelectableFlags_AllowDoubleClick
         clicked = bool(imgui.Selectable(f"{text}###{label}", chosen, flags))
         self._finish(label, "choice", "", shown, text="chosen" if chosen else "")
         return clicked, clicked and bool(imgui.IsMouseDoubleClicked(0))
 
     def record_item(self, label: str, kind: WidgetKind, **details: Any) -> None:
-        """Record ImGui's latest item, with attributes of `Widget`."""
+        """Record ImGui's latest item as a `Widget` with these attributes."""
         rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
         self.record.add(label, kind, rect, **details)
 
     def _finish(
         self, label: str, kind: WidgetKind, tip: str, shown: str | None = None, **details: Any
     ) -> None:
-        """Remember the widget before, which shows that much of its label, and give it a tooltip."""
+        """Record the previous widget, and give it a tooltip.
+
+        ``shown`` is the part of the label that is visible.
+        """
         shown = shown or label
         tip = _in_full(label, shown, tip)
         self.record_item(label, kind, tip=tip, shown=shown, **details)
@@ -505,41 +542,45 @@ class Ui:
 
     @contextmanager
     def _outlined(self) -> Iterator[None]:
-        """Draw an edge around what is ticked or not, which else would hardly be seen."""
+        """Draw the widgets of the block with an outline, which makes checkboxes visible."""
         edge = {imgui.ImGuiCol_Border: (*self.colors.muted[:3], 0.7)}
         with pushed(edge, {imgui.ImGuiStyleVar_FrameBorderSize: max(1.0, self.scale)}):
             yield
 
-    def _fitted_beside_a_box(self, label: str) -> str:
-        """Return a label as far as there is room for it beside a checkbox or a radio button."""
+    def _fitted_next_to_box(self, label: str) -> str:
+        """Return a label, abbreviated if it does not fit next to a checkbox or a radio button."""
         box = imgui.GetFrameHeight() + imgui.GetStyle().ItemInnerSpacing[0]
         return self.fitted(label, imgui.GetContentRegionAvail()[0] - box)
 
     # Captions
 
     def halves(self, left: str, right: str) -> tuple[float, float]:
-        """Return widths of two captioned widgets that fill a line; zeros in a narrow panel."""
+        """Return the widths of two captioned widgets that fill a line; 0 in a narrow panel."""
         room, gap = imgui.GetContentRegionAvail()[0], imgui.GetStyle().ItemInnerSpacing[0]
-        if room < self.px(_NARROW_PAIR):
+        if room < self.px(_PAIR_PANEL_MIN):
             return 0.0, 0.0
         cell = (room - imgui.GetStyle().ItemSpacing[0]) / 2
         return cell - gap - self.text_width(left), cell - gap - self.text_width(right)
 
     def _placed(self, label: str, width: float = 0) -> tuple[float, float]:
-        """Return widths of the next widget and its caption; 0 where that is above, or none."""
+        """Return the widths of the next widget and its caption.
+
+        The latter is 0 if the caption is above the widget, where it is drawn immediately.
+        """
         room, gap = float(imgui.GetContentRegionAvail()[0]), imgui.GetStyle().ItemInnerSpacing[0]
         if width:
             return width, self.text_width(label)
-        if room < self.px(_CAPTION_WIDTH_MIN):
+        if room < self.px(_CAPTION_PANEL_MIN):
             self.line(label, "ink")
             return room, 0.0
-        caption = max(min(self.text_width(label), _WIDEST_CAPTION * room), self.px(_CAPTION))
+        widest = _CAPTION_SHARE_MAX * room
+        caption = max(min(self.text_width(label), widest), self.px(_CAPTION_WIDTH))
         return room - caption - gap, caption
 
     def _caption(self, label: str, room: float, tip: str) -> None:
-        """Write the words beside the widget that was drawn last, in a room that `_placed` gave."""
+        """Write the caption next to the previous widget, in the width from `_placed`."""
         if room:
-            self.beside(imgui.GetStyle().ItemInnerSpacing[0])
+            self.same_line(imgui.GetStyle().ItemInnerSpacing[0])
             self.align()
             self.line(label, "ink", tip, room)
 
@@ -548,7 +589,7 @@ class Ui:
 def pushed(
     colors: Mapping[int, Color], variables: Mapping[int, float | tuple[float, float]] | None = None
 ) -> Iterator[None]:
-    """Draw the block with other colours and variables of ImGui's style."""
+    """Draw the block with other colours and style variables of ImGui."""
     for index, color in colors.items():
         imgui.PushStyleColor(index, color)
     for index, value in (variables or {}).items():
@@ -561,13 +602,13 @@ def pushed(
 
 
 def close_by_escape() -> None:
-    """Close the menu or the list that is open; ImGui does so only with keyboard navigation."""
+    """Close the open menu or list by Escape; ImGui does it only with keyboard navigation."""
     if imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
         imgui.CloseCurrentPopup()
 
 
 def finite(text: str) -> float | None:
-    """Return the number that a text says; None if it says none, or not a finite one."""
+    """Return the finite number in a text, or None."""
     with suppress(ValueError):
         number = float(text)
         return number if math.isfinite(number) else None
@@ -575,7 +616,7 @@ def finite(text: str) -> float | None:
 
 
 def _text_and_name(label: str) -> tuple[str, str]:
-    """Return what the user reads of a label, and what scripts call it, if that is another word."""
+    """Split a label into its text and its name for scripts, which is empty if they are equal."""
     text, _, name = label.partition("##")
     return text, name.removeprefix("#")
 
@@ -586,5 +627,5 @@ def _input(label: str, hint: str, value: str) -> str:
 
 
 def _in_full(text: str, shown: str, tip: str) -> str:
-    """Return a tooltip, which begins with a text of which less is shown."""
+    """Return a tooltip that begins with the complete text if only a part of it is shown."""
     return "\n\n".join(filter(None, ["" if shown == text else text, tip]))

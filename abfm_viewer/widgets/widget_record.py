@@ -1,4 +1,4 @@
-"""The record of where each widget is: what `abfm_viewer.automation.driver.Driver` clicks on."""
+"""Record of the positions of all widgets, used by `abfm_viewer.automation.driver.Driver`."""
 
 import json
 import math
@@ -14,14 +14,17 @@ Rect = tuple[float, float, float, float]
 _Input = Literal["button", "checkbox", "combo", "choice", "slider", "box"]
 WidgetKind = Literal[_Input, "section", "tab", "menu", "item", "plot", "mark"]
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
-# of a logarithmic slider from 0: how much of it is 0, and what the rest spans
+# logarithmic sliders that start at 0: share of the slider for 0, and decades on the rest
 _ZERO_SHARE = 0.06
 _DECADES = 6
 
 
 @dataclass(frozen=True)
 class Range:
-    """The ends of a slider; `whole` numbers have no digits after the point."""
+    """Range of a slider, linear or logarithmic.
+
+    With `whole` its values are integers.
+    """
 
     low: float
     high: float
@@ -32,7 +35,7 @@ class Range:
         return min(max(value, self.low), self.high)
 
     def share_of(self, value: float) -> float:
-        """Return where on the slider a value is, 0 to 1."""
+        """Return the position of a value on the slider, 0 to 1."""
         if not self.log:
             return (value - self.low) / (self.high - self.low)
         if self.low > 0:
@@ -43,7 +46,7 @@ class Range:
         return _ZERO_SHARE + (1 - _ZERO_SHARE) * max(0.0, 1 + decades / _DECADES)
 
     def value_at(self, share: float) -> float:
-        """Return the value at a place of the slider: the inverse of `share_of`."""
+        """Return the value at a position of the slider; the inverse of `share_of`."""
         if not self.log:
             return self.low + share * (self.high - self.low)
         if self.low > 0:
@@ -56,19 +59,44 @@ class Range:
 
 @dataclass(frozen=True)
 class Widget:
-    """A widget as it was drawn in the latest frame."""
+    """A widget as it was drawn in the latest frame.
 
-    label: str  # what the user reads
+    Attributes
+    ----------
+    label : str
+        Text that the user reads.
+    kind : str
+    rect : Rect
+    area : Rect
+        Visible area of its panel; widgets outside of it need scrolling.
+    section : str
+        Path of sections, groups, menus and dialogs that contain it, outermost first.
+    enabled : bool
+    ends : Range
+        Range of a slider.
+    text : str
+        Contents: text of a box, choice of a combo, value of a slider.
+    grab : float
+        Width of a slider's grab in pixels.
+    name : str
+        Name for scripts, such as a parameter's name in files; empty if it is the label.
+    shown : str
+        Part of the label that fits on the widget.
+    tip : str
+        Tooltip.
+    """
+
+    label: str
     kind: WidgetKind
     rect: Rect
-    area: Rect  # what its panel shows of the window: outside of it it must be scrolled to
-    section: str  # sections, groups, menus, dialogs that it is in, slashes between, outermost first
+    area: Rect
+    section: str
     enabled: bool
-    ends: Range = Range(0, 1)  # a slider's
-    text: str = ""  # what it shows: a box's text, a combo's choice, a slider's value
-    grab: float = 0.0  # a slider's, in pixels
-    name: str = ""  # what scripts call it, as files call a parameter, unless that is the label
-    shown: str = ""  # what there was room for of a label that is drawn on the widget
+    ends: Range = Range(0, 1)
+    text: str = ""
+    grab: float = 0.0
+    name: str = ""
+    shown: str = ""
     tip: str = ""
 
     @property
@@ -79,12 +107,15 @@ class Widget:
         return label in (self.label, self.name)
 
     def is_within(self, section: str) -> bool:
-        """Return whether this is its section, or one around it."""
+        """Return whether the widget is in a section, directly or in a nested one."""
         return section == self.section or section in self.section.split("/")
 
 
 class WidgetRecord:
-    """The widgets of a frame while it is drawn; `latest` are those of the latest whole one."""
+    """Record of the widgets of a frame.
+
+    `latest` are the widgets of the latest complete frame.
+    """
 
     def __init__(self) -> None:
         self.latest: list[Widget] = []
@@ -94,7 +125,7 @@ class WidgetRecord:
         self._disabled = 0
 
     def begin_frame(self, window: Rect) -> None:
-        """Start anew, in a window that is seen as a whole."""
+        """Start the record of a frame in a window, whose complete area is visible."""
         self._drawn, self.areas, self._sections, self._disabled = [], [window], [""], 0
 
     def end_frame(self) -> None:
@@ -105,7 +136,7 @@ class WidgetRecord:
         return not self._disabled
 
     def path(self, name: str) -> str:
-        """Return a name in the present section, different from those in all others."""
+        """Return the path of a name in the current section, which is unique."""
         return "/".join([*self._sections, name])
 
     @contextmanager
@@ -120,7 +151,7 @@ class WidgetRecord:
 
     @contextmanager
     def disabled(self, condition: bool) -> Iterator[None]:
-        """Mark what is drawn in the block as of no use, if the condition holds."""
+        """Record the widgets of the block as disabled, if the condition holds."""
         self._disabled += condition
         try:
             yield
@@ -130,14 +161,15 @@ class WidgetRecord:
     def add(
         self, label: str, kind: WidgetKind, rect: Rect, enabled: bool = True, **details: Any
     ) -> None:
-        """Remember a widget; the details are other attributes of `Widget`."""
+        """Record a widget; the details are other attributes of `Widget`."""
         section, usable = "/".join(self._sections[1:]), enabled and self.enabled
         self._drawn.append(Widget(label, kind, rect, self.areas[-1], section, usable, **details))
 
 
 def write_widgets(widgets: Sequence[Widget], frame: int) -> None:
-    """Write the widgets of every third frame as JSON into the file that the environment names: for
-    programs that drive a real window with a mouse of their own.
+    """Write the widgets of every third frame as JSON into the file named by ``ABFM_WIDGETS``.
+
+    Programs that control a real window by mouse read it.
     """
     name = os.environ.get("ABFM_WIDGETS")
     if name and frame % 3 == 0:

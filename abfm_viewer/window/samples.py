@@ -151,7 +151,7 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
         ui.heading(heading)
         for number, (name, description) in enumerate(samples.items()):
             if number % columns:
-                ui.beside()
+                ui.same_line()
             if not _is_chosen(ui, (name, description), files.sample == name, size, textures):
                 continue
             if name in MESHES:

@@ -154,9 +154,9 @@ def sort_and_search(opened, monkeypatch):
     assert rows_of(opened) == ["along z"]
     opened.type("search", "along  Q", enter=False)
     assert rows_of(opened) == []
-    assert ("nothing called 'along Q' among 4 rows", "ink") in lines()
+    assert ("no match for 'along Q' among 4 rows", "ink") in lines()
     opened.type("search", "")
-    assert not [text for text, _ in lines() if text.startswith("nothing called")]
+    assert not [text for text, _ in lines() if text.startswith("no match for")]
     opened.click("verdict", "rows")
     assert rows_of(opened)[0] == "gone"
 

@@ -72,9 +72,9 @@ def test_an_axis_of_areas_has_round_factors(widest, factors):
 
 def test_what_is_under_the_mouse_is_told():
     coarse_to_fine = run([0, 0, 2], [600, 600, 2500], [0.5, 0.5, 0])
-    assert energy.course(coarse_to_fine, 0) == "mesh of 600 vertices, reach 0.5, stage 1"
-    assert energy.course(coarse_to_fine, 2) == "mesh of 2,500 vertices, stage 3"
-    assert energy.course(run([0, 0, 1]), 2) == "stage 2"  # of before
+    assert energy.stage_text(coarse_to_fine, 0) == "mesh of 600 vertices, reach 0.5, stage 1"
+    assert energy.stage_text(coarse_to_fine, 2) == "mesh of 2,500 vertices, stage 3"
+    assert energy.stage_text(run([0, 0, 1]), 2) == "stage 2"  # of before
 
 
 @pytest.mark.parametrize(
