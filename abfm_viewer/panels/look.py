@@ -3,7 +3,7 @@
 import numpy as np
 
 import abfm
-from abfm.pages.film_motion import CRITICAL_COLORS
+from abfm.pages.sequence_motion import CRITICAL_COLORS
 from abfm.wording import counted, sentence
 from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, TRANSFERRED_COLORINGS, Coloring
 from abfm_viewer.document.verdict_words import refinement_text

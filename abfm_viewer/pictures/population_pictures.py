@@ -16,7 +16,7 @@ from abfm import Population
 from abfm.io.sheets import Up
 from abfm.pages.colormaps import ColorRange, typical_range, without_extremes
 from abfm.pages.front import best_front
-from abfm.pages.registered import MOST_CHANNELS
+from abfm.pages.registration_views import CHANNELS_MAX
 from abfm.types import FloatArray
 from abfm_viewer.pictures.rows import Row, draw_rows, panels_of
 
@@ -46,7 +46,7 @@ def population_pictures(
     `DrawingError` if the machine cannot draw.
     """
     mesh, shown = found.template, _known(found.mean(found.main_channel))
-    channels = [_channel(found, c) for c in range(min(len(found.channels), MOST_CHANNELS))]
+    channels = [_channel(found, c) for c in range(min(len(found.channels), CHANNELS_MAX))]
     possible = (_outlier(found, i) for i in found.worst_first() if not found.fits[i])
     outliers = [row for row in possible if row is not None][:_OUTLIERS_DRAWN_MAX]
     planned = [*channels, _areas(found), *outliers]

@@ -18,12 +18,12 @@ from abfm.maps import Distortion
 from abfm.matching import PathStep
 from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front
-from abfm.pages.registered import (
-    MOST_CHANNELS,
-    compared_colors,
-    counts,
+from abfm.pages.registration_views import (
+    CHANNELS_MAX,
+    common_colors,
     fronts,
     functions_on_a,
+    mask_indicator,
 )
 from abfm.types import FloatArray
 from abfm_viewer.pictures.plots import histogram_picture, path_picture
@@ -78,9 +78,9 @@ def _functions(found: Registration) -> list[Row]:
     match, rows = found.match, []
     if match.problem.is_of_landmarks:
         return []
-    counted, is_one_surface = counts(match), found.a is found.b
+    counted, is_one_surface = mask_indicator(match), found.a is found.b
     channels = zip(
-        range(MOST_CHANNELS),
+        range(CHANNELS_MAX),
         functions_on_a(found).T,
         match.source.T,
         match.advected.T,
@@ -90,7 +90,7 @@ def _functions(found: Registration) -> list[Row]:
     names = ("source", "advected", "target") if is_one_surface else _ON_B
     for c, on_a, *on_b in channels:
         bar, difference = f"function {c + 1}", f"difference {c + 1}"
-        colors = compared_colors(match, c)
+        colors = common_colors(match, c)
         half = (colors.high - colors.low) / 2
         _, after, target = on_b
         panels = (

@@ -12,8 +12,8 @@ import polyscope.imgui as imgui
 
 from abfm import FunctionError
 from abfm.pages.colormaps import NO_VALUES, ColorRange, table
-from abfm.pages.film_motion import CRITICAL_COLORS
 from abfm.pages.front import triple
+from abfm.pages.sequence_motion import CRITICAL_COLORS
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.theme import LANDMARKS, ON_LANDMARKS, Color, Palette

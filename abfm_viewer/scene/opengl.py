@@ -79,9 +79,9 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
             f"OpenGL could not be started ({reason}); check the screen and the graphics driver"
         ) from None
     with temporary_folder() as folder:
-        for name, pixels in colormaps.pictures().items():
+        for name, pixels in colormaps.colormap_images().items():
             Image.fromarray(pixels).save(f"{folder}/{name}.png")
-            ps.load_color_map(colormaps.loaded_name(name), f"{folder}/{name}.png")
+            ps.load_color_map(colormaps.polyscope_name(name), f"{folder}/{name}.png")
         files = [f"{folder}/material {channel}.png" for channel in range(4)]
         for pixels, file in zip(material_pictures(), files, strict=True):
             Image.fromarray(pixels).save(file)

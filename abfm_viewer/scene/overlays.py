@@ -12,7 +12,7 @@ import numpy as np
 
 import abfm
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.pages.film_motion import CRITICAL_COLORS
+from abfm.pages.sequence_motion import CRITICAL_COLORS
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import Memo, same

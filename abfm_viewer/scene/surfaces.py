@@ -12,7 +12,7 @@ from abfm.pages.colormaps import (
     CHECKER_COLORS,
     DARK_CHECKER_COLORS,
     colors_of,
-    loaded_name,
+    polyscope_name,
 )
 from abfm.pages.creases import drawn_mesh
 from abfm.pages.front import Front, Triple, triple
@@ -136,7 +136,7 @@ def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) ->
         if paint.unknown is not None:
             surface.add_color_quantity(kind, values, **options)
             return
-        options |= {"cmap": loaded_name(paint.colors.colormap)}
+        options |= {"cmap": polyscope_name(paint.colors.colormap)}
         ends = paint.colors.low, paint.colors.high
         surface.add_scalar_quantity(kind, values, vminmax=ends, **options)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 import abfm
 from abfm import TriangleMesh
-from abfm.pages.film_motion import OPACITY_MIN
+from abfm.pages.sequence_motion import OPACITY_MIN
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.ribbons import normals_at, outward

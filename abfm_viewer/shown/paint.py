@@ -14,7 +14,7 @@ from abfm.pages.colormaps import (
     NO_VALUES,
     ColorRange,
     color_range,
-    on_ground,
+    for_background,
     place_colors,
 )
 from abfm.pages.front import Front
@@ -360,7 +360,7 @@ class Painter:
         colormap, theme = self._appearance
         if colormap == "automatic":
             colormap = automatic or ("abfm diverging" if low < 0 else "abfm sequential")
-        return ColorRange(on_ground(colormap, theme == "dark"), low, high)
+        return ColorRange(for_background(colormap, theme == "dark"), low, high)
 
 
 def _labelled(title: str, is_behind: bool) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 import abfm
 from abfm import Parameters
-from abfm.pages.film_motion import fast_in
+from abfm.pages.sequence_motion import fast_speed_of
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest, Memo
 from abfm_viewer.document.document import HODGE_PARTS, FieldPart
@@ -127,7 +127,7 @@ class SequenceQuantities(FieldQuantities):
             return field.fast
         if (found := self._session.sequence_match.fast_speed(document)) or document.result is None:
             return found
-        return self._fast_in.newest(document.sequence, fast_in, document.result)
+        return self._fast_in.newest(document.sequence, fast_speed_of, document.result)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
         """Return the streaks of an interval, cached for the next time that it is shown.

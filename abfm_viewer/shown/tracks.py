@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 
 import abfm
-from abfm.pages.film_motion import PointPath, ways_of
+from abfm.pages.sequence_motion import PointPath, track_paths
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.session.session import Session
@@ -30,7 +30,7 @@ class ShownTracks(Jobs):
         sequence = document.sequence_result
         if sequence is None or not document.view.tracks:
             return ()
-        return self._paths.ask(sequence, lambda: tuple(ways_of(sequence.tracks()))) or ()
+        return self._paths.ask(sequence, lambda: tuple(track_paths(sequence.tracks()))) or ()
 
     def counts(self) -> dict[str, int]:
         """Return the number of tracks by kind, without kinds that have none."""

@@ -1,4 +1,4 @@
-"""Surfaces in one file for a browser, turning, with a time bar, without server or network."""
+"""Interactive pages: rotating surfaces with a time bar, in one HTML file without a server."""
 
 import lazy_loader
 

@@ -1,5 +1,7 @@
-"""Colour maps: under a light what means nothing is a light grey, or a dark one on dark grounds,
-and lightness goes steadily away from it, for print and for colour-blind readers.
+"""Color maps for lit surfaces, suitable for printing and color-blind readers.
+
+A neutral value is light gray, or dark gray on dark backgrounds. Lightness changes monotonically
+away from it.
 """
 
 from dataclasses import dataclass
@@ -14,14 +16,14 @@ from abfm.types import BoolArray, FloatArray
 
 NAMES = ("abfm sequential", "abfm diverging", "viridis", "magma", "coolwarm", "gray")
 _DARK_NAMES = {name: f"{name} dark" for name in NAMES[:2]}
-# evenly spaced colours (101, 3) in linear light: a few stops in Oklab, joined by SciPy, which takes
-# longer to load than all of polyscope
-_STOPS = 16  # of a gradient
-_TABLE_ENTRIES = 1024  # entries of a table that nobody sees
+# Uniformly spaced colors (101, 3) in linear light. They interpolate a few stops in Oklab, and are
+# stored because importing SciPy for the interpolation would be slow.
+_STOPS = 16  # colors of a CSS gradient
+_TABLE_ENTRIES = 1024  # fine enough that steps are invisible
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
 _TABLES = dict(zip((*NAMES, *_DARK_NAMES.values()), np.split(_ROWS, 8, axis=1), strict=True))
-NO_VALUES = 0.3  # grey, in linear light
-# percentiles of values at the ends of the colours: noise has few extremes
+NO_VALUES = 0.3  # gray of unknown values, in linear light
+# percentiles of values at the ends of the colors, which exclude extreme noise
 _SHOWN_PERCENTILES = 0.2, 99.8
 CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # in linear light
 DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
@@ -34,14 +36,16 @@ class ColorRange:
     high: float
 
 
-def on_ground(colormap: str, is_dark: bool) -> str:
-    """Return the map that stands for one of `NAMES` on a light or a dark ground."""
+def for_background(colormap: str, is_dark: bool) -> str:
+    """Return the variant of a color map for a light or a dark background."""
     return _DARK_NAMES.get(colormap, colormap) if is_dark else colormap
 
 
 def color_range(*functions: FloatArray) -> ColorRange:
-    """Find one range of all that is finite, about 0 for both signs, or from 0 where values begin
-    just above it.
+    """Return one range of the finite values of functions.
+
+    The range is symmetric about 0 if values have both signs, and starts at 0 if the minimum is
+    slightly above 0.
     """
     known = [function[np.isfinite(function)] for function in functions]
     low = min((float(values.min()) for values in known if values.size), default=0.0)
@@ -50,15 +54,15 @@ def color_range(*functions: FloatArray) -> ColorRange:
     if min(-low, high) > 0.05 * largest:
         return ColorRange("abfm diverging", -largest, largest)
     if high - low <= 1e-12 * max(largest, 1e-300):
-        # a half is lost beside large numbers, and colour bars need a length
-        around = max(0.5, 1e-12 * largest)
-        return ColorRange("abfm sequential", low - around, high + around)
+        # 0.5 is rounded away next to large numbers, but a color bar needs a length
+        margin = max(0.5, 1e-12 * largest)
+        return ColorRange("abfm sequential", low - margin, high + margin)
     is_almost_0 = -1e-9 * largest < low < 0.02 * largest
     return ColorRange("abfm sequential", 0.0 if is_almost_0 else low, high)
 
 
 def without_extremes(values: FloatArray) -> FloatArray:
-    """Return the finite values, clipped to their percentiles 0.2 and 99.8, for a `color_range`."""
+    """Return the finite values, clipped to the percentiles 0.2 and 99.8, for `color_range`."""
     known = values[np.isfinite(values)]
     return np.clip(known, *np.percentile(known, _SHOWN_PERCENTILES)) if known.size else known
 
@@ -69,33 +73,33 @@ def typical_range(*functions: FloatArray) -> ColorRange:
 
 
 def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:
-    """Return places (V, 3) in the vertices' bounding box as colours in linear light."""
+    """Return colors in linear light of positions (V, 3) in the bounding box of vertices."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     return np.asarray(np.clip((positions - low) / np.maximum(high - low, 1e-300), 0, 1) ** 2.2)
 
 
 @lru_cache(maxsize=32)
 def table(colormap: str, size: int = 256) -> FloatArray:
-    """Return the colours of a map from its low to its high end, (size, 3) sRGB in 0 to 1."""
+    """Return the colors of a map from low to high, (size, 3), sRGB in 0 to 1."""
     linear = linear_table(colormap, size)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def linear_table(colormap: str, size: int) -> FloatArray:
-    """Return `table` in linear light, as polyscope takes colours."""
+    """Return the colors of `table` in linear light, as polyscope expects them."""
     rows = _TABLES[colormap]
     place = np.linspace(0, len(rows) - 1, size)
     return np.stack([np.interp(place, np.arange(len(rows)), channel) for channel in rows.T], axis=1)
 
 
 def gradient(colormap: str) -> list[str]:
-    """Return the colours of a map from its low to its high end, for CSS."""
+    """Return the colors of a map from low to high, for a CSS gradient."""
     colors = np.round(255 * table(colormap, _STOPS)).astype(int)
     return [f"rgb({red} {green} {blue})" for red, green, blue in colors.tolist()]
 
 
 def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> FloatArray:
-    """Return the colours of values (N,) in linear light, (N, 3), grey where they are unknown."""
+    """Return the colors of values (N,) in linear light, (N, 3); unknown values are gray."""
     table = linear_table(colors.colormap, _TABLE_ENTRIES)
     share = (values - colors.low) / (colors.high - colors.low)
     entries = np.clip(np.nan_to_num(share) * (_TABLE_ENTRIES - 1) + 0.5, 0, _TABLE_ENTRIES - 1)
@@ -104,12 +108,12 @@ def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> F
     return found
 
 
-def loaded_name(colormap: str) -> str:
-    """Return what polyscope calls a map of ours: it warns of names that it has already."""
+def polyscope_name(colormap: str) -> str:
+    """Return the name of a color map in polyscope, which must differ from its built-in names."""
     return colormap if colormap.startswith("abfm") else f"abfm {colormap}"
 
 
-def pictures() -> dict[str, NDArray[np.uint8]]:
-    """Return all maps by name as pictures (1, 1024, 3) in linear light, before gamma."""
+def colormap_images() -> dict[str, NDArray[np.uint8]]:
+    """Return all color maps by name as images (1, 1024, 3) in linear light, before gamma."""
     tables = {name: linear_table(name, 1024)[None] for name in _TABLES}
     return {name: np.round(255 * table).astype(np.uint8) for name, table in tables.items()}

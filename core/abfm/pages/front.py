@@ -1,4 +1,4 @@
-"""The side from which a surface is seen."""
+"""The front of a surface: the side from which it is shown."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from abfm.reading import side_of
 from abfm.types import FloatArray
 
 Triple = tuple[float, float, float]
-_FACES_LOOKED_AT = 10_000
+_FACES_MAX = 10_000  # evaluated faces
 _AZIMUTHS = np.radians(np.arange(0, 360, 10))
 _ELEVATIONS = np.radians([0, 12, 25, -12, 55])
-_STEEP_ELEVATION = np.radians(30)  # above it only flat surfaces are seen from,
-_STEEP_COST = 0.2  # and only if much more of them is visible
-_FLAT_HEIGHT_RATIO = 0.5  # of its smaller width: what is lower lies flat
-_SIDES = np.array([0.001, 0.002, 0.25])
-"""What looking from the right, from above and at the face is worth, of the surface that the best
-direction shows. The first two only decide between directions that show alike."""
-_NUMBERS_MAX = 50_000_000  # numbers of a film
+_STEEP_ELEVATION = np.radians(30)  # higher elevations are only for flat surfaces
+_STEEP_COST = 0.2  # minimum advantage of a steep view in visible area
+_FLAT_HEIGHT_RATIO = 0.5  # maximum height of a flat surface relative to its smaller width
+_SIDE_BONUS = np.array([0.001, 0.002, 0.25])
+"""Bonus of views from the right, from above and from the front, relative to the best visible area.
+The first two only decide between equivalent directions.
+"""
+_NUMBERS_MAX = 50_000_000  # evaluated numbers of a sequence
 
 
 def triple(values: FloatArray) -> Triple:
@@ -37,7 +38,7 @@ class Front:
 
     @property
     def axes(self) -> FloatArray:
-        """Return what is to the right, up, and towards the viewer, as rows (3, 3)."""
+        """Directions to the right, up, and towards the viewer, as rows (3, 3)."""
         return np.stack([np.cross(self.up, self.direction), self.up, self.direction])
 
 
@@ -47,45 +48,57 @@ def best_front(
     up: str | None = None,
     changes: FloatArray | None = None,
 ) -> Front:
-    """Look from where much surface is seen, and of every function (V,) its remarkable part; at a
-    cortex of known hemisphere as Connectome Workbench does, from the side with z upwards.
+    """Return the front with the most visible surface and the most visible features of functions.
 
-    It is so unless another axis is `up`; other surfaces have y upwards by default. Remarkable is
-    where a function differs from its median; hiding behind another part is not considered, but of
-    a surface that is inside out the outside is looked at. Without functions rather from the side
-    that most meshes have in front, z where y is `up`: as much of a closed surface is seen from
-    behind. Of a film its `changes` (V,) are seen, 0 or more, see `changes_in_time`.
+    A cortex of known hemisphere is shown from its lateral side with z upwards, as in Connectome
+    Workbench, unless ``up`` is another axis. For other surfaces y is upwards by default.
+
+    A feature is a difference of a function (V,) from its median. Occlusion by other parts is
+    ignored. A surface that is inside out is shown from its outside. Without functions, the usual
+    front of meshes is preferred, z if y is ``up``, because both sides of a closed surface show
+    equal areas.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    *functions : (V,) arrays
+    up : str, optional
+        Axis that points upwards, "x", "y" or "z".
+    changes : (V,) array, optional
+        Nonnegative changes in time, see `changes_in_time`; they count as a function.
     """
     side = side_of(mesh.structure)
     if side and up in (None, "z"):
         return Front((-1.0 if side == "L" else 1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     up = up or "y"
-    axes = np.roll(np.eye(3), 1 - "xyz".index(up), axis=0)  # sideways, up, to the front
+    axes = np.roll(np.eye(3), 1 - "xyz".index(up), axis=0)  # right, up, front
     azimuth, elevation = (grid.ravel() for grid in np.meshgrid(_AZIMUTHS, _ELEVATIONS))
     around = np.stack([np.sin(azimuth), np.zeros(len(azimuth)), np.cos(azimuth)], axis=1) @ axes
     directions = np.cos(elevation)[:, None] * around + np.sin(elevation)[:, None] * axes[1]
     ups = np.cos(elevation)[:, None] * axes[1] - np.sin(elevation)[:, None] * around
-    faces = mesh.faces[:: max(1, len(mesh.faces) // _FACES_LOOKED_AT)]
+    faces = mesh.faces[:: max(1, len(mesh.faces) // _FACES_MAX)]
     a, b, c = np.moveaxis(mesh.vertices[faces], 1, 0)
     outward = -1 if mesh.is_inside_out else 1
     facing = np.maximum(outward * np.cross(b - a, c - a) @ directions.T, 0)
     weights = [np.abs(f - np.median(f))[faces].mean(axis=1) for f in functions]
     if changes is not None and changes.any():
         weights.append(changes[faces].mean(axis=1))
-    # how much of them each direction shows, relative to the best one
+    # visible share of each weight by direction, relative to the best direction
     seen = [weight @ facing for weight in (np.ones(len(faces)), *weights)]
     shares = [each / max(float(each.max()), 1e-300) for each in seen]
     width, height, depth = np.ptp(mesh.vertices @ axes.T, axis=0)
     steep_cost = _STEEP_COST if height < _FLAT_HEIGHT_RATIO * min(width, depth) else np.inf
     costs = np.where(elevation > _STEEP_ELEVATION, steep_cost, 0.0)
-    costs -= 0.0 if weights else directions @ (_SIDES @ axes)
+    costs -= 0.0 if weights else directions @ (_SIDE_BONUS @ axes)
     best = np.argmax(np.min(shares, axis=0) + 0.2 * shares[0] - costs)
     return Front(triple(directions[best]), triple(ups[best]))
 
 
 def changes_in_time(frames: FloatArray) -> FloatArray:
-    """Return the variance in time of frames (T, V, C), (V,): of each channel as a share of its
-    largest, and of none that is not finite. Of very long films only some frames count.
+    """Return the variance in time of frames (T, V, C), (V,), summed over channels.
+
+    Each channel is divided by its maximum. Values that are not finite have variance 0. Very long
+    sequences are subsampled.
     """
     shown = frames[:: -(-frames.size // _NUMBERS_MAX)]
     shown = shown if len(shown) > 1 else frames

@@ -1,4 +1,4 @@
-"""HTML from templates: every page and view is rendered here, with all values escaped."""
+"""HTML from templates; all pages and notebook views are rendered here, with escaped values."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ TEMPLATES = Path(__file__).parent / "template"
 
 @cache
 def environment(*folders: Path) -> Environment:
-    """Return the environment of the templates in some folders and of those of this package.
+    """Return the template environment for some folders and the templates of this package.
 
-    Values are escaped, a name that a template does not get is an error, and ``tojson`` writes JSON
+    Values are escaped, and an undefined name raises an error. The filter ``tojson`` writes JSON
     that no HTML parser reads as a tag.
     """
     found = Environment(
@@ -33,5 +33,5 @@ def environment(*folders: Path) -> Environment:
 
 
 def stylesheet(*paths: Path) -> str:
-    """Return the styles that all pages share, and then those of some files."""
+    """Return the styles of all pages, followed by the styles in some files."""
     return "".join(path.read_text(encoding="utf-8") for path in (TEMPLATES / "base.css", *paths))

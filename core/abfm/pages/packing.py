@@ -1,7 +1,7 @@
-"""Arrays in a page: whole numbers, as differences from row to row, in planes of bytes, deflated.
+"""Packing of arrays in a page: integers as differences of rows, in planes of bytes, deflated.
 
-What changes little from frame to frame becomes mostly zeros, which deflate well; a browser inflates
-by itself (`packing.js` is the other side).
+Differences between similar frames are mostly zero, which deflates well. Browsers can inflate
+without a library; `packing.js` unpacks the arrays.
 """
 
 from __future__ import annotations
@@ -17,73 +17,75 @@ from numpy.typing import ArrayLike, NDArray
 from abfm.types import FloatArray
 
 LEVELS = 4095
-"""Steps between the least and the greatest value: a colour map has 256 colours."""
+"""Number of steps between the minimum and the maximum; a color map has 256 colors."""
 NO_VALUE = 65535
-"""Stands for no value."""
-_PLACES = 65535  # steps along each side of a mesh's box
+"""Number that represents an unknown value."""
+_COORDINATE_LEVELS = 65535  # steps along each side of the bounding box
 
 
 @dataclass(frozen=True, eq=False)
-class Quantised:
-    """Values as whole numbers: ``least + step * numbers``, within half a step; `NO_VALUE` for
-    NaN.
+class Quantized:
+    """Values as integers: ``minimum + step * numbers``, within half a step.
+
+    NaN is `NO_VALUE`.
     """
 
     numbers: NDArray[np.uint16]
-    least: float
+    minimum: float
     step: float
 
-    def place(self, value: float) -> float:
-        """Return where a value lies, in steps from the least."""
-        return (value - self.least) / self.step
+    def position(self, value: float) -> float:
+        """Return the position of a value, in steps from the minimum."""
+        return (value - self.minimum) / self.step
 
 
-def quantised(values: ArrayLike) -> Quantised:
-    """Return values (T, V) in `LEVELS` steps from the least to the greatest one that is finite.
+def quantized(values: ArrayLike) -> Quantized:
+    """Return values (T, V) in `LEVELS` steps between the finite minimum and maximum.
 
-    Neither infinite values nor NaN have a colour, and both are `NO_VALUE`.
+    Infinite values and NaN have no color; both are `NO_VALUE`.
     """
     given = np.asarray(values, dtype=float)
     known = np.isfinite(given)
-    least, most = (given[known].min(), given[known].max()) if known.any() else (0.0, 0.0)
-    unit = max(abs(least), abs(most)) or 1.0  # in which no difference of huge values is infinite
-    step = (most / unit - least / unit) / LEVELS or 1.0
+    minimum, maximum = (given[known].min(), given[known].max()) if known.any() else (0.0, 0.0)
+    unit = max(abs(minimum), abs(maximum)) or 1.0  # prevents overflow of differences of huge values
+    step = (maximum / unit - minimum / unit) / LEVELS or 1.0
     numbers = np.full(given.shape, NO_VALUE, dtype=np.uint16)
-    numbers[known] = np.round((given[known] / unit - least / unit) / step)
-    return Quantised(numbers, float(least), float(step * unit) or 1.0)
+    numbers[known] = np.round((given[known] / unit - minimum / unit) / step)
+    return Quantized(numbers, float(minimum), float(step * unit) or 1.0)
 
 
-def quantised_places(points: FloatArray) -> tuple[NDArray[np.uint16], FloatArray, FloatArray]:
-    """Return points (N, 3) in steps along the sides of their box, its lowest corner and the steps;
-    they come back within half a step.
+def quantized_points(points: FloatArray) -> tuple[NDArray[np.uint16], FloatArray, FloatArray]:
+    """Return points (N, 3) in steps along their bounding box, its lowest corner, and the steps.
+
+    The points are recovered within half a step.
     """
     low = points.min(axis=0)
-    steps = np.ptp(points, axis=0) / _PLACES
+    steps = np.ptp(points, axis=0) / _COORDINATE_LEVELS
     numbers = np.round((points - low) / np.where(steps > 0, steps, 1.0))
     return numbers.astype(np.uint16), low, steps
 
 
 @dataclass
 class Store:
-    """Collects arrays, which are then known by where they are, and gives all as one text."""
+    """Collection of arrays that is written as one text; each array is identified by its offset."""
 
     _parts: list[bytes] = field(default_factory=list)
     _size: int = 0
 
     def add(self, array: NDArray[Any]) -> dict[str, int]:
-        """Put in unsigned integers or single precision, (rows, columns) or one row."""
+        """Append unsigned integers or single precision numbers, (rows, columns) or one row."""
         rows = np.atleast_2d(array)
         if rows.dtype.kind == "f":
             rows = np.ascontiguousarray(rows, dtype="<f4").view("<u4")
         rows = np.ascontiguousarray(rows, dtype=rows.dtype.newbyteorder("<"))
         size = rows.dtype.itemsize
         changes = rows.copy()
-        changes[1:] -= rows[:-1]  # wraps around
+        changes[1:] -= rows[:-1]  # unsigned differences wrap around
         planes = changes.reshape(-1).view(np.uint8).reshape(-1, size).T
-        where = {"offset": self._size, "rows": rows.shape[0], "columns": rows.shape[1]}
+        entry = {"offset": self._size, "rows": rows.shape[0], "columns": rows.shape[1]}
         self._parts.append(planes.tobytes())
         self._size += rows.nbytes
-        return where | {"bytes": size}
+        return entry | {"bytes": size}
 
     def text(self) -> str:
         """Return all arrays, deflated, as base64."""

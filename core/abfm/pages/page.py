@@ -1,7 +1,7 @@
-"""A page that shows surfaces, turning, with a time bar: one file, without server or network.
+"""Model of a page with rotating surfaces and a time bar, written as one HTML file.
 
-It is drawn by WebGL2, by the scripts beside this file, which it holds; what it may do is bounded by
-its own policy: it can load nothing.
+The scripts next to this file draw the page by WebGL2, and the file contains them. A content
+security policy prevents the page from loading anything else.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from abfm.pages.colormaps import ColorRange, gradient, table
 from abfm.pages.creases import drawn_mesh
 from abfm.pages.front import Front
 from abfm.pages.html import TEMPLATES, environment, stylesheet
-from abfm.pages.packing import Store, quantised, quantised_places
+from abfm.pages.packing import Store, quantized, quantized_points
 from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import step
 
 _SCRIPTS = ("packing.js", "drawing.js", "camera.js", "player.js", "values.js", "page.js")
-_COLORS = 256  # of a colour map
-_SECONDS = (0.1, 3600.0)  # that playing may take
-_FULL_TAIL = 1e30
+_COLORS = 256  # entries of a color map
+_PLAY_SECONDS = (0.1, 3600.0)  # minimum and maximum duration of playing
+_TAIL_MAX = 1e30  # a tail that never fades
 
 Color = tuple[float, float, float]
-"""Red, green and blue, sRGB in 0 to 1."""
+"""Red, green and blue in sRGB, 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """What colours may show on a surface: values (V,), or (T, V) at T increasing times.
+    """Values shown by colors: (V,), or (T, V) at T increasing times.
 
-    Between two times the page goes evenly from the one to the other; NaN is drawn in grey. Values
-    are kept to 1/8190 of their range (`packing.LEVELS`).
+    The page interpolates linearly between two times. NaN is drawn in gray. Values are stored with a
+    precision of 1/8190 of their range (`packing.LEVELS`).
     """
 
     name: str
@@ -55,26 +55,27 @@ class Layer:
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
-    """What moves or appears on a surface: straight pieces, each gone along between two times.
+class Paths:
+    """Objects that move or appear on a surface: straight pieces, each traversed between two times.
 
     Parameters
     ----------
     starts, ends : (S, 3) arrays
-        Places, in the mesh's unit.
+        Points, in the unit of the mesh.
     times : (S, 2) array
-        When each piece begins and ends; a disc is at its place on the piece in between.
+        Start and end of each piece. Between them, a disc moves along the piece.
     tail : float
-        How long after it was gone along a piece is seen, fading.
+        Time for which a traversed piece stays visible while it fades.
     disc, line, arrow : float
-        Radius of the disc, and widths of the line and of the shaft of an arrow that is there
-        between the two times, in pixels; 0 for none.
+        Radius of the disc, width of the line, and width of the shaft of an arrow, in pixels; 0 for
+        none. An arrow is visible between the two times.
     normals : (S, 3) array, optional
-        Of the surface there: arrows are not seen where it is steep, as an outline would cut them.
+        Normals of the surface at the pieces. Arrows are hidden at a steep angle, where the outline
+        of the surface would cut them.
     opacities : (S,) array, optional
-        Of each piece, from 0 to 1, times that of all.
+        Opacity of each piece, 0 to 1; multiplied by ``opacity``.
     shown : bool
-        Whether it is seen before anybody asks for it.
+        Whether the paths are visible when the page is opened.
     """
 
     name: str
@@ -82,7 +83,7 @@ class Ways:
     ends: FloatArray
     times: FloatArray
     color: Color
-    tail: float = _FULL_TAIL
+    tail: float = _TAIL_MAX
     disc: float = 4.5
     line: float = 2.5
     opacity: float = 1.0
@@ -93,42 +94,44 @@ class Ways:
 
     @classmethod
     def along(
-        cls, name: str, paths: Sequence[tuple[ArrayLike, ArrayLike]], color: Color, **look: Any
-    ) -> Ways:
-        """Make ways of paths, each of times (N,) and points (N, 3), N at least 2."""
+        cls, name: str, paths: Sequence[tuple[ArrayLike, ArrayLike]], color: Color, **style: Any
+    ) -> Paths:
+        """Create paths from times (N,) and points (N, 3) of each path, with N at least 2."""
         pieces = [(np.asarray(t, float), np.asarray(p, float)) for t, p in paths if np.size(t) > 1]
         starts = [np.zeros((0, 3)), *(points[:-1] for _, points in pieces)]
         ends = [np.zeros((0, 3)), *(points[1:] for _, points in pieces)]
         spans = [np.stack([times[:-1], times[1:]], axis=1) for times, _ in pieces]
         times = np.concatenate([np.zeros((0, 2)), *spans])
-        ways = cls(name, np.concatenate(starts), np.concatenate(ends), times, color)
-        return replace(ways, **look)
+        found = cls(name, np.concatenate(starts), np.concatenate(ends), times, color)
+        return replace(found, **style)
 
     @classmethod
     def points(
         cls, name: str, places: FloatArray, spans: ArrayLike, color: Color, disc: float = 4.5
-    ) -> Ways:
-        """Make ways of points (N, 3) that are there between times (N, 2), or (2,) for all."""
+    ) -> Paths:
+        """Create discs at points (N, 3) that are visible between times (N, 2), or (2,) for all."""
         times = np.broadcast_to(np.asarray(spans, float), (len(places), 2))
         return cls(name, places, places, times, color, disc=disc, line=0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A surface in its own part of the page; the panels of a page turn together, each from its
-    front. Where several layers may be chosen, the nth of each panel is shown; of fewer the last.
+    """A surface in its part of the page.
+
+    The panels of a page rotate together, each from its own front. If the reader chooses the nth
+    layer, each panel shows its nth layer, or its last one if it has fewer.
     """
 
     title: str
     mesh: TriangleMesh
     layers: Sequence[Layer]
     front: Front
-    ways: Sequence[Ways] = ()
+    paths: Sequence[Paths] = ()
 
 
 @dataclass(frozen=True)
 class Span:
-    """What is said of a part of the time bar."""
+    """A part of the time bar with a text."""
 
     start: float
     end: float
@@ -138,26 +141,27 @@ class Span:
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """The times of a page, and how many seconds it takes to play them at speed 1."""
+    """Times of a page, and the seconds that playing takes at speed 1."""
 
     start: float
     end: float
     seconds: float = 4.0
     unit: str = ""
-    first: float | None = None  # that is shown at first, by default the start
+    first: float | None = None  # time shown when the page is opened; by default the start
     ticks: Sequence[float] = ()
     spans: Sequence[Span] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.start) and math.isfinite(self.end) and self.start < self.end):
             raise ParameterError(
-                f"a page's times go from {self.start:g} to {self.end:g}; expected a later end"
+                f"the times of a page are {self.start:g} to {self.end:g}; expected finite times "
+                "with the end after the start"
             )
 
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """Panels under a headline, and facts and notes below them; without a clock nothing moves."""
+    """Panels below a headline, with facts and notes. Without a clock the page has no time bar."""
 
     title: str
     headline: str
@@ -169,7 +173,7 @@ class Page:
     notes: Sequence[str] = ()
 
     def html(self, is_embedded: bool = False) -> str:
-        """Return the whole page; one that is embedded has neither title nor text below."""
+        """Return the HTML. An embedded page has no title and no text below the panels."""
         store = Store()
         script = "\n".join(_text(name) for name in _SCRIPTS)
         script, style = f'"use strict";\n{script}', stylesheet(TEMPLATES / "page.css")
@@ -182,20 +186,20 @@ class Page:
             is_embedded=is_embedded,
             moving="hidden" if self.clock is None else "",
             version=version("abfm"),
-            told=_PageData(self, store).page(),
-            data=store.text(),
+            data=_PageData(self, store).page(),
+            arrays=store.text(),
             script=script,
         )
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the page, whole or not at all, or raise a `ResultError`."""
+        """Write the page, completely or not at all, or raise a `ResultError`."""
         with step("writing the page"):
             text = self.html()
         write_whole(path, text)
 
 
 class _PageData:
-    """What the script is told of a page; arrays go into the store."""
+    """JSON data of a page for its script; arrays are added to the store."""
 
     def __init__(self, page: Page, store: Store) -> None:
         self._page, self._store = page, store
@@ -213,15 +217,15 @@ class _PageData:
             "clock": _clock(self._clock),
         }
 
-    def _shares(self, times: ArrayLike) -> FloatArray:
-        """Return times as shares of the clock's: single precision cannot tell dates apart."""
+    def _relative_times(self, times: ArrayLike) -> FloatArray:
+        """Return times relative to the clock, 0 to 1; single precision cannot distinguish dates."""
         start, end = self._clock.start, self._clock.end
-        shares = (np.asarray(times, dtype=float) - start) / (end - start)
-        return np.clip(shares, -_FULL_TAIL, _FULL_TAIL)
+        relative = (np.asarray(times, dtype=float) - start) / (end - start)
+        return np.clip(relative, -_TAIL_MAX, _TAIL_MAX)
 
     def _mesh(self, mesh: TriangleMesh) -> dict[str, Any]:
         drawn = drawn_mesh(mesh)
-        numbers, low, step = quantised_places(_placed(mesh, mesh.vertices)[drawn.origin])
+        numbers, low, step = quantized_points(_centered(mesh, mesh.vertices)[drawn.origin])
         add = self._store.add
         return {
             "positions": add(numbers),
@@ -239,52 +243,59 @@ class _PageData:
             "mesh": self._meshes.setdefault(panel.mesh, len(self._meshes)),
             "axes": panel.front.axes.ravel().tolist(),
             "layers": [self._layer(layer, origin) for layer in panel.layers],
-            "ways": [self._ways(ways, panel.mesh) for ways in panel.ways],
+            "paths": [self._paths(paths, panel.mesh) for paths in panel.paths],
         }
 
     def _layer(self, layer: Layer, origin: IntArray) -> dict[str, Any]:
         values, colors = np.atleast_2d(layer.values)[:, origin], layer.colors
-        found = quantised(values)
+        found = quantized(values)
         colormap = self._colormaps.setdefault(colors.colormap, len(self._colormaps))
-        times = None if layer.times is None else self._shares(layer.times).astype(np.float32)
+        times = (
+            None if layer.times is None else self._relative_times(layer.times).astype(np.float32)
+        )
         if (1 if times is None else len(times)) != len(values):
-            given = "no times" if times is None else f"{len(times)} times"
-            raise ParameterError(f"{layer.name} has {len(values)} frames, and {given}")
+            count = "no" if times is None else f"{len(times)}"
+            raise ParameterError(
+                f"{layer.name} has {len(values)} frames but {count} times; expected one time for "
+                "each frame"
+            )
         return {
             "name": layer.name,
             "unit": layer.unit,
             "ends": [colors.low, colors.high],
-            "low": found.place(colors.low),
-            "high": found.place(colors.high),
-            "least": found.least,
+            "low": found.position(colors.low),
+            "high": found.position(colors.high),
+            "minimum": found.minimum,
             "step": found.step,
             "colormap": colormap,
             "values": self._store.add(found.numbers),
             "times": None if times is None else self._store.add(times[:, None]),
         }
 
-    def _ways(self, ways: Ways, mesh: TriangleMesh) -> dict[str, Any]:
-        ends = [_placed(mesh, np.asarray(each)) for each in (ways.starts, ways.ends)]
-        normals = np.zeros_like(ends[0]) if ways.normals is None else ways.normals
-        opacities = np.ones(len(ends[0])) if ways.opacities is None else ways.opacities
-        parts = [*ends, self._shares(ways.times), normals, opacities[:, None]]
+    def _paths(self, paths: Paths, mesh: TriangleMesh) -> dict[str, Any]:
+        ends = [_centered(mesh, np.asarray(each)) for each in (paths.starts, paths.ends)]
+        normals = np.zeros_like(ends[0]) if paths.normals is None else paths.normals
+        opacities = np.ones(len(ends[0])) if paths.opacities is None else paths.opacities
+        parts = [*ends, self._relative_times(paths.times), normals, opacities[:, None]]
         pieces = np.hstack(parts).astype(np.float32)
-        in_time = np.argsort(pieces[:, 6], kind="stable")  # the page draws those until now
+        in_time = np.argsort(
+            pieces[:, 6], kind="stable"
+        )  # the page draws the pieces that have started
         return {
-            "name": ways.name,
-            "color": list(ways.color),
-            "tail": min(ways.tail / (self._clock.end - self._clock.start), _FULL_TAIL),
-            "disc": ways.disc,
-            "line": ways.line,
-            "arrow": ways.arrow,
-            "shown": ways.shown,
-            "opacity": ways.opacity,
-            "places": self._store.add(pieces[in_time]),
+            "name": paths.name,
+            "color": list(paths.color),
+            "tail": min(paths.tail / (self._clock.end - self._clock.start), _TAIL_MAX),
+            "disc": paths.disc,
+            "line": paths.line,
+            "arrow": paths.arrow,
+            "shown": paths.shown,
+            "opacity": paths.opacity,
+            "pieces": self._store.add(pieces[in_time]),
         }
 
 
-def _placed(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
-    """Return points about the mesh's middle, in sqrt(area): graphics cards have 7 digits."""
+def _centered(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
+    """Return centered points in sqrt(area), because graphics cards have a precision of 7 digits."""
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     return np.asarray((points - middle) / mesh.length_scale)
 
@@ -293,7 +304,7 @@ def _clock(clock: Clock) -> dict[str, Any]:
     return {
         "start": clock.start,
         "end": clock.end,
-        "seconds": min(max(clock.seconds, _SECONDS[0]), _SECONDS[1]),
+        "seconds": min(max(clock.seconds, _PLAY_SECONDS[0]), _PLAY_SECONDS[1]),
         "unit": clock.unit,
         "first": clock.start if clock.first is None else clock.first,
         "ticks": [float(tick) for tick in clock.ticks],
@@ -302,7 +313,7 @@ def _clock(clock: Clock) -> dict[str, Any]:
 
 
 def _bytes(colormap: str) -> Any:
-    """Return the colours of a map as (1, 4 * 256) bytes, red, green, blue and opaque."""
+    """Return the colors of a map as (1, 4 * 256) bytes: red, green, blue and opacity."""
     colors = np.full((_COLORS, 4), 255, dtype=np.uint8)
     colors[:, :3] = np.round(255 * table(colormap, _COLORS))
     return colors.reshape(1, -1)
@@ -313,13 +324,13 @@ def _text(name: str) -> str:
 
 
 def _policy(script: str, style: str) -> str:
-    """Allow this script and this style, and nothing else: no network, no other script."""
+    """Return the content security policy: only this script and this style, and no network."""
     hashes = (
         base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
         for text in (script, style)
     )
-    of_script, of_style = hashes
+    script_hash, style_hash = hashes
     return (
-        f"default-src 'none'; script-src 'sha256-{of_script}'; style-src 'sha256-{of_style}'; "
+        f"default-src 'none'; script-src 'sha256-{script_hash}'; style-src 'sha256-{style_hash}'; "
         "base-uri 'none'; form-action 'none'"
     )

@@ -12,7 +12,7 @@ import pytest
 from abfm import TriangleMesh
 from abfm.batch import LedgerEntry, Row
 from abfm.outcome import Facts, Outcome
-from abfm.pages import Clock, Layer, Page, Panel, Span, Ways
+from abfm.pages import Clock, Layer, Page, Panel, Paths, Span
 from abfm.pages.colormaps import ColorRange, linear_table
 from abfm.pages.front import Front
 from abfm.population.report import details
@@ -220,15 +220,17 @@ def test_a_click_shows_how_a_value_goes_on(open_page):
         np.testing.assert_allclose(x, [0, 25, 100])
         low, high = min(heights), max(heights)
         np.testing.assert_allclose(y, 46 - 42 * (np.array(heights) - low) / (high - low), atol=0.02)
-        labels = [shown.find(each).text.replace("\u2212", "-") for each in ("#most", "#least")]
+        labels = [
+            shown.find(each).text.replace("\u2212", "-") for each in ("#plot-max", "#plot-min")
+        ]
         assert [float(label) for label in labels] == pytest.approx([high, low], abs=0.01)
         shown.go(Keys.ARROW_RIGHT, 11.0)
         assert shown.find("#cursor").get_attribute("x1") == "25"
-        now = shown.find("#of").text.split(": ")[1]
+        now = shown.find("#plot-title").text.split(": ")[1]
         assert now.replace("\u2212", "-") == f"{heights[1]:g} mV"
-        assert shown.find("#tip").text == shown.find("#of").text
+        assert shown.find("#tip").text == shown.find("#plot-title").text
         shown.go(Keys.HOME, 10.0)
-    left, _, right, _ = shown.boxes("#mark")[0]
+    left, _, right, _ = shown.boxes("#marker")[0]
     assert (left + right) / 2 == pytest.approx(sum(shown.boxes()[0][::2]) / 2 - 60, abs=10)
     clicked(shown, -0.45 * SIZE[0])  # beside the surface
     shown.until(lambda: not shown.find("#plot").is_displayed())
@@ -295,7 +297,7 @@ def test_what_is_known_goes_on_to_the_edge_of_what_is_not(open_page):
 @pytest.mark.parametrize("unit", [1e-3, 1e-9])
 def test_times_of_any_size_are_told_apart(open_page, start, unit):
     times = start + (unit if abs(start) < 1e4 else 1e-3) * (TIMES - 10)
-    ways = [Ways.points("dot", np.array([[0.0, 0.0, 1.0]]), times[[1, 1]], RED, disc=8.0)]
+    ways = [Paths.points("dot", np.array([[0.0, 0.0, 1.0]]), times[[1, 1]], RED, disc=8.0)]
     layer = Layer("f", even(0.0, 1.0, 0.4), COLORS, times)
     clock = Clock(times[0], times[-1], ticks=times)
     shown = open_page(page(Panel("ball", BALL, [layer], FRONT, ways), clock=clock))
@@ -334,7 +336,7 @@ def test_ends_of_a_colour_bar_are_short_and_told_apart(open_page, low, high, exp
 def test_arrows_are_there_in_their_interval_where_the_surface_faces_the_eye(open_page):
     feet, tips = np.array([[-0.2, 0.0, 1.1]] * 2), np.array([[0.2, 0.0, 1.1], [-0.2, 0.4, 1.1]])
     ways = [
-        Ways(
+        Paths(
             "arrows",
             feet,
             tips,
@@ -345,7 +347,7 @@ def test_arrows_are_there_in_their_interval_where_the_surface_faces_the_eye(open
             arrow=6.0,
             normals=np.array([[0.0, 0.0, 1.0]] * 2),
         ),
-        Ways(
+        Paths(
             "steep",
             feet,
             tips,
@@ -386,7 +388,7 @@ def test_lines_are_round_where_they_turn(open_page):
     corner, width = np.array([0.0, 0.0, 1.1]), 16.0
     for turned in (-0.4, 0.3):
         points = np.array([[-0.5, -0.1, 1.1], corner, [turned, 0.5, 1.1]])
-        ways = [Ways.along("way", [(TIMES, points)], RED, disc=0.0, line=width)]
+        ways = [Paths.along("way", [(TIMES, points)], RED, disc=0.0, line=width)]
         light = Layer("f", even(0.0)[0], COLORS)
         shown = open_page(page(Panel("ball", BALL, [light], FRONT, ways)))
         shown.go(Keys.END, 14.0)
@@ -401,8 +403,8 @@ def test_points_come_and_go_and_ways_grow(open_page):
     front = np.array([[0.0, 0.0, 1.0]])
     path = np.stack([np.sin([-0.5, 0.0, 0.5]), np.zeros(3), np.cos([-0.5, 0.0, 0.5])], axis=1)
     ways = [
-        Ways.points("dots", front, (11.0, 13.0), RED, disc=8.0),
-        Ways.along("tracks", [(TIMES, path)], (0.0, 0.0, 1.0), disc=0.0, line=6.0),
+        Paths.points("dots", front, (11.0, 13.0), RED, disc=8.0),
+        Paths.along("tracks", [(TIMES, path)], (0.0, 0.0, 1.0), disc=0.0, line=6.0),
     ]
     clock = replace(CLOCK, ticks=[10.0, 11.0, 12.0, 14.0])
     light = Layer("f", even(0.0)[0], COLORS)
@@ -421,12 +423,12 @@ def test_points_come_and_go_and_ways_grow(open_page):
     shown.go(Keys.END, 14.0)
     assert seen(0) == 0
     assert seen(2) > 1.7 * half
-    shown.find("#ways label:nth-child(2)").click()
+    shown.find("#paths label:nth-child(2)").click()
     assert seen(2) == 0
 
 
 def test_a_surface_hides_what_is_behind_it(open_page):
-    ways = [Ways.points("dots", np.array([[0.0, 0.0, -1.0]]), (0.0, 99.0), RED, disc=8.0)]
+    ways = [Paths.points("dots", np.array([[0.0, 0.0, -1.0]]), (0.0, 99.0), RED, disc=8.0)]
     shown = open_page(page(Panel("ball", BALL, [LAYERS[1]], FRONT, ways)))
     np.testing.assert_allclose(shown.middle(), told(0.7), atol=4)
 
@@ -459,11 +461,11 @@ def test_nothing_is_asked_of_a_network_and_nothing_could_be(open_page, driver, t
 def test_what_users_wrote_is_text(open_page):
     layer = replace(LAYERS[0], name=EVIL, unit=EVIL)
     clock = replace(CLOCK, unit=EVIL, spans=[Span(10.0, 14.0, EVIL)])
-    ways = [Ways.points(EVIL, BALL.vertices[:1], (0.0, 99.0), RED)]
+    ways = [Paths.points(EVIL, BALL.vertices[:1], (0.0, 99.0), RED)]
     given = Page(EVIL, EVIL, [Panel(EVIL, BALL, [layer], FRONT, ways)], clock, about=EVIL)
     shown = open_page(given)
     assert shown.driver.title == EVIL
-    for selector in ("h1", ".headline", ".about", "figcaption", "#span", "#ways label"):
+    for selector in ("h1", ".headline", ".about", "figcaption", "#span", "#paths label"):
         assert shown.find(selector).text == EVIL
     assert shown.find("#now").text == f"10.00 {EVIL}"
     assert shown.log() == []
@@ -475,7 +477,7 @@ def test_a_browser_without_webgl_is_told_so(open_page, driver):
     added = driver.execute_cdp_cmd(command, {"source": text})
     try:
         shown = open_page(page(), ready="!document.querySelector('#problem').hidden")
-        assert "no WebGL2" in shown.find("#problem").text
+        assert "WebGL2" in shown.find("#problem").text
         assert not shown.find("#stage").is_displayed()
     finally:
         driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)

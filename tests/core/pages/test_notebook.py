@@ -69,7 +69,7 @@ def found():
         "registration": (registration, registration.facts.headline),
         "sequence": (sequence, sequence.facts.headline),
         "correspondence": (registration.initial, "surface B, 162 vertices and 320 faces"),
-        "population": (small_population(), "4 of 5 subjects fit"),
+        "population": (small_population(), "4 of 5 subjects included"),
     }
 
 
@@ -174,7 +174,7 @@ def test_large_results_are_a_sentence(monkeypatch, bound, kind):
     view = shown._repr_html_()
     assert "<iframe" not in view
     assert headline in unescape(view)
-    check_message(re.search("It is not drawn[^<]*", view)[0], "show")
+    check_message(re.search("Not drawn[^<]*", view)[0], "show")
 
 
 def test_show_opens_a_page(monkeypatch, tmp_path, capsys):

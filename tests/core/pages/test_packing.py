@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from abfm.pages.packing import LEVELS, NO_VALUE, Store, quantised, quantised_places
+from abfm.pages.packing import LEVELS, NO_VALUE, Store, quantized, quantized_points
 from tests.shapes import ellipsoid
 
 
@@ -46,12 +46,12 @@ def test_numbers_of_single_precision_come_back():
 
 @given(arrays(float, array_shapes(min_dims=2, max_dims=2), elements=NUMBERS))
 def test_values_come_back_within_half_a_step(values):
-    found, known = quantised(values), np.isfinite(values)
+    found, known = quantized(values), np.isfinite(values)
     np.testing.assert_array_equal(found.numbers == NO_VALUE, ~known)
     if known.any():
         whole = found.numbers[known].astype(float)
         assert whole.max() <= LEVELS
-        back = found.least + found.step * whole
+        back = found.minimum + found.step * whole
         low, high = values[known].min(), values[known].max()
         half = (high / 2 - low / 2) / LEVELS
         rounding = 1e-12 * max(abs(low), abs(high)) + 1e-300
@@ -59,16 +59,16 @@ def test_values_come_back_within_half_a_step(values):
 
 
 def test_values_that_are_all_alike_and_none_at_all():
-    np.testing.assert_array_equal(quantised(np.full((2, 3), 7.0)).numbers, 0)
-    np.testing.assert_array_equal(quantised(np.full((2, 3), np.nan)).numbers, NO_VALUE)
-    found = quantised([[1e9, 1e9 + 1]])  # a small difference of large numbers
+    np.testing.assert_array_equal(quantized(np.full((2, 3), 7.0)).numbers, 0)
+    np.testing.assert_array_equal(quantized(np.full((2, 3), np.nan)).numbers, NO_VALUE)
+    found = quantized([[1e9, 1e9 + 1]])  # a small difference of large numbers
     np.testing.assert_array_equal(found.numbers, [[0, LEVELS]])
-    assert (found.place(1e9), found.place(1e9 + 1)) == pytest.approx((0, LEVELS))
+    assert (found.position(1e9), found.position(1e9 + 1)) == pytest.approx((0, LEVELS))
 
 
 def test_places_come_back_within_half_a_step():
     points = ellipsoid(3, 1.0, 0.7, 0.2).vertices
     for each in (points, points * [1.0, 1.0, 0.0]):  # in a plane, too
-        numbers, low, steps = quantised_places(each)
+        numbers, low, steps = quantized_points(each)
         most = np.ptp(each, axis=0).max() / 65535 / 2
         assert np.abs(low + steps * numbers - each).max() <= 1.001 * most

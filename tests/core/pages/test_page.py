@@ -17,14 +17,14 @@ from abfm.pages import (
     Layer,
     Page,
     Panel,
+    Paths,
     Span,
-    Ways,
     match_page,
 )
 from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front
-from abfm.pages.of_sequences import PART_VALUES_MAX, VALUES_MAX, frame_layers
-from abfm.pages.packing import Store, quantised
+from abfm.pages.packing import Store, quantized
+from abfm.pages.sequence_pages import PART_VALUES_MAX, VALUES_MAX, frame_layers
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
 
@@ -65,7 +65,7 @@ def wave(mesh, count):
 def page_of(mesh, values, times, **more):
     layer = Layer(EVIL, values, COLORS, times, EVIL)
     clock = Clock(0.0, float(times[-1]), ticks=times, spans=[Span(0.0, 1.0, EVIL)], unit=EVIL)
-    ways = Ways.points(EVIL, mesh.vertices[:2], (0.0, 1.0), (1.0, 0.0, 0.0))
+    ways = Paths.points(EVIL, mesh.vertices[:2], (0.0, 1.0), (1.0, 0.0, 0.0))
     panel = Panel(EVIL, mesh, [layer], FRONT, [ways])
     return Page(EVIL, EVIL, [panel], clock, about=EVIL, facts={EVIL: EVIL}, notes=[EVIL], **more)
 
@@ -87,7 +87,7 @@ def test_sixty_frames_on_ten_thousand_vertices_are_far_below_fifteen_megabytes()
 def test_no_film_makes_a_page_of_fifteen_megabytes():
     """Not even pure noise, at the most values that a page of a sequence has."""
     store, noise = Store(), np.random.default_rng(0).uniform(size=(20, 10_000))
-    store.add(quantised(noise).numbers)
+    store.add(quantized(noise).numbers)
     most = VALUES_MAX + 2 * PART_VALUES_MAX
     assert most * len(store.text()) / noise.size < 14_000_000
 
@@ -102,7 +102,7 @@ def test_what_users_wrote_is_text_and_nothing_else(text):
     assert not [name for _, name, _ in parts.attributes if name.startswith("on")]
     told = json.loads(parts.texts["script", "page"])
     assert told["panels"][0]["title"] == told["panels"][0]["layers"][0]["unit"] == EVIL
-    assert told["clock"]["spans"][0]["text"] == told["panels"][0]["ways"][0]["name"] == EVIL
+    assert told["clock"]["spans"][0]["text"] == told["panels"][0]["paths"][0]["name"] == EVIL
 
 
 def test_its_policy_allows_its_own_script_and_style_alone(text):
@@ -173,7 +173,7 @@ def test_page_of_a_film_has_carried_keys_between_its_frames():
 
 
 def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
-    monkeypatch.setattr("abfm.pages.of_sequences.VALUES_MAX", 5 * 42)
+    monkeypatch.setattr("abfm.pages.sequence_pages.VALUES_MAX", 5 * 42)
     film = Film(icosphere(1), 12)
     [layer], [note] = frame_layers(film, Labels())
     assert len(layer.times) <= 5
@@ -189,12 +189,12 @@ def test_page_of_a_match_carries_its_source_to_the_target():
     match = abfm.match(mesh, f, g, abfm.Parameters.of(iterations=12, refine=0))
     page = match_page(match, "a match")
     names = [panel.title for panel in page.panels]
-    assert names == ["source", "carried", "target"]
+    assert names == ["source", "advected", "target"]
     source, carried, target = (panel.layers[0] for panel in page.panels)
     np.testing.assert_allclose(carried.values[0], source.values, atol=1e-12)
     np.testing.assert_allclose(carried.values[-1], match.advected[:, 0], atol=1e-9)
     np.testing.assert_array_equal(target.values, match.target[:, 0])
     assert source.colors == carried.colors == target.colors
-    flow_lines = page.panels[1].ways[0]
+    flow_lines = page.panels[1].paths[0]
     apart = np.linalg.norm(flow_lines.starts, axis=1)
     assert np.abs(apart - 1).max() < 0.02  # on the sphere

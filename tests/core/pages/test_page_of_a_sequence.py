@@ -11,8 +11,8 @@ import abfm
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
 from abfm.pages import Labels, Page, Panel, best_front, sequence_page
-from abfm.pages.film_motion import OPACITY_MIN, fast_in
-from abfm.pages.of_sequences import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN, clock_of, frame_layers
+from abfm.pages.sequence_motion import OPACITY_MIN, fast_speed_of
+from abfm.pages.sequence_pages import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN, clock_of, frame_layers
 from tests.messages import check_message
 from tests.shapes import icosphere
 
@@ -56,12 +56,12 @@ def test_its_other_layers_are_parts_of_the_field_at_the_middles_of_intervals(seq
 
 
 def test_arrows_are_the_field_of_each_interval_on_the_surface(sequence, page):
-    ways = page.panels[0].ways[0]
+    ways = page.panels[0].paths[0]
     assert (ways.name, ways.shown, ways.disc, ways.line) == ("arrows", True, 0.0, 0.0)
     [note] = page.notes
     check_message(note, "arrows")
     places = abfm.maps.spread_points(sequence.mesh).points[np.arange(480)]
-    fast = fast_in(sequence)
+    fast = fast_speed_of(sequence)
     for interval, velocity in enumerate(sequence.velocity):
         mine = ways.times[:, 0] == sequence.times[interval]
         along = ways.ends[mine] - ways.starts[mine]
@@ -88,7 +88,7 @@ def test_arrows_are_the_field_of_each_interval_on_the_surface(sequence, page):
 
 
 def test_path_lines_go_on_about_as_the_sequence_carries_points(sequence, page):
-    ways = page.panels[0].ways[1]
+    ways = page.panels[0].paths[1]
     assert (ways.name, ways.shown) == ("path lines", False)
     per = len(ways.starts) // (COUNT - 1)
     starts, ends = (each.reshape(COUNT - 1, per, 3) for each in (ways.starts, ways.ends))
@@ -103,7 +103,7 @@ def test_path_lines_go_on_about_as_the_sequence_carries_points(sequence, page):
 
 
 def test_tracks_are_those_of_critical_points(sequence, page):
-    drawn = {ways.name: ways for ways in page.panels[0].ways[2:]}
+    drawn = {ways.name: ways for ways in page.panels[0].paths[2:]}
     tracks = sequence.tracks()
     assert set(drawn) == {f"{track.kind}s" for track in tracks}
     for name, ways in drawn.items():
@@ -151,7 +151,7 @@ def test_a_film_in_which_nothing_moves_says_so():
     page = sequence_page(still, "still")
     (note,) = page.notes
     check_message(note)
-    assert len(page.panels[0].ways[0].starts) == 0
+    assert len(page.panels[0].paths[0].starts) == 0
     assert note.capitalize() in page.html()
 
 
@@ -185,7 +185,7 @@ def test_values_that_are_missing_change_no_colours():
 
 def test_channels_beyond_the_first_four_are_told():
     frames = np.stack([Film.mesh.vertices] * 2)
-    for times, told in ((1, []), (2, ["these are the first 4 of 6 channels"])):
+    for times, told in ((1, []), (2, ["the page shows the first 4 of 6 channels"])):
         assert frame_layers(Film(np.tile(frames, (1, 1, times))), Labels())[1] == told
 
 

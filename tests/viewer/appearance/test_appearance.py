@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from abfm.pages import colormaps
-from abfm.pages.colormaps import color_range, loaded_name, on_ground, table
+from abfm.pages.colormaps import color_range, for_background, polyscope_name, table
 from abfm_viewer.appearance.theme import DARK_PALETTE, palette
 from abfm_viewer.document.document import THEMES
 from abfm_viewer.scene.opengl import material_pictures
@@ -84,7 +84,7 @@ def test_a_range_from_just_above_zero_begins_at_zero():
 @pytest.mark.parametrize("is_dark", [False, True])
 @pytest.mark.parametrize("name", NAMES)
 def test_lightness_goes_steadily_away_from_the_grey_that_means_nothing(name, is_dark):
-    colors = table(on_ground(name, is_dark), 257)
+    colors = table(for_background(name, is_dark), 257)
     assert 0 <= colors.min() <= colors.max() <= 1
     middle = 0 if name == "abfm sequential" else len(colors) // 2
     grey, light, away = colors[middle], luminance(colors), -1 if not is_dark else 1
@@ -101,20 +101,20 @@ def test_lightness_goes_steadily_away_from_the_grey_that_means_nothing(name, is_
 
 def test_maps_stay_themselves_on_light_grounds_and_where_they_have_no_zero():
     names = list(colormaps.NAMES)
-    assert [on_ground(name, is_dark=False) for name in names] == names
-    assert [on_ground(name, is_dark=True) for name in names[2:]] == names[2:]
+    assert [for_background(name, is_dark=False) for name in names] == names
+    assert [for_background(name, is_dark=True) for name in names[2:]] == names[2:]
 
 
 @pytest.mark.parametrize("is_dark", [False, True])
 def test_the_two_ends_of_the_diverging_map_weigh_the_same_and_differ(is_dark):
-    blue, red = table(on_ground("abfm diverging", is_dark))[[0, -1]]
+    blue, red = table(for_background("abfm diverging", is_dark))[[0, -1]]
     assert luminance(blue) == pytest.approx(luminance(red), abs=0.04)
     assert blue[2] > blue[0] + 0.3
     assert red[0] > red[2] + 0.3
 
 
 def test_images_hold_the_maps_in_linear_light():
-    rows = {name: picture[0] / 255 for name, picture in colormaps.pictures().items()}
+    rows = {name: picture[0] / 255 for name, picture in colormaps.colormap_images().items()}
     assert set(rows) == set(STOPS) > set(colormaps.NAMES)
     for name, row in rows.items():
         assert row[[0, -1]] ** (1 / 2.2) == pytest.approx(table(name)[[0, -1]], abs=0.03)
@@ -132,7 +132,7 @@ def test_maps_join_their_stops_in_oklab_without_overshooting(name, size):
 
 
 def test_polyscope_gets_no_name_that_it_has_already():
-    names = {loaded_name(name) for name in colormaps.NAMES}
+    names = {polyscope_name(name) for name in colormaps.NAMES}
     assert all(name.startswith("abfm ") for name in names)
     assert len(names) == len(colormaps.NAMES)
 

@@ -218,5 +218,5 @@ def test_landmarks_without_functions_have_pages(tmp_path, abfm):
     a, b = json.loads(re.search(r'id="page">(.*?)</script>', text)[1])["panels"]
     assert (a["title"], b["title"]) == ("A", "A on B")
     assert [layer["name"] for layer in b["layers"]] == ["x of A", "y of A", "z of A"]
-    assert [way["name"] for way in a["ways"]] == ["landmarks"]
-    assert {"landmarks", "where landmarks belong"} <= {way["name"] for way in b["ways"]}
+    assert [way["name"] for way in a["paths"]] == ["landmarks"]
+    assert {"landmarks", "target landmarks"} <= {way["name"] for way in b["paths"]}

@@ -7,7 +7,7 @@ import pytest
 
 import abfm
 from abfm.pages.colormaps import NO_VALUES, colors_of
-from abfm.pages.film_motion import fast_in
+from abfm.pages.sequence_motion import fast_speed_of
 from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.frame_sequence import SequenceSettings
@@ -252,7 +252,7 @@ def carry_frames_from_both_sides(solved):
     fasts = [abfm.calculus.fast_speed(sequence.mesh, speed) for speed in speeds]
     fast = np.sqrt(np.mean(np.square(fasts)))
     assert min(fasts) < fast < max(fasts)
-    assert fast_in(sequence) == quantities.fast(quantities.field()) == pytest.approx(fast)
+    assert fast_speed_of(sequence) == quantities.fast(quantities.field()) == pytest.approx(fast)
     solved.check("streaks")
     solved.type("time", "1.5")
     solved.wait(lambda _: solved.window.scene.paints["advected"].kind == "texture")

@@ -11,7 +11,7 @@ from abfm import Correspondence, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.maps import PointMap
 from abfm.pages.front import Front, best_front
-from abfm.pages.registered import fronts
+from abfm.pages.registration_views import fronts
 from abfm_viewer.automation.driver import Driver
 from abfm_viewer.document.document import Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument

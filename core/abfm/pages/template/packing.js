@@ -1,8 +1,8 @@
-// Arrays as `packing.py` wrote them: rows as differences from the row before, in planes of bytes.
+// Unpacking of arrays from `packing.py`: rows as differences from the previous row, in byte planes.
 
 const UINTS = { 1: Uint8Array, 2: Uint16Array, 4: Uint32Array };
 
-/** Bytes of the base64 text of an element, inflated. */
+/** Inflated bytes of the base64 text of an element. */
 async function inflated(element) {
   const text = atob(element.textContent.trim());
   element.remove();
@@ -12,7 +12,7 @@ async function inflated(element) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** The integers of an array; typed arrays wrap around as NumPy's unsigned integers do. */
+/** Integers of an array; typed arrays wrap around like NumPy's unsigned integers. */
 function unpacked(data, { offset, rows, columns, bytes }) {
   const count = rows * columns, found = new UINTS[bytes](count);
   for (let i = 0; i < count; i++) {
@@ -24,5 +24,5 @@ function unpacked(data, { offset, rows, columns, bytes }) {
   return found;
 }
 
-/** Floating-point numbers, which are packed by their bits. */
+/** Floating-point numbers, packed as integers with the same bits. */
 const unpackedFloats = (data, array) => new Float32Array(unpacked(data, array).buffer);

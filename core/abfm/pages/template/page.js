@@ -1,22 +1,22 @@
-// Wires the page: data, drawing, camera, player, colour bars, keyboard.
+// Setup of the page: data, drawing, camera, player, color bars and keyboard.
 
 const element = (id) => document.getElementById(id);
 
-/** A number with so many digits, short where it is huge or tiny. */
-function written(value, digits = 3) {
+/** Text of a number with significant digits, in scientific notation if huge or tiny. */
+function formatNumber(value, digits = 3) {
   const rounded = Number(value.toPrecision(digits)), size = Math.abs(rounded);
   const isPlain = size === 0 || (1e-4 <= size && size < 10 ** Math.max(digits, 6));
   const text = isPlain ? String(rounded) : rounded.toExponential().replace("e+", "e");
   return text.replaceAll("-", "\u2212");
 }
 
-/** How many digits tell numbers of a range apart. */
-function digitsIn([low, high]) {
-  const beyond = Math.log10(Math.max(Math.abs(low), Math.abs(high)) / (high - low));
-  return Math.min(3 + Math.max(Math.ceil(beyond), 0), 15) || 3;
+/** Number of digits that distinguish the numbers of a range. */
+function digitsFor([low, high]) {
+  const extraDigits = Math.log10(Math.max(Math.abs(low), Math.abs(high)) / (high - low));
+  return Math.min(3 + Math.max(Math.ceil(extraDigits), 0), 15) || 3;
 }
 
-function told(problem) {
+function showProblem(problem) {
   element("problem").textContent = problem;
   element("problem").hidden = false;
   element("stage").hidden = element("controls").hidden = true;
@@ -26,7 +26,7 @@ function told(problem) {
 async function main() {
   const page = JSON.parse(element("page").textContent);
   if (!("DecompressionStream" in window)) {
-    told("This browser is too old for this page: it needs one of 2023 or later.");
+    showProblem("This browser is too old for this page. Use a browser of 2023 or later.");
     return;
   }
   const data = await inflated(element("data")), canvas = element("canvas");
@@ -34,8 +34,8 @@ async function main() {
   try {
     drawing = new Drawing(canvas, page, data);
   } catch (error) {
-    told(`The surfaces cannot be drawn here: ${error.message}. Allow hardware acceleration, or ` +
-      "open the page in another browser; it needs WebGL2.");
+    showProblem(`The surfaces cannot be drawn: ${error.message}. The page needs WebGL2. Enable ` +
+      "hardware acceleration, or open the page in another browser.");
     return;
   }
   const camera = new Camera(drawing.panels), state = { time: 0, layer: 0, hidden: new Set() };
@@ -49,16 +49,16 @@ async function main() {
     });
   };
 
-  let isAsked = false;
+  let isRequested = false;
   function draw() {
-    isAsked = false;
+    isRequested = false;
     drawing.draw(boxes(camera.density), camera, { ...state, share: player.share });
     values.draw();
     document.body.dataset.drawn = String(state.time);
   }
-  function ask() {
-    if (!isAsked) requestAnimationFrame(draw);
-    isAsked = true;
+  function requestDraw() {
+    if (!isRequested) requestAnimationFrame(draw);
+    isRequested = true;
   }
 
   function arrange() {
@@ -69,7 +69,7 @@ async function main() {
     canvas.width = Math.round(outer.width * camera.density);
     canvas.height = Math.round(outer.height * camera.density);
     camera.fit(boxes());
-    ask();
+    requestDraw();
   }
 
   const panelAt = (x, y) => {
@@ -84,31 +84,31 @@ async function main() {
 
   const player = new Player(page.clock, (time) => {
     state.time = time;
-    ask();
+    requestDraw();
   });
-  follow(element("stage"), camera, panelAt, ask);
+  followPointers(element("stage"), camera, panelAt, requestDraw);
   const values = new Values(drawing.panels, camera, state, player, panelAt);
-  choices(page, state, () => {
-    bars(page, state.layer);
+  addControls(page, state, () => {
+    drawColorBars(page, state.layer);
     arrange();
   });
-  keyboard(player, camera, ask);
+  keyboard(player, camera, requestDraw);
   const up = element("up");
   up.addEventListener("change", () => {
-    camera.upright(up.value === "" ? null : Number(up.value));
+    camera.setUpAxis(up.value === "" ? null : Number(up.value));
     arrange();
   });
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => {
     drawing = new Drawing(canvas, page, data);
-    ask();
+    requestDraw();
   });
   new ResizeObserver(arrange).observe(element("stage"));
-  bars(page, state.layer);
+  drawColorBars(page, state.layer);
   arrange();
 }
 
-/** How many panels side by side make the surfaces largest. */
+/** Number of columns of panels for which the surfaces are largest. */
 function columns(extents, width, height) {
   const across = Math.max(...extents.map(([x]) => x)), up = Math.max(...extents.map(([, y]) => y));
   const sizes = extents.map((_, i) => {
@@ -118,74 +118,75 @@ function columns(extents, width, height) {
   return sizes.indexOf(Math.max(...sizes)) + 1;
 }
 
-/** Shows what the colours mean: each range once, with the panels that it is of. */
-function bars(page, layer) {
-  const seen = new Map();
+/** Draws color bars: each range once, with the titles of its panels. */
+function drawColorBars(page, layer) {
+  const ranges = new Map();
   for (const panel of page.panels) {
-    const own = panel.layers[Math.min(layer, panel.layers.length - 1)];
-    const key = JSON.stringify([own.colormap, own.ends, own.unit]);
-    if (!seen.has(key)) seen.set(key, { own, titles: [] });
-    seen.get(key).titles.push(panel.title);
+    const shown = panel.layers[Math.min(layer, panel.layers.length - 1)];
+    const key = JSON.stringify([shown.colormap, shown.ends, shown.unit]);
+    if (!ranges.has(key)) ranges.set(key, { shown, titles: [] });
+    ranges.get(key).titles.push(panel.title);
   }
   const box = element("bars");
   box.replaceChildren();
-  for (const { own, titles } of [...seen.values()].filter(({ own }) => own.name)) {
+  for (const { shown, titles } of [...ranges.values()].filter((each) => each.shown.name)) {
     const add = (kind, text = "") => {
-      const made = bar.appendChild(document.createElement("span"));
-      made.className = kind;
-      made.textContent = text;
-      return made;
+      const part = bar.appendChild(document.createElement("span"));
+      part.className = kind;
+      part.textContent = text;
+      return part;
     };
     const bar = box.appendChild(document.createElement("div"));
     bar.className = "bar";
-    const whose = seen.size > 1 ? `${titles.join(", ")}: ` : "";
-    const what = add("what", `${whose}${own.name}${own.unit ? `, ${own.unit}` : ""}`);
-    what.title = what.textContent;
-    const [low, high] = own.ends;
+    const panels = ranges.size > 1 ? `${titles.join(", ")}: ` : "";
+    const unit = shown.unit ? `, ${shown.unit}` : "";
+    const label = add("label", `${panels}${shown.name}${unit}`);
+    label.title = label.textContent;
+    const [low, high] = shown.ends;
     add("strip").style.backgroundImage =
-      `linear-gradient(to right, ${page.gradients[own.colormap].join(", ")})`;
+      `linear-gradient(to right, ${page.gradients[shown.colormap].join(", ")})`;
     for (const value of [low, low / 2 + high / 2, high])
-      add("end", written(value, digitsIn(own.ends)));
+      add("end", formatNumber(value, digitsFor(shown.ends)));
   }
 }
 
-/** Lets one choose what the colours show, and hide what is drawn on the surfaces. */
-function choices(page, state, changed) {
+/** Adds controls that choose the layer, and show or hide paths on the surfaces. */
+function addControls(page, state, changed) {
   const names = page.panels.map(({ layers }) => layers.map(({ name }) => name));
-  const most = names.reduce((a, b) => (b.length > a.length ? b : a));
+  const options = names.reduce((a, b) => (b.length > a.length ? b : a));
   const select = element("layer");
-  select.hidden = most.length < 2;
-  for (const name of most) select.add(new Option(name));
+  select.hidden = options.length < 2;
+  for (const name of options) select.add(new Option(name));
   select.addEventListener("change", () => {
     state.layer = select.selectedIndex;
     changed();
   });
-  const ways = new Map(page.panels.flatMap(({ ways }) => ways.map((way) => [way.name, way])));
-  for (const way of ways.values()) {
-    const label = element("ways").appendChild(document.createElement("label"));
+  const paths = new Map(page.panels.flatMap(({ paths }) => paths.map((path) => [path.name, path])));
+  for (const path of paths.values()) {
+    const label = element("paths").appendChild(document.createElement("label"));
     const box = label.appendChild(document.createElement("input"));
     box.type = "checkbox";
-    box.checked = way.shown;
-    if (!way.shown) state.hidden.add(way.name);
+    box.checked = path.shown;
+    if (!path.shown) state.hidden.add(path.name);
     const dot = label.appendChild(document.createElement("i"));
-    dot.style.background = `rgb(${way.color.map((c) => Math.round(255 * c)).join(" ")})`;
-    label.append(way.name);
+    dot.style.background = `rgb(${path.color.map((c) => Math.round(255 * c)).join(" ")})`;
+    label.append(path.name);
     box.addEventListener("change", () => {
-      if (box.checked) state.hidden.delete(way.name);
-      else state.hidden.add(way.name);
+      if (box.checked) state.hidden.delete(path.name);
+      else state.hidden.add(path.name);
       changed();
     });
   }
 }
 
-function keyboard(player, camera, ask) {
+function keyboard(player, camera, requestDraw) {
   const turn = (x, y) => () => camera.turn(x, y, 24);
   const keys = {
     " ": () => player.toggle(),
     ArrowLeft: () => player.step(-1), ArrowRight: () => player.step(1),
-    Home: () => player.go(player.clock.start), End: () => player.go(player.clock.end),
+    Home: () => player.setTime(player.clock.start), End: () => player.setTime(player.clock.end),
     l: () => player.loop(), r: () => camera.reset(),
-    "+": () => camera.nearer(1.2), "=": () => camera.nearer(1.2), "-": () => camera.nearer(1 / 1.2),
+    "+": () => camera.zoomBy(1.2), "=": () => camera.zoomBy(1.2), "-": () => camera.zoomBy(1 / 1.2),
   };
   const turns = {
     ArrowLeft: turn(-1, 0), ArrowRight: turn(1, 0), ArrowUp: turn(0, -1), ArrowDown: turn(0, 1),
@@ -197,7 +198,7 @@ function keyboard(player, camera, ask) {
     if (!act) return;
     event.preventDefault();
     act();
-    ask();
+    requestDraw();
   });
 }
 

@@ -1,19 +1,19 @@
-// Time: plays, pauses, loops, steps; the bar that shows and sets it.
+// Time: playing, pausing, looping and stepping, and the time bar.
 
-const REST = 0.6; // seconds that the end is shown before it begins again
-const MOST_TICKS = 120;
-const LONGEST = 0.5; // seconds that count where the browser drew nothing, as in a hidden tab
+const REST_SECONDS = 0.6; // duration of the end before a loop restarts
+const TICKS_MAX = 120;
+const FRAME_SECONDS_MAX = 0.5; // longest step, for example after the tab was hidden
 
 class Player {
-  /** `changed` is called with every new time. */
+  /** Calls `changed` with every new time. */
   constructor(clock, changed) {
     Object.assign(this, { clock, changed, time: clock.first, playing: false, loops: true });
     this.speed = 1;
-    this.rested = 0;
+    this.restSeconds = 0;
     this.bar = document.getElementById("time");
     this.bar.addEventListener("input", () => {
       this.pause();
-      this.go(clock.start + this.bar.valueAsNumber * (clock.end - clock.start));
+      this.setTime(clock.start + this.bar.valueAsNumber * (clock.end - clock.start));
     });
     this.button = document.getElementById("play");
     this.button.addEventListener("click", () => this.toggle());
@@ -21,21 +21,21 @@ class Player {
     loop.addEventListener("click", () => this.loop());
     const speed = document.getElementById("speed");
     speed.addEventListener("change", () => (this.speed = Number(speed.value)));
-    this.marks();
-    this.go(this.time);
+    this.drawTicks();
+    this.setTime(this.time);
   }
 
-  /** How far the time is from the start to the end, 0 to 1: of the keys and ways, all times. */
+  /** Relative time from start to end, 0 to 1; times of keys and paths are also relative. */
   get share() {
     const { start, end } = this.clock;
     return (this.time - start) / (end - start);
   }
 
-  /** Draws ticks at frames, and what is said of the times between them. */
-  marks() {
+  /** Draws ticks at frames, and spans of times with their texts. */
+  drawTicks() {
     const { start, end, ticks, spans } = this.clock, box = document.getElementById("ticks");
     const share = (time) => `${(100 * (time - start)) / (end - start)}%`;
-    const every = Math.ceil(ticks.length / MOST_TICKS);
+    const every = Math.ceil(ticks.length / TICKS_MAX);
     for (const time of ticks.filter((_, number) => number % every === 0)) {
       const tick = box.appendChild(document.createElement("i"));
       tick.style.left = share(time);
@@ -56,13 +56,13 @@ class Player {
 
   play() {
     const { start, end } = this.clock;
-    if (this.time >= end) this.go(start);
+    if (this.time >= end) this.setTime(start);
     this.playing = true;
     this.show();
     let before = null;
     const next = (now) => {
       if (!this.playing) return;
-      const passed = before === null ? 0 : Math.min((now - before) / 1000, LONGEST);
+      const passed = before === null ? 0 : Math.min((now - before) / 1000, FRAME_SECONDS_MAX);
       before = now;
       this.advance(passed);
       requestAnimationFrame(next);
@@ -73,10 +73,10 @@ class Player {
   advance(seconds) {
     const { start, end } = this.clock;
     if (this.time < end) {
-      this.rested = 0;
-      this.go(this.time + (seconds * this.speed * (end - start)) / this.clock.seconds);
+      this.restSeconds = 0;
+      this.setTime(this.time + (seconds * this.speed * (end - start)) / this.clock.seconds);
     } else if (!this.loops) this.pause();
-    else if ((this.rested += seconds) >= REST) this.go(start);
+    else if ((this.restSeconds += seconds) >= REST_SECONDS) this.setTime(start);
   }
 
   pause() {
@@ -95,28 +95,28 @@ class Player {
     document.getElementById("loop").setAttribute("aria-pressed", String(this.loops));
   }
 
-  /** Goes to a time, as near as there is one. */
-  go(time) {
+  /** Sets the time, limited to the range of the clock. */
+  setTime(time) {
     const { start, end, unit, spans } = this.clock;
     this.time = Math.min(Math.max(time, start), end);
     this.bar.valueAsNumber = this.share;
     const digits = Math.max(Math.ceil(-Math.log10((end - start) / 60)), 0);
-    const number = digits > 6 ? written(this.time, digitsIn([start, end]))
+    const number = digits > 6 ? formatNumber(this.time, digitsFor([start, end]))
       : this.time.toFixed(digits).replace("-", "\u2212");
-    const told = `${number}${unit ? ` ${unit}` : ""}`;
-    this.bar.setAttribute("aria-valuetext", told);
-    document.getElementById("now").textContent = told;
+    const text = `${number}${unit ? ` ${unit}` : ""}`;
+    this.bar.setAttribute("aria-valuetext", text);
+    document.getElementById("now").textContent = text;
     const here = spans.find((span) => span.start <= this.time && this.time <= span.end);
     document.getElementById("span").textContent = here ? here.text : "";
     this.changed(this.time);
   }
 
-  /** Goes to the next tick, or the one before. */
+  /** Goes to the next or the previous tick. */
   step(direction) {
-    const { start, end, ticks } = this.clock, least = 1e-6 * (end - start);
+    const { start, end, ticks } = this.clock, tolerance = 1e-6 * (end - start);
     this.pause();
-    const beyond = ticks.filter((tick) => (tick - this.time) * direction > least);
-    const next = direction > 0 ? Math.min(...beyond) : Math.max(...beyond);
-    this.go(Number.isFinite(next) ? next : direction > 0 ? end : start);
+    const candidates = ticks.filter((tick) => (tick - this.time) * direction > tolerance);
+    const next = direction > 0 ? Math.min(...candidates) : Math.max(...candidates);
+    this.setTime(Number.isFinite(next) ? next : direction > 0 ? end : start);
   }
 }
