@@ -164,7 +164,7 @@ class Task(ABC):
     report: ClassVar[Report]
     exports: ClassVar[Mapping[str, Export]] = {}
     tables: ClassVar[Mapping[str, Table]] = {}
-    preview_labels: ClassVar[tuple[str, ...]] = ("source", "carried", "target")
+    preview_labels: ClassVar[tuple[str, ...]] = ("source", "advected", "target")
     key: str
 
     @classmethod
