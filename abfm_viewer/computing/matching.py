@@ -272,7 +272,7 @@ class Matching:
         try:
             return solve(problem.starting_from(start))
         except ParameterError as error:
-            if start is None or not str(error).startswith("start"):
+            if start is None or "start" not in str(error):
                 raise
             return solve(problem)  # a start found with other parameters may be too fast for these
 

@@ -1,4 +1,4 @@
-"""Colour maps, the range that functions share, and the colours of the window."""
+"""Colour maps, shared colour ranges, and the colours of the window."""
 
 import colorsys
 from itertools import combinations, product
@@ -17,7 +17,7 @@ from abfm_viewer.widgets.toolkit import TextTone
 from tests.viewer.contrast import SIGHTS, contrast, difference
 
 NAMES = ["abfm sequential", "abfm diverging"]
-# Colours in Oklab, evenly spaced along the map: lightness, green to red, blue to yellow.
+# Colours in Oklab, evenly spaced: lightness, green to red, blue to yellow.
 STOPS = {
     "abfm sequential": "0.93 0.84 0.7 0.55 0.36 / 0 0.045 0.13 0.17 0.122 "
     "/ 0.004 0.085 0.11 0.09 0.052",
@@ -50,15 +50,15 @@ TO_RGB = np.array(
     ]
 )
 GROUNDS = ("panel", "field", "hovered", "pressed", "ground")
-CURVES = ("lines", "flow")  # of what is left
-# in CIELAB, where 2.3 is just noticeable side by side; thin lines need several times as much
+CURVES = ("lines", "flow")  # of residuals
+# in CIELAB, where 2.3 is just noticeable; thin lines need several times as much
 APART = 20.0
-# at least, of texts, and of marks without which a widget could not be understood
+# minimum for texts, and for marks that are needed to understand a widget
 READ, SEEN = 4.5, 3.0
 
 
 def luminance(colors):
-    """Relative luminance of sRGB colours."""
+    """Return the relative luminance of sRGB colours."""
     linear = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
     return linear @ [0.2126, 0.7152, 0.0722]
 
@@ -66,24 +66,24 @@ def luminance(colors):
 @pytest.mark.parametrize(
     ("least", "expected"), [(-0.01, ("sequential", -0.01, 1)), (-2.0, ("diverging", -2, 2))]
 )
-def test_functions_share_a_range_with_zero_in_the_middle_if_they_have_both_signs(least, expected):
+def test_signed_functions_have_a_symmetric_range(least, expected):
     shared = color_range(np.array([0.0, 0.4]), np.array([least, 1.0]))
     assert (shared.colormap, shared.low, shared.high) == (f"abfm {expected[0]}", *expected[1:])
 
 
 @pytest.mark.parametrize("value", [0.0, -3.0, 1e-300, 1e17, -1e30])
-def test_a_constant_has_a_range_around_it(value):
+def test_constant_is_inside_its_range(value):
     shared = color_range(np.full(4, value))
     assert shared.low < value < shared.high
 
 
-def test_a_range_from_just_above_zero_begins_at_zero():
+def test_range_from_just_above_zero_begins_at_zero():
     assert [color_range(np.array([low, 1.0])).low for low in (0.01, 0.1)] == [0, 0.1]
 
 
 @pytest.mark.parametrize("is_dark", [False, True])
 @pytest.mark.parametrize("name", NAMES)
-def test_lightness_goes_steadily_away_from_the_grey_that_means_nothing(name, is_dark):
+def test_lightness_is_monotonic_from_grey(name, is_dark):
     colors = table(for_background(name, is_dark), 257)
     assert 0 <= colors.min() <= colors.max() <= 1
     middle = 0 if name == "abfm sequential" else len(colors) // 2
@@ -99,21 +99,22 @@ def test_lightness_goes_steadily_away_from_the_grey_that_means_nothing(name, is_
         assert grey.min() > 0.85
 
 
-def test_maps_stay_themselves_on_light_grounds_and_where_they_have_no_zero():
+def test_maps_on_light_backgrounds_are_unchanged():
+    """Also maps without a zero."""
     names = list(colormaps.NAMES)
     assert [for_background(name, is_dark=False) for name in names] == names
     assert [for_background(name, is_dark=True) for name in names[2:]] == names[2:]
 
 
 @pytest.mark.parametrize("is_dark", [False, True])
-def test_the_two_ends_of_the_diverging_map_weigh_the_same_and_differ(is_dark):
+def test_ends_of_the_diverging_map_are_balanced(is_dark):
     blue, red = table(for_background("abfm diverging", is_dark))[[0, -1]]
     assert luminance(blue) == pytest.approx(luminance(red), abs=0.04)
     assert blue[2] > blue[0] + 0.3
     assert red[0] > red[2] + 0.3
 
 
-def test_images_hold_the_maps_in_linear_light():
+def test_images_of_maps_are_in_linear_light():
     rows = {name: picture[0] / 255 for name, picture in colormaps.colormap_images().items()}
     assert set(rows) == set(STOPS) > set(colormaps.NAMES)
     for name, row in rows.items():
@@ -122,7 +123,7 @@ def test_images_hold_the_maps_in_linear_light():
 
 @pytest.mark.parametrize("name", STOPS)
 @pytest.mark.parametrize("size", [64, 256, 1024])
-def test_maps_join_their_stops_in_oklab_without_overshooting(name, size):
+def test_maps_interpolate_in_oklab(name, size):
     stops = np.array([row.split() for row in STOPS[name].split("/")], dtype=float).T
     oklab = PchipInterpolator(np.linspace(0, 1, len(stops)), stops)(np.linspace(0, 1, size))
     linear = np.clip((oklab @ TO_LMS.T) ** 3 @ TO_RGB.T, 0, 1)
@@ -131,13 +132,13 @@ def test_maps_join_their_stops_in_oklab_without_overshooting(name, size):
     assert table(name, size) == pytest.approx(encoded, abs=0.6 / 255)
 
 
-def test_polyscope_gets_no_name_that_it_has_already():
+def test_names_of_maps_are_new_to_polyscope():
     names = {polyscope_name(name) for name in colormaps.NAMES}
     assert all(name.startswith("abfm ") for name in names)
     assert len(names) == len(colormaps.NAMES)
 
 
-def test_the_material_has_no_colour_of_its_own():
+def test_material_has_no_tint():
     red, green, blue, black = material_pictures()
     assert (red[..., 0] == green[..., 1]).all()
     assert (red[..., 0] == blue[..., 2]).all()
@@ -152,11 +153,11 @@ def colors(request):
 
 
 @pytest.mark.parametrize(("ink", "ground"), [*product(get_args(TextTone), GROUNDS)])
-def test_texts_stand_out_from_every_ground(colors, ink, ground):
+def test_texts_have_contrast(colors, ink, ground):
     assert contrast(getattr(colors, ink), getattr(colors, ground)) >= READ
 
 
-def test_the_one_button_and_the_marks_of_sliders(colors):
+def test_button_and_sliders_have_contrast(colors):
     assert contrast(colors.accent_ink, colors.accent) >= READ
     assert contrast(colors.accent_ink, colors.accent_hovered) >= READ
     assert contrast(colors.accent, colors.panel) >= SEEN
@@ -164,7 +165,8 @@ def test_the_one_button_and_the_marks_of_sliders(colors):
     assert contrast(colors.marker, colors.field) >= SEEN
 
 
-def test_curves_of_the_energy_stand_out_from_the_plot_and_from_each_other_for_every_eye(colors):
+def test_curves_have_contrast_for_every_eye(colors):
+    """With the plot and with each other, also for the colour-blind."""
     curves = [getattr(colors, name) for name in CURVES]
     assert min(contrast(curve, colors.ground) for curve in curves) >= SEEN
     for sight, (one, other) in product(SIGHTS, combinations(curves, 2)):
@@ -178,13 +180,13 @@ def degrees_between(one, other):
 
 
 def test_tones_differ_for_every_eye(colors):
-    """Good, warning and failure are told apart, also by the colour-blind."""
+    """Good, warning and failure are distinguishable, also for the colour-blind."""
     tones = [getattr(colors, name) for name in ("good", "warning", "failure")]
     for sight, (one, other) in product(SIGHTS, combinations(tones, 2)):
         assert difference(one, other, sight) > APART, sight
 
 
-def test_curves_of_what_is_left_and_failure_have_hues_of_their_own(colors):
+def test_residual_curves_and_failure_have_other_hues(colors):
     others = ("source", "target", "accent", "accent_hovered", "good", "warning", "marker")
     for term, reserved, least in (
         *product(CURVES, ("source", "target", "failure"), (25,)),

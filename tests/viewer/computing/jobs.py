@@ -1,4 +1,4 @@
-"""What tests of runs have a process compute."""
+"""Functions that tests of runs call in a process."""
 
 import os
 import time
@@ -10,7 +10,7 @@ from abfm.workers.worker import report
 
 
 def count(cache, upto):
-    """Report numbers until all are counted, or it is cancelled; return how many."""
+    """Report numbers until all are counted or the run is cancelled; return their count."""
     for number in range(upto):
         try:
             checkpoint()
@@ -37,7 +37,7 @@ def refuse(cache):
 
 
 def pid_if(cache, file):
-    """Return the process if there is a file, which it makes, else end."""
+    """Return the process id if a file exists; otherwise create it and end the process."""
     if not file.exists():
         file.touch()
         os._exit(1)

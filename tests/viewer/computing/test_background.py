@@ -1,5 +1,6 @@
-"""Work off the frame loop: the newest request counts, errors are told, nothing outlives its owner,
-and what was made last is kept while what it is made of stays the same.
+"""Background jobs: the latest request wins, errors are reported, and jobs end with their owner.
+
+Also the memo, which caches the latest value until its inputs change.
 """
 
 import threading
@@ -19,7 +20,7 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from tests.messages import check_message
 from tests.viewer.sessions import until
 
-VALUES, EQUAL = np.zeros(3), np.zeros(3)  # and not the same
+VALUES, EQUAL = np.zeros(3), np.zeros(3)  # equal, but not the same
 FAILING = 2
 keys = st.sampled_from([(0, 0), (0, 1), (0, FAILING), (1, 0)])
 
@@ -40,11 +41,12 @@ keys = st.sampled_from([(0, 0), (0, 1), (0, FAILING), (1, 0)])
         (float("nan"), float("nan"), False),
     ],
 )
-def test_arrays_are_the_same_by_identity_and_other_things_by_value(one, other, expected):
+def test_arrays_are_compared_by_identity(one, other, expected):
+    """Other objects are compared by value."""
     assert same(one, other) is expected
 
 
-def test_a_value_is_made_again_only_when_what_it_is_made_of_changes():
+def test_memo_makes_a_value_only_for_new_inputs():
     memo, made = Memo(), []
 
     def make():
@@ -55,10 +57,10 @@ def test_a_value_is_made_again_only_when_what_it_is_made_of_changes():
     assert memo.get((VALUES, 1), make) is first == [1]
     assert memo.get((EQUAL, 1), make) == [2]
     assert memo.get((VALUES, 2), make) == [3]
-    assert memo.get((VALUES, 1), make) == [4]  # only the latest is kept
+    assert memo.get((VALUES, 1), make) == [4]  # only the latest value is cached
 
 
-def test_what_could_not_be_made_leaves_the_value_before():
+def test_memo_keeps_its_value_after_an_error():
     memo = Memo()
     memo.get((1,), lambda: 1)
     with pytest.raises(ZeroDivisionError):
@@ -68,10 +70,10 @@ def test_what_could_not_be_made_leaves_the_value_before():
     assert memo.get((3,), lambda: 4) is None
 
 
-class Asking(RuleBasedStateMachine):
-    """Whatever is asked for and ends in whatever order, the last request is answered.
+class RequestMachine(RuleBasedStateMachine):
+    """Requests in any order, which end in any order; the last one is always answered.
 
-    There are requests for four things, each ends when it is told to, and one of them fails.
+    There are four keys. Each job ends when it is released, and one of them fails.
     """
 
     def __init__(self):
@@ -90,21 +92,21 @@ class Asking(RuleBasedStateMachine):
         return self.latest.newest((VALUES, EQUAL)[key[0]], self.compute, key)
 
     @rule(key=keys)
-    def ask(self, key):
+    def request(self, key):
         self.last = key
         answer = self.answer(key)
-        assert answer is None or answer[0] == key[0]  # of an earlier one, but about the same
+        assert answer is None or answer[0] == key[0]  # of an earlier request for the same subject
         if not self.latest.busy and key[1] != FAILING:
             assert answer == key
 
     @rule(key=keys)
-    def ask_strictly(self, key):
+    def request_exactly(self, key):
         self.last = key
         full = ((VALUES, EQUAL)[key[0]], (key,))
         assert self.latest.ask(full, lambda: self.compute(key)) in (None, key)
 
     @rule()
-    def end_what_runs(self):
+    def end_running_job(self):
         if self.latest.busy or self.latest.is_running:
             until(lambda: self.begun)
             _, leave = self.begun.pop(0)
@@ -112,15 +114,15 @@ class Asking(RuleBasedStateMachine):
             until(lambda: self.begun or not (self.latest.busy or self.latest.is_running))
 
     @invariant()
-    def what_is_wanted_waits_runs_or_is_finished(self):
+    def last_request_waits_runs_or_is_finished(self):
         if self.last is not None and not self.latest.busy:
             assert self.latest.key[0] is (VALUES, EQUAL)[self.last[0]]
             assert self.latest.key[1] == (self.last,)
 
     def teardown(self):
         if self.last is not None:
-            for _ in range(3):  # what runs, what waits, and none after that
-                self.end_what_runs()
+            for _ in range(3):  # the running and the waiting job, and no other
+                self.end_running_job()
             until(lambda: not self.latest.busy)
             failing = self.last[1] == FAILING
             assert self.answer(self.last) == (None if failing else self.last)
@@ -131,8 +133,8 @@ class Asking(RuleBasedStateMachine):
         self.latest.close(10)
 
 
-TestAsking = Asking.TestCase
-TestAsking.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+TestRequests = RequestMachine.TestCase
+TestRequests.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
 
 
 @pytest.fixture
@@ -150,7 +152,7 @@ def raising(error):
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "message"),
     [
         (FunctionError("two\nlines"), "two lines"),
         (SystemExit("library"), "SystemExit: library"),
@@ -159,29 +161,27 @@ def raising(error):
         (ZeroDivisionError("by zero"), "ZeroDivisionError: by zero"),
     ],
 )
-def test_whatever_a_job_raises_is_told_in_one_line_and_the_next_request_is_answered(
-    latest, error, told, monkeypatch
-):
+def test_errors_of_jobs_are_one_line(latest, error, message, monkeypatch):
+    """The next request is answered."""
     gone = SimpleNamespace(write=raising(OSError("the terminal is gone")))
-    monkeypatch.setattr("sys.stderr", gone)  # what cannot be printed ends no thread
+    monkeypatch.setattr("sys.stderr", gone)  # unprintable errors do not end the thread
     latest.ask("bad", raising(error))
     until(lambda: latest.key == "bad")
-    assert (latest.value, latest.error) == (None, told)
+    assert (latest.value, latest.error) == (None, message)
     latest.ask("good", lambda: 3)
     until(lambda: latest.ask("good", lambda: 3) == 3)
     assert latest.error == ""
 
 
-def test_a_job_that_was_cancelled_is_no_fault_of_the_program(latest, capsys):
+def test_cancelled_job_prints_no_traceback(latest, capsys):
     latest.ask("key", raising(CancelledError()))
     until(lambda: latest.key == "key")
     assert latest.value is None
     assert capsys.readouterr().err == ""
 
 
-def test_what_could_not_begin_as_there_was_no_thread_begins_with_the_next_request(
-    latest, monkeypatch
-):
+def test_job_without_a_thread_starts_later(latest, monkeypatch):
+    """If no thread could be started, the next request starts one."""
     with monkeypatch.context() as patched:
         none_left = raising(RuntimeError("can't start new thread"))
         patched.setattr(background.THREADS, "submit", none_left)
@@ -193,9 +193,10 @@ def test_what_could_not_begin_as_there_was_no_thread_begins_with_the_next_reques
     assert not latest.busy
 
 
-def test_large_systems_are_factored_apart_beside_the_frame_loop_and_small_ones_and_others_here(
+def test_jobs_factor_large_systems_in_a_subprocess(
     latest,
 ):
+    """Small systems, and those of other threads, are factored in this process."""
     latest.ask("sizes", lambda: [is_factored_in_subprocess(size) for size in (14_000, 15_000)])
     until(lambda: latest.key == "sizes")
     assert latest.value == [False, True]
@@ -204,8 +205,9 @@ def test_large_systems_are_factored_apart_beside_the_frame_loop_and_small_ones_a
 
 @pytest.fixture
 def held(latest):
-    """Jobs that wait for each other's leave: a function that makes them, what they did, and one
-    that gives leave.
+    """Jobs that wait until they are released.
+
+    Yields a function that makes a job, a list of begun jobs, and a function that releases one.
     """
     leave, begun = {}, []
 
@@ -228,7 +230,8 @@ def held(latest):
         event.set()
 
 
-def test_what_is_there_or_under_way_and_asked_for_again_is_not_computed_twice(latest, held):
+def test_repeated_request_is_computed_once(latest, held):
+    """Also if its value is known or its job is running."""
     job, begun, end = held
     there, under_way = job("there"), job("under way")
     latest.ask("there", there)
@@ -242,13 +245,14 @@ def test_what_is_there_or_under_way_and_asked_for_again_is_not_computed_twice(la
     until(lambda: begun == ["there", "under way"])
     assert latest.ask("there", there) == "there"
     end("under way")
-    latest.close(10)  # when it has ended
+    latest.close(10)  # after the job has ended
     assert not latest.busy
     assert (latest.key, latest.ask("there", there)) == ("there", "there")
     assert begun == ["there", "under way"]
 
 
-def test_one_that_is_at_work_holds_up_no_other_and_is_not_waited_for_long(latest, held):
+def test_running_job_does_not_block_others(latest, held):
+    """Closing does not wait long for it."""
     job, begun, end = held
     latest.ask("late", job("late"))
     until(lambda: begun == ["late"])
@@ -263,7 +267,7 @@ def test_one_that_is_at_work_holds_up_no_other_and_is_not_waited_for_long(latest
     assert not latest.is_running
 
 
-def test_what_is_computed_at_once_is_there_at_once_in_this_thread():
+def test_at_once_computes_in_this_thread():
     latest, threads = Latest(at_once=True), []
 
     def count():
@@ -276,7 +280,7 @@ def test_what_is_computed_at_once_is_there_at_once_in_this_thread():
     assert set(threads) == {threading.current_thread()}
 
 
-def test_jobs_of_one_owner_tell_and_end_together():
+def test_jobs_share_error_and_end():
     jobs = Jobs()
     one, other = jobs.latest(), jobs.latest()
     may_end = threading.Event()

@@ -1,4 +1,4 @@
-"""The functions that a mesh is opened with."""
+"""Default functions of a mesh."""
 
 from functools import cache
 
@@ -18,7 +18,7 @@ from tests.shapes import disc, ellipsoid, icosphere, square, torus
 
 MESHES = [name for name in asset_names() if name.endswith(".off")]
 COARSE = [name for name in MESHES if "fine" not in name and name != "human_B.off"]
-"""Of the body one pose."""
+"""The bundled meshes, with one pose of the body."""
 RNG = np.random.default_rng(0)
 
 ellipsoid = cache(ellipsoid)
@@ -31,7 +31,7 @@ def mesh_of(mesh):
 
 
 def centres(mesh):
-    """The vertices of the two Gaussians."""
+    """Return the vertices of the two Gaussians."""
     return [int(np.argmax(function(mesh, spec))) for spec in specs(mesh)]
 
 
@@ -42,42 +42,45 @@ def width(mesh):
 @pytest.mark.parametrize(
     "mesh", [*MESHES, torus(30, 20), disc(8), ellipsoid(3, 3.0, 1.0, 1.0)], ids=str
 )
-def test_any_mesh_gets_two_gaussians_on_one_side_of_it_facing_who_looks(mesh):
+def test_default_gaussians_face_the_viewer(mesh):
+    """Both are on one side of the mesh."""
     mesh = mesh_of(mesh)
     source, target = centres(mesh)
-    apart = geodesic_distance(mesh, [source])[target] / mesh.length_scale
-    assert 0.3 < apart / width(mesh) < 0.8
+    distance = geodesic_distance(mesh, [source])[target] / mesh.length_scale
+    assert 0.3 < distance / width(mesh) < 0.8
     normals = vertex_normals(mesh)
     assert normals[source] @ normals[target] > 0
     facing = normals @ best_front(mesh).direction
     assert min(facing[[source, target]]) > 0.25
     for spec in specs(mesh):
         covered = vertex_areas(mesh) * function(mesh, spec)
-        # a quarter is what is seen of a ball
+        # a quarter, as of a ball
         assert covered @ np.maximum(facing, 0) > 0.25 * covered.sum()
 
 
 @pytest.mark.parametrize("name", [name for name in MESHES if name.startswith("human")])
-def test_on_a_body_they_are_on_the_trunk(name):
+def test_gaussians_of_a_body_are_on_the_trunk(name):
     heights = mesh_of(name).vertices[:, 1]
     found = (heights[centres(mesh_of(name))] - heights.min()) / np.ptp(heights)
     assert found.min() > 0.45
     assert found.max() < 0.85
 
 
-def test_numbers_scale_and_orientation_do_not_matter_and_vertices_are_counted_as_the_file_does():
+def test_defaults_do_not_depend_on_numbers_and_scale():
+    """Nor on orientation; vertices are numbered as in the file."""
     mesh = mesh_of("human_A.off")
     order, faces = RNG.permutation(len(mesh.vertices)), RNG.permutation(len(mesh.faces))
     other = TriangleMesh(1e3 * mesh.vertices[order], np.argsort(order)[mesh.faces][faces])
     np.testing.assert_array_equal(order[centres(other)], centres(mesh))
     assert specs(TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])) == specs(mesh)
-    whole = torus(12, 8)
-    gap = TriangleMesh(np.vstack([np.zeros((5, 3)), whole.vertices]), whole.faces + 5)
-    for spec, shifted in zip(specs(whole), specs(gap), strict=True):
+    closed = torus(12, 8)
+    gap = TriangleMesh(np.vstack([np.zeros((5, 3)), closed.vertices]), closed.faces + 5)
+    for spec, shifted in zip(specs(closed), specs(gap), strict=True):
         assert parse(shifted).vertex[0] == parse(spec).vertex[0] + 5
 
 
-def test_a_coarse_mesh_gets_wider_ones_but_no_wider_than_an_even_mesh_needs():
+def test_coarse_mesh_has_wider_gaussians():
+    """They are not wider than an even mesh needs."""
     widths = [width(ellipsoid(k, 3.0, 1.0, 1.0)) for k in (1, 3, 5)]
     assert widths == sorted(widths, reverse=True)
     assert widths[0] > widths[-1] == WIDTH
@@ -88,29 +91,29 @@ def test_a_coarse_mesh_gets_wider_ones_but_no_wider_than_an_even_mesh_needs():
 
 
 @pytest.mark.parametrize("name", COARSE)
-def test_the_first_match_is_good(name):
-    """By both checks, and 95% of the surface keeps its area up to a factor of two."""
+def test_default_functions_match_well(name):
+    """By both checks, and 95% of the surface keeps its area up to a factor of 2."""
     mesh = mesh_of(name)
     facts = match(Problem(mesh, *([spec] for spec in specs(mesh)))).facts
     assert facts.outcome is Outcome.MATCHED
     assert facts.tone == "good"
     assert facts.numbers["worse_residual"] <= 0.05
     assert facts.numbers["log2_area_95"] <= 1
-    assert facts.numbers["initial_residual"] > 0.3  # there is something to see
+    assert facts.numbers["initial_residual"] > 0.3  # the motion is visible
 
 
 @pytest.mark.parametrize(
-    ("name", "refine", "left"), [("human_A.off", 0, 0.15), ("eight.off", 1, 0.15)]
+    ("name", "refine", "residual_max"), [("human_A.off", 0, 0.15), ("eight.off", 1, 0.15)]
 )
-def test_with_a_second_channel_as_it_is_added_they_still_are_or_almost(name, refine, left):
+def test_added_channel_is_nearly_matched(name, refine, residual_max):
     mesh = mesh_of(name)
     stays = function(mesh, landmark(specs(mesh), mesh))
     f, g = (np.stack([function(mesh, spec), stays], axis=1) for spec in specs(mesh))
-    assert match(mesh, f, g, Parameters(refine=refine)).worse_residual < left
+    assert match(mesh, f, g, Parameters(refine=refine)).worse_residual < residual_max
 
 
-def test_a_film_is_seen_from_where_it_changes():
-    """Not where values are large, nor where a minority stands still."""
+def test_front_of_a_sequence_shows_its_changes():
+    """Not its large values, nor its constant part."""
     mesh = icosphere(3)
     x, _, z = mesh.vertices.T
     times = np.arange(4.0)[:, None]

@@ -1,4 +1,4 @@
-"""Functions computed in a process of their own are those computed here, errors included."""
+"""Functions computed in a subprocess: values and errors are those computed in this process."""
 
 import warnings
 
@@ -19,7 +19,7 @@ SPARSE = with_loose_vertex(icosphere(2))
 
 
 @pytest.fixture(scope="module")
-def apart():
+def in_subprocess():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
         functions = Functions(SPARSE)
@@ -30,14 +30,14 @@ def apart():
 @pytest.mark.parametrize(
     "spec", ["gaussian:vertex=7,width=0.2", "eigenfunction:3", "coordinate:x + geodesic:vertex=0"]
 )
-def test_values_and_defaults_are_the_same(apart, spec):
-    np.testing.assert_array_equal(apart.evaluate(spec), function(SPARSE, spec))
-    assert apart._worker.pid
-    assert apart.defaults() == default_functions(SPARSE)
+def test_subprocess_values_are_the_same(in_subprocess, spec):
+    np.testing.assert_array_equal(in_subprocess.evaluate(spec), function(SPARSE, spec))
+    assert in_subprocess._worker.pid
+    assert in_subprocess.defaults() == default_functions(SPARSE)
 
 
-def test_warnings_are_the_same(monkeypatch, tmp_path):
-    """Of values that differ between copies of a vertex; the window shows each as a card."""
+def test_subprocess_warnings_are_the_same(monkeypatch, tmp_path):
+    """For values that differ between copies of a vertex; the window shows each as a card."""
     monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
     sphere = icosphere(1)
     corners = np.arange(sphere.faces.size)
@@ -55,15 +55,16 @@ def test_warnings_are_the_same(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("spec", ["gaussian:vertex=5", "nonsense", "file:not there.npy"])
-def test_errors_are_the_same(apart, spec):
+def test_subprocess_errors_are_the_same(in_subprocess, spec):
     with pytest.raises(FunctionError) as here:
         function(SPARSE, spec)
     with pytest.raises(FunctionError) as there:
-        apart.evaluate(spec)
+        in_subprocess.evaluate(spec)
     assert str(there.value) == str(here.value)
 
 
-def test_large_meshes_get_a_process_and_closed_ones_start_none(monkeypatch):
+def test_only_large_meshes_have_a_process(monkeypatch):
+    """Closed functions start no process."""
     assert evaluation.SUBPROCESS_VERTICES_MIN == 20_000
     monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", len(SPARSE.vertices))
     for mesh, has_one in ((icosphere(1), False), (SPARSE, True)):

@@ -1,4 +1,4 @@
-"""Memory that was freed goes back to the system."""
+"""Return of freed memory to the system."""
 
 from tests.processes import python
 
@@ -13,7 +13,7 @@ def resident():
 """
 
 _PIECES = """
-def work():  # in pieces that the C library keeps for itself, and one at the end that nobody frees
+def work():  # in pieces that the C library caches, and a last one that is never freed
     pieces = [bytearray(100_000) for _ in range(1000)]
     kept.append(bytearray(100_000))
 
@@ -28,21 +28,22 @@ print(before - resident())
 
 
 _BLOCKS = """
-# freed at once: from now on the C library would take blocks up to this size from its pools
+# by default the C library then takes blocks up to this size from its pools
 bytearray(30 << 20)
 limit_pools()
 before = resident()
 kept = []
 for _ in range(20):
-    kept += [bytearray(5 << 20), bytearray(100_000)]  # small ones keep the pool from shrinking
+    kept += [bytearray(5 << 20), bytearray(100_000)]  # small blocks prevent the pool from shrinking
 del kept[::2]
 print(resident() - before)
 """
 
 
-def test_what_an_ended_thread_had_is_given_back_and_large_blocks_when_they_are_freed():
-    given, kept = (
+def test_freed_memory_is_returned():
+    """Memory of an ended thread on request, and large blocks at once."""
+    returned, remaining = (
         float(python(_RESIDENT + program, check=True).stdout) for program in (_PIECES, _BLOCKS)
     )
-    assert given > 50  # megabytes, of 100
-    assert kept < 20
+    assert returned > 50  # of 100 megabytes
+    assert remaining < 20

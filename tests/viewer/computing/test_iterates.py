@@ -1,4 +1,4 @@
-"""What the process that matches reports of a run, and what it keeps between two."""
+"""Reports of the process that matches, and the iterates that it stores between two runs."""
 
 import gc
 import weakref
@@ -24,7 +24,7 @@ QUICK = Parameters.of(iterations=8, levels=2, refine=0)
 
 @pytest.fixture
 def reports(monkeypatch):
-    """What would be sent of iterates."""
+    """Return the list of sent iterates."""
     reports = []
     monkeypatch.setattr(iterates, "report", reports.append)
     return reports
@@ -32,7 +32,7 @@ def reports(monkeypatch):
 
 @pytest.fixture
 def energies(monkeypatch):
-    """All that are made and not gone, while nothing collects cycles, as compiling leaves some."""
+    """Yield the set of existing energies, without garbage collection of cycles."""
     abfm.match(SPHERE, F, G, QUICK)
     alive, usual = weakref.WeakSet(), MatchingEnergy.__init__
 
@@ -47,9 +47,8 @@ def energies(monkeypatch):
     gc.enable()
 
 
-def test_every_iterate_is_reported_and_of_an_ended_run_the_last_fields_stay_and_no_workspace(
-    reports, energies
-):
+def test_ended_run_stores_fields_without_workspace(reports, energies):
+    """Every iterate is reported."""
     cache = {}
     for run in range(1, 4):
         problem = abfm.Problem(SPHERE, F, G, replace(QUICK, sigma=0.01 * run))
@@ -61,13 +60,13 @@ def test_every_iterate_is_reported_and_of_an_ended_run_the_last_fields_stay_and_
         assert advected.shape == found.advected.shape
         assert not energies
         reports.clear()
-    fields(cache, 2, 0)  # of the run before something may be shown yet
+    fields(cache, 2, 0)  # the window may still show the run before
     with raises(AbfmError):
         fields(cache, 1, 0)
 
 
 class Task:
-    """Whose iterates are posted by a function."""
+    """A task whose iterates are posted by a function."""
 
     problem = SimpleNamespace(mesh=SPHERE)
 
@@ -80,7 +79,7 @@ class Task:
 
 @dataclass(eq=False)
 class Iterate:
-    """Whose picture and field take a while."""
+    """An iterate whose picture and field take time."""
 
     iteration: int
     residual: float
@@ -106,16 +105,14 @@ class Iterate:
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Advances when it is set."""
+    """Return a simulated clock."""
     clock = SimpleNamespace(seconds=0.0, perf_counter=lambda: clock.seconds)
     monkeypatch.setattr(iterates, "clock", clock)
     return clock
 
 
 @pytest.mark.parametrize(("picture", "pause"), [(0.01, 0.09), (0.001, 0.05), (1.0, 0.2)])
-def test_no_picture_is_made_for_nine_times_as_long_as_one_took_within_limits(
-    picture, pause, monkeypatch, reports, clock
-):
+def test_pictures_take_a_tenth_of_the_time(picture, pause, monkeypatch, reports, clock):
     monkeypatch.setattr(iterates, "FIRST_FIELD_SECONDS", 1e9)
 
     def post(take):
@@ -130,8 +127,8 @@ def test_no_picture_is_made_for_nine_times_as_long_as_one_took_within_limits(
     assert [one.view.picture for one in reports] == 3 * ["picture 0", None, None]
 
 
-def test_the_best_field_is_known_during_a_later_attempt_and_after_the_run(reports, monkeypatch):
-    """Though only a few of the newest are."""
+def test_best_field_stays_available(reports, monkeypatch):
+    """During a later attempt and after the run, though only few of the newest are stored."""
     monkeypatch.setattr(iterates, "_WAIT_SECONDS_MIN", 0.0)
     monkeypatch.setattr(iterates, "_PICTURE_WAIT_RATIO", 0.0)
     residuals, known = (1.4, 0.5, 0.04, 1.3, 1.2, 1.1, 1.0, 0.9, 0.8), []
@@ -142,7 +139,7 @@ def test_the_best_field_is_known_during_a_later_attempt_and_after_the_run(report
             take(Iterate(number, residual))
             known.append(fields(cache, 1, 2)[0])
         assert fields(cache, 1, 6)[0] == "field 6"
-        assert fields(cache, 1, 1)[0] == "field 2"  # forgotten
+        assert fields(cache, 1, 1)[0] == "field 2"  # no longer stored
 
     match(cache, 1, Task(post))
     assert known == ["field 0", "field 1", *7 * ["field 2"]]
@@ -150,15 +147,15 @@ def test_the_best_field_is_known_during_a_later_attempt_and_after_the_run(report
 
 
 def sent(reports):
-    """What was reported once more, with its fields."""
+    """Return the iterates that were reported again, with their fields."""
     return [now for now in reports if now.view.field is not None]
 
 
 @pytest.mark.parametrize(
     ("vertices", "seconds"), [(10_000, 0.007), (40_000, 0.033), (160_000, 0.15), (500, 2.0)]
 )
-def test_sending_fields_takes_a_fiftieth_of_the_time(clock, reports, vertices, seconds):
-    """Except for the first."""
+def test_fields_take_2_percent_of_the_time(clock, reports, vertices, seconds):
+    """Except for the first one."""
     task, spent, moments = Task(lambda take: follow(take)), 0.0, []
     task.problem = SimpleNamespace(mesh=SimpleNamespace(vertices=range(vertices)))
 
@@ -185,7 +182,7 @@ def test_sending_fields_takes_a_fiftieth_of_the_time(clock, reports, vertices, s
         assert max(waits) < iterates._FIELD_WAIT_SECONDS_MAX + 0.3
 
 
-def test_the_best_field_that_moves_is_sent_once(clock, reports):
+def test_best_field_is_sent_once(clock, reports):
     def post(take):
         clock.seconds = 3 * FIRST_FIELD_SECONDS
         for iteration, residual in enumerate((0.1, 0.2, 0.05, 0.3)):
@@ -193,7 +190,7 @@ def test_the_best_field_that_moves_is_sent_once(clock, reports):
             clock.seconds += 100
 
     match({}, 1, Task(post))
-    assert [now.iteration for now in reports] == [0, 1, 2, 2, 3]  # the start is no field
+    assert [now.iteration for now in reports] == [0, 1, 2, 2, 3]  # the start has no field
     assert [(now.view.field, now.view.picture) for now in sent(reports)] == [
         ("field 2", "picture 2")
     ]

@@ -1,4 +1,4 @@
-"""A run of a match: it is what `abfm.match` does, follows changes, and keeps its best field."""
+"""Matching in a run: equal results, changed problems, and the best field."""
 
 import itertools
 import os
@@ -27,22 +27,22 @@ def functions():
     functions.retire()
 
 
-class Matched(Matching):
-    """A match whose result is taken by `ended`."""
+class MatchingRun(Matching):
+    """A match whose result is returned by `ended`."""
 
     def __init__(self):
         self.run = Run(Process())
         super().__init__(self.run)
 
     def begin(self, problem, functions, field=None):
-        self.left = None
-        self.start(problem, functions, lambda *left: setattr(self, "left", left), field)
+        self.end = None
+        self.start(problem, functions, lambda *end: setattr(self, "end", end), field)
 
     def ended(self):
-        """The result, the record and the problem that a run leaves, which ends of itself."""
+        """Return the result, the record and the problem of a run, when it has ended."""
         assert self.run.wait(60)
         self.run.collect()
-        return self.left
+        return self.end
 
     def cancelled(self):
         self.run.cancel()
@@ -51,9 +51,9 @@ class Matched(Matching):
     def killed(self):
         until(lambda: self.run.process._worker.pid)
         os.kill(self.run.process._worker.pid, signal.SIGKILL)
-        left = self.ended()
+        end = self.ended()
         assert self.run.failed
-        return left
+        return end
 
     @property
     def rows(self):
@@ -62,14 +62,14 @@ class Matched(Matching):
 
 @pytest.fixture
 def matching():
-    matching = Matched()
+    matching = MatchingRun()
     yield matching
     matching.run.close()
 
 
 @pytest.fixture
 def running(matching, functions):
-    """One with a run that goes on until it is told otherwise, and has made some steps."""
+    """Return a matching whose run does not end by itself, after some steps."""
     matching.begin(problem(ENDLESS), functions)
     until(lambda: matching.rows > 3)
     return matching
@@ -83,7 +83,7 @@ def same_run(matching, mesh, parameters):
     matching.run.wait(60)
     newest = matching.snapshot.iteration.iteration
     result, record, _ = matching.ended()
-    # text, which finer meshes evaluate anew
+    # texts, which are evaluated again on finer meshes
     expected = abfm.match(abfm.Problem(mesh, [PAIR.source], [PAIR.target], parameters))
     functions.retire()
     assert (matching.running, matching.run.state) == (False, RunState.ENDED)
@@ -98,38 +98,37 @@ def same_run(matching, mesh, parameters):
     assert newest == len(record.energies) - 1
 
 
-def carries(match, functions):
-    """Check that a field carries the source to what it says."""
+def check_advected(match, functions):
+    """Check that the field of a match advects the source to the given function."""
     flow = abfm.Flow(SPHERE, match.velocity, ENDLESS.tau)
     carried = flow.push(functions.evaluate(PAIR.source), ENDLESS.tau)
     np.testing.assert_allclose(carried, match.advected[:, 0], atol=1e-5)
 
 
-def test_it_finds_what_match_finds_also_on_another_mesh_prepared_or_not(matching):
+def test_run_equals_match(matching):
+    """Also on another mesh, prepared or not."""
     assert (matching.snapshot, matching.record) == (None, None)
     same_run(matching, SPHERE, QUICK)
     mesh = icosphere(2)
-    matching.prepare(mesh, None)  # what fails while meshes are made ahead stops no match
+    matching.prepare(mesh, None)  # an error during preparation does not stop a match
     matching.prepare(mesh, QUICK.with_values(levels=2))
     same_run(matching, mesh, QUICK.with_values(levels=2))
 
 
-def test_a_run_that_waits_for_coarser_meshes_tells_of_them(matching, functions):
+def test_run_reports_preparation_of_coarser_meshes(matching, functions):
     told = []
     tell = matching.run._set_step
     matching.run._set_step = lambda step: (told.append(step), tell(step))
-    sphere = abfm.TriangleMesh(1.1 * SPHERE.vertices, SPHERE.faces)  # of which none are made yet
+    sphere = abfm.TriangleMesh(1.1 * SPHERE.vertices, SPHERE.faces)  # without coarser meshes so far
     matching.prepare(sphere, QUICK.with_values(levels=2))
     matching.begin(replace(problem(QUICK.with_values(levels=2)), mesh=sphere), functions)
     matching.ended()
     tasks = [step.task for step in told if step]
-    assert tasks.count("making coarser meshes") == 2  # ahead, and when the match takes them
+    assert tasks.count("making coarser meshes") == 2  # in advance, and when the match uses them
     assert told[-1] is None
 
 
-def test_a_mask_and_weights_reach_match_and_what_is_wrong_is_told_in_the_same_words(
-    matching, functions
-):
+def test_mask_weights_and_errors_equal_match(matching, functions):
     masked = replace(problem(), mask="expression:where(x > 0, 1, 0)")
     matching.begin(replace(masked, channels=(replace(PAIR, weight=2.0),)), functions)
     result, *_ = matching.ended()
@@ -144,7 +143,7 @@ def test_a_mask_and_weights_reach_match_and_what_is_wrong_is_told_in_the_same_wo
     assert (matching.run.failed, matching.run.reason) == (True, str(error.value))
 
 
-def test_a_start_that_is_too_fast_is_replaced_by_none(matching, functions):
+def test_too_fast_start_is_ignored(matching, functions):
     wild = np.zeros((1, len(SPHERE.faces), 3))
     wild[:, :, 0] = 1e6
     matching.begin(problem(), functions, wild)
@@ -156,37 +155,36 @@ def test_a_start_that_is_too_fast_is_replaced_by_none(matching, functions):
     np.testing.assert_array_equal(second.velocity, first.velocity)
 
 
-def test_the_record_is_the_same_object_until_there_is_more_of_it(running):
+def test_record_is_the_same_object_until_it_grows(running):
     running.run.pause()
     until(lambda: running.record is running.record)
     running.run.resume()
     before = running.record
     until(lambda: running.rows > len(before.stages))
     assert running.record is not before
-    # some come with a picture: these are shown
+    # some have a picture; these are shown
     until(lambda: running.snapshot.shown.iteration > 0)
     assert running.snapshot.shown.view.picture is not None
     until(lambda: running.snapshot.iteration.view.picture is None)
     assert running.snapshot.shown.iteration <= running.snapshot.iteration.iteration
 
 
-def test_the_fields_of_an_iterate_come_when_they_are_asked_for_and_are_known_for_a_while(
-    running, functions
-):
+def test_fields_are_fetched_on_request(running, functions):
+    """They are available for a while."""
     running.run.pause()
     shown = running.snapshot.shown
     again = replace(shown, view=replace(shown.view, picture=None))
-    carries(shown, functions)
+    check_advected(shown, functions)
     running.cancelled()
     for _ in range(2):
         running.begin(problem(), functions)
         running.ended()
-    assert shown.velocity is shown.velocity  # kept once it was there
+    assert shown.velocity is shown.velocity  # stored after the first request
     with raises(AbfmError):
         _ = again.velocity
 
 
-def test_a_cancelled_run_ends_with_the_best_field(running):
+def test_cancel_keeps_best_field(running):
     running.run.pause()
     result, record, solved = running.cancelled()
     assert (running.run.failed, result.stop_reason) == (False, "cancelled")
@@ -197,16 +195,15 @@ def test_a_cancelled_run_ends_with_the_best_field(running):
     assert (running.snapshot, running.record) == (None, None)
 
 
-def test_a_run_that_is_cancelled_while_it_starts_ends_after_its_first_evaluation(
-    matching, functions
-):
+def test_cancel_at_start_ends_after_one_evaluation(matching, functions):
     matching.begin(problem(ENDLESS), functions)
     result, record, _ = matching.cancelled()
     assert result.stop_reason == "cancelled"
     assert len(record.stages) >= 1
 
 
-def test_a_run_follows_another_problem_from_the_field_that_was_there(running):
+def test_run_continues_with_changed_problem(running):
+    """It starts from the present field."""
     until(lambda: running.rows > 40)
     changed = problem(replace(ENDLESS, beta=1e-4))
     running.follow_problem(changed, dragging=True)
@@ -220,12 +217,12 @@ def test_a_run_follows_another_problem_from_the_field_that_was_there(running):
     assert 40 < restart < len(run.energies) == len(run.stages)
     regularity = run.energies[:, 1]
     assert regularity[0] == 0
-    # the field goes on
+    # the field continues
     assert regularity[restart] == pytest.approx(regularity[restart - 1], rel=0.1)
     assert result.parameters == changed.parameters
 
 
-def test_restarts_in_a_row_leave_each_problem_some_iterations(running):
+def test_frequent_changes_allow_iterations(running):
     numbers = itertools.count()
 
     def change():
@@ -240,7 +237,7 @@ def test_restarts_in_a_row_leave_each_problem_some_iterations(running):
 
 
 @pytest.mark.parametrize("follow", [True, False])
-def test_another_mesh_ends_the_run_and_after_that_nothing_restarts(running, follow):
+def test_another_mesh_ends_the_run(running, follow):
     running.follow = follow
     if not follow:
         running.follow_problem(problem(replace(ENDLESS, beta=1e-3)))
@@ -252,7 +249,7 @@ def test_another_mesh_ends_the_run_and_after_that_nothing_restarts(running, foll
     assert running.problem.parameters == result.parameters == ENDLESS
 
 
-def test_a_restart_that_cannot_be_solved_keeps_the_result_so_far(running):
+def test_failed_restart_keeps_the_result(running):
     unknown = Channel("gaussian:vertex=100000,width=0.1", PAIR.target)
     running.follow_problem(problem(ENDLESS, unknown))
     result, *_ = running.ended()
@@ -261,7 +258,7 @@ def test_a_restart_that_cannot_be_solved_keeps_the_result_so_far(running):
     assert result.stop_reason == "cancelled"
 
 
-def test_a_killed_process_leaves_a_field_that_was_asked_for(running, functions):
+def test_killed_process_leaves_a_requested_field(running, functions):
     """The next run has another process."""
     found, _ = running.unfinished(running.snapshot, functions)
     result, record, _ = running.killed()
@@ -271,44 +268,45 @@ def test_a_killed_process_leaves_a_field_that_was_asked_for(running, functions):
     running.begin(problem(ENDLESS), functions)
     until(lambda: running.rows > 0)
     result, *_ = running.killed()
-    assert result is None  # that of an earlier run is not this one's
+    assert result is None  # a field of an earlier run is not used
 
 
 @pytest.fixture
-def keeping(running):
-    """One with a run of which a field came over though nobody asked."""
+def with_sent_field(running):
+    """Return a matching with a run that sent a field without a request."""
     until(lambda: running._best)
     return running
 
 
-def test_a_killed_process_leaves_the_field_that_came_over(keeping, functions):
-    kept = keeping._best
-    result, record, _ = keeping.killed()
+def test_killed_process_leaves_the_sent_field(with_sent_field, functions):
+    kept = with_sent_field._best
+    result, record, _ = with_sent_field.killed()
     assert result.velocity.any()
     assert result.residual <= kept.shown.residual
-    carries(result, functions)
+    check_advected(result, functions)
     assert len(record.stages) > kept.iteration.iteration
 
 
-def test_a_run_that_is_killed_after_a_change_leaves_what_was_found_since_or_before(keeping):
+def test_killed_run_keeps_the_latest_result(with_sent_field):
+    """It is the result since the change of the problem, or the one before."""
     changed = problem(replace(ENDLESS, beta=1e-4))
-    keeping.follow_problem(changed)
-    until(lambda: keeping.snapshot.problem is changed)
-    assert keeping._best is None
-    result, *_ = keeping.killed()
+    with_sent_field.follow_problem(changed)
+    until(lambda: with_sent_field.snapshot.problem is changed)
+    assert with_sent_field._best is None
+    result, *_ = with_sent_field.killed()
     assert result.velocity.any()
 
 
 def iterate(**given):
-    """An iterate with what is given."""
+    """Return an iterate with the given attributes."""
     names = (field.name for field in fields(abfm.matching.Iteration) if field.default is MISSING)
     numbers = {"energy": 6.0, "regularity": 1.0, "mismatch_energy": 5.0, "residual": 0.4}
     known = dict.fromkeys(names, 0) | numbers | {"sigma": 0.1, "shares": {}}
     return abfm.matching.Iteration(**(known | given))
 
 
-def test_a_new_attempt_replaces_no_better_field(matching):
-    """On the screen, in copies and where the process is killed: the best one so far stays."""
+def test_new_attempt_does_not_replace_a_better_field(matching):
+    """The best field stays on the screen, in copies, and after the process is killed."""
     matching._next, matching._since_restart = None, 0
     first, second = problem(), problem()
     matching._present = first
@@ -327,18 +325,18 @@ def test_a_new_attempt_replaces_no_better_field(matching):
         (4, 0.04, first, 4),
         (1, 0.05, first, 4),
         (3, 0.02, first, 3),
-        (9, 0.01, second, 3),  # of another problem
+        (9, 0.01, second, 3),  # for another problem
     ):
         assert post(number, residual, of=of, field="field") == (4, 4)
         assert matching._best.shown.iteration == best
     assert post(5, 0.9, of=second) == (5, 5)
 
 
-def test_a_run_of_several_terms_has_a_curve_for_each():
+def test_record_has_a_curve_for_each_term():
     history = _History()
     history.add(iterate(shares={"closeness": 5.0}))
     assert list(history.record(0.1, QUICK).curves) == ["energy", "smoothness", "closeness"]
-    history.begin()  # landmarks are set while it runs
+    history.begin()  # landmarks are set during the run
     history.add(iterate(shares={"closeness": 3.0, "landmarks": 2.0}))
     curves = history.record(0.1, QUICK).curves
     assert {name: list(values) for name, values in curves.items()} == {
@@ -347,5 +345,5 @@ def test_a_run_of_several_terms_has_a_curve_for_each():
         "closeness": [5, 3],
         "landmarks": [0, 2],
     }
-    assert list(history.record(0.1, QUICK).left) == [0.4, 0.4]
+    assert list(history.record(0.1, QUICK).residual_curve) == [0.4, 0.4]
     assert list(history.record(0.1, QUICK).sigmas) == [0.1, 0.1]

@@ -1,4 +1,4 @@
-"""Runs of any work: its state, errors, control, and processes that end."""
+"""Runs of any work: state, errors, control, and processes that end."""
 
 import os
 import signal
@@ -27,8 +27,8 @@ def run():
     run.close()
 
 
-class Started:
-    """A run that was started, its partial results and what it passes on."""
+class StartedRun:
+    """A run that was started, its partial results and its results."""
 
     def __init__(self, run, function, *given, recover=lambda: None, tries=1):
         self.run, self.partials, self.passed_on = run, [], []
@@ -47,12 +47,12 @@ def process_of(run):
     return run.process._worker._connection.process
 
 
-def test_a_run_passes_on_its_result_once(run):
+def test_result_is_passed_on_once(run):
     assert (run.running, run.paused, run.finished, run.seconds_each) == (False, False, False, None)
-    for do in (run.cancel, run.pause, run.resume, run.collect):  # nothing to do
+    for do in (run.cancel, run.pause, run.resume, run.collect):  # without effect
         do()
     assert run.state is RunState.IDLE
-    started = Started(run, jobs.count, 30)
+    started = StartedRun(run, jobs.count, 30)
     assert (run.running, run.state, run.started) == (True, RunState.RUNNING, 1)
     assert started.ended() == 30
     run.collect()
@@ -65,8 +65,9 @@ def test_a_run_passes_on_its_result_once(run):
     assert run.state is RunState.IDLE
 
 
-def test_a_paused_run_stands_still_until_it_is_resumed_or_cancelled(run):
-    started = Started(run, jobs.count, FOREVER)
+def test_paused_run_makes_no_progress(run):
+    """Until it is resumed or cancelled."""
+    started = StartedRun(run, jobs.count, FOREVER)
     until(lambda: len(started.partials) > 3)
     for _ in range(2):
         run.pause()
@@ -79,13 +80,14 @@ def test_a_paused_run_stands_still_until_it_is_resumed_or_cancelled(run):
     run.pause()
     run.cancel()
     assert run.state is RunState.ENDING
-    run.pause()  # it ends all the same
+    run.pause()  # it ends nevertheless
     assert started.ended() == len(started.partials)
     assert (run.finished, run.failed) == (True, False)
 
 
 @pytest.mark.parametrize("paused", [False, True])
-def test_a_control_before_the_call_is_heeded(run, paused):
+def test_pause_before_the_call_takes_effect(run, paused):
+    """Also a cancellation."""
     may_begin = threading.Event()
 
     def work():
@@ -100,7 +102,7 @@ def test_a_control_before_the_call_is_heeded(run, paused):
     assert run.wait(30)
 
 
-def test_a_call_may_be_ended_without_the_run(run):
+def test_call_can_be_ended_without_the_run(run):
     """The next one is paused with the run."""
     partials, passed_on = [], []
 
@@ -111,7 +113,7 @@ def test_a_call_may_be_ended_without_the_run(run):
 
     run.start(work, passed_on.append)
     until(lambda: run.paused)
-    time.sleep(0.3)  # in which the next call begins
+    time.sleep(0.3)  # the next call begins meanwhile
     count = len(partials)
     time.sleep(0.1)
     assert len(partials) == count
@@ -124,8 +126,8 @@ def test_a_call_may_be_ended_without_the_run(run):
     assert (first < FOREVER, second, run.state) == (True, len(partials), RunState.ENDED)
 
 
-def test_errors_are_one_line_and_leave_what_was_found(run, capsys):
-    started = Started(run, jobs.refuse, recover=lambda: "found")
+def test_errors_are_one_line_and_keep_the_result(run, capsys):
+    started = StartedRun(run, jobs.refuse, recover=lambda: "found")
     assert started.ended() == "found"
     assert (run.failed, run.reason) == (True, "not this")
     assert not capsys.readouterr().err
@@ -142,12 +144,12 @@ def test_errors_are_one_line_and_leave_what_was_found(run, capsys):
     run.collect()
     assert (passed_on, run.failed, run.reason) == ([None], True, "RuntimeError: boom and more")
     assert "Traceback" in capsys.readouterr().err  # for the developer
-    assert Started(run, jobs.count, 1).ended() == 1
+    assert StartedRun(run, jobs.count, 1).ended() == 1
     assert run.reason == ""
 
 
-def test_a_run_reports_its_step_until_it_ends_with_its_process(run):
-    started = Started(run, jobs.hold, recover=lambda: "found")
+def test_run_reports_its_step(run):
+    started = StartedRun(run, jobs.hold, recover=lambda: "found")
     until(lambda: run.step)
     assert run.step.task == "holding"
     until(lambda: process_of(run))
@@ -157,25 +159,25 @@ def test_a_run_reports_its_step_until_it_ends_with_its_process(run):
     check_message(run.reason)
     with raises(WorkerEndedError):
         run.process.call_now(jobs.pid)
-    assert Started(run, jobs.pid).ended()[0] == run.process._worker.pid  # of another process
+    assert StartedRun(run, jobs.pid).ended()[0] == run.process._worker.pid  # in another process
 
 
 @pytest.mark.parametrize("tries", [1, 2])
-def test_a_process_that_ends_is_tried_again(run, tmp_path, tries):
-    started = Started(run, jobs.pid_if, tmp_path / "file", tries=tries)
+def test_ended_process_is_tried_again(run, tmp_path, tries):
+    started = StartedRun(run, jobs.pid_if, tmp_path / "file", tries=tries)
     assert started.ended() == (run.process._worker.pid if tries > 1 else None)
     assert run.failed == (tries == 1)
 
 
-def test_a_process_that_does_not_start_fails_the_run(run, monkeypatch):
+def test_process_that_does_not_start_fails_the_run(run, monkeypatch):
     monkeypatch.setattr(worker_module, "WORKER_MODULE", "abfm.workers.nothing")
     monkeypatch.setattr(Process, "_idle_workers", [])
-    assert Started(run, jobs.pid).ended() is None
+    assert StartedRun(run, jobs.pid).ended() is None
     assert run.failed
 
 
-def test_closing_ends_a_call_and_its_process_at_once(run):
-    Started(run, jobs.hold)
+def test_closing_ends_call_and_process(run):
+    StartedRun(run, jobs.hold)
     until(lambda: run.step)
     process = process_of(run)
     run.close(seconds=0)
@@ -185,15 +187,15 @@ def test_closing_ends_a_call_and_its_process_at_once(run):
         run.process.call(jobs.pid)
 
 
-def test_a_process_that_is_idle_is_left_to_the_next(monkeypatch):
-    """At most two are."""
+def test_idle_process_is_reused(monkeypatch):
+    """At most two are stored."""
     monkeypatch.setattr(Process, "_idle_workers", [])
     pids = []
     for _ in range(2):
         run = Run(Process())
-        pids.append(Started(run, jobs.pid).ended())
+        pids.append(StartedRun(run, jobs.pid).ended())
         run.close()
-        Process().close()  # which has had none
+        Process().close()  # that had no process
     assert pids == [(pids[0][0], 1), (pids[0][0], 2)]
     several = [Process() for _ in range(run_module._IDLE_WORKERS_MAX + 1)]
     for process in several:

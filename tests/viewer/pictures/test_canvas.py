@@ -1,4 +1,4 @@
-"""Smooth pictures off the screen."""
+"""Off-screen pictures with antialiasing."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from tests.shapes import icosphere
 
 
 def sphere(width, height, transparent, ground=(1.0, 1.0, 1.0)):
-    """A grey ball in the middle of a picture."""
+    """Return a grey ball in the middle of a picture."""
     mesh = icosphere(4)
     with canvas.canvas(width, height):
         ps.remove_all_structures()
@@ -31,7 +31,7 @@ def sphere(width, height, transparent, ground=(1.0, 1.0, 1.0)):
         return rendered(transparent)
 
 
-def test_edges_are_smooth():
+def test_edges_are_antialiased():
     pixels = sphere(160, 120, transparent=True)
     assert pixels.shape == (120, 160, 4)
     alpha = pixels[..., 3]
@@ -45,7 +45,7 @@ def test_edges_are_smooth():
     assert rim.max() <= inside.max() + 3
 
 
-def test_colours_mix_on_a_ground():
+def test_edge_colours_mix_with_any_background():
     pixels = sphere(160, 120, transparent=False, ground=(1.0, 0.0, 0.0))
     assert pixels.shape == (120, 160, 3)
     assert pixels[0, 0].tolist() == [255, 0, 0]
@@ -56,7 +56,7 @@ def test_colours_mix_on_a_ground():
     assert len(np.unique(ps.screenshot_to_buffer()[..., 3])) <= 2
 
 
-def test_opengl_errors_are_refusals(monkeypatch):
+def test_opengl_errors_are_drawing_errors(monkeypatch):
     resize = canvas._resize
 
     def refuse(width, height, side):
@@ -70,7 +70,7 @@ def test_opengl_errors_are_refusals(monkeypatch):
 
 
 @pytest.mark.parametrize("size", [(8192, 100), (100, 8192)])
-def test_long_pictures_fit_opengl(size):
+def test_long_pictures_respect_the_limit_of_opengl(size):
     with canvas.canvas(*size):
         ps.remove_all_structures()
         assert rendered(transparent=False).shape == (size[1], size[0], 3)

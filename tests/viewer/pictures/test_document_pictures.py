@@ -1,4 +1,4 @@
-"""Pictures of documents, drawn off the screen."""
+"""Off-screen pictures of documents."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=0.7,z=0,wid
 
 @pytest.fixture(scope="module")
 def document():
-    """A short match on an egg, with tau = 2."""
+    """Return a short match on an egg, with tau = 2."""
     f, g = (abfm.function(EGG, CHANNEL.spec(side)) for side in ("source", "target"))
     match = abfm.match(EGG, f, g, abfm.Parameters.of(tau=2, iterations=40, refine=0))
     solved = {"parameters": match.parameters, "result": match, "time": 2.0}
@@ -42,29 +42,29 @@ def viewed(document, **view):
 
 
 def drawn(document, size=SIZE, options=BARE, time=2.0, degrees=0.0):
-    """One picture as an array."""
+    """Return one picture as an array."""
     with DocumentRenderer(document, {}, size, options) as renderer:
         return np.asarray(renderer.picture(time, degrees)).astype(int)
 
 
 def is_empty(pixels):
-    """Where a picture on white shows nothing."""
+    """Return where a picture on white shows nothing."""
     return (pixels > 252).all(axis=-1)
 
 
 def body(pixels):
-    """What is not the ground in a dark picture, (n, 3)."""
+    """Return the pixels of a dark picture that are not background, (n, 3)."""
     return pixels[np.abs(pixels - pixels[0, 0]).max(axis=-1) > 12]
 
 
 def touches(empty):
-    """Sides of a picture that something reaches."""
+    """Return the sides of a picture that something reaches."""
     edges = {"top": empty[0], "bottom": empty[-1], "left": empty[:, 0], "right": empty[:, -1]}
     return [side for side, edge in edges.items() if not edge.all()]
 
 
-def test_a_picture_shows_what_the_window_shows(document):
-    drawn(document, degrees=40)  # leaves nothing turned
+def test_picture_equals_the_window(document):
+    drawn(document, degrees=40)  # must not leave a rotation
     session = Session(EGG, "egg")
     session.restore(viewed(document, color_bar=False), {}, None)
     window = Window(session, opengl.OFFSCREEN_BACKEND, (900, 560))
@@ -73,7 +73,7 @@ def test_a_picture_shows_what_the_window_shows(document):
             window.frame()
         window.tick()
         left, top, right, bottom = map(round, window.parts.scene)
-        # as the user does with the mouse
+        # as a user with the mouse
         window.scene.set_view(window.scene.view.turned("source", (100, 200), (140, 210)))
         window.scene.set_view(window.scene.view.zoomed("source", (150, 200), 1.3))
         window.tick()
@@ -85,17 +85,17 @@ def test_a_picture_shows_what_the_window_shows(document):
     assert seen.view.viewpoint is not None
     picture = drawn(seen, (right - left, bottom - top), PictureOptions())
     assert picture.shape == shown.shape
-    # without the names, which are a little smaller in pictures
+    # without the names, which are slightly smaller in pictures
     picture, shown = picture[30:], shown[30:]
     assert np.abs(picture - shown).mean() < 0.25 * np.abs(255 - shown).mean()
 
 
-def test_functions_are_carried_exactly_in_frames(document):
+def test_frames_show_exact_functions(document):
     with DocumentRenderer(document, {}, (64, 64)) as renderer:
         for time in (0.0, 0.613, 2.0, 3.7):
             renderer.picture(time)
             values = renderer._scene.paints["advected"].values
-            # what the solver carried there, as exactly as it needed
+            # the solver's own values, with the accuracy that it needs
             at_tau = time == document.parameters.tau
             expected = document.result.advected[:, 0] if at_tau else document.result.advect(time)
             np.testing.assert_allclose(values, expected, rtol=1e-10, atol=1e-12)
@@ -107,8 +107,8 @@ def test_functions_are_carried_exactly_in_frames(document):
 
 
 @pytest.mark.usefixtures("coarse_streaks")
-def test_moving_streaks_go_around_in_a_movie(document):
-    """Every frame is another phase, and the first follows the last as any frame follows another."""
+def test_moving_streaks_are_periodic_in_a_movie(document):
+    """All steps between frames are alike, also that from the last to the first."""
     streaks = viewed(document, streaks=True, animate=True, layout="advected only")
     with DocumentRenderer(streaks, {}, SIZE, BARE) as renderer:
         frames = [frame.astype(int) for frame in renderer.frames(2.0, 2.0, 4, 0.0)]
@@ -121,7 +121,7 @@ def test_moving_streaks_go_around_in_a_movie(document):
     assert (twice[1] == frames[2]).all()
 
 
-def test_the_range_of_the_error_stays_the_same_in_a_movie(document):
+def test_error_range_is_constant_in_a_movie(document):
     with DocumentRenderer(viewed(document, error=True), {}, SIZE, BARE) as renderer:
         ranges, largest = [], []
         for _ in renderer.frames(0.0, 2.0, 3, 0.0):
@@ -133,7 +133,7 @@ def test_the_range_of_the_error_stays_the_same_in_a_movie(document):
     assert largest[-1] < 0.5 * largest[0]
 
 
-def test_names_and_colour_bars_are_written_and_left_out(document):
+def test_names_and_colour_bars_are_optional(document):
     bare, names, bars = (
         drawn(document, options=PictureOptions(color_bar=bar, labels=labels))
         for bar, labels in ((False, False), (False, True), (True, False))
@@ -151,7 +151,7 @@ def test_names_and_colour_bars_are_written_and_left_out(document):
     ("layout", "size"),
     [("automatic", (480, 160)), ("automatic", (160, 480)), ("row", (300, 300)), ("column", SIZE)],
 )
-def test_all_surfaces_are_in_pictures_of_any_shape(document, layout, size):
+def test_all_surfaces_fit_in_any_size(document, layout, size):
     for viewpoint in (None, Viewpoint(axis_front("x"))):
         empty = is_empty(drawn(viewed(document, layout=layout, viewpoint=viewpoint), size))
         assert touches(empty) == []
@@ -159,7 +159,7 @@ def test_all_surfaces_are_in_pictures_of_any_shape(document, layout, size):
 
 
 def test_dark_surfaces_have_the_colours_of_their_bars(document):
-    """The greatest value is dark on light grounds and light on dark ones, and nothing is grey."""
+    """Large values are dark on light backgrounds and light on dark ones; nothing is grey."""
     dark = viewed(document, theme="dark")
     light, surface = drawn(viewed(document, theme="light")), body(drawn(dark))
     assert np.median(light[~is_empty(light)], axis=0).min() > 150
@@ -172,8 +172,8 @@ def test_dark_surfaces_have_the_colours_of_their_bars(document):
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_marks_stand_out_from_surfaces(document, theme):
-    """Isolines are thin, and none is where a function is constant."""
+def test_lines_have_contrast_with_surfaces(document, theme):
+    """Isolines are thin, and absent where a function is constant."""
     plain = drawn(viewed(document, theme=theme))
     for shown in ({"arrows": True}, {"coloring": "checker"}, {"isolines": True}):
         other = drawn(viewed(document, theme=theme, **shown))
@@ -196,7 +196,7 @@ def test_turning_surfaces_stay_in_the_picture(document):
             empty = is_empty(np.asarray(renderer.picture(0.0, degrees)))
             assert touches(empty) == []
             columns = np.diff(np.r_[True, empty.all(axis=0), True].astype(int))
-            assert (columns == -1).sum() == 3  # three surfaces, apart
+            assert (columns == -1).sum() == 3  # three separate surfaces
             widths.append((~empty.all(axis=0)).sum())
         assert max(widths) > 2 * min(widths)
         assert np.abs(np.asarray(renderer.picture(0.0, 360.0)) - first).max() <= 2
@@ -205,7 +205,7 @@ def test_turning_surfaces_stay_in_the_picture(document):
     assert np.abs(seen - drawn(document, options=TURNING)).mean() > 1
 
 
-def test_refusals(document):
+def test_bad_pictures_are_refused(document):
     with raises(ParameterError, "9000x20", 16, 8192):
         DocumentRenderer(document, {}, (9000, 20))
     velocity = 1e12 * document.result.velocity

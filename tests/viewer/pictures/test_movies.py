@@ -1,4 +1,4 @@
-"""Movies, decoded again."""
+"""Movies, checked by decoding them."""
 
 import sys
 import tempfile
@@ -18,7 +18,7 @@ SUFFIXES = [".mp4", ".gif"]
 
 
 def frames(count, height=120, width=160):
-    """A wave of colours in a disc on a dark ground; the length of a white bar is the number."""
+    """Yield frames of a colour wave in a disc; the length of a white bar is the number."""
     y, x = np.mgrid[:height, :width]
     disc = (x - width / 2) ** 2 + (y - height / 2) ** 2 < (0.4 * height) ** 2
     colors = np.round(255 * table("abfm diverging")).astype(np.uint8)
@@ -35,7 +35,7 @@ def black(*shape):
 
 
 def decoded(path):
-    """The frames (n, H, W, 3) of a movie and its length in seconds."""
+    """Return the frames (n, H, W, 3) of a movie and its length in seconds."""
     with av.open(str(path)) as file:
         stream = file.streams.video[0]
         pictures = list(file.decode(stream))
@@ -48,13 +48,13 @@ def decoded(path):
     ("suffix", "count", "fps", "size"),
     [
         (".mp4", 31, 23.976, (120, 160)),
-        (".mp4", 1, 4, (121, 161)),  # of which the last row and column are lost
+        (".mp4", 1, 4, (121, 161)),  # its last row and column are dropped
         (".gif", 31, 0.5, (120, 160)),
         (".gif", 9, 50, (121, 161)),
         (".gif", 1, 4, (120, 160)),
     ],
 )
-def test_all_frames_and_the_duration_are_kept(suffix, count, fps, size, tmp_path):
+def test_movie_has_all_frames_and_the_duration(suffix, count, fps, size, tmp_path):
     original, told = np.stack(list(frames(count, *size))), []
     write_movie(tmp_path / f"wave{suffix}", original, fps, count, told.append)
     pictures, seconds = decoded(tmp_path / f"wave{suffix}")
@@ -68,7 +68,7 @@ def test_all_frames_and_the_duration_are_kept(suffix, count, fps, size, tmp_path
 
 
 @pytest.mark.parametrize(("suffix", "inside", "background"), [(".mp4", 4.5, 2), (".gif", 2.5, 0)])
-def test_colours_survive(suffix, inside, background, tmp_path):
+def test_movie_preserves_colours(suffix, inside, background, tmp_path):
     original = np.stack(list(frames(31)))
     write_movie(tmp_path / f"wave{suffix}", original, 25, 31)
     difference = np.abs(decoded(tmp_path / f"wave{suffix}")[0].astype(int) - original)
@@ -77,7 +77,7 @@ def test_colours_survive(suffix, inside, background, tmp_path):
     assert difference[:, -20:, :20].max() <= background
 
 
-def test_files_declare_their_colours(tmp_path):
+def test_movie_declares_its_colour_space(tmp_path):
     write_movie(tmp_path / "wave.mp4", frames(3), 25, 3)
     with av.open(str(tmp_path / "wave.mp4")) as file:
         codec = file.streams.video[0].codec_context

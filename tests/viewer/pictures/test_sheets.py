@@ -1,4 +1,4 @@
-"""Sheets as pictures: places of their cells, colour ranges, panels of every kind and plots."""
+"""Sheets as pictures: places of cells, colour ranges, panels of every kind, and plots."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -41,7 +41,7 @@ ASPECTS = st.lists(st.lists(st.floats(0.45, 3.8), min_size=1, max_size=8), min_s
 
 @pytest.fixture(scope="module")
 def match():
-    """A short match of two channels on a sphere: one non-negative, one of both signs."""
+    """Return a short match of two channels: one non-negative, one of both signs."""
     f, g = (np.stack([np.exp(-4 * (1 - x)), x], axis=1) for x in (X, Z))
     return abfm.match(SPHERE, f, g, abfm.Parameters.of(tau=2, iterations=5, refine=0))
 
@@ -51,7 +51,7 @@ def of(*row, **options):
 
 
 def draw(panel, size=160):
-    """One panel, (size, size, 4)."""
+    """Return the picture of one panel, (size, size, 4)."""
     [picture] = panels.panel_pictures(
         of(panel), [(size, size)], color_ranges(of(panel)), cameras(of(panel), (1.0, 1.0))
     )
@@ -59,21 +59,21 @@ def draw(panel, size=160):
 
 
 def colors(picture):
-    """All colours of a picture, as tuples."""
+    """Return all colours of a picture, as tuples."""
     codes = np.asarray(picture)[..., :3].astype(int) @ [1 << 16, 1 << 8, 1]
     return {tuple(int(code).to_bytes(3, "big")) for code in np.unique(codes)}
 
 
 def spread(pixels):
-    """Standard deviation of the lightness over what is solid."""
+    """Return the standard deviation of the lightness of opaque pixels."""
     return float(pixels[pixels[..., 3] == 255][:, :3].mean(axis=1).std())
 
 
 @given(ASPECTS, st.integers(0, 3))
-def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
+def test_cells_have_one_height_and_do_not_overlap(rows, bars):
     layout = sheets.lay_out(rows, bars)
     assert len(layout.bars) == bars
-    assert layout.width <= sheets.WIDTH_MAX + 8  # rounding of each cell's width
+    assert layout.width <= sheets.WIDTH_MAX + 8  # rounding of the widths of cells
     heights = {place.height for row in layout.rows for place in row}
     assert len(heights) == 1
     assert heights.pop() <= sheets.PANEL_HEIGHT_MAX
@@ -95,7 +95,8 @@ def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
         assert one[2] < other[0]
 
 
-def test_the_widest_row_fills_the_sheet_unless_panels_would_be_too_tall():
+def test_widest_row_fills_the_sheet():
+    """Unless its panels would be too high."""
     assert sheets.lay_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(sheets.WIDTH_MAX, abs=6)
     single = sheets.lay_out([[1.0]], 0)
     assert single.rows[0][0].height == sheets.PANEL_HEIGHT_MAX
@@ -118,18 +119,18 @@ def test_sheet_of_a_match(match):
     aspect=st.floats(0.2, 5),
     size=st.none() | st.tuples(st.integers(320, 4000), st.integers(240, 3000)),
 )
-def test_panels_stay_on_the_sheet_and_apart(count, aspect, size):
+def test_panels_are_inside_the_sheet(count, aspect, size):
     layout = sheets.grid(count, aspect, size)
     assert layout.width == (sheets.DEFAULT_WIDTH if size is None else size[0])
     if size is None and count == 6 and 0.5 <= aspect <= 4:
-        assert 1 < layout.width / layout.height < 5  # pleasant proportions
+        assert 1 < layout.width / layout.height < 5  # the default aspect
     assert size is None or layout.height == size[1]
     places = [place for row in layout.rows for place in row]
     assert len(places) >= count
     for place in places:
         assert place.left >= 0
         assert place.top >= 0
-    # a sheet too small for its panels has no room for labels either
+    # a sheet too small for its panels is also too small for labels
     if places[0].width > 20 and places[0].height > 20:
         assert max(place.left + place.width for place in places) < layout.bars[0][0]
         assert max(place.top + place.height for place in places) < layout.height
@@ -163,25 +164,25 @@ def test_panels_have_frames_labels_and_a_colour_bar():
     ],
 )
 def test_label_at_tau_has_the_verdict_and_its_colour(match, kind, tone, monkeypatch):
-    """The word "matched" stands on no picture of a match that is none."""
+    """The label of a match that is not matched never begins with the word "matched"."""
     drawn = []
 
-    def kept(sheet, *rest):
+    def record(sheet, *rest):
         drawn.append(sheet)
         return sheet_picture(sheet, *rest)
 
-    monkeypatch.setattr("abfm_viewer.pictures.sheets.sheet_picture", kept)
+    monkeypatch.setattr("abfm_viewer.pictures.sheets.sheet_picture", record)
     judged = replace(match, verdict=replace(match.verdict, kind=Outcome(kind)))
     judged = replace(judged, stop_reason=StopReason.CONVERGED)
     pixels = np.asarray(match_picture(judged, [1.0], (900, 400)))
     labels = [panel.label for panel in drawn[0].rows[0]]
     assert labels[2:] == [f"t = 2, {judged.facts.headline}", "target"]
-    assert not any("matched" in label for label in labels) or kind == "matched"
+    assert not labels[2].startswith("t = 2, matched") or kind == "matched"
     for color in (LIGHT_PALETTE.good, LIGHT_PALETTE.warning, LIGHT_PALETTE.failure):
         assert (pixels == rgb(color)).all(axis=2).any() == (color == tone)
 
 
-def test_one_title_has_one_range():
+def test_panels_with_one_title_share_a_range():
     sheet = of(Panel(SPHERE, Values(Y), "a"), Panel(SPHERE, Streaks(ROTATION, 3 * Y), "b"))
     [(title, shared)] = color_ranges(sheet).items()
     assert title == "function"
@@ -191,22 +192,22 @@ def test_one_title_has_one_range():
 
 
 @pytest.mark.parametrize("paint", [Values, lambda values, bar: Streaks(ROTATION, values, bar)])
-def test_values_beyond_the_colours_are_noted(paint):
+def test_values_beyond_the_colours_have_a_caption(paint):
     wild = Y.copy()
     wild[[3, 7]] = 25_250, -0.5
     sheet = of(
         Panel(SPHERE, paint(Y, "speed"), "u", "source"),
-        Panel(SPHERE, paint(wild, "speed"), "u, carried", "result"),
+        Panel(SPHERE, paint(wild, "speed"), "u, advected", "result"),
         Panel(SPHERE, Values(1e9 * Y, "other"), "alone", "result"),
     )
-    beyond = f"'u, carried' (speed) goes from {wild.min():,.4g} to 2.525e+04"
+    beyond = f"'u, advected' (speed) ranges from {wild.min():,.4g} to 2.525e+04"
     end = abs(Y).max()
     known = f"the colours from {-end:,.4g} to {end:,.4g}."
     assert captions(sheet) == [f"Beyond the colours: {beyond}, {known}"]
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_small_overshoots_are_not_noted(sign):
+def test_small_overshoots_have_no_caption(sign):
     extent = 2 * abs(Y).max()
     for share, lines in ((0.9 * panels.CLAMP_SHARE, 0), (1.1 * panels.CLAMP_SHARE, 1)):
         over = Y.copy()
@@ -214,7 +215,7 @@ def test_small_overshoots_are_not_noted(sign):
         assert len(captions(of(SOURCE, Panel(SPHERE, Values(over), "over", "result")))) == lines
 
 
-def test_captions_of_places_and_notes():
+def test_captions_of_positions_and_notes():
     inside, outside = 1.1 * SPHERE.vertices, SPHERE.vertices.copy()
     outside[5, 2] = SPHERE.vertices[:, 2].max() + 3 * np.ptp(SPHERE.vertices[:, 2])
     places = (("near", inside), ("far", outside))
@@ -226,12 +227,12 @@ def test_captions_of_places_and_notes():
     plot = Plot((Curve("a", x, x),), "x", "y", "", top=0.5)
     checker = Panel(SPHERE, Checker(1e6 * SPHERE.vertices[:, :2]), "c")
     assert captions(of(checker, Panel(SPHERE, Streaks(ROTATION), "s"), plot)) == []
-    noted = of(SOURCE, Panel(SPHERE, Values(9 * Y), "b", "result"), notes=("a map that is none",))
-    assert captions(noted)[0] == "a map that is none"
+    noted = of(SOURCE, Panel(SPHERE, Values(9 * Y), "b", "result"), notes=("a note",))
+    assert captions(noted)[0] == "a note"
     assert len(captions(noted)) == 2
 
 
-def test_captions_are_below():
+def test_captions_are_below_the_sheet():
     bare, noted = (np.asarray(figure_picture(of(SOURCE), notes)) for notes in ((), ("word " * 60,)))
     height = len(bare)
     assert len(noted) > height
@@ -259,7 +260,7 @@ PAINTS = {
 
 @pytest.mark.usefixtures("coarse_streaks")
 @pytest.mark.parametrize("name", PAINTS)
-def test_a_panel_shows_its_paint_on_a_transparent_ground(name):
+def test_panel_has_a_transparent_background(name):
     pixels = draw(Panel(SPHERE, PAINTS[name], "x"))
     alpha = pixels[..., 3] / 255
     assert alpha.sum() == pytest.approx(np.pi * (80 / 1.08) ** 2, rel=0.03)
@@ -268,7 +269,7 @@ def test_a_panel_shows_its_paint_on_a_transparent_ground(name):
     assert spread(pixels) > 1.3 * spread(plain)
 
 
-def test_marks_are_drawn():
+def test_arrows_lines_and_points_are_drawn():
     bare = draw(Panel(SPHERE, Values(0 * X), "x")).astype(int)
     front = cameras(of(Panel(SPHERE, Values(0 * X), "x")))[SPHERE].front.direction
     nearest = SPHERE.vertices[np.argsort(-SPHERE.vertices @ front)[:30]]
@@ -279,7 +280,7 @@ def test_marks_are_drawn():
     assert len(set(panels.POINT_COLORS)) == len(panels.POINT_COLORS)
 
 
-def test_plot_has_curves_within_bounds():
+def test_plot_clips_curves_at_its_bounds():
     x = np.linspace(0, 1, 20)
     plot = Plot((Curve("a", x, 1 + x), Curve("b", x, 2 - x)), "t / τ", "value", "", log_y=True)
     picture = plot_picture(plot, (500, 300), 18)
@@ -294,7 +295,7 @@ def test_plot_has_curves_within_bounds():
     assert heights[0] < heights[1]
 
 
-def test_long_labels_are_cut():
+def test_long_labels_are_abbreviated():
     long = "a label that is far too long for the narrow panel that it stands below, by all means"
     narrow = ellipsoid(2, 0.4, 1.5, 0.4)
     cut, short = (
@@ -305,13 +306,13 @@ def test_long_labels_are_cut():
     assert (cut[:, :8] == 255).all()
 
 
-def test_plots_have_room_for_their_legends_and_titles():
+def test_legends_and_titles_do_not_cover_curves():
     x = np.linspace(0, 1, 40)
     few = tuple(Curve(f"curve {k}", x, k * x) for k in (0, 1))
     many = tuple(Curve(f"curve {k}", x, 0 * x + k) for k in range(12))
     for curves, inside in ((few, True), (many, False)):
         picture = np.asarray(plot_picture(Plot(curves, "t", "y", ""), (500, 300), 18))
-        # the y axis' line is black
+        # the line of the y axis is black
         axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)
         assert (np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0] < 25) == inside
     slot_title, bare = (
@@ -324,11 +325,11 @@ def test_plots_have_room_for_their_legends_and_titles():
     assert inked.max() < 159
 
 
-def test_times_of_a_film_have_their_unit(monkeypatch):
+def test_times_of_a_sequence_have_their_unit(monkeypatch):
     drawn = []
     monkeypatch.setattr(sheets, "sheet_picture", lambda sheet, *_: drawn.append(sheet))
     of_numbers = abfm.sequence(rotating_sphere.MESH, rotating_sphere.rotating_frames()[:2], gamma=0)
-    for film, times in ((rotating_sphere.solved(), [-0.1, 0.05]), (of_numbers, None)):
-        sequence_picture(film, times)
+    for sequence, times in ((rotating_sphere.solved(), [-0.1, 0.05]), (of_numbers, None)):
+        sequence_picture(sequence, times)
     labels = [[panel.label for panel in sheet.rows[0]] for sheet in drawn]
     assert labels == [["t = -0.1 s", "t = 0.05 s"], [f"t = {0.2 * n:.4g}" for n in range(6)]]

@@ -1,4 +1,4 @@
-"""Images of textures: decoded, within bounds, or refused in a line; and written."""
+"""Images of textures: decoded within limits or refused in one line, and written."""
 
 import io
 import struct
@@ -39,7 +39,7 @@ RGBA = Image.fromarray(PIXELS)
 
 
 @pytest.mark.parametrize("mode", ["RGBA", "L", "LA", "P", "1"])
-def test_images_become_four_channels(tmp_path, mode):
+def test_images_have_four_channels(tmp_path, mode):
     image = RGBA.convert(mode)
     [found] = read(tmp_path, encoded(image))[0].images
     assert_array_equal(found, np.asarray(image.convert("RGBA")))
@@ -56,7 +56,7 @@ def test_formats_and_sixteen_bits(tmp_path):
 
 
 def huge_png():
-    """An image of 900 million pixels, none of which follow."""
+    """Return the header of an image of 900 million pixels, without the pixels."""
     chunk = b"IHDR" + struct.pack(">2I5B", 30_000, 30_000, 8, 2, 0, 0, 0)
     parts = struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
     end = struct.pack(">I", 0) + b"IEND" + struct.pack(">I", zlib.crc32(b"IEND"))
@@ -104,7 +104,7 @@ def test_damaged_images_are_read_or_refused(folder, data, form):
     assert found.shape[2] == 4
 
 
-def test_images_are_bounded_together(tmp_path, monkeypatch):
+def test_limit_applies_to_all_images_together(tmp_path, monkeypatch):
     monkeypatch.setattr(textures, "_PIXELS_MAX", 54)
     assert len(read(tmp_path, encoded(RGBA))[0].images) == 1
     monkeypatch.setattr(textures, "_PIXELS_MAX", 53)
@@ -113,7 +113,7 @@ def test_images_are_bounded_together(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["b.obj", "b.glb"])
-def test_carried_texture_is_read_again(tmp_path, name):
+def test_transferred_texture_is_read_again(tmp_path, name):
     texture, mode = read(tmp_path, encoded(RGBA))
     assert mode == "OPAQUE"
     carried = transfer_texture(Correspondence.of_same_faces(MESH, MESH), texture, 300)

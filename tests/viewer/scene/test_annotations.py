@@ -1,4 +1,4 @@
-"""Names and colour bars keep clear of each other and of the edges, however little room there is."""
+"""Layout of names and colour bars, which overlap neither each other nor the edges of the window."""
 
 from itertools import combinations, pairwise
 from types import SimpleNamespace
@@ -38,7 +38,7 @@ TICKING = Pen(1.0, 16.0, width, palette("light"), tick=6.0)
 
 
 def scene(right, columns=5):
-    """Surfaces in slots between 0 and a right end; the error has a range of its own."""
+    """Return surfaces in slots between 0 and a right end; the error has its own range."""
     room = right / columns
     bars = dict.fromkeys(NAMES, ("function", RANGE)) | {"error": ERROR}
     places = {name: (i % columns * room, 50.0 * (i // columns)) for i, name in enumerate(NAMES)}
@@ -78,7 +78,7 @@ def strips(parts):
 
 @pytest.mark.parametrize("right", [240, 320, 480, 1000])
 @pytest.mark.parametrize("columns", [1, 3, 5])
-def test_nothing_lies_over_something_else_or_beyond_the_edge(right, columns):
+def test_annotations_do_not_overlap(right, columns):
     found = annotations.annotation_parts(scene(right, columns=columns), (0, 0, right, 600), PEN)
     discs = [one for one in found if isinstance(one, Disc)]
     assert len(discs) == (2 if right == 1000 else 0)
@@ -91,8 +91,8 @@ def test_nothing_lies_over_something_else_or_beyond_the_edge(right, columns):
 
 
 @pytest.fixture
-def told(monkeypatch):
-    """What the mouse tells at a place of a scene or of parts."""
+def tooltips(monkeypatch):
+    """Return a function that returns the tooltip at a place of a scene or of parts."""
     found, io = [], SimpleNamespace(WantCaptureMouse=False)
     monkeypatch.setattr(annotations.imgui, "GetIO", lambda: io)
     monkeypatch.setattr(annotations.imgui, "SetTooltip", found.append)
@@ -107,19 +107,20 @@ def told(monkeypatch):
     return at
 
 
-def test_the_mouse_tells_a_name_and_a_title_that_are_cut(told):
+def test_abbreviated_titles_have_tooltips(tooltips):
     # "source", "advected", "linear blend"
     names = scene(300, columns=5)
-    assert [told((x, 10), names) for x in (25, 75, 125)] == [[], ["advected"], ["linear blend"]]
-    assert told((125, 10), names, captures=True) == []
+    assert [tooltips((x, 10), names) for x in (25, 75, 125)] == [[], ["advected"], ["linear blend"]]
+    assert tooltips((125, 10), names, captures=True) == []
     nothing = SimpleNamespace(shown=(), outdated=())
     long, short = (bar_parts(title, RANGE, (0, 0, 60, 20), PEN) for title in ("a long one", "bar"))
-    assert told((30, 10), nothing, long) == ["a long one"]
-    assert told((30, -100), nothing, long) == told((30, 10), nothing, short) == []
+    assert tooltips((30, 10), nothing, long) == ["a long one"]
+    assert tooltips((30, -100), nothing, long) == tooltips((30, 10), nothing, short) == []
 
 
 @pytest.mark.parametrize("right", [240, 480, 1000])
-def test_in_a_low_window_bars_are_a_line_and_leave_the_surfaces_most_of_the_height(right):
+def test_bars_are_one_line_in_a_low_window(right):
+    """In a low window the surfaces get most of the height."""
     height = 320
     found = annotations.annotation_parts(
         scene(right, columns=5), (0, 0, right, height), LARGE, labels=False
@@ -140,7 +141,8 @@ def test_in_a_low_window_bars_are_a_line_and_leave_the_surfaces_most_of_the_heig
     ("right", "expected"),
     [(240, ["", ""]), (400, ["function", ""]), (680, ["function", "|t - a|"])],
 )
-def test_titles_of_bars_in_a_line_are_whole_or_up_to_a_comma_or_not_there(right, expected):
+def test_titles_in_one_line_are_shortened(right, expected):
+    """A title of a bar is complete, ends at its comma, or is omitted."""
     whole = "|t - a|, at most 0.0423, and whatever else there may be to say of a mere bar"
     found = annotations.bars_in_one_line(
         {"function": RANGE, whole: ERROR[1]}, (0, 0, right, 32), LARGE
@@ -152,7 +154,7 @@ def test_titles_of_bars_in_a_line_are_whole_or_up_to_a_comma_or_not_there(right,
     ]
 
 
-def test_texts_are_cut_to_their_room():
+def test_texts_are_abbreviated():
     assert abbreviated("advected", 64, width) == "advected"
     assert abbreviated("advected", 63, width) == "adve..."
     assert abbreviated("linear blend", 80, width) == "linear..."
@@ -173,14 +175,14 @@ def test_ticks_are_round(low, high, expected):
 
 
 @given(low=st.floats(-1e6, 1e6), width=st.floats(1e-3, 1e6))
-def test_there_are_three_to_seven_ticks_inside_the_range(low, width):
+def test_three_to_seven_ticks_are_in_the_range(low, width):
     values = ticks(low, low + width)
     assert 3 <= len(values) <= 7
     assert values[0] >= low - 1e-6 * width
     assert values[-1] <= low + width + 1e-6 * width
 
 
-def test_numbers_below_a_colour_bar_stand_apart():
+def test_numbers_below_a_bar_do_not_overlap():
     narrow = ColorRange("abfm sequential", 0.0, 0.00115)
     few, every = (
         [one for one in texts(bar_parts("", narrow, (0, 0, right, 20), TICKING)) if one.text]
@@ -193,7 +195,7 @@ def test_numbers_below_a_colour_bar_stand_apart():
         assert left.left + width(left.text) < right.left
 
 
-def test_an_upright_bar_has_its_numbers_to_the_right_at_their_ticks():
+def test_upright_bar_has_numbers_at_its_ticks():
     parts = bar_parts("", ColorRange("gray", 0, 1), (5, 10, 25, 410), TICKING, upright=True)
     written = texts(parts)
     assert [one.text for one in written] == ["0", "0.2", "0.4", "0.6", "0.8", "1"]

@@ -1,4 +1,4 @@
-"""What is drawn above surfaces."""
+"""Structures drawn over the surfaces."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from abfm_viewer.scene.opengl import ps
 from tests.viewer.sessions import matched
 
 
-def test_frames_are_drawn_in_several_passes_only_while_arrows_are_faint(gui, monkeypatch):
+def test_transparency_is_on_only_for_faint_arrows(gui, monkeypatch):
     modes, quantities = [], gui.window.shown.quantities
     monkeypatch.setattr(ps, "set_transparency_mode", modes.append)
     usual, opacity = quantities.arrows, 1.0

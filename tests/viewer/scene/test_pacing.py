@@ -1,4 +1,4 @@
-"""Which frames draw the surfaces anew while a match runs, and which are antialiased."""
+"""Frames that redraw the surfaces during a match, and frames with antialiasing."""
 
 from types import SimpleNamespace
 
@@ -24,7 +24,7 @@ def paced():
 
 
 def drawn(paced, frames):
-    """The frames in which a run of ever new pictures draws the advected surface."""
+    """Return the frames in which a run with ever new pictures draws the advected surface."""
     found = []
     for frame in range(frames):
         if not paced.waits("advected", is_first=True):
@@ -33,13 +33,14 @@ def drawn(paced, frames):
     return found
 
 
-def test_a_machine_that_draws_slowly_shows_the_start_at_once_and_then_a_picture_now_and_then(paced):
+def test_slow_machine_shows_few_pictures(paced):
+    """The first pictures of a run are shown at once, later ones only now and then."""
     frames = drawn(paced, 100)
     assert frames[:3] == [0, 1, 2]
     assert 5 <= len(frames) <= 8
 
 
-def test_the_field_of_a_run_waits_until_its_first_pictures_are_drawn(paced):
+def test_field_waits_for_first_pictures(paced):
     session = paced._session
     assert paced.is_beginning
     drawn(paced, 3)
@@ -52,7 +53,7 @@ def test_the_field_of_a_run_waits_until_its_first_pictures_are_drawn(paced):
     assert not paced.is_beginning
 
 
-def test_where_surfaces_are_drawn_within_a_frame_nothing_waits(paced):
+def test_fast_machine_shows_every_picture(paced):
     paced.redraw_seconds = 0.01
     assert not paced.is_beginning
     assert drawn(paced, 10) == list(range(10))
@@ -60,7 +61,7 @@ def test_where_surfaces_are_drawn_within_a_frame_nothing_waits(paced):
 
 @pytest.fixture
 def window(monkeypatch):
-    """A window whose clock we turn; `samples` are those that polyscope was told, in their order."""
+    """Return a window with a simulated clock, and the samples passed to polyscope."""
     solver, player = SimpleNamespace(running=False), SimpleNamespace(playing=False)
     session = SimpleNamespace(solver=solver, player=player)
     found = SimpleNamespace(session=session, samples=[], time=0.0, size=(1280, 800))
@@ -78,7 +79,8 @@ def window(monkeypatch):
     return found
 
 
-def test_one_frame_is_drawn_anew_when_nothing_moved_for_a_while_until_something_does(window):
+def test_still_window_is_antialiased_once(window):
+    """A motion ends the antialiasing."""
     assert window.frame(0.9 * STILL_SECONDS) == []
     assert window.frame(0.2 * STILL_SECONDS) == [3]
     for _ in range(5):
@@ -90,7 +92,7 @@ def test_one_frame_is_drawn_anew_when_nothing_moved_for_a_while_until_something_
 
 
 @pytest.mark.parametrize("what", ["running", "playing"])
-def test_it_never_happens_during_a_run_nor_while_time_moves(window, what):
+def test_no_antialiasing_during_run_or_playback(window, what):
     setattr(window.session.solver if what == "running" else window.session.player, what, True)
     for _ in range(5):
         window.frame(STILL_SECONDS)
@@ -106,14 +108,12 @@ def test_it_never_happens_during_a_run_nor_while_time_moves(window, what):
         (FAST, (3840, 2160), [2]),
     ],
 )
-def test_fewer_samples_where_drawing_takes_long_and_in_large_windows(
-    window, seconds, size, expected
-):
+def test_samples_depend_on_time_and_window_size(window, seconds, size, expected):
     window.size = size
     assert window.frame(2 * STILL_SECONDS, seconds=seconds) == expected
 
 
-def test_off_the_screen_nothing_rests(window):
+def test_no_antialiasing_off_screen(window):
     hidden = Supersampling(window.session, False)
     window.time = 10 * STILL_SECONDS
     hidden.update(False, FAST)

@@ -1,4 +1,4 @@
-"""Lines and isolines lie on the surface and say which way they go."""
+"""Ribbons of lines and isolines, which lie on the surface and show the direction of the flow."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ HALF = 0.004
 
 
 def around(duration=1.0):
-    """A flow line of a rotation about the z axis."""
+    """Return a flow line of a rotation about the z axis."""
     centers = SPHERE.vertices[SPHERE.faces].mean(axis=1)
     face = np.argmin(np.abs(centers - [1, 0, 0]).sum(axis=1), keepdims=True)
     start = SurfacePoints(SPHERE, face, np.full((1, 3), 1 / 3))
@@ -28,32 +28,34 @@ def angles(places):
 
 
 @pytest.mark.parametrize("duration", [1.0, -1.0])
-def test_a_course_goes_with_the_flow_also_where_it_was_walked_against_it(duration):
-    course = overlays.path_of_line(SPHERE, around(duration))
-    assert angles(course.places)[-1] > angles(course.places)[0]
-    np.testing.assert_allclose(np.linalg.norm(course.normals, axis=1), 1)
-    np.testing.assert_allclose(course.normals, UNIT * course.places, atol=0.05)
-    through = overlays.path_through(SPHERE, UNIT * course.places)
-    np.testing.assert_allclose(through.normals, course.normals, atol=1e-6)
-    np.testing.assert_allclose(through.lengths, course.lengths)
+def test_path_has_the_direction_of_the_flow(duration):
+    """It also has it for a flow line that was followed backwards."""
+    path = overlays.path_of_line(SPHERE, around(duration))
+    assert angles(path.places)[-1] > angles(path.places)[0]
+    np.testing.assert_allclose(np.linalg.norm(path.normals, axis=1), 1)
+    np.testing.assert_allclose(path.normals, UNIT * path.places, atol=0.05)
+    through = overlays.path_through(SPHERE, UNIT * path.places)
+    np.testing.assert_allclose(through.normals, path.normals, atol=1e-6)
+    np.testing.assert_allclose(through.lengths, path.lengths)
 
 
-def test_lines_along_nothing_are_nothing():
+def test_no_lines_have_no_ribbons():
     assert [part.shape for part in overlays.line_ribbons([], HALF)] == [(0, 3), (0, 3)]
 
 
-def test_a_line_has_heads_along_it():
-    course = overlays.path_of_line(SPHERE, around(3.0))
-    vertices, faces = overlays.line_ribbons([course], HALF)
+def test_line_has_heads():
+    path = overlays.path_of_line(SPHERE, around(3.0))
+    vertices, faces = overlays.line_ribbons([path], HALF)
     assert faces.max() == len(vertices) - 1
-    height = np.interp(angles(vertices), angles(course.places), course.places[:, 2])
+    height = np.interp(angles(vertices), angles(path.places), path.places[:, 2])
     off = np.abs(vertices[:, 2] - height)
     wide = np.sort(angles(vertices[off > 1.5 * HALF]))
     heads = 1 + (np.diff(wide) > 0.1).sum()
-    assert heads == pytest.approx(course.lengths[-1] / 0.16, abs=1)
+    assert heads == pytest.approx(path.lengths[-1] / 0.16, abs=1)
 
 
-def test_isolines_are_where_the_function_has_their_values_and_not_where_it_is_constant():
+def test_isolines_have_their_values():
+    """There are none where the function is constant."""
     mesh = square(20)
     x = mesh.vertices[:, 0]
     vertices, faces = overlays.isoline_ribbons(mesh, x, [0.25, 0.6], HALF)
@@ -70,10 +72,10 @@ def test_isolines_are_where_the_function_has_their_values_and_not_where_it_is_co
     assert len(overlays.isoline_ribbons(mesh, np.ones(len(flat)), [1.0], HALF)[1]) == 0
 
 
-def test_lines_lie_outside_a_surface_that_is_inside_out():
+def test_lines_are_outside_an_inverted_surface():
     inside_out = TriangleMesh(SPHERE.vertices, SPHERE.faces[:, ::-1])
-    course = overlays.path_through(inside_out, SPHERE.vertices[[0, 20, 40]])
-    assert (course.normals * course.places).sum(axis=1).min() > 0
+    path = overlays.path_through(inside_out, SPHERE.vertices[[0, 20, 40]])
+    assert (path.normals * path.places).sum(axis=1).min() > 0
     lowest = [
         np.linalg.norm(overlays.isoline_ribbons(mesh, z, [0.0, 0.5], HALF)[0], axis=1).min()
         for mesh, z in ((inside_out, inside_out.vertices[:, 2]), (SPHERE, SPHERE.vertices[:, 2]))
@@ -84,20 +86,21 @@ def test_lines_lie_outside_a_surface_that_is_inside_out():
 COARSE = icosphere(3)
 
 
-def test_faces_are_spread_and_the_largest_of_their_places():
+def test_evenly_spread_faces_are_large():
     chosen = overlays.evenly_spread(COARSE)
     assert len(np.unique(chosen)) == len(chosen) < len(COARSE.faces) / 2
     assert face_areas(COARSE)[chosen].mean() >= face_areas(COARSE).mean()
 
 
-def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge():
+def test_ribbons_face_outwards():
+    """Otherwise a ribbon on the far side would be visible beyond an edge."""
     centers = COARSE.vertices[COARSE.faces].mean(axis=1)
     starts = SurfacePoints(COARSE, np.arange(0, 1280, 40), np.full((32, 3), 1 / 3))
     lines = flow_lines(COARSE, np.cross([0, 0, 1.0], centers), starts, 0.3)
-    courses = [overlays.path_of_line(COARSE, line) for line in lines]
+    paths = [overlays.path_of_line(COARSE, line) for line in lines]
     levels = np.linspace(-0.5, 0.5, 5)
     for vertices, faces in (
-        overlays.line_ribbons(courses, 0.005),
+        overlays.line_ribbons(paths, 0.005),
         overlays.isoline_ribbons(COARSE, COARSE.vertices[:, 2], levels, 0.005),
     ):
         a, b, c = np.moveaxis(vertices[faces], 1, 0)
@@ -106,11 +109,11 @@ def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge()
         assert (outwards >= -1e-15).all()
 
 
-def test_a_line_is_as_wide_as_elsewhere_where_it_turns_sharply():
+def test_line_keeps_its_width_at_sharp_turns():
     corners = np.array([[0, 0], [0.1, 0.01], [0, 0.03], [0, 0.03], [0.12, 0.06], [0.12, 0.2]])
     places = np.column_stack([corners, np.zeros(len(corners))])
-    course = overlays.SurfacePath(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
-    vertices, faces = overlays.line_ribbons([course], HALF)
+    path = overlays.SurfacePath(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
+    vertices, faces = overlays.line_ribbons([path], HALF)
     a, b, c = np.moveaxis(vertices[faces][..., :2], 1, 0)
 
     def cross(one, other):
@@ -125,4 +128,4 @@ def test_a_line_is_as_wide_as_elsewhere_where_it_turns_sharply():
     steps = np.linspace(0, 1, 400)[:, None, None]
     line = (corners[:-1] + steps * np.diff(corners, axis=0)).reshape(-1, 2)
     away = np.linalg.norm(vertices[:, None, :2] - line, axis=2).min(axis=1)
-    assert np.quantile(away, 0.9) < 1.01 * HALF < away.max() < 3 * HALF  # but for heads
+    assert np.quantile(away, 0.9) < 1.01 * HALF < away.max() < 3 * HALF  # except for heads

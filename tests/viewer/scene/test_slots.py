@@ -1,4 +1,4 @@
-"""Slots fill their part of the window, whatever the layout, and the mouse turns what is in them."""
+"""Slots, which fill their part of the window in any layout, and their views."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -41,10 +41,10 @@ def made(count, rect, shape=(1.0, 1.0), layout="automatic", name_height=20.0):
     shape=st.tuples(st.floats(0.1, 10), st.floats(0.1, 10)),
     layout=st.sampled_from(["automatic", "row", "column", "advected only"]),
 )
-def test_slots_are_inside_and_apart_and_of_one_size(count, width, height, shape, layout):
+def test_slots_have_one_size_and_do_not_overlap(count, width, height, shape, layout):
     rect = (10.0, 30.0, 10 + width, 30 + height)
     found = list(made(count, rect, shape, layout).values())
-    whole = np.array([(*slot.name[:2], *slot.rect[2:]) for slot in found])  # with their names
+    whole = np.array([(*slot.name[:2], *slot.rect[2:]) for slot in found])  # including their names
     assert (whole[:, :2] >= np.array(rect[:2]) - 1e-6).all()
     assert (whole[:, 2:] <= np.array(rect[2:]) + 1e-6).all()
     for slot in found:
@@ -56,7 +56,7 @@ def test_slots_are_inside_and_apart_and_of_one_size(count, width, height, shape,
         assert min(across, down) <= 1e-6
 
 
-def test_in_a_low_slot_the_name_stands_beside_the_surface():
+def test_low_slot_has_its_name_at_the_left():
     low, high = (
         made(3, (0, 0, 600, height), layout="column", name_height=40.0) for height in (240, 900)
     )
@@ -79,19 +79,19 @@ def test_in_a_low_slot_the_name_stands_beside_the_surface():
         ((900, 600), "column", 1),
     ],
 )
-def test_six_surfaces_fill_the_window_in_rows_that_shape_or_layout_ask_for(size, layout, columns):
+def test_six_surfaces_are_in_rows_by_shape_or_layout(size, layout, columns):
     found = made(6, (0, 0, *size), layout=layout).values()
     assert len({slot.rect[0] for slot in found}) == columns
     filled = [(slot.rect[2] - slot.name[0]) * (slot.rect[3] - slot.name[1]) for slot in found]
     assert sum(filled) == pytest.approx(size[0] * size[1])
-    five = made(5, (0, 0, 900, 600)).values()  # of a last row with fewer the middle
+    five = made(5, (0, 0, 900, 600)).values()  # the middle of a shorter last row
     assert [slot.rect[0] for slot in five] == pytest.approx([0, 300, 600, 150, 450])
 
 
 @pytest.mark.parametrize("shape", [(1.0, 1.0), (0.45, 1.0), (3.0, 1.0)])
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 6])
 @pytest.mark.parametrize("size", [(620, 480), (900, 600), (1780, 1260), (500, 900)])
-def test_an_automatic_layout_makes_surfaces_nearly_as_large_as_can_be(shape, count, size):
+def test_automatic_layout_makes_surfaces_large(shape, count, size):
     automatic, row, column = (
         fitting(made(count, (0, 0, *size), shape, layout)["a"].half, shape)
         for layout in ("automatic", "row", "column")
@@ -112,19 +112,20 @@ def rotations(count):
     return Rotation.random(count, np.random.default_rng(count)).as_matrix()
 
 
-def again(seen):
-    """The view that the mouse asks for, as it is drawn next."""
+def next_view(seen):
+    """Return the view that the mouse has requested, in the next frame."""
     return view(seen.zoom, seen.target, seen.rotation)
 
 
 def point_at(seen, name, place):
-    """The point of a surface that a place shows, as deep as its middle."""
+    """Return the point of a surface at a place, at the depth of the surface's middle."""
     middle = seen.slots[name].middle
     x, y = (place[0] - middle[0]) / seen.scale, (middle[1] - place[1]) / seen.scale
     return seen.target + np.array([x, y, 0.0]) @ seen.rotation
 
 
-def test_every_surface_fits_its_slot_from_every_side_and_fills_it_from_the_front():
+def test_surface_fits_its_slot_from_every_side():
+    """From the front it fills the slot."""
     for rotation in rotations(100):
         seen = view(rotation=rotation)
         for name, slot in PLACES.items():
@@ -137,7 +138,8 @@ def test_every_surface_fits_its_slot_from_every_side_and_fills_it_from_the_front
     assert max(np.ptp(x) / (2 * half[0]), np.ptp(y) / (2 * half[1])) == pytest.approx(1)
 
 
-def test_all_surfaces_look_alike_and_the_matrix_puts_points_where_they_are_projected():
+def test_matrix_agrees_with_projection():
+    """All surfaces have the same view."""
     seen = view(1.7, np.array([0.5, 0.1, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
     places = [seen.projected(name, POINTS) - [*PLACES[name].middle, 0] for name in NAMES]
     np.testing.assert_allclose(places[1:], [places[0]] * 2, atol=1e-9)
@@ -150,7 +152,7 @@ def test_all_surfaces_look_alike_and_the_matrix_puts_points_where_they_are_proje
 
 
 @pytest.mark.parametrize("zoom", [1.0, 2.5])
-def test_another_surface_is_seen_alike_from_its_own_front(zoom):
+def test_transferred_view_is_relative_to_the_front(zoom):
     lies = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
     others = 30 * POINTS @ lies.T + np.array([5.0, 1.0, -2.0])
     front = Front(triple(lies[:, 2]), triple(lies[:, 1]))
@@ -158,23 +160,24 @@ def test_another_surface_is_seen_alike_from_its_own_front(zoom):
     other = seen.transferred(FRONT, Fit(others, front), front)
     places = seen.projected("source", POINTS), other.projected("source", others)
     np.testing.assert_allclose(places[1][:, :2], places[0][:, :2], atol=1e-6)
-    matrix = other.matrix("source", WINDOW, seen.scale)  # as the other one's camera sees it
+    matrix = other.matrix("source", WINDOW, seen.scale)  # as seen by the other camera
     there = others @ matrix[:3, :3].T + matrix[:3, 3]
     np.testing.assert_allclose(seen.scale * there[:, 0] + WINDOW[0] / 2, places[0][:, 0])
 
 
 @given(place=in_slot, factor=st.floats(1.0, 8.0))
-def test_what_is_under_the_mouse_stays_there_when_it_comes_nearer(place, factor):
+def test_zoom_in_keeps_the_point_under_the_mouse(place, factor):
     seen = view(1.3, np.array([0.1, 0, 0.05]))
-    nearer, point = again(seen.zoomed("advected", place, factor)), point_at(seen, "advected", place)
+    nearer = next_view(seen.zoomed("advected", place, factor))
+    point = point_at(seen, "advected", place)
     np.testing.assert_allclose(nearer.projected("advected", point)[0, :2], place)
 
 
 @given(place=in_slot, factor=st.floats(1.1, 8.0))
-def test_going_back_is_the_same_way(place, factor):
+def test_zoom_out_reverses_zoom_in(place, factor):
     seen = view()
-    nearer = again(seen.zoomed("advected", place, factor))
-    half_way = again(nearer.zoomed("advected", (0, 0), 0.97))
+    nearer = next_view(seen.zoomed("advected", place, factor))
+    half_way = next_view(nearer.zoomed("advected", (0, 0), 0.97))
     point = point_at(nearer, "advected", place)
     np.testing.assert_allclose(half_way.projected("advected", point)[0, :2], place, atol=1e-6)
     back = nearer.zoomed("source", (0, 0), 1 / factor)
@@ -185,22 +188,24 @@ def test_going_back_is_the_same_way(place, factor):
 @given(delta=st.tuples(st.floats(-60, 60), st.floats(-60, 60)))
 def test_surfaces_move_with_the_mouse(delta):
     seen = view(2.0)
-    moved = again(seen.moved(delta)).projected("target", POINTS) - seen.projected("target", POINTS)
+    after = next_view(seen.moved(delta))
+    moved = after.projected("target", POINTS) - seen.projected("target", POINTS)
     np.testing.assert_allclose(moved, np.broadcast_to([*delta, 0], moved.shape), atol=1e-9)
 
 
-def test_the_surface_under_the_mouse_is_the_nearest_slot_and_none_can_be_lost():
+def test_nearest_slot_is_under_the_mouse():
+    """A surface cannot be moved out of its slot."""
     seen = view()
     assert seen.slot_at((450, 5)) == "advected"
     assert seen.slot_at((-20, 900)) == "source"
     assert seen.slot_at((890, 250)) == "target"
     for _ in range(50):
-        seen = again(seen.moved((500.0, -300.0)))
+        seen = next_view(seen.moved((500.0, -300.0)))
     assert np.linalg.norm(seen.target - seen.center) <= seen.radius * (1 + 1e-9)
 
 
 @given(start=in_slot, end=in_slot)
-def test_the_ball_turns_with_the_mouse(start, end):
+def test_ball_turns_with_the_mouse(start, end):
     seen = view()
     rotation = seen.turned("advected", start, end).rotation
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
@@ -214,10 +219,10 @@ def test_the_ball_turns_with_the_mouse(start, end):
     deltas=st.lists(st.tuples(st.floats(-400, 400), st.floats(-400, 400)), max_size=5),
     zoom=st.floats(0.5, 8.0),
 )
-def test_a_turntable_stays_upright(deltas, zoom):
+def test_turntable_stays_upright(deltas, zoom):
     seen = view(zoom)
     for delta in deltas:
-        seen = again(seen.orbited(delta))
+        seen = next_view(seen.orbited(delta))
         across, up, _ = seen.rotation @ seen.upright
         assert abs(across) < 1e-9
         assert up > -1e-9
@@ -225,16 +230,16 @@ def test_a_turntable_stays_upright(deltas, zoom):
 
 
 @pytest.mark.parametrize("delta", [(9.0, 0.0), (0.0, 9.0), (-9.0, 0.0), (0.0, -9.0)])
-def test_what_faces_the_viewer_goes_where_the_turntable_is_dragged(delta):
+def test_front_of_turntable_follows_the_drag(delta):
     seen = view()
     point = seen.target + 0.1 * seen.rotation[2]
-    after = again(seen.orbited(delta)).projected("source", point)
+    after = next_view(seen.orbited(delta)).projected("source", point)
     moved = (after - seen.projected("source", point))[0, :2]
     assert moved @ delta > 0.99 * np.linalg.norm(moved) * 9
 
 
 @pytest.mark.parametrize("zoom", [0.3, 1.0, 5.0])
-def test_names_are_close_above_their_surfaces_and_in_their_slots(zoom):
+def test_names_are_close_above_their_surfaces(zoom):
     for rotation in rotations(20):
         seen = view(zoom=zoom, rotation=rotation)
         for name, slot in PLACES.items():
@@ -245,14 +250,15 @@ def test_names_are_close_above_their_surfaces_and_in_their_slots(zoom):
 
 
 @pytest.mark.parametrize("away", [-5e3, 5e3])
-def test_a_name_stays_in_its_slot_when_its_surface_leaves_it(away):
+def test_name_stays_in_its_slot(away):
     gone = view(zoom=0.5, target=view(zoom=0.5).target + np.array([0.0, away, 0.0]))
     for name, slot in PLACES.items():
         _, top, _, bottom = gone.label(name)
         assert slot.name[1] <= top < bottom <= slot.rect[3]
 
 
-def test_a_name_beside_its_surface_ends_where_that_begins_from_its_widest_side_but_in_its_slot():
+def test_name_at_the_left_ends_at_its_surface():
+    """It ends where the surface begins in its widest view, within its slot."""
     low = slots(NAMES, (0, 0, 900, 150), (2.0, 1.4), "column", 20.0)
     seen = view(9.0, places=low)
     assert seen.has_names_at_left
@@ -268,7 +274,7 @@ def test_a_name_beside_its_surface_ends_where_that_begins_from_its_widest_side_b
             assert turned.projected(name, POINTS)[:, 0].min() >= begins - 1e-9
 
 
-def test_lines_are_between_slots_and_only_where_surfaces_reach_them():
+def test_borders_are_only_between_clipped_surfaces():
     assert view().borders() == view(zoom=0.5).borders() == []
     upright = [((x, 0.0), (x, 500.0)) for x in (300.0, 600.0)]
     assert view(zoom=2.0).borders() == upright
@@ -281,7 +287,7 @@ def test_lines_are_between_slots_and_only_where_surfaces_reach_them():
     assert view(2.0, places={"a": five["a"]}).borders() == []
 
 
-def test_a_fit_is_the_same_whatever_was_looked_at_before():
+def test_fit_does_not_depend_on_earlier_views():
     fit, sides = Fit(POINTS, FRONT), [front(rotation) for rotation in rotations(3)]
     for side in (sides[0], sides[1], sides[1], FRONT, sides[2], sides[0]):
         fits = fit, Fit(POINTS, FRONT)
@@ -290,8 +296,8 @@ def test_a_fit_is_the_same_whatever_was_looked_at_before():
         np.testing.assert_array_equal(seen.rotation, side.axes)
 
 
-MENU, NAME, BARS = 20.0, 24.0, 56.0  # heights at a scale of 1, about those of the window
-SMALLER = 8  # so many times, as drawing takes as long as there are pixels
+MENU, NAME, BARS = 20.0, 24.0, 56.0  # heights at a scale of 1, close to those of the window
+SMALLER = 8  # smaller pictures, because the time of drawing depends on the pixels
 
 
 @pytest.fixture
@@ -310,8 +316,8 @@ def scene():
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 @pytest.mark.parametrize("size", [(1000, 700), (1280, 800), (2560, 1440)])
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, layout, size, scale):
-    """By pixels, in the free part of the window."""
+def test_surfaces_are_drawn_inside_their_slots(scene, layout, size, scale):
+    """By pixels in the free part of the window, from every side and at every zoom."""
     session, six = scene._session, layout == "automatic"
     view = replace(session.view, layout=layout, blend=six, transport=six, error=six, viewpoint=None)
     session.editor.amend(view=view)

@@ -1,4 +1,4 @@
-"""How meshes are drawn: alike in any units and places, with sharp creases, by fitting cameras."""
+"""Drawing of meshes in any unit and place, with sharp creases, and cameras."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def plain():
     return pictures(document(EGG))
 
 
-def test_units_and_back():
+def test_viewport_is_invertible():
     viewport = Viewport(moved(1e-3, 5.0))
     points = np.random.default_rng(0).normal(size=(4, 3))
     np.testing.assert_allclose(viewport.undrawn(viewport.drawn(points)), points, atol=1e-12)
@@ -59,14 +59,14 @@ def test_units_and_back():
 
 
 @pytest.mark.parametrize(("scale", "offset"), PLACES)
-def test_pictures_are_the_same(plain, scale, offset):
+def test_pictures_do_not_depend_on_scale_and_offset(plain, scale, offset):
     for there, here in zip(pictures(document(moved(scale, offset))), plain, strict=True):
         assert abs(there - here).mean() < 0.5
 
 
 @pytest.mark.parametrize(("scale", "offset"), PLACES[2:4])
-def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
-    """Arrows and a line are drawn, a vertex is picked where it is seen, a moved camera is kept."""
+def test_overlays_and_clicks_are_on_the_surface(scale, offset, tmp_path):
+    """Arrows and a line are drawn, a vertex is picked, and a moved camera is stored."""
     save_project(tmp_path / "egg.abfm", document(moved(scale, offset)), {})
     with Driver(str(tmp_path / "egg.abfm"), size=(640, 480)) as gui:
         gui.session.editor.set_view("look", arrows=True)
@@ -93,17 +93,18 @@ def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
 
 
 @given(faces=st.integers(4, 10**7), scale=st.floats(1, 10_000), more=st.floats(1, 100))
-def test_a_wireframe_is_never_wider_from_farther_or_where_faces_are_smaller(faces, scale, more):
+def test_wireframe_is_thinner_for_smaller_faces(faces, scale, more):
+    """It is also not wider from a greater distance."""
     assert 0 < edge_width(faces, scale) <= edge_width(faces, more * scale) <= 1
     assert edge_width(round(more * faces), scale) <= edge_width(faces, scale)
 
 
-def test_the_same_edges_in_pixels_have_the_same_width():
+def test_edges_of_one_length_have_one_width():
     assert edge_width(4 * 500, 200.0) == pytest.approx(edge_width(500, 100.0))
     assert edge_width(500, 5000.0) == 1
 
 
-def test_what_is_in_front_is_drawn_also_where_a_closed_surface_is_inside_out():
+def test_inverted_surface_is_drawn_in_front():
     sphere = icosphere(2)
     assert back_faces(sphere) == "cull"
     assert back_faces(TriangleMesh(sphere.vertices, sphere.faces[:, ::-1])) == "identical"
@@ -111,14 +112,14 @@ def test_what_is_in_front_is_drawn_also_where_a_closed_surface_is_inside_out():
 
 
 @pytest.mark.parametrize("mesh", [icosphere(3), open_cylinder(40, 6)])
-def test_a_smooth_mesh_is_drawn_as_it_is(mesh):
+def test_smooth_mesh_is_not_split(mesh):
     drawn = drawn_mesh(mesh)
     np.testing.assert_array_equal(drawn.origin, np.arange(len(mesh.vertices)))
     np.testing.assert_array_equal(drawn.faces, mesh.faces)
     assert drawn_mesh(mesh) is drawn
 
 
-def test_a_cube_has_six_sides():
+def test_cube_has_six_sides():
     shape = trimesh.creation.box().subdivide().subdivide()
     mesh = TriangleMesh(shape.vertices, shape.faces)
     drawn = drawn_mesh(mesh)
@@ -135,7 +136,7 @@ def test_a_cube_has_six_sides():
     np.testing.assert_array_equal(drawn_mesh(icosphere(1)).values(np.arange(42)), np.arange(42))
 
 
-def test_the_bends_of_a_coarse_body_are_no_creases():
+def test_bends_of_a_coarse_body_are_not_creases():
     body = load_mesh(asset_path("human_A.off"))
     assert len(drawn_mesh(body).origin) == len(body.vertices)
     part = load_mesh(asset_path("fandisk.off"))
@@ -143,7 +144,7 @@ def test_the_bends_of_a_coarse_body_are_no_creases():
 
 
 def sheet(n, height):
-    """A square from -1 to 1 of n x n cells, at a height over x and y."""
+    """Return a square from -1 to 1 of n x n cells, with a height over x and y."""
     x, y = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1), indexing="ij")
     a = np.add.outer(np.arange(n) * (n + 1), np.arange(n)).ravel()
     b, c, d = a + n + 1, a + n + 2, a + 1
@@ -151,7 +152,7 @@ def sheet(n, height):
     return TriangleMesh(np.stack([x, y, height(x, y)], axis=-1).reshape(-1, 3), faces)
 
 
-def test_a_crease_that_ends_on_a_smooth_surface_splits_nothing_at_its_end():
+def test_end_of_a_crease_is_not_split():
     # a valley that begins in the middle
     mesh = sheet(20, lambda x, y: np.maximum(x, 0) ** 2 * np.abs(y) * 2)
     twice = np.flatnonzero(np.bincount(drawn_mesh(mesh).origin) > 1)
@@ -161,7 +162,7 @@ def test_a_crease_that_ends_on_a_smooth_surface_splits_nothing_at_its_end():
 
 
 @pytest.mark.parametrize("degrees", [15, 30, 60])
-def test_on_a_part_that_is_made_of_planes_half_sharp_edges_are_creases_too(degrees):
+def test_half_sharp_edges_of_planes_are_creases(degrees):
     mesh = sheet(8, lambda x, y: np.tan(np.radians(degrees)) * np.maximum(x, 0))
     split = np.flatnonzero(np.bincount(drawn_mesh(mesh).origin) > 1)
     expected = np.flatnonzero(mesh.vertices[:, 0] == 0) if degrees > 20 else []
@@ -169,11 +170,12 @@ def test_on_a_part_that_is_made_of_planes_half_sharp_edges_are_creases_too(degre
 
 
 def bump(mesh, place):
-    """A function that is 1 at a place and falls fast away from it."""
+    """Return a function that is 1 at a place and decreases quickly away from it."""
     return np.exp(-20 * ((mesh.vertices - place) ** 2).sum(axis=1))
 
 
-def test_a_view_shows_both_functions_also_of_a_surface_that_is_inside_out():
+def test_front_shows_both_functions():
+    """Also on a surface that is inside out."""
     sphere = icosphere(3)
     inside_out = TriangleMesh(sphere.vertices, sphere.faces[:, ::-1])
     for places in ([[1, 0, 0], [0, 0, 1]], [[-1, 0, 0], [0, 0, -1]], [[0, 0, 1], [0, 0, 1]]):
@@ -183,8 +185,8 @@ def test_a_view_shows_both_functions_also_of_a_surface_that_is_inside_out():
         assert best_front(inside_out, *functions) == front
 
 
-def test_a_closed_surface_without_functions_is_seen_from_its_broad_side_or_face():
-    """As much of it is seen from behind; where right and left show alike, it is always the same."""
+def test_front_without_functions_is_the_broad_side():
+    """If both sides or both directions are equal, the choice is always the same."""
     assert abs(best_front(ellipsoid(3, 2, 1, 0.3)).direction[2]) > 0.95
     body = load_mesh(asset_path("human_A.off"))
     front = best_front(body)
@@ -196,7 +198,7 @@ def test_a_closed_surface_without_functions_is_seen_from_its_broad_side_or_face(
     assert best_front(TriangleMesh(1e3 * body.vertices, shuffled)) == front
 
 
-def test_what_lies_flat_is_seen_from_above():
+def test_flat_surface_is_seen_from_above():
     standing = torus(24, 12, r=0.2)
     lying = TriangleMesh(standing.vertices[:, [0, 2, 1]], standing.faces[:, [0, 2, 1]])
     functions = [lying.vertices[:, 0], lying.vertices[:, 2]]
@@ -205,7 +207,7 @@ def test_what_lies_flat_is_seen_from_above():
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z"])
-def test_up_stays_up(up):
+def test_front_keeps_the_given_up_axis(up):
     mesh = ellipsoid(2, 1, 1.2, 0.8)
     front = best_front(mesh, bump(mesh, [0, 0, 0.8]), up=up)
     assert front.up["xyz".index(up)] > 0.85
@@ -214,8 +216,8 @@ def test_up_stays_up(up):
 
 
 @pytest.mark.parametrize(("structure", "side"), [("CortexLeft", -1), ("CortexRight", 1)])
-def test_cortex_stands_as_in_workbench(structure, side):
-    """The lateral side, z upwards, whatever functions say, unless another axis is given."""
+def test_cortex_front_is_that_of_workbench(structure, side):
+    """It is the lateral side with z upwards for all functions, unless an axis is given."""
     body = ellipsoid(2, 1, 1.2, 0.8)
     mesh = TriangleMesh(body.vertices, body.faces, structure=structure)
     f = bump(mesh, [0, 0, 0.8])
@@ -228,13 +230,13 @@ def test_cortex_stands_as_in_workbench(structure, side):
 
 
 @pytest.mark.parametrize("aspect", [None, 0.4, 3.0])
-def test_the_camera_sees_everything_and_wastes_nothing(aspect):
+def test_camera_fits_the_surface(aspect):
     vertices = ellipsoid(3, 2, 1, 0.3).vertices + np.array([5, -3, 1])
     front = Front((0.6, 0.0, 0.8), (0.0, 1.0, 0.0))
     camera = fitted(vertices, front, aspect, angle=18.0, margin=0.0)
     backward = np.subtract(camera.position, camera.target)
     np.testing.assert_allclose(backward / np.linalg.norm(backward), front.direction)
-    # on a picture whose half height is 1
+    # in a picture of half height 1
     x, y, z = camera.front.axes @ (vertices - camera.position).T
     x, y = np.abs([x, y]) / -z / np.tan(np.radians(camera.angle / 2))
     assert max(x.max() / camera.aspect, y.max()) == pytest.approx(1)

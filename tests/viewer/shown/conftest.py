@@ -1,4 +1,4 @@
-"""What tests of what is shown share: a session after its match, which each leaves as it was."""
+"""Fixtures for tests of shown quantities: a session after its match, which no test changes."""
 
 import pytest
 
@@ -23,7 +23,7 @@ def session(of_the_module):
 
 @pytest.fixture
 def watched():
-    """What pictures show of a session."""
+    """Return a function that returns the shown quantities of a session."""
     made = []
 
     def watch(session):

@@ -1,4 +1,4 @@
-"""Arrows of a field: which way, how long, apart from each other, and whole where they are seen."""
+"""Arrows of a field: directions, lengths, spacing and visibility."""
 
 from dataclasses import replace
 
@@ -35,12 +35,12 @@ def axes(seed):
 
 
 def tilted(angle):
-    """Axes of an eye above the x-y plane that came down by an angle."""
+    """Return the axes of an eye that looks along z, tilted by an angle."""
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.array([[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
 
 
-def test_arrows_go_with_the_field_as_far_as_it_is_fast():
+def test_arrow_length_is_proportional_to_speed():
     arrows = arrows_of(BALL, rotation(BALL), STYLE)
     feet, middles, tips = np.moveaxis(arrows.spines, 1, 0)
     wanted = np.cross([0, 0, 1.0], BALL.length_scale * middles)
@@ -59,34 +59,35 @@ def test_arrows_go_with_the_field_as_far_as_it_is_fast():
 
 @pytest.mark.parametrize("mesh", [BALL, LIMBS], ids=["ball", "limbs"])
 @pytest.mark.parametrize("style", [STYLE, ArrowStyle(1.0, 0.045)], ids=["few", "many"])
-def test_no_arrow_lies_over_another(mesh, style):
+def test_arrows_do_not_overlap(mesh, style):
     arrows = arrows_of(mesh, rotation(mesh), style)
     shares = np.linspace(0, 1, 6)[:, None, None]
     feet, middles, tips = np.moveaxis(arrows.spines, 1, 0)
     places = np.concatenate([feet + shares * (middles - feet), middles + shares * (tips - middles)])
     owners = np.tile(np.arange(len(feet)), len(places))
     normals = arrows.normals.mean(axis=1)
-    apart = cdist(*[places.reshape(-1, 3)] * 2)
+    distances = cdist(*[places.reshape(-1, 3)] * 2)
     other_side = normals @ normals.T < -0.5
     same = owners[:, None] == owners
-    apart[same | other_side[owners[:, None], owners]] = 9
+    distances[same | other_side[owners[:, None], owners]] = 9
     assert len(feet) > 100
-    assert apart.min() > 0.06 * style.spacing
+    assert distances.min() > 0.06 * style.spacing
 
 
-def test_a_smaller_length_makes_all_shorter():
+def test_length_of_style_scales_all_arrows():
     long, short = (arrows_of(BALL, rotation(BALL), ArrowStyle(x, 0.06)) for x in (0.03, 0.01))
     np.testing.assert_allclose(lengths(long), 3 * lengths(short), rtol=0.01)
     np.testing.assert_allclose(long.spines[:, 1], short.spines[:, 1])
 
 
-def test_places_stay_while_the_field_changes_and_what_is_drawn_turns_and_grows_with_the_mesh():
+def test_places_do_not_depend_on_the_field():
+    """The arrows turn and scale with the mesh."""
     one, other = (
         arrows_of(BALL, rotation(BALL, axis), STYLE).spines[:, 1]
         for axis in ((0, 0, 1.0), (1, 0, 0))
     )
     both = cdist(one, other).min(axis=1) == 0
-    assert both.mean() > 0.9  # others are where one of the fields is slow
+    assert both.mean() > 0.9  # the others are where one of the fields is slow
     again = arrows_of(BALL, rotation(BALL), STYLE)
     np.testing.assert_array_equal(again.vertices, arrows_of(BALL, rotation(BALL), STYLE).vertices)
     turn = axes(3)
@@ -95,7 +96,8 @@ def test_places_stay_while_the_field_changes_and_what_is_drawn_turns_and_grows_w
     np.testing.assert_allclose(there.vertices, again.vertices @ turn.T, atol=1e-7)
 
 
-def test_a_field_in_one_place_has_arrows_there_alone_and_one_outlier_changes_nothing():
+def test_arrows_are_only_where_the_field_is_fast():
+    """A single very fast face does not change the other arrows."""
     centers = BALL.vertices[BALL.faces].mean(axis=1)
     local = rotation(BALL) * np.exp(-((centers[:, :1] - 1) ** 2 + centers[:, 2:] ** 2) / 0.05)
     local += 1e-3 * rotation(BALL)
@@ -111,7 +113,7 @@ def test_a_field_in_one_place_has_arrows_there_alone_and_one_outlier_changes_not
     assert len(arrows_of(BALL, 0 * wild, STYLE).spines) == 0
 
 
-def test_a_field_that_moves_nothing_but_one_face_has_one_arrow():
+def test_field_in_one_face_has_one_arrow():
     mesh = icosphere(3)
     field = np.zeros((len(mesh.faces), 3))
     a, b, _ = mesh.vertices[mesh.faces[100]]
@@ -119,12 +121,12 @@ def test_a_field_that_moves_nothing_but_one_face_has_one_arrow():
     assert len(arrows_of(mesh, field, STYLE).spines) == 1
 
 
-def test_a_reference_speed_makes_all_fields_comparable():
+def test_fast_speed_sets_the_scale():
     slow, fast = (arrows_of(BALL, x * rotation(BALL), replace(STYLE, fast=1.0)) for x in (0.5, 1.0))
     assert lengths(slow).max() == pytest.approx(0.5 * lengths(fast).max(), rel=0.01)
 
 
-def test_arrows_lie_close_above_the_surface_also_across_thin_parts():
+def test_arrows_are_close_above_the_surface():
     arrows = arrows_of(LIMBS, rotation(LIMBS), STYLE)
     above = arrows.vertices + arrows.heights[:, None] * arrows.normals
     unit = LIMBS.normalized()
@@ -144,7 +146,7 @@ def nearest(mesh, places):
 
 
 def are_hidden(places, normals, axes):
-    """Which places on the ring style away, or have a face more than 0.01 before them, by rays."""
+    """Return which places on the ring face away, or are more than 0.01 behind a face, by rays."""
     import igl
 
     mesh, towards = RING.normalized(), axes[2]
@@ -153,8 +155,8 @@ def are_hidden(places, normals, axes):
 
 
 @pytest.mark.parametrize("tilt", [1.3, 1.4])
-def test_arrows_are_whole_or_not_there_at_outlines(tilt):
-    """A vertex that is drawn has no face before it, and looks towards the eye."""
+def test_arrows_are_complete_or_absent_at_outlines(tilt):
+    """No face is in front of a drawn vertex, and its normal points towards the eye."""
     arrows, eye = arrows_of(RING, rotation(RING), STYLE), Eye(tilted(tilt))
     hidden = arrows.hidden(eye)
     drawn = arrows.seen(eye, hidden).reshape(arrows.vertices.shape)
@@ -164,7 +166,7 @@ def test_arrows_are_whole_or_not_there_at_outlines(tilt):
     assert ((arrows.normals @ eye.axes[2]) > 0.29)[is_there].all()
     places, normals = drawn[is_there].reshape(-1, 3), arrows.normals[is_there].reshape(-1, 3)
     assert are_hidden(places, normals, eye.axes).mean() < 0.002
-    # and what is left out would have been cut, or is near an outline
+    # and omitted arrows would be cut, or are near an outline
     left_out = ~is_there & (arrows.facing(eye) > 0.35)
     places, normals = (x[left_out] for x in (arrows.vertices, arrows.normals))
     assert len(places) > 3
@@ -172,7 +174,7 @@ def test_arrows_are_whole_or_not_there_at_outlines(tilt):
     assert covered.reshape(len(places), -1).any(axis=1).mean() > 0.9
 
 
-def test_an_eye_in_perspective_sees_the_same_from_far_away():
+def test_distant_perspective_equals_parallel_projection():
     arrows = arrows_of(LIMBS, rotation(LIMBS), STYLE)
     parallel = Eye(axes(1))
     far = Eye(parallel.axes, 200 * parallel.axes[2])
@@ -182,7 +184,7 @@ def test_an_eye_in_perspective_sees_the_same_from_far_away():
     assert (arrows.hidden(near) == arrows.hidden(parallel)).mean() > 0.85
 
 
-def test_a_surface_with_boundary_has_arrows_on_the_side_that_is_seen_and_none_beyond_it():
+def test_open_surface_has_arrows_on_the_visible_side():
     mesh = square(10)
     arrows = arrows_of(mesh, np.tile([1.0, 0.5, 0], (len(mesh.faces), 1)), STYLE)
     assert len(arrows.spines) > 100
@@ -194,7 +196,7 @@ def test_a_surface_with_boundary_has_arrows_on_the_side_that_is_seen_and_none_be
         assert (sign * arrows.seen(eye)[:, 2] > 0.001).all()
 
 
-def test_arrows_are_as_far_apart_in_pixels_on_small_surfaces_as_on_large_ones():
+def test_spacing_in_pixels_does_not_depend_on_size():
     scales = np.geomspace(250, 1500, 40)
     pixels = np.array([scale * arrow_spacing(0.5, scale) for scale in scales])
     assert 24 < pixels.min() < pixels.max() < 37
@@ -204,7 +206,8 @@ def test_arrows_are_as_far_apart_in_pixels_on_small_surfaces_as_on_large_ones():
     assert arrow_spacing(0.0, 1e-9) < 1
 
 
-def test_an_eye_gets_more_whole_arrows_and_every_place_one_nearby():
+def test_eye_sees_more_arrows_than_without_one():
+    """Every place has an arrow nearby."""
     whole, style = np.zeros(2), ArrowStyle(1.0, 0.12, fast=1e-9)
     for seed in range(3):
         eye = Eye(axes(seed))
@@ -213,23 +216,23 @@ def test_an_eye_gets_more_whole_arrows_and_every_place_one_nearby():
                 arrows = arrows_of(LIMBS, rotation(LIMBS, way), style, own)
                 whole[k] += (~arrows.hidden(eye)).sum()
         spread = spread_points(LIMBS).points.positions
-        apart = cdist(spread, places(LIMBS, style.spacing, eye).positions) / LIMBS.length_scale
-        assert apart.min(axis=1).max() < 1.5 * style.spacing
+        distances = cdist(spread, places(LIMBS, style.spacing, eye).positions) / LIMBS.length_scale
+        assert distances.min(axis=1).max() < 1.5 * style.spacing
     assert whole[1] > 1.1 * whole[0]
 
 
 @pytest.mark.parametrize("eye", [None, Eye(axes(4))], ids=["no eye", "an eye"])
-def test_places_are_apart_on_each_side_of_a_thin_part(eye):
+def test_spacing_holds_on_each_side_of_a_thin_part(eye):
     points, normals = places(LIMBS, 0.06, eye), spread_points(LIMBS).normals
     spread = spread_points(LIMBS).points.positions
     normals = normals[cdist(points.positions, spread).argmin(axis=1)]
     at = points.positions / LIMBS.length_scale
-    apart = cdist(at, at) + 9 * ((normals @ normals.T <= -0.5) | np.eye(len(at), dtype=bool))
-    assert apart.min() > 0.06 * (1 - 1e-5)
+    distances = cdist(at, at) + 9 * ((normals @ normals.T <= -0.5) | np.eye(len(at), dtype=bool))
+    assert distances.min() > 0.06 * (1 - 1e-5)
     assert len(at) > 100
 
 
-def test_places_in_plain_sight_stay_while_the_surface_turns():
+def test_visible_places_stay_while_the_surface_turns():
     seen = []
     for angle in (0.0, 0.1):
         eye = Eye(tilted(angle))
@@ -242,9 +245,9 @@ def test_places_in_plain_sight_stay_while_the_surface_turns():
     assert (cdist(seen[0], base).min(axis=1) == 0).all()
 
 
-def test_an_arrow_does_not_go_around_a_sharp_edge():
+def test_arrow_does_not_bend_around_a_sharp_edge():
     mesh = icosphere(0)
     arrows = arrows_of(mesh, rotation(mesh), ArrowStyle(1.0, 0.13), Eye(axes(5)))
     cosines = np.einsum("amx,anx->amn", arrows.normals, arrows.normals)
     assert len(arrows.spines)
-    assert cosines.min() > 2 * 0.6**2 - 1  # both within one angle of their middle
+    assert cosines.min() > 2 * 0.6**2 - 1  # both within one angle of the middle

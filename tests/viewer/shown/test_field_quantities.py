@@ -1,4 +1,4 @@
-"""What is told of the field, computed in the background once for the same field."""
+"""Quantities of a field, computed once for each field in the background."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def _coarse(monkeypatch):
 
 @pytest.fixture
 def convolutions(monkeypatch):
-    """How many there were."""
+    """Return a list that grows with each convolution."""
     seen, convolve = [], abfm.streaks.line_integral_convolution
 
     def counted(*arguments, **options):
@@ -45,12 +45,12 @@ def colors_of(session):
 
 
 def texture(shown):
-    """The streaks coloured by what is advected now, when there is nothing better to come."""
+    """Return the streaks with the present colours, when all computations are done."""
     found = None
 
     def is_final():
         nonlocal found
-        # what was busy may have ended since it was asked for, with something better
+        # the computation may have ended since the request
         before, was_busy = found, shown.flow.busy or shown.quantities.busy
         found = shown.quantities.texture(shown.flow.advected(), colors_of(shown.session))
         is_busy = was_busy or shown.flow.busy or shown.quantities.busy
@@ -60,7 +60,7 @@ def texture(shown):
     return found
 
 
-def test_streaks_are_computed_once_a_result_for_every_time(session, shown, convolutions):
+def test_streaks_are_computed_once_for_each_result(session, shown, convolutions):
     at_end = texture(shown)
     assert texture(shown) is at_end
     session.set_time(0.0)
@@ -74,7 +74,7 @@ def test_streaks_are_computed_once_a_result_for_every_time(session, shown, convo
     assert len(convolutions) == 2
 
 
-def test_what_is_still_to_come_is_said(session, shown, held):
+def test_pending_computations_are_named(session, shown, held):
     _, may_decompose = held(abfm.calculus, "helmholtz_hodge")
     _, may_convolve = held(abfm.streaks, "line_integral_convolution")
     until(lambda: not shown.busy, session)
@@ -91,10 +91,9 @@ def test_what_is_still_to_come_is_said(session, shown, held):
     assert shown.busy == ""
 
 
-def test_a_film_plays_without_streaks_until_they_are_there_and_keeps_them(
-    session, shown, held, convolutions
-):
-    document = document_of_sequence(solved(), Path("film.npz"))
+def test_sequence_caches_streaks_of_intervals(session, shown, held, convolutions):
+    """It is played without streaks until they are computed."""
+    document = document_of_sequence(solved(), Path("frames.npz"))
     session.restore(document, {}, None)
     session.editor.set_view("show", streaks=True)
     colors = color_range(*document.sequence.columns[0])
@@ -113,7 +112,7 @@ def test_a_film_plays_without_streaks_until_they_are_there_and_keeps_them(
     velocity = document.result.velocity
 
     def of_interval(interval):
-        """The streaks of an interval, as soon as they are shown."""
+        """Return the streaks of an interval, as soon as they are shown."""
         found = None
 
         def is_there():
@@ -131,7 +130,8 @@ def test_a_film_plays_without_streaks_until_they_are_there_and_keeps_them(
     session.player.toggle()
 
 
-def test_coloured_streaks_are_those_of_the_function_and_darker_and_others_grey(session, shown):
+def test_streaks_darken_colours_of_the_function(session, shown):
+    """Without a function they are grey."""
     found = texture(shown)
     atlas, values, colors = found.streaks.atlas, shown.flow.advected(), colors_of(session)
     white = np.ones((atlas.size, atlas.size), dtype=np.float32)
@@ -157,7 +157,8 @@ def test_coloured_streaks_are_those_of_the_function_and_darker_and_others_grey(s
     assert grey[image == 255].min() > grey[image == 0].max()
 
 
-def test_moving_streaks_are_computed_once_and_lead_back_to_the_first(session, shown, convolutions):
+def test_moving_streaks_are_periodic(session, shown, convolutions):
+    """They are computed once."""
     session.editor.set_view("show", animate=True)
     first = texture(shown)
     streaks = first.streaks
@@ -187,7 +188,7 @@ def test_fading_streaks_have_less_contrast(session, shown, convolutions):
 
 
 def shown_field(shown, part):
-    """The field that a part of the view gives, when there is nothing better to come."""
+    """Return the field of a part of the view, when all computations are done."""
     session = shown.session
     session.editor.set_view("show", part=part)
     shown.quantities.field()
@@ -195,7 +196,7 @@ def shown_field(shown, part):
     return shown.quantities.field()
 
 
-def test_the_commuting_field_is_that_of_the_flow_and_says_how_well_it_commutes(session, shown):
+def test_commuting_field_has_a_note_on_its_bracket(session, shown):
     velocity = session.result.velocity[0]
     found = shown_field(shown, "commuting")
     np.testing.assert_array_equal(found.velocity, commuting_fields(SPHERE, velocity)[0])
@@ -207,7 +208,7 @@ def gradient_of(mesh, function):
     return to_ambient(mesh, (gradient(mesh) @ function).reshape(-1, 2))
 
 
-def test_the_sources_gradient_is_carried_to_the_shown_time(session, shown):
+def test_gradient_is_pushed_to_the_shown_time(session, shown):
     start, tau = gradient_of(SPHERE, session.values("source")), session.parameters.tau
     for time in (0.0, 0.5 * tau, tau):
         session.set_time(time)
@@ -216,7 +217,7 @@ def test_the_sources_gradient_is_carried_to_the_shown_time(session, shown):
         np.testing.assert_allclose(found, expected, atol=1e-9 * abs(expected).max())
 
 
-def test_a_gradient_is_carried_along_several_fields_one_after_the_other():
+def test_gradient_is_pushed_along_several_fields():
     mesh = icosphere(2)
     velocity = np.stack([rotation_field(mesh, axis) for axis in np.eye(3)])
     flow = FlowState(mesh, velocity, Parameters.of(tau=0.6, segments=3))
@@ -232,7 +233,7 @@ def test_a_gradient_is_carried_along_several_fields_one_after_the_other():
         np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monkeypatch):
+def test_missing_commuting_field_has_a_reason(session, shown, monkeypatch):
     flow = shown.flow.state
     for factor, final in ((0, True), (1, False)):
         state = FlowState(flow.mesh, factor * flow.velocity, flow.parameters, final)
@@ -246,8 +247,8 @@ def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monk
         assert (why in shown.quantities.error) if why else not shown.quantities.error
 
 
-def test_the_whole_field_after_one_that_commutes_was_asked_for(session, shown, held):
-    """Who goes back to what was shown before, while something else is computed, sees that."""
+def test_earlier_field_is_shown_again_at_once(session, shown, held):
+    """The user returns to it while another field is computed."""
     begun, may_end = held(
         quantities_module, "field_part", lambda flow, segment, part: part == "commuting"
     )
@@ -268,13 +269,14 @@ def test_the_whole_field_after_one_that_commutes_was_asked_for(session, shown, h
     assert not np.array_equal(shown.quantities.field().velocity, whole.velocity)
 
 
-def test_speeds_of_a_film_are_in_the_unit_of_its_mesh_as_far_as_cards_know_such_numbers():
+def test_unit_of_speed_of_a_sequence():
+    """It is that of the mesh, unless the numbers exceed single precision."""
     mesh, unit = icosphere(1), "the mesh's unit per second"
     velocity = np.ones((len(mesh.faces), 3))
     speed = np.linalg.norm(velocity, axis=1)
-    film = Field(mesh, velocity, speed, unit=unit, interval_field=velocity)
-    assert film.relative_speed()[1] == unit
-    np.testing.assert_array_equal(film.relative_speed()[0], speed)
+    slow = Field(mesh, velocity, speed, unit=unit, interval_field=velocity)
+    assert slow.relative_speed()[1] == unit
+    np.testing.assert_array_equal(slow.relative_speed()[0], speed)
     fast = Field(mesh, velocity, 1e31 * speed, unit=unit, interval_field=velocity)
     assert fast.relative_speed()[1] == "sqrt(area) per second"
     np.testing.assert_allclose(fast.relative_speed()[0], 1e31 * speed / mesh.length_scale)

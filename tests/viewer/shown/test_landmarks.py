@@ -1,4 +1,4 @@
-"""Landmarks that other parts of a surface hide."""
+"""Landmarks that are hidden by other parts of a surface."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from abfm_viewer.shown.landmarks import LandmarkPoints
 from tests.shapes import icosphere, torus
 
 SPHERE, RING = icosphere(3), torus(60, 30)
-FROM_X = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # to the right, up, and towards the viewer
+FROM_X = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # right, up, and towards the viewer
 FROM_Z = np.eye(3)
 
 
@@ -19,14 +19,14 @@ def are_hidden(mesh, places, normals, axes):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_of_a_sphere_the_half_that_looks_away(seed):
+def test_landmarks_on_the_back_of_a_sphere_are_hidden(seed):
     axes = Rotation.random(rng=seed).as_matrix()
     places = SPHERE.vertices
     hidden = are_hidden(SPHERE, places, places, axes)
     assert_array_equal(hidden, places @ axes[2] <= 0)
 
 
-def test_of_a_ring_what_the_ring_itself_covers():
+def test_landmarks_behind_a_ring_are_hidden():
     places, normals = RING.vertices[RING.faces].mean(axis=1), face_normals(RING)
     assert_array_equal(are_hidden(RING, places, normals, FROM_Z), normals[:, 2] <= 0)
     hidden = are_hidden(RING, places, normals, FROM_X)
@@ -34,7 +34,7 @@ def test_of_a_ring_what_the_ring_itself_covers():
     looks_here = normals[:, 0] > 0.05
     inner = np.hypot(x, y) < np.hypot(*RING.vertices[:, :2].T).mean()
     assert hidden[normals[:, 0] <= 0].all()
-    # the inner side of the far half looks here, and the near half is before it
+    # the inner side of the far half faces the viewer, behind the near half
     behind = looks_here & inner & (x < -0.3) & (np.abs(y) < 0.3)
     assert behind.sum() > 10
     assert hidden[behind].all()

@@ -1,4 +1,4 @@
-"""What surfaces show, decided without drawing."""
+"""Paints of surfaces, without drawing."""
 
 from dataclasses import replace
 from typing import get_args
@@ -50,13 +50,13 @@ def set_source(session, spec):
         ({"hidden": ("source", "advected", "target")}, ("advected",)),
     ],
 )
-def test_surfaces_stand_in_the_order_of_the_flow(session, view, names):
+def test_surfaces_have_the_order_of_the_flow(session, view, names):
     show(session, **view)
     assert session.view.shown_surfaces == names
 
 
-def test_a_match_of_a_finer_mesh_shows_its_functions_there_if_that_is_wanted(session, painter):
-    """Of which the mesh itself has the first values, at any time."""
+def test_finer_mesh_is_shown_on_request(session, painter):
+    """The mesh itself has the first values of it, at any time."""
     fine = subdivided(SPHERE)
     problem = session.result.problem.with_specs([PAIR.source], [PAIR.target])
     field = 0.3 * wavy_field(fine, 0)[None]
@@ -86,7 +86,8 @@ def test_a_match_of_a_finer_mesh_shows_its_functions_there_if_that_is_wanted(ses
     assert all(painter.paint(name).mesh is None for name in names)
 
 
-def test_functions_share_one_bar_and_range_with_zero_in_the_middle_of_signed_ones(session, painter):
+def test_functions_share_one_colour_range(session, painter):
+    """Zero is in the middle of the range of functions of both signs."""
     show(session, blend=True, transport=True)
     until(lambda: painter.paint("optimal transport"))
     paints = [painter.paint(name) for name in session.view.shown_surfaces]
@@ -100,7 +101,7 @@ def test_functions_share_one_bar_and_range_with_zero_in_the_middle_of_signed_one
     assert colors.low == -colors.high < 0
 
 
-def test_a_paint_is_the_same_object_until_what_it_shows_changes(session, painter):
+def test_paint_is_the_same_object_until_it_changes(session, painter):
     before = painter.paint("target")
     assert painter.paint("target") is before
     show(session, colormap="viridis")
@@ -109,7 +110,7 @@ def test_a_paint_is_the_same_object_until_what_it_shows_changes(session, painter
 
 @pytest.mark.parametrize("coloring", get_args(Coloring))
 @pytest.mark.parametrize("share", [0.4, 1.0])
-def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, share, shown, painter):
+def test_unchanged_surfaces_are_not_redrawn(session, coloring, share, shown, painter):
     show(session, coloring=coloring, blend=True, transport=True, error=True)
     mesh = session.surface().mesh
     labels = LabelMap.of("halves", mesh, Labels((mesh.vertices[:, 0] > 0).astype(int)))
@@ -130,12 +131,12 @@ def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, shar
 
 
 def settled_transport(shown, painter):
-    """What the surface of optimal transport shows when nothing better is to come."""
+    """Return the paint of optimal transport, when all computations are done."""
     until(lambda: (painter.paint("optimal transport"), shown.mass_transport.busy)[1] is False)
     return painter.paint("optimal transport")
 
 
-def test_blend_and_transport_follow_the_time_and_end_at_tau(session, shown, painter):
+def test_blend_and_transport_end_at_tau(session, shown, painter):
     show(session, blend=True, transport=True)
     tau, (source, target) = session.parameters.tau, map(session.values, ("source", "target"))
     for time, share in ((0.0, 0.0), (0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
@@ -146,7 +147,7 @@ def test_blend_and_transport_follow_the_time_and_end_at_tau(session, shown, pain
         np.testing.assert_array_equal(settled_transport(shown, painter).values, expected)
 
 
-def test_until_a_time_is_computed_transport_shows_the_one_before(session, held, shown, painter):
+def test_transport_shows_earlier_time_meanwhile(session, held, shown, painter):
     show(session, transport=True)
     session.editor.amend(time=0.0)
     before = settled_transport(shown, painter)
@@ -160,7 +161,8 @@ def test_until_a_time_is_computed_transport_shows_the_one_before(session, held, 
     assert abs(settled_transport(shown, painter).values - before.values).max() > 0.1
 
 
-def test_negative_functions_have_no_transport_or_one_without_and_say_so(session, shown, painter):
+def test_transport_of_negative_functions_has_a_note(session, shown, painter):
+    """There is a note, or no transport."""
     show(session, transport=True)
     set_source(session, "eigenfunction:2")
     bare = settled_transport(shown, painter)
@@ -175,11 +177,11 @@ def test_negative_functions_have_no_transport_or_one_without_and_say_so(session,
     gaussians = "gaussian:x=1,y=0,z=0,width=0.15 + gaussian:x=-1,y=0,z=0,width=0.15,height=-0.005"
     set_source(session, gaussians)
     assert settled_transport(shown, painter).values.min() >= 0
-    told = "optimal transport replaces negative values (down to -0.005) by 0"
-    assert shown.mass_transport.note == told
+    note = "optimal transport replaces negative values (down to -0.005) by 0"
+    assert shown.mass_transport.note == note
 
 
-def test_the_error_is_that_of_the_shown_time_and_its_range_ends_with_it(session, shown):
+def test_error_is_that_of_the_shown_time(session, shown):
     session.editor.amend(time=session.parameters.tau)
     paint = Painter(shown).paint("error")
     expected = abs(session.values("target") - session.result.advected[:, 0])
@@ -188,7 +190,7 @@ def test_the_error_is_that_of_the_shown_time_and_its_range_ends_with_it(session,
     assert f"{expected.max():.3g}" in paint.bar
 
 
-def test_coordinates_are_colours_between_the_ends_of_the_mesh(session, shown):
+def test_coordinates_are_shown_as_colours(session, shown):
     show(session, coloring="coordinates")
     colors = Painter(shown).paint("source").values
     assert colors.shape == SPHERE.vertices.shape
@@ -196,7 +198,8 @@ def test_coordinates_are_colours_between_the_ends_of_the_mesh(session, shown):
     assert (colors.min(), colors.max()) == (0, 1)
 
 
-def test_a_side_without_values_shows_none_and_the_other_one_stays(session, painter):
+def test_side_without_values_is_grey(session, painter):
+    """The other side stays."""
     target = painter.paint("target").values
     session.editor.set_spec("source", "eigenfunction:100000")
     until(lambda: session.work.error("source"), session)
@@ -204,15 +207,15 @@ def test_a_side_without_values_shows_none_and_the_other_one_stays(session, paint
     assert bare.title == "source: no values"
     assert bare.colors is None
     assert np.ptp(bare.values) == 0
-    assert painter.paint("target") is None  # keeps what it showed: no range is known
+    assert painter.paint("target") is None  # stays, because no range is known
     session.undo()
     ready(session)
     assert painter.paint("source").title == "source"
     np.testing.assert_array_equal(painter.paint("target").values, target)
 
 
-def test_speed_is_in_units_of_the_mesh(session, painter):
-    """So that graphics cards can draw it, however large or small the mesh's numbers are."""
+def test_speed_has_a_unit_of_the_mesh(session, painter):
+    """So that single precision can show it for meshes in any unit."""
     show(session, coloring="speed")
     until(lambda: painter.paint("advected").kind == "face values", session)
     found, speed = painter.paint("advected"), np.linalg.norm(session.result.velocity[0], axis=1)
@@ -221,7 +224,7 @@ def test_speed_is_in_units_of_the_mesh(session, painter):
 
 
 @pytest.mark.parametrize("scale", [1e40, 1e-30])
-def test_speed_has_the_same_colours_on_meshes_of_any_size(scale):
+def test_speed_colours_do_not_depend_on_mesh_size(scale):
     mesh = TriangleMesh(scale * SPHERE.vertices, SPHERE.faces)
     velocity = np.cross([0, 0, 1.0], mesh.vertices[mesh.faces].mean(axis=1))
     field = Field(mesh, velocity, np.linalg.norm(velocity, axis=1), {})
@@ -236,8 +239,8 @@ def test_speed_has_the_same_colours_on_meshes_of_any_size(scale):
     assert np.isfinite(np.asarray(paint.values, dtype=np.float32)).all()
 
 
-def test_a_few_bad_faces_do_not_set_the_range():
-    """Nor many slivers: the range is that of most of the area."""
+def test_few_bad_faces_do_not_set_the_range():
+    """Neither do many slivers; the range is that of most of the area."""
     values, areas = np.linspace(0, 1, 1000), np.ones(1000)
     values[::50] = 20
     assert _percentile_95(values, areas) == pytest.approx(0.97, abs=0.01)
@@ -246,7 +249,7 @@ def test_a_few_bad_faces_do_not_set_the_range():
     assert _percentile_95(np.zeros(5), np.ones(5)) == 0
 
 
-def test_labels_tell_of_extrapolation_and_of_values_beyond_the_colors(session, shown, monkeypatch):
+def test_titles_note_extrapolation_and_exceeded_range(session, shown, monkeypatch):
     tau, source = session.parameters.tau, session.values("source")
     show(session, error=True)
     high = max(session.values(side).max() for side in ("source", "target"))

@@ -1,4 +1,4 @@
-"""Arrows of a sequence: faint where frames do not determine the field, none of a standing wave."""
+"""Arrows of a sequence: faint where the field is undetermined, absent for a standing wave."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ FRONT = Eye(np.eye(3))
 
 @pytest.fixture
 def shown_of(tmp_path, watched):
-    """Return what is shown of a sequence, with arrows."""
+    """Return a function that returns the shown quantities of a sequence, with arrows."""
     sessions = []
 
     def show(frames, time):
@@ -36,14 +36,14 @@ def shown_of(tmp_path, watched):
 
 
 def arrows_of(shown):
-    """Return the arrows that are shown now, if any is known."""
+    """Return the arrows that are shown now, if any are known."""
     shown.session.update()
     field = shown.quantities.field()
     return None if field is None else shown.quantities.arrows(field, 300.0, FRONT)
 
 
 def test_arrows_fade_where_the_field_is_undetermined(shown_of):
-    """Of a bump that turns about y: elsewhere nothing is known of the field."""
+    """For a bump that turns about y the field is undetermined elsewhere."""
     angles = 0.15 * np.arange(4)
     bump = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
     sequence, shown = shown_of(np.exp(6 * (bump @ SPHERE.vertices.T - 1)), 0.0)
@@ -54,7 +54,8 @@ def test_arrows_fade_where_the_field_is_undetermined(shown_of):
     assert found.max() > 0.9
 
 
-def test_a_standing_wave_is_blended_and_has_no_arrows(shown_of):
+def test_standing_wave_has_no_arrows(shown_of):
+    """It is blended linearly."""
     amplitudes = np.cos(0.2 * np.arange(5) + 0.5)
     frames = amplitudes[:, None] * np.cos(6 * SPHERE.vertices[:, 0])
     sequence, shown = shown_of(frames, 1.25)

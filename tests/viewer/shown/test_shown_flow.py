@@ -1,4 +1,4 @@
-"""The flow that is shown, and functions carried along it, at every time and during a run."""
+"""The shown flow, and functions advected along it, at every time and during a run."""
 
 from dataclasses import dataclass, replace
 from time import sleep
@@ -35,13 +35,13 @@ def state(match):
 
 
 @pytest.fixture
-def carried(jobs):
+def at_shown_time(jobs):
     return AtShownTime(jobs)
 
 
 @dataclass(frozen=True, eq=False)
 class Limited(FlowState):
-    """A flow that cannot be followed beyond some time."""
+    """A flow that cannot be computed beyond some time."""
 
     end: float = 1.0
 
@@ -55,7 +55,8 @@ def distance(a, b):
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
-def test_a_span_has_the_exact_function_at_tau_and_hardly_another_between(match, state, source):
+def test_span_is_exact_at_tau(match, state, source):
+    """It is nearly exact in between."""
     over = span(state, source)
     assert over.note == ""
     assert (over.times[0], over.times[-1]) == (0, 2)
@@ -66,48 +67,47 @@ def test_a_span_has_the_exact_function_at_tau_and_hardly_another_between(match, 
     assert distance(over.at(1.0), match.push(SPHERE.vertices, 1.0)) < 1e-6
 
 
-def test_where_the_flow_overflows_beyond_tau_the_span_ends_there(match, source):
+def test_span_ends_at_tau_if_the_flow_overflows(match, source):
     over = span(Limited(SPHERE, match.velocity, match.parameters), source)
     assert over.times[-1] == 1
     check_message(over.note)
-    np.testing.assert_array_equal(over.at(1.7), over.at(1.0))  # the last one known
+    np.testing.assert_array_equal(over.at(1.7), over.at(1.0))  # the last time of the span
 
 
-def test_a_flow_that_is_too_fast_for_any_time_is_an_error_and_no_end(match, source, carried, jobs):
+def test_too_fast_flow_is_an_error(match, source, at_shown_time, jobs):
     state = Limited(SPHERE, match.velocity, match.parameters, end=0.0)
-    assert carried.at(state, source, 0.5, settled=True) is None
+    assert at_shown_time.at(state, source, 0.5, settled=True) is None
     until(lambda: not jobs.busy)
-    check_message(carried.error)
-    assert carried.at(state, source, 0.5, settled=True) is None
+    check_message(at_shown_time.error)
+    assert at_shown_time.at(state, source, 0.5, settled=True) is None
 
 
-def test_time_0_needs_nothing_scrubbing_shows_blends_and_a_settled_time_is_exact(
-    match, state, source, carried, jobs, held
-):
+def test_settled_time_is_exact(match, state, source, at_shown_time, jobs, held):
+    """Time 0 needs no computation, and a moving time shows blends."""
     _, may_end = held(FlowState, "advect")
-    assert carried.at(state, source, 0.0, settled=True) is source
+    assert at_shown_time.at(state, source, 0.0, settled=True) is source
     assert not jobs.busy
-    assert carried.at(state, source, 0.3, settled=False) is None
+    assert at_shown_time.at(state, source, 0.3, settled=False) is None
     may_end.set()
     until(lambda: not jobs.busy)
-    assert distance(carried.at(state, source, 0.3, settled=False), match.advect(0.3)) < 2e-3
-    carried.at(state, source, 0.3, settled=True)
+    assert distance(at_shown_time.at(state, source, 0.3, settled=False), match.advect(0.3)) < 2e-3
+    at_shown_time.at(state, source, 0.3, settled=True)
     until(lambda: not jobs.busy)
-    assert distance(carried.at(state, source, 0.3, settled=True), match.advect(0.3)) < 1e-12
+    assert distance(at_shown_time.at(state, source, 0.3, settled=True), match.advect(0.3)) < 1e-12
 
 
-def test_while_a_new_flow_is_followed_the_old_one_is_shown(match, state, source, carried, jobs):
-    carried.at(state, source, 0.5, settled=False)
+def test_old_flow_is_shown_until_the_new_one_is_ready(match, state, source, at_shown_time, jobs):
+    at_shown_time.at(state, source, 0.5, settled=False)
     until(lambda: not jobs.busy)
     faster = FlowState(SPHERE, 1.1 * match.velocity, match.parameters, final=False)
-    assert distance(carried.at(faster, source, 0.5, settled=False), match.advect(0.5)) < 2e-3
+    assert distance(at_shown_time.at(faster, source, 0.5, settled=False), match.advect(0.5)) < 2e-3
     until(lambda: not jobs.busy)
-    assert distance(carried.at(faster, source, 0.5, settled=False), match.advect(0.55)) < 5e-3
+    assert distance(at_shown_time.at(faster, source, 0.5, settled=False), match.advect(0.55)) < 5e-3
     # of another shape: nothing to show
-    assert carried.at(faster, SPHERE.vertices, 0.5, settled=False) is None
+    assert at_shown_time.at(faster, SPHERE.vertices, 0.5, settled=False) is None
 
 
-def test_a_field_is_computed_when_it_is_first_needed():
+def test_field_is_read_when_first_needed():
     asked, x = [], SPHERE.vertices[:, 0]
 
     def velocity():
@@ -122,7 +122,7 @@ def test_a_field_is_computed_when_it_is_first_needed():
 
 
 def settle(shown, of_flow=lambda flow: flow.advected()):
-    """Wait until nothing better is to come, and return what there is."""
+    """Wait until all computations are done, and return the result."""
     flow = shown.flow
     until(lambda: (of_flow(flow), flow.settled and not flow.busy)[1], shown.session)
     return of_flow(flow)
@@ -132,7 +132,8 @@ def advected(shown, time):
     return shown.flow.state.advect(shown.session.values("source"), np.array([time]))[0]
 
 
-def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(session, shown):
+def test_outdated_result_is_not_shown(session, shown):
+    """The source is advected along the present flow instead."""
     session.editor.set_spec("source", "coordinate:x")
     ready(session)
     sleep(0.2)
@@ -140,7 +141,7 @@ def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(
     np.testing.assert_allclose(settle(shown), expected, atol=1e-12)
 
 
-def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, watched):
+def test_new_channel_is_advected_by_the_field_of_the_run(endless, watched):
     shown = watched(endless)
     solving(endless)
     endless.matching.follow = False
@@ -151,7 +152,8 @@ def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, w
     np.testing.assert_allclose(advected, iterate.advected[:, 0], atol=1e-6)
 
 
-def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(endless, watched):
+def test_run_shows_newest_picture_at_tau(endless, watched):
+    """At other times the flow is computed."""
     shown = watched(endless)
     solving(endless)
     hold(endless)
@@ -166,11 +168,12 @@ def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(
 
     endless.solver.resume()
     until(lambda: endless.matching.snapshot.iteration.iteration > iterate.iteration + 30, endless)
-    # the span followed
+    # the span is computed
     until(lambda: not np.allclose(shown.flow.advected(), early, atol=1e-4), endless)
 
 
-def test_after_a_match_its_end_is_shown_and_after_another_tau_the_same_place(session, shown):
+def test_end_of_a_match_is_shown(session, shown):
+    """A change of tau keeps the position on the time bar."""
     np.testing.assert_array_equal(shown.flow.advected(), session.result.advected[:, 0])
     session.set_time(0.5)
     session.editor.set_parameter(tau=2.0)
@@ -179,7 +182,8 @@ def test_after_a_match_its_end_is_shown_and_after_another_tau_the_same_place(ses
     assert session.outdated
 
 
-def test_a_settled_time_is_exact_also_where_the_flow_was_watched_before_its_match(watched):
+def test_settled_time_is_exact_after_a_match(watched):
+    """Also if the flow was shown before the match ended."""
     session = opened()
     try:
         shown = watched(session)
@@ -194,7 +198,7 @@ def test_a_settled_time_is_exact_also_where_the_flow_was_watched_before_its_matc
         session.close()
 
 
-def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endless, watched):
+def test_blend_is_the_same_array_until_exact(endless, watched):
     shown = watched(endless)
     solving(endless)
     hold(endless)
@@ -205,7 +209,7 @@ def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endles
     assert shown.flow.advected() is shown.flow.advected()
 
 
-def test_a_surface_says_so_while_it_shows_another_time_than_the_others(session, shown, held):
+def test_outdated_surface_is_marked(session, shown, held):
     _, may_end = held(FlowState, "advect")
     painter = Painter(shown)
     session.editor.set_view("see more", blend=True, error=True)
@@ -219,26 +223,27 @@ def test_a_surface_says_so_while_it_shows_another_time_than_the_others(session, 
     assert shown.is_ready
 
 
-def test_what_is_played_is_known_before_the_time_moves(session, shown):
+def test_playback_waits_until_all_times_are_known(session, shown):
     session.set_time(0.0)
-    assert not shown.is_ready  # it is asked for at time 0, too
+    assert not shown.is_ready  # also requested at time 0
     until(lambda: shown.is_ready, session)
     session.set_time(0.5)
     assert not np.array_equal(shown.flow.advected(), session.values("source"))
     assert not shown.flow.is_behind
 
 
-def test_places_are_carried_by_flow_lines(session, shown):
+def test_origins_follow_flow_lines(session, shown):
     session.set_time(0.7)
     sleep(0.2)
     found = settle(shown, lambda flow: flow.coordinates())
     np.testing.assert_array_equal(found, session.result.point_map(0.7).positions)
-    session.set_time(0.71)  # between two that are known
+    session.set_time(0.71)  # between two computed times
     expected = session.result.point_map(0.71).positions
     assert distance(shown.flow.coordinates(), expected) < 2e-3
 
 
-def test_a_field_of_a_finer_mesh_carries_there_and_is_shown_on_the_mesh(match, source):
+def test_field_of_a_finer_mesh_advects_on_it(match, source):
+    """The values are shown on the mesh itself."""
     fine = wavy_field(subdivided(SPHERE), 0)[None]
     state, flow = FlowState(SPHERE, fine, match.parameters), abfm.Flow(SPHERE, fine)
     assert state.velocity.shape == match.velocity.shape
@@ -253,12 +258,12 @@ def test_a_field_of_a_finer_mesh_carries_there_and_is_shown_on_the_mesh(match, s
     assert distance(state.advect(source, times)[1], found.push(source, 1.0)) > 1e-6
 
 
-def test_distortions_are_those_of_the_match_once_the_time_stands(session, shown, monkeypatch):
+def test_distortion_is_exact_at_a_settled_time(session, shown, monkeypatch):
     quantities = shown.quantities
 
     def stands():
         settled = shown.flow.settled
-        quantities.distortion()  # asked for after the time stands
+        quantities.distortion()  # requested after the time is settled
         return settled and not quantities.busy
 
     for time in (0.7, 0.4):

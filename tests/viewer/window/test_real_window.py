@@ -1,4 +1,4 @@
-"""From launch to a saved movie in a real window of its own screen (Xvfb), used with xdotool."""
+"""From launch to a saved movie in a real window on a virtual screen (Xvfb), with xdotool."""
 
 import json
 import os
@@ -16,29 +16,29 @@ from abfm.assets import asset_path
 from tests.processes import run
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Xvfb is Linux's")
-_PAUSE = 0.1  # seconds that the app may need for an event
+_PAUSE = 0.1  # time for the app to process an event, in seconds
 
 
 class RealWindow:
-    """The app's window, with widgets found in the file that the app writes for this purpose."""
+    """The window of the app; its widgets are read from a file that the app writes."""
 
     def __init__(self, app, widgets, environment):
         self.app, self._widgets, self._environment = app, widgets, environment
 
     def xdotool(self, *words):
-        """Send an event, and leave the app time for it."""
+        """Send an event, and wait until the app has processed it."""
         done = run("xdotool", *map(str, words), env=self._environment, check=True)
         time.sleep(_PAUSE)
         return done.stdout.strip()
 
     def widgets(self):
-        """The widgets as they are now: in a file that was written after this call."""
+        """Return the present widgets, from a file written after this call."""
         now, file = time.time_ns(), self._widgets
         self.until(lambda: file.exists() and file.stat().st_mtime_ns > now, "draws no frames")
         return json.loads(file.read_text())
 
     def find(self, label, kind="", within="", seconds=20):
-        """A widget that can be used, scrolled into view; waits until there is one."""
+        """Return an enabled widget, scrolled into view; wait until there is one."""
         end = time.monotonic() + seconds
         while True:
             known = [w for w in self.widgets() if w["enabled"]]
@@ -55,7 +55,7 @@ class RealWindow:
             assert time.monotonic() < end, f"no {label!r} in view; there are {labels}"
 
     def _in_view(self, widget):
-        """Whether a widget can be seen; if not, its panel is scrolled a bit."""
+        """Return whether a widget is in view; if not, scroll its panel a bit."""
         (left, top, _, bottom), (_, above, _, below) = widget["area"], widget["rect"]
         if top <= above and below <= bottom:
             return True
@@ -70,7 +70,7 @@ class RealWindow:
         self.xdotool("mouseup", 1)
 
     def type(self, label, text, within="", enter=True):
-        """Replace a box's text."""
+        """Replace the text of a box."""
         self.click(label, "box", within)
         self.key("ctrl", "a")
         self.xdotool("type", "--delay", 40, text)
@@ -78,7 +78,7 @@ class RealWindow:
             self.key("", "Return")
 
     def key(self, modifier, key):
-        """Press a key, by X's name."""
+        """Press a key with the name of X."""
         if modifier:
             self.xdotool("keydown", modifier)
         self.xdotool("key", key)
@@ -95,7 +95,7 @@ class RealWindow:
 
 @contextmanager
 def screen():
-    """A screen without a monitor; the environment of programs that use it."""
+    """Start a virtual screen, and yield the environment of programs that use it."""
     read, write = os.pipe()
     words = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x800x24", "-nolisten", "tcp"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -114,7 +114,7 @@ def screen():
 
 @contextmanager
 def opened(mesh, folder):
-    """`abfm-viewer MESH` in a window, with a folder for its state and its messages."""
+    """Open `abfm-viewer MESH` in a window, with a folder for its state and its messages."""
     widgets = folder / "widgets.json"
     own = {"ABFM_STATE_FOLDER": str(folder / "state"), "ABFM_WIDGETS": str(widgets)}
     command = [str(Path(sys.executable).parent / "abfm-viewer"), str(mesh)]
@@ -129,7 +129,7 @@ def opened(mesh, folder):
             window.xdotool("windowmove", name, 0, 0)  # there is no window manager
             window.xdotool(
                 "windowsize", name, 640, 480
-            )  # drawing takes as long as there are pixels
+            )  # the time of drawing depends on the number of pixels
             window.xdotool("windowfocus", name)
             yield window
         finally:
@@ -138,16 +138,16 @@ def opened(mesh, folder):
             app.wait(30)
 
 
-def test_from_launch_to_a_saved_movie(tmp_path):
+def test_real_window_saves_a_movie(tmp_path):
     for program in ("Xvfb", "xdotool"):
         way = "./run test installs it, or apt-get install xvfb xdotool"
         assert shutil.which(program), f"{program} is missing; {way}"
     film, log = tmp_path / "a film.mp4", tmp_path / "log.txt"
     with opened(asset_path("eight.off"), tmp_path) as window:
-        window.click("Match", "button")  # not the tab
+        window.click("Match", "button")  # the button, not the tab
         for label in ("File", "Export movie..."):
             window.click(label)
-        window.find("Save result...", seconds=120)  # when there is a result
+        window.find("Save result...", seconds=120)  # enabled when there is a result
         numbers = {"pixels across": 480, "pixels down": 320, "seconds": 0.1}
         for label, number in numbers.items():
             window.type(label, str(number), within="Export")
@@ -165,4 +165,4 @@ def test_from_launch_to_a_saved_movie(tmp_path):
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
     assert len(frames) == 3
     assert frames[0].shape == (320, 480, 3)
-    assert abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # the function moved
+    assert abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # the function has moved

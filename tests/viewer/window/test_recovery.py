@@ -1,4 +1,4 @@
-"""What is kept of work that is in no file."""
+"""Copies of unsaved work."""
 
 import threading
 from functools import partial
@@ -16,7 +16,7 @@ from tests.viewer.sessions import ENDLESS, end_run, matched, stepped, until
 
 @pytest.fixture
 def recoveries(desk, monkeypatch):
-    """Of a session on a sphere, with copies at once."""
+    """Return the recoveries of a session on a sphere, which copy at once."""
     monkeypatch.setattr(recovery, "Autosave", partial(recovery.Autosave, seconds=0.0))
     recoveries = recovery.Recoveries(desk.session, desk.state, desk.files, Dialogs())
     yield recoveries
@@ -33,27 +33,27 @@ def copies(desk, recoveries):
     return now
 
 
-def test_a_run_of_a_mesh_that_was_opened_later_is_kept(desk, copies, tmp_path):
+def test_run_of_a_later_mesh_is_copied(desk, copies, tmp_path):
     desk.open(off_file(tmp_path / "later.off", icosphere(1)))
     session = desk.session
     session.editor.amend(parameters=ENDLESS)
-    session.reset_history()  # as if it had been saved
+    session.reset_history()  # as if saved
     session.match()
     until(lambda: any(load_project(copy)[0].result for copy in copies()), session)
     assert session.saves.unsaved_documents == ()
 
 
-def test_a_copy_of_a_run_opens_after_another_step(desk, copies):
+def test_copy_of_a_run_opens_after_another_step(desk, copies):
     """Another step of the earlier result was shown when the run began."""
     session = desk.session
     other = stepped(matched(session).result).at_step(0)
     session.editor.amend(result=other, solver_step=2, parameters=ENDLESS)
     session.match()
 
-    def is_kept(copy):
+    def is_preserved(copy):
         return load_project(copy)[0].result.stop_reason == "cancelled"
 
-    until(lambda: any(map(is_kept, copies())), session)
+    until(lambda: any(map(is_preserved, copies())), session)
 
 
 def test_copies_survive_the_end_of_the_process(desk, copies, monkeypatch):
@@ -66,13 +66,13 @@ def test_copies_survive_the_end_of_the_process(desk, copies, monkeypatch):
     monkeypatch.setattr(session.matching, "unfinished", unfinished)
     session.editor.amend(parameters=ENDLESS)
     session.match()
-    # the first copy was written, or its problem told
+    # the first copy was written, or its problem reported
     until(lambda: copies() is not None and len(asked) > 1, session)
     assert session.notices.cards == ()
     assert copies()
 
 
-def test_meshes_left_with_nothing_unsaved_have_no_copies(desk, recoveries, copies, tmp_path):
+def test_saved_documents_have_no_copies(desk, recoveries, copies, tmp_path):
     def writers():
         return [one for one in threading.enumerate() if one.name.startswith("autosave")]
 

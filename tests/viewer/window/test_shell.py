@@ -1,4 +1,4 @@
-"""Menus, keys, dialogs, files and preferences in a running window, and how the program ends."""
+"""Menus, keys, dialogs, files and preferences in a running window, and the end of the program."""
 
 from types import SimpleNamespace
 
@@ -30,7 +30,7 @@ def state(tmp_path):
 
 @pytest.fixture
 def launched(state):
-    """The app on a small sphere, or something else; all launches of a test share a state."""
+    """Return a function that opens the app; all launches of a test share a state folder."""
     return lambda what=SMALL: Driver(what, size=SIZE, state=state.path)
 
 
@@ -43,12 +43,12 @@ def gui(state, launched):
 
 @pytest.fixture
 def mesh_file(tmp_path):
-    """Another sphere in a file with a blank in its name."""
+    """Another sphere, in a file with a blank in its name."""
     return off_file(tmp_path / "a sphere.off", SMALL)
 
 
 def opened(gui, vertices):
-    """Wait until a mesh of so many vertices is shown with its functions."""
+    """Wait until a mesh with this number of vertices is shown with its functions."""
     gui.wait(
         lambda s: len(s.surface().mesh.vertices) == vertices and s.values("target") is not None
     )
@@ -65,12 +65,12 @@ def idle(gui):
 
 def test_tour_of_keys_and_dialogs(gui, walk):
     """Typing, opening by keys and drop, long folders, errors, and pauses between frames."""
-    walk(gui, open_by_keys_and_drop, fail_after_a_dialog, use_what_is_being_typed)
+    walk(gui, open_by_keys_and_drop, fail_after_a_dialog, use_unfinished_text)
     walk(gui, draw_half_of_the_time, list_ten_thousand_files, type_into_boxes)
 
 
-def use_what_is_being_typed(gui, tmp_path):
-    """By saving and by matching."""
+def use_unfinished_text(gui, tmp_path):
+    """Save and match while text is being typed: it is taken over."""
     gui.window.files.save(tmp_path / "first.abfm")
     idle(gui)
     gui.type("tau", "3", enter=False)
@@ -79,7 +79,7 @@ def use_what_is_being_typed(gui, tmp_path):
     assert gui.session.parameters.tau == 3
     assert load_project(tmp_path / "first.abfm")[0].parameters.tau == 3
     gui.type("iterations", "7", enter=False)
-    gui.key("ctrl+z")  # the box's own
+    gui.key("ctrl+z")  # of the box
     assert gui.session.parameters.tau == 3
     gui.type("iterations", "8", enter=False)
     gui.key("ctrl+enter")
@@ -89,7 +89,7 @@ def use_what_is_being_typed(gui, tmp_path):
 
 
 def type_into_boxes(gui):
-    """Keys do nothing else there."""
+    """Keys do nothing else in a box."""
     theme = gui.session.view.theme
     gui.key("ctrl+shift+s")
     gui.frames(3)
@@ -106,7 +106,7 @@ def type_into_boxes(gui):
     gui.key("esc")
     assert not gui.window.dialogs.is_open
     gui.key("ctrl+q")
-    assert gui.window.closing  # at once, as all is saved
+    assert gui.window.closing  # at once, because everything is saved
 
 
 # Dialogs
@@ -131,8 +131,9 @@ def open_by_keys_and_drop(gui, mesh_file, tmp_path):
 
 
 def list_ten_thousand_files(gui, monkeypatch):
-    """Frames look at those in view."""
-    listing = Listing(Unread(FolderEntry(f"{number:05}.off", False) for number in range(10_000)))
+    """Frames only read the entries in view."""
+    entries = (FolderEntry(f"{number:05}.off", False) for number in range(10_000))
+    listing = Listing(LazyEntries(entries))
     monkeypatch.setattr(file_dialog, "read_folder", lambda *_: listing)
     gui.key("ctrl+o")
     gui.wait(lambda s: "00000.off" in gui.labels())
@@ -141,8 +142,8 @@ def list_ten_thousand_files(gui, monkeypatch):
     gui.key("esc")
 
 
-class Unread(tuple):
-    """Entries of which only some may be looked at."""
+class LazyEntries(tuple):
+    """Entries of which only some may be read."""
 
     def __iter__(self):
         pytest.fail("all entries are looked at")
@@ -163,8 +164,8 @@ def fail_after_a_dialog(gui, mesh_file, capsys):
 # Closing, dropped files, preferences, recovery
 
 
-def test_preferences_are_kept_for_the_next_launch(state, launched):
-    """Invalid ones are left out."""
+def test_preferences_are_stored(state, launched):
+    """Invalid ones are ignored."""
     with launched() as gui:
         gui.key("l")
         gui.menu("View", "UI scale", "1.25")
@@ -187,7 +188,7 @@ def test_preferences_are_kept_for_the_next_launch(state, launched):
         assert gui.session.view.flow_after_match
 
 
-def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path, launched):
+def test_theme_of_a_project_is_not_a_preference(state, tmp_path, launched):
     with launched() as gui:
         gui.session.editor.set_view("look", theme="dark", ui_scale=2.0)
         save_project(tmp_path / "dark.abfm", gui.session.document, {})
@@ -202,8 +203,8 @@ def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path, launche
     assert state.preferences() == {"theme": "light", "ui_scale": 1}
 
 
-def test_a_damaged_copy_is_told_once(state, launched):
-    crashed = state.path / "autosave-999999999.abfm"  # more than processes are counted to
+def test_damaged_copy_is_reported_once(state, launched):
+    crashed = state.path / "autosave-999999999.abfm"  # larger than any process id
     state.path.mkdir()
     crashed.write_bytes(b"PK")
     with launched() as gui:
@@ -217,7 +218,7 @@ def test_a_damaged_copy_is_told_once(state, launched):
 
 
 def draw_half_of_the_time(gui, monkeypatch):
-    """While the window waits for functions."""
+    """Check that the window sleeps as long as it draws while functions are pending."""
     for bare, rest in ((None, 0.002), (0.0, 0.07)):
         now, slept = [100.0], []
 
@@ -235,7 +236,7 @@ def draw_half_of_the_time(gui, monkeypatch):
         assert slept == [pytest.approx(rest)]
 
 
-def test_the_window_is_drawn_before_the_solver_is_loaded(tmp_path):
+def test_window_opens_before_the_solver_is_loaded(tmp_path):
     done = python(
         "import sys; from abfm_viewer.scene import opengl; from pathlib import Path\n"
         "from abfm_viewer.window.window import open_window\n"
@@ -262,7 +263,8 @@ def test_the_window_is_drawn_before_the_solver_is_loaded(tmp_path):
         (["--largest"], "--largest-component"),
     ],
 )
-def test_bad_words_are_one_line_and_status_2(words, named, capsys):
+def test_bad_arguments_exit_with_status_2(words, named, capsys):
+    """The message is one line."""
     assert app.main(words) == 2
     told = capsys.readouterr().err
     assert told.startswith("abfm-viewer: ")
@@ -270,8 +272,8 @@ def test_bad_words_are_one_line_and_status_2(words, named, capsys):
     check_message(told, named)
 
 
-def test_a_window_has_its_own_sizes(launched):
-    """Whatever an earlier window left in ImGui."""
+def test_window_has_its_own_sizes(launched):
+    """They do not depend on the sizes that an earlier window left in ImGui."""
 
     def places():
         with launched() as gui:
@@ -303,7 +305,7 @@ for moment, iterations in (("solver", 100_000), ("streaks", 10)):
 """
 
 
-def test_closing_in_the_middle_of_work_leaves_nothing_behind(tmp_path):
+def test_closing_during_work_leaves_nothing_behind(tmp_path):
     """While the solver runs, and while streaks are computed."""
     done = python(_CLOSED, str(tmp_path))
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
@@ -328,7 +330,7 @@ sys.exit(status)
 
 
 @pytest.mark.parametrize(("words", "said"), [("", "a.off"), ("['b.off']", "b.off")])
-def test_the_program_ends_after_cleaning_up(words, said):
+def test_program_ends_after_cleanup(words, said):
     """A caller of `main` continues."""
     done = python(_PROGRAM.replace("{words}", words))
     assert (done.returncode, done.stderr) == (7, "")
@@ -351,15 +353,15 @@ for module in (exponential, coarsening, optimizer, line_integral, texture_atlas)
 """
 
 
-def test_the_first_match_finds_its_kernels_compiled():
-    """In a process of its own, in which nothing else has compiled them."""
+def test_kernels_are_compiled_before_the_first_match():
+    """In a separate process, in which nothing else has compiled them."""
     done = python(_SAY, check=True)
     compiled = {name: int(count) for name, count in map(str.split, done.stdout.splitlines())}
     assert len(compiled) == 5
     assert min(compiled.values()) > 0, compiled
 
 
-def test_a_figure_keeps_only_the_theme_of_the_view():
+def test_figure_keeps_only_the_theme_of_the_view():
     forgotten = {"blend": True, "transport": True, "animate": True, "coloring": "checker"}
     document, _ = figure_document(7, View(theme="dark", **forgotten))
     assert document.view.theme == "dark"

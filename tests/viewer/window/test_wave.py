@@ -1,4 +1,4 @@
-"""The sample of frames: waves that move by known velocities."""
+"""The sample of frames: waves with known velocities."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from abfm_viewer.window.wave import drifting_wave, turning_wave
 from tests.viewer.sessions import EGG
 
 
-def test_waves_move_by_their_velocities():
+def test_waves_have_the_given_velocities():
     directions = EGG.vertices / np.linalg.norm(EGG.vertices, axis=1)[:, None]
     times, step = np.array([0.3, 0.3 + 1e-6]), 1e-6
     frames, axes = turning_wave(directions, times)
-    moved = directions - step * np.cross(axes[0], directions)  # what came to each place
+    moved = directions - step * np.cross(axes[0], directions)  # origins of the values at each place
     moved /= np.linalg.norm(moved, axis=1)[:, None]
     back = turning_wave(moved, times[:1])[0][0]
     np.testing.assert_allclose((frames[1] - frames[0]) / step, (back - frames[0]) / step, atol=1e-3)
