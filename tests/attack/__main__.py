@@ -1,6 +1,6 @@
-"""Try to break abfm for some minutes, on all cores, and print a table of the results.
+"""Attack on abfm for some minutes, on all cores, with a table of the results.
 
-The exit status is 1 if there is a fault. Files that made one are in ``out/attack``.
+The exit status is 1 if there is a fault. Files with a fault are stored in ``out/attack``.
 """
 
 import argparse
@@ -38,7 +38,7 @@ def attack(parts, seconds, seed, workers):
 
 
 def main():
-    """The program; its exit status."""
+    """Run the program; return its exit status."""
     parser = argparse.ArgumentParser(prog="./run attack", description=__doc__)
     add = parser.add_argument
     add("--minutes", type=float, default=10, help="how long (default: 10)")

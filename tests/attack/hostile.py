@@ -1,6 +1,6 @@
-"""Files made to do harm: bombs, nesting, references, long lines, broken and heavy meshes.
+"""Hostile files: bombs, nesting, references, long lines, broken and large meshes.
 
-`HOSTILE` is a table: a name, and a function of a `random.Random` that returns a specimen. Wrong
+`HOSTILE` is a table of names and functions of a `random.Random` that return a specimen. Wrong
 counts and indices, devices and texts are in tables of `tests/core/reading` and `tests/core/mesh`.
 """
 
@@ -30,7 +30,7 @@ _VTK = '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><FieldData>{}</FieldD
 
 
 def hostile(chance):
-    """Return a hostile specimen, and what it is called."""
+    """Return a hostile specimen and its name."""
     name = chance.choice(list(HOSTILE))
     specimen = HOSTILE[name](chance)
     return replace(specimen, content=specimen.content[:LARGEST]), name
@@ -42,8 +42,8 @@ def _mesh(name, content):
 
 def _gifti(arrays, begin="", chance=None):
     text = f'<?xml version="1.0"?>{begin}<GIFTI Version="1.0">{arrays}</GIFTI>'
-    door = chance.choice(("mesh", "values", "frames", "labels")) if chance else "mesh"
-    return Specimen("a.surf.gii", door, text.encode())
+    reader = chance.choice(("mesh", "values", "frames", "labels")) if chance else "mesh"
+    return Specimen("a.surf.gii", reader, text.encode())
 
 
 def _xml(chance):
@@ -82,7 +82,7 @@ def _repeated_arrays(chance):
 
 
 def _packed(chance):
-    """Hold gigabytes of one byte in a few kilobytes."""
+    """Compress gigabytes of one byte into a few kilobytes."""
     if chance.random() < 0.3:
         data = base64.b64encode(bomb(chance.choice((1 << 20, 1 << 30)))).decode()
         return _gifti(_POINTS.format(42, "GZipBase64Binary", "", data), chance=chance)
@@ -93,15 +93,15 @@ def _packed(chance):
 
 
 def _lines(chance):
-    """Repeat a line, a word or a digit by the million."""
+    """Repeat a line, a word or a digit a million times."""
     name = chance.choice(("a.off", "a.obj", "a.csv", "a.txt", "a.vts"))
     text = {"a.off": _OFF, "a.obj": _OBJ}.get(name, "1\n" * COUNT)
-    door = "mesh" if name in ("a.off", "a.obj") else chance.choice(("values", "map", "frames"))
+    reader = "mesh" if name in ("a.off", "a.obj") else chance.choice(("values", "map", "frames"))
     fillers = ("\n", "# x\n", " ", "0 ", "f 1 2 3\n", "x", "9", '"', "1,", "\0", "\\\n")
     filler = chance.choice(fillers)
     piece = filler * (chance.choice((10**5, 10**6, 9 << 20)) // len(filler))
     at = chance.choice((0, 4, text.find("\n") + 1, len(text)))
-    return Specimen(name, door, (text[:at] + piece + text[at:]).encode())
+    return Specimen(name, reader, (text[:at] + piece + text[at:]).encode())
 
 
 def _zips(chance):
@@ -124,8 +124,8 @@ def _zips(chance):
 
 
 def _words_of_batch(chance):
-    """Have control characters, formulas and foreign paths in a folder of results."""
-    names = [n for n, s in specimens().items() if s.door == "batch" and n.endswith(".json")]
+    """Write control characters, formulas and foreign paths into a folder of results."""
+    names = [n for n, s in specimens().items() if s.reader == "batch" and n.endswith(".json")]
     specimen = specimens()[chance.choice(names)]
     tree = json.loads(specimen.content)
     place = tree["rows"][0] if "rows" in tree else tree
@@ -139,7 +139,7 @@ _COORDINATES = (np.nan, np.inf, 1e308, -1e308, 5e-324, 1e200, 1e-60, 0.0)
 
 
 def _broken(chance):
-    """Make a mesh that is no surface, or hardly one."""
+    """Return a mesh that is not a surface, or degenerate."""
     shape = chance.choice(_SHAPES)
     V, F = shape.vertices.copy(), shape.faces.copy()
     for _ in range(chance.choice((1, 1, 2, 3))):
@@ -172,7 +172,7 @@ _BREAKS = (
     lambda c, V, F, f, v: (V, np.concatenate([F, F[:, ::-1]])),
     lambda c, V, F, f, v: (V * c.choice((1e-70, 1e-9, 1e9, 1e70)) + c.choice((0, 1e9, 1e16)), F),
 )
-"""What may be wrong with vertices and faces, each at a face and a vertex."""
+"""Faults of vertices and faces, each at a face and a vertex."""
 
 
 def _heavy(chance):
@@ -190,4 +190,4 @@ HOSTILE = {
     "broken mesh": _broken,
     "heavy mesh": _heavy,
 }
-"""Makers of specimens by what is wrong with these."""
+"""Functions that make specimens, by the kind of fault."""

@@ -1,8 +1,8 @@
-"""A hunt for faults: hypothesis makes trials of one part of the attack, and faults are counted.
+"""Search for faults: hypothesis makes trials of one part of the attack, and faults are counted.
 
 A part has a function that makes one trial with a `random.Random` that hypothesis controls. It
-returns a `Trial` or raises a `FaultError`. Hypothesis numbers its runs by a seed, so that
-``python -m tests.attack --repeat PART:SEED`` makes the same trials again and shrinks a fault.
+returns a `Trial` or raises a `FaultError`. Hypothesis numbers its runs by a seed, so that ``python
+-m tests.attack --repeat PART:SEED`` repeats the same trials and shrinks a fault.
 """
 
 import tempfile
@@ -28,13 +28,13 @@ PARTS = {
     "batches": 1,
     "monkey": 2,
 }
-"""The parts, and the number of trials of each per seed."""
+"""Number of trials of each part per seed."""
 SHRUNK = ("mutations", "hostile")
 
 
 @dataclass
 class Tally:
-    """Counts of one part, its largest time and memory, and its faults by the seed of each."""
+    """Counts of one part, its largest time and memory, and its faults by seed."""
 
     part: str
     trials: int = 0
@@ -56,9 +56,9 @@ class Tally:
 
 
 def hunt(tally, attempt, seed, trials=40, shrinks=False):
-    """Make the trials of a seed, the same ones each time, and add what comes of them to a tally.
+    """Make the trials of a seed, always the same ones, and add the results to a tally.
 
-    Faults are shrunk only in parts whose trials depend on nothing else.
+    Faults are shrunk only in parts whose trials depend only on the seed.
     """
 
     def one(chance):
@@ -87,7 +87,7 @@ def hunt(tally, attempt, seed, trials=40, shrinks=False):
 
 
 def attempt_of(part, opened):
-    """Return the function that makes one trial of a part; `opened` closes what it needs."""
+    """Return the function that makes one trial of a part; `opened` closes its resources."""
     if part in SHRUNK:
         from tests.attack import hostile, mutations
         from tests.attack.victim import Victim
@@ -108,7 +108,7 @@ def attempt_of(part, opened):
 
 
 def run_part(part, seed, seconds, shrinks=False):
-    """Make the trials of a seed and of those after it, for so many seconds."""
+    """Make the trials of a seed and of the following ones, for a number of seconds."""
     tally, end = Tally(part), time.monotonic() + seconds
     with ExitStack() as opened:
         attempt = attempt_of(part, opened)
@@ -120,7 +120,7 @@ def run_part(part, seed, seconds, shrinks=False):
 
 
 def table(tallies):
-    """Lines for the terminal, the faults below."""
+    """Return lines for the terminal, with the faults below."""
     heads = ("part", "trials", "refused", "faults", "longest (s)", "most memory (MB)")
     rows = [heads, *(tally.row() for tally in tallies)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

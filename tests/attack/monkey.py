@@ -1,7 +1,7 @@
-"""A monkey at the window: random sequences of what a user can do.
+"""Random use of the window: sequences of all actions of a user.
 
-A sequence ends by waiting until nothing is computed, and by undoing everything, which must lead
-back to its beginning. The window stays open from one sequence to the next.
+A sequence ends when nothing is computed any more. Undoing everything must then lead back to its
+beginning. The window stays open from one sequence to the next.
 """
 
 import re
@@ -22,7 +22,7 @@ from tests.attack.trial import FaultError, Trial
 from tests.mesh_writers import write
 from tests.shapes import ellipsoid
 
-# frames of 5 ms, and as long as they take, in which everything must come to its end
+# frames of at least 5 ms, within which everything must end
 _FRAMES_MAX, _LINE_MAX, _THREADS_MAX = 3000, 1000, 20
 _BUG = re.compile(r"\b(Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup)Error: ")
 _ENDS = ("Go back", "Cancel", "Close", "OK", "Later", "No", "Don't replace")
@@ -84,15 +84,15 @@ class Monkey(ExitStack):
         return Trial(seconds=time.process_time() - begin)
 
     def _fault(self, what):
-        self._faults[" ".join(what.split())] = None  # each once, in their order
+        self._faults[" ".join(what.split())] = None  # each one once, in their order
 
     def _act(self, chance):
-        """Do something, and return what; in brackets if its widget was not there."""
+        """Do something, and return its description, in brackets if the widget was missing."""
         self.gui.frames(1)
         name = chance.choice(_ACTIONS)
         try:
             done = f"{name} {getattr(self, f'_{name}')(chance) or ''}".strip()
-        except (DriverError, FunctionError, IndexError):  # there is nothing to choose from
+        except (DriverError, FunctionError, IndexError):  # there is no choice
             done = f"({name})"
         except Exception as error:
             where = traceback.extract_tb(error.__traceback__)[-1]
@@ -102,12 +102,12 @@ class Monkey(ExitStack):
         return done
 
     def _usable(self, *kinds):
-        """Return widgets that were drawn last and are not grey."""
+        """Return the widgets of the last frame that are enabled."""
         drawn = self.gui.window.ui.widgets
         return [w for w in drawn if w.enabled and w.kind in kinds and w.label not in _UNUSED]
 
     def _click(self, chance):
-        """Click on a widget: half of the time, of an open menu, list or dialog, or of the solver.
+        """Click on a widget: half of the time of an open menu, list or dialog, or of the solver.
 
         Sometimes wait for the end of a match.
         """
@@ -171,7 +171,7 @@ class Monkey(ExitStack):
             self._fault(f"{part}: {error}")
 
     def _settle(self):
-        """Leave dialogs, end all work, and look at what was reported."""
+        """Leave dialogs, end all work, and check the reports."""
         gui, window, session = self.gui, self.gui.window, self.gui.session
         for _ in range(20):
             gui.frames(1)
@@ -225,9 +225,9 @@ class Monkey(ExitStack):
             self._fault(f"undo left other {', '.join(differing)}")
 
     def _save_all(self):
-        """Write every document that would be lost into a file, as at the window's end."""
+        """Save every unsaved document to a file, as when the window closes."""
         window, saves = self.gui.window, self.gui.session.saves
-        for _ in range(2):  # where a result was undone, this differs from the file with the result
+        for _ in range(2):  # if a result was undone, this differs from the file with the result
             for number, document in enumerate(saves.unsaved_documents):
                 window.files.save(self.folder / f"left-{number}.abfm", document=document)
             self._settle()
@@ -236,7 +236,7 @@ class Monkey(ExitStack):
 
 
 def differences(one, other):
-    """Return what two documents differ in, apart from what is no step of undo."""
+    """Return the fields that differ in two documents, except those without steps of undo."""
     one, other = (
         replace(each, view=replace(each.view, look=None, large=""), time=0.0)
         for each in (one, other)
@@ -246,7 +246,7 @@ def differences(one, other):
 
 
 def monkey_files(folder):
-    """Write files to open: good ones three times as often as broken ones."""
+    """Write files to open: valid ones three times as often as broken ones."""
     (folder / "folder.off").mkdir()
     contents = {name: specimens()[name].content for name in ("a.off", "result.npz", "plain.abfm")}
     good = [write(folder, name, content) for name, content in contents.items()]

@@ -48,27 +48,27 @@ _LARGEST = 2 << 20
 
 
 def mutant(chance):
-    """Return a specimen that was changed, and the names of its changes."""
+    """Return a changed specimen and the names of its changes."""
     specimen = specimens()[chance.choice(list(specimens()))]
-    content, beside, done = specimen.content, dict(specimen.beside), []
+    content, companions, done = specimen.content, dict(specimen.companions), []
     is_packed = specimen.name.endswith((".gz", ".mgz")) and chance.random() < 0.8
     if is_packed:
         content = gzip.decompress(content)
     for _ in range(chance.choice((1, 1, 1, 2, 4))):
         name, mutation = chance.choice(list(MUTATIONS.items()))
         done.append(name)
-        if beside and specimen.door != "batch" and chance.random() < 0.3:
-            other = chance.choice(sorted(beside))
-            beside[other] = mutation(chance, beside[other])[:_LARGEST]
+        if companions and specimen.reader != "batch" and chance.random() < 0.3:
+            other = chance.choice(sorted(companions))
+            companions[other] = mutation(chance, companions[other])[:_LARGEST]
         else:
             content = mutation(chance, content)[:_LARGEST]
     if is_packed:
         content = gzip.compress(content, mtime=0)
-    return replace(specimen, content=content, beside=beside), "+".join(done)
+    return replace(specimen, content=content, companions=companions), "+".join(done)
 
 
 def _place(chance, data):
-    """Return a place in a file: anywhere, half of the time near its beginning."""
+    """Return a place in a file: anywhere, or half of the time near its beginning."""
     return chance.randint(0, min(len(data), 400) if chance.random() < 0.5 else len(data))
 
 
@@ -90,7 +90,7 @@ def _piece(chance, data):
 
 
 def _replaced(chance, data, pattern, choices):
-    """Replace a few matches of a pattern by choices."""
+    """Replace a few matches of a pattern by random choices."""
     for _ in range(chance.choice((1, 1, 3))):
         if match := pattern.search(data, _place(chance, data)) or pattern.search(data):
             data = data[: match.start()] + chance.choice(choices) + data[match.end() :]
@@ -115,10 +115,10 @@ def _lines(chance, data):
 def _inside(chance, data):
     """Change a member of a zip, with the right checksum, or a value of a JSON text."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # two members of one name are meant
+        warnings.simplefilter("ignore")  # two members may have one name
         try:
             return _with_member(chance, data) if data[:2] == b"PK" else _with_value(chance, data)
-        except (ValueError, zipfile.BadZipFile, RecursionError):  # it is broken already
+        except (ValueError, zipfile.BadZipFile, RecursionError):  # already broken
             return _bits(chance, data)
 
 
@@ -158,4 +158,4 @@ MUTATIONS = {
     "lines": _lines,
     "inside": _inside,
 }
-"""Changes of a file by their names."""
+"""Changes of a file, by name."""

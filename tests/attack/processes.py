@@ -1,6 +1,6 @@
-"""Commands that are ended at random: by signals, by kills, by a lack of memory; and batches.
+"""Commands that are ended at random, by signals, kills or a lack of memory, and batches.
 
-Linux only: what catches which signal, and which processes remain, is read from /proc.
+Linux only: handled signals and remaining processes are read from /proc.
 """
 
 import os
@@ -42,14 +42,14 @@ from tests.viewer.cli.batches import (
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _SAID = ("stopping with the best result so far", "stopping with the finished", "abfm: interrupted")
 _PROGRESS = ("iteration ", "compiling", "note: ")
-_PATIENCE = 60.0  # seconds after which a process does not end
+_PATIENCE = 60.0  # seconds until a process counts as not ending
 _ROWS, _KILLS, _SECONDS_MAX = 12, 3, 4.0  # of a batch
 
 _PAIR = ("--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2")
 _LONG = ("--set=iterations=1000000", "--set=tolerance=0", "--sigma=1e-6", "--out=m.npz")
 _MOVIE = ("--out=m.mp4", "--size=320x240", "--seconds=0.3", "--quiet")
 _BRIEF = ("--set=iterations=3", "--out=m.npz", "--out=m.vtu", "--quiet")
-COMMANDS = {  # words, seconds in which a signal comes, files that may be left
+COMMANDS = {  # arguments, seconds within which a signal is sent, files that may remain
     "match": (("match", "MESH", *_PAIR, *_LONG), 4.0, {"m.npz"}),
     "short match": (("match", "MESH", *_PAIR, *_BRIEF), 3.0, {"m.npz", "m.vtu"}),
     "map": (("map", "RESULT", "--out=map.txt"), 3.0, {"map.txt"}),
@@ -59,7 +59,7 @@ COMMANDS = {  # words, seconds in which a signal comes, files that may be left
 
 
 class Signals:
-    """Sends signals to commands in folders of their own."""
+    """Sends signals to commands in their own folders."""
 
     def __init__(self, folder):
         self._folder = folder
@@ -67,7 +67,7 @@ class Signals:
         write(folder, "result.npz", specimens()["result.npz"].content)
 
     def attempt(self, chance, name=""):
-        """Send one signal, to the process or its group, or two to the process."""
+        """Send one signal to the process or its group, or two to the process."""
         name = name or chance.choice(list(COMMANDS))
         words, seconds, files = COMMANDS[name]
         number, mode = chance.choice(_SIGNALS), chance.choice(("process", "group", "twice"))
@@ -84,7 +84,7 @@ class Signals:
                 cwd=folder,
                 start_new_session=True,
                 env=os.environ | places,
-                preexec_fn=_take_signals,
+                preexec_fn=_restore_signals,
             )
             _send(process, number, mode, after)
             try:
@@ -99,8 +99,9 @@ class Signals:
             if process.returncode and (lines := [x for x in lines if not x.startswith(_SAID)]):
                 faults.append(f"stderr: {lines[-1][-300:]!r}")
             has_result = "\niteration" in errors and mode != "twice"
-            faults += _left(folder, files, needs_result=has_result)
-            faults += [f"process {each} remains" for each in lingering(_of_folder(place), 2)]
+            faults += _faults_of_files(folder, files, needs_result=has_result)
+            remaining = lingering(_processes_of_folder(place), 2)
+            faults += [f"process {each} remains" for each in remaining]
         return _trial(f"{name}, {number.name} to {mode} after {after:.2f} s", faults)
 
 
@@ -110,14 +111,14 @@ def _trial(what, faults, is_refused=False):
     return Trial(is_refused)
 
 
-def _take_signals():
-    """Undo what a shell in the background ignores."""
+def _restore_signals():
+    """Undo the signals that a shell in the background ignores."""
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_DFL)
 
 
 def _send(process, number, mode, after):
-    """Send it once the program answers signals; Python's own start is before that."""
+    """Send a signal after the program handles signals, not during the start of Python."""
     while process.poll() is None:
         status = Path(f"/proc/{process.pid}/status").read_text().splitlines()
         caught = next((line.split()[1] for line in status if line.startswith("SigCgt:")), "0")
@@ -132,8 +133,8 @@ def _send(process, number, mode, after):
         process.send_signal(number)
 
 
-def _left(folder, files, needs_result):
-    """Say what is wrong with the files that a command left."""
+def _faults_of_files(folder, files, needs_result):
+    """Return the faults of the files that a command left."""
     left = {path.name for path in folder.rglob("*")} - {"tmp", "recent.json", "preferences.json"}
     yield from (f"{name} is left" for name in sorted(left - files))
     for name in sorted(left & files):
@@ -148,18 +149,18 @@ def _left(folder, files, needs_result):
         yield "the best result is lost"
 
 
-def _of_folder(folder):
-    """Return the numbers of processes whose temporary files go into a folder."""
+def _processes_of_folder(folder):
+    """Return the ids of processes whose temporary files are in a folder."""
     found = []
     for process in psutil.process_iter():
-        with suppress(psutil.Error):  # it has ended, or is another user's
+        with suppress(psutil.Error):  # it has ended, or belongs to another user
             if process.environ().get("TMPDIR") == f"{folder}/tmp":
                 found.append(process.pid)
     return found
 
 
 class Kills:
-    """Kills children that save one of two versions of a file again and again."""
+    """Kills children that repeatedly save one of two versions of a file."""
 
     def __init__(self, folder):
         mesh = icosphere(2)
@@ -169,7 +170,7 @@ class Kills:
         ]
         self._documents = [document_of_result(each, folder / "m.npz")[0] for each in self._matches]
         self._folder = folder
-        self.savings = {  # name of the file: saves a version, reads which one a file is
+        self.savings = {  # by name: functions that save and read a version
             "m.npz": (lambda p, v: self._matches[v].save(p), lambda p: len(load(p).stages)),
             "m.abfm": (
                 lambda p, v: save_project(p, self._documents[v], {}),
@@ -181,7 +182,7 @@ class Kills:
             ),
             "recent.json": (
                 lambda p, v: StateFolder(p.parent).add_recent(p.parent / str(v)),
-                lambda p: len(StateFolder(p.parent).recent()),  # none if it is broken
+                lambda p: len(StateFolder(p.parent).recent()),  # 0 if it is broken
             ),
         }
 
@@ -194,7 +195,7 @@ class Kills:
             for version in range(2):
                 save(path, version)
                 versions.append(version_of(path))
-            child = get_context("fork").Process(target=_save_for_ever, args=(save, path))
+            child = get_context("fork").Process(target=_save_repeatedly, args=(save, path))
             child.start()
             time.sleep(after)
             child.kill()
@@ -205,20 +206,20 @@ class Kills:
             except (AbfmError, ValueError, OSError) as error:
                 faults.append(f"the file is broken: {error}"[:200])
             for each in path.parent.iterdir():
-                os.utime(each, (0, 0))  # newer ones are kept, as they may be about to be locked
+                os.utime(each, (0, 0))  # newer ones stay, as they may be about to be locked
             save(path, 0)
             faults += [f"{left.name} is left" for left in path.parent.iterdir() if left != path]
         return _trial(f"{name} killed after {after:.3f} s", faults)
 
 
-def _save_for_ever(save, path):
+def _save_repeatedly(save, path):
     while True:
         for version in range(2):
             save(path, version)
 
 
 def lack_memory(chance):
-    """Let memory run out in a match: one line, or the best field so far, and no crash."""
+    """Let memory run out in a match: one line or the best field so far, and no crash."""
     mesh = asset_path(chance.choice(("eight.off", "human_A.off")))
     megabytes = chance.randint(250, 1400)
     with tempfile.TemporaryDirectory() as folder:
@@ -240,7 +241,7 @@ def lack_memory(chance):
 class Batches:
     """Kills the client and workers of a batch that was solved undisturbed once.
 
-    It resumes, solves no finished row again, and ends with the same files, bit for bit.
+    The batch resumes, solves no finished row again, and ends with the same files, bit for bit.
     """
 
     def __init__(self, folder):

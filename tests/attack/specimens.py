@@ -1,4 +1,4 @@
-"""Small valid files of every kind that abfm reads, each with the door that opens it.
+"""Small valid files of every kind that abfm reads, each with its reader.
 
 A format is added by a line of `_written`, with a function that writes a small file.
 """
@@ -32,7 +32,7 @@ MESH = with_loose_vertex(WHOLE)
 COUNT = MESH.file_vertex_count
 X, Y = MESH.vertices[:, 0].copy(), MESH.vertices[:, 1].copy()
 _ON_FILE = np.stack([np.arange(COUNT) / 3, -np.arange(COUNT) / 7, np.arange(COUNT) ** 2.0], axis=1)
-# functions as text: no file, but what users type and what projects hold
+# functions as text, which users type and projects contain
 _SPECS = (
     "gaussian:vertex=17,width=0.35,height=-2.5 + gaussian:x=0.5,y=1,z=-1",
     "coordinate:x + (expression:x**2*sin(3*y) - sqrt(abs(z))) + shape-diameter",
@@ -46,17 +46,17 @@ _VTK_FORMS = (("raw", "vtkZLibDataCompressor"), ("ascii", ""), ("base64", ""))
 
 @dataclass(frozen=True)
 class Specimen:
-    """A file, its door, and files that it needs beside it."""
+    """A file, its reader, and other files that it needs in the same folder."""
 
     name: str
-    door: str
+    reader: str
     content: bytes
-    beside: Mapping[str, bytes] = field(default_factory=dict)
+    companions: Mapping[str, bytes] = field(default_factory=dict)
 
 
 @cache
 def specimens():
-    """Return all of them, by name."""
+    """Return all specimens, by name."""
     meshes = {name: write(WHOLE.vertices, WHOLE.faces) for name, (write, _) in WRITERS.items()}
     meshes |= {n: exported(WHOLE.vertices, WHOLE.faces, kind) for n, kind in STL_WRITERS.items()}
     meshes |= {f"legacy-{n}.vtk": legacy(*form) for n, form in enumerate(FORMS)}
@@ -76,7 +76,7 @@ def specimens():
 
 
 def _written():
-    """Return what the writers of abfm and of other libraries make."""
+    """Return files of the writers of abfm and of other libraries."""
     keys, used = np.arange(COUNT) % 3, np.delete(np.arange(COUNT), 5)
     mirrored = np.arange(COUNT)
     mirrored[used] = used[::-1]
@@ -117,33 +117,33 @@ def _written():
         "result.npz": ("result", RESULT.save),
     }
     with TemporaryDirectory() as place:
-        for name, (door, write) in writers.items():
+        for name, (reader, write) in writers.items():
             write(Path(place, name))
-            yield Specimen(name, door, Path(place, name).read_bytes())
+            yield Specimen(name, reader, Path(place, name).read_bytes())
 
 
 _TABLE = "name,mesh,source,target,alpha\none,m.off,coordinate:x,hks:time=1,0.1\n"
 
 
 def _waves():
-    """Return lists of frames in VTK's files."""
+    """Return lists of frames in files of VTK."""
     points = MESH.on_file(MESH.vertices, 9.0)
-    beside = {
+    companions = {
         f"wave_{k}.vtu": vtk_bytes(points, {"u": _ON_FILE[:, k]}, form, packed, time=float(k))
         for k, (form, packed) in enumerate(_VTK_FORMS)
     }
     rows = "".join(f'<DataSet timestep="{k}" file="wave_{k}.vtu"/>' for k in range(3))
     listed = f'<VTKFile type="Collection"><Collection>{rows}</Collection></VTKFile>'
-    series = {"files": [{"name": name, "time": k} for k, name in enumerate(beside)]}
+    series = {"files": [{"name": name, "time": k} for k, name in enumerate(companions)]}
     return [
-        Specimen("waves.pvd", "frames", listed.encode(), beside),
-        Specimen("waves.vtu.series", "frames", json.dumps(series).encode(), beside),
-        *(Specimen(name, "frames", beside[name], beside) for name in beside),
+        Specimen("waves.pvd", "frames", listed.encode(), companions),
+        Specimen("waves.vtu.series", "frames", json.dumps(series).encode(), companions),
+        *(Specimen(name, "frames", companions[name], companions) for name in companions),
     ]
 
 
 def _batch():
-    """Return files of a folder of results of two rows, one of which failed, and of subjects."""
+    """Return files of a folder with two rows, one of which failed, and of subjects."""
     with TemporaryDirectory() as place:
         folder = Path(place)
         off_file(folder / "m.off", WHOLE)

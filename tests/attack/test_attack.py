@@ -1,4 +1,4 @@
-"""Some of what the parts of the attack do in great numbers, and that they report faults."""
+"""A small part of the attack, and checks that it reports faults."""
 
 import random
 import sys
@@ -8,7 +8,7 @@ import pytest
 
 from abfm_viewer.document.document import Surface
 from abfm_viewer.document.kinds import MatchDocument
-from tests.attack import doors
+from tests.attack import readers
 from tests.attack.hostile import hostile
 from tests.attack.hunt import Tally, hunt, table
 from tests.attack.monkey import differences
@@ -23,7 +23,7 @@ from tests.shapes import icosphere
 linux = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="bounds and watches processes as Linux does"
 )
-# bad behaviour, and what is reported of it
+# bad behaviour, and its report
 ACTS = {
     "raise KeyError('x')": "KeyError: 'x' (outside of abfm)",
     "from abfm import AbfmError; e = AbfmError(); e.args = ('two\\nlines',); raise e": "2 lines",
@@ -36,19 +36,19 @@ ACTS = {
 }
 
 
-def enter(door, path):
-    """Do what the file says."""
-    doors.DOORS[door] = lambda path: exec(path.read_text())
-    doors.enter(door, path)
+def read_as(reader, path):
+    """Run the code in the file."""
+    readers.READERS[reader] = lambda path: exec(path.read_text())
+    readers.read_as(reader, path)
 
 
-def test_every_specimen_comes_in(tmp_path, monkeypatch):
+def test_every_specimen_is_read(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a, (b).csv").write_text("depth,x\n" + "1,2\n" * 43)
     for name, specimen in specimens().items():
         folder = tmp_path / name.replace("/", "_")
         put(specimen, folder)
-        doors.enter(specimen.door, folder / name)
+        readers.read_as(specimen.reader, folder / name)
 
 
 @linux
@@ -62,8 +62,8 @@ def test_files_are_opened_or_refused_in_one_line(make, trials, tmp_path):
 
 
 @linux
-def test_faults_are_reported_and_kept(tmp_path):
-    with Victim(tmp_path, seconds=1, megabytes=100, enter=enter) as victim:
+def test_faults_are_reported_and_stored(tmp_path):
+    with Victim(tmp_path, seconds=1, megabytes=100, open_file=read_as) as victim:
         for act, told in ACTS.items():
             with pytest.raises(FaultError) as caught:
                 victim.open(Specimen("a.txt", "act", act.encode()), "act")
@@ -99,8 +99,8 @@ def test_parts_make_a_table():
 
 
 @linux
-def test_monkey_breaks_nothing():
-    """In a process of its own: a process can draw in one way only."""
+def test_monkey_finds_no_fault():
+    """In a separate process, because a process can draw with only one backend."""
     code = (
         "import random\n"
         "from tests.attack.monkey import Monkey\n"

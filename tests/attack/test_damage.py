@@ -1,20 +1,21 @@
-"""Small files of every kind, damaged in the same ways: opened, or refused in one line."""
+"""Small files of every kind, damaged in the same ways: read, or refused in one line."""
 
 import pytest
 
 from abfm import AbfmError
-from tests.attack import doors
+from tests.attack import readers
 from tests.attack.specimens import specimens
 from tests.attack.victim import put
 from tests.core.reading.hostile import one_byte_changed
 
 CHANGES = {"project": 20, "result": 20, "mesh": 30}
-"""The number of changes of a file where opening one takes long; 60 of others."""
+"""Number of changes of a file that is slow to read; others have 60."""
 OTHERS = ("spec", "state", "batch")
-"""Doors of texts, and of what is never refused."""
-WHOLE_ENDINGS = (".npy", ".npz", ".abfm", ".glb", "binary.stl", "little.ply", "big.ply", ".annot")
-WHOLE_ENDINGS += (".gii", ".gz", ".sulc", ".mgz", ".stc", ".dscalar.nii", ".mat", "_0.vtu")
-"""Files whose parts are told apart from complete ones."""
+"""Readers of texts, and of files that are never refused."""
+COMPLETE_ENDINGS = (".npy", ".npz", ".abfm", ".glb", "binary.stl", "little.ply", "big.ply")
+COMPLETE_ENDINGS += (".annot", ".gii", ".gz", ".sulc", ".mgz", ".stc", ".dscalar.nii", ".mat")
+COMPLETE_ENDINGS += ("_0.vtu",)
+"""Suffixes of files whose truncation is always detected."""
 
 
 def changes(content, count):
@@ -24,23 +25,24 @@ def changes(content, count):
     return one_byte_changed(content, places)
 
 
-@pytest.mark.parametrize("door", [door for door in doors.DOORS if door not in OTHERS])
-def test_damaged_files_are_opened_or_refused(door, tmp_path, monkeypatch):
+@pytest.mark.parametrize("reader", [reader for reader in readers.READERS if reader not in OTHERS])
+def test_damaged_files_are_opened_or_refused(reader, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     opened, refused = [], 0
-    for name, whole in specimens().items():
-        if whole.door != door:
+    for name, specimen in specimens().items():
+        if specimen.reader != reader:
             continue
-        put(whole, tmp_path / "files")
-        path, size = tmp_path / "files" / name, len(whole.content)
-        parts = [whole.content[: size * tenth // 10] for tenth in range(10)]
-        for number, content in enumerate([*parts, *changes(whole.content, CHANGES.get(door, 60))]):
+        put(specimen, tmp_path / "files")
+        path, size = tmp_path / "files" / name, len(specimen.content)
+        parts = [specimen.content[: size * tenth // 10] for tenth in range(10)]
+        damaged = [*parts, *changes(specimen.content, CHANGES.get(reader, 60))]
+        for number, content in enumerate(damaged):
             path.write_bytes(content)
             try:
-                doors.enter(door, path)
+                readers.read_as(reader, path)
             except AbfmError:
                 refused += 1
             else:
                 opened += [f"{number} tenths of {name}"] if number < len(parts) else []
     assert refused > 10
-    assert [each for each in opened if each.endswith(WHOLE_ENDINGS)] == []
+    assert [each for each in opened if each.endswith(COMPLETE_ENDINGS)] == []

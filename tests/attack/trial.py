@@ -12,4 +12,4 @@ class Trial(NamedTuple):
 
 
 class FaultError(AssertionError):
-    """A broken promise: what was tried, and what came of it."""
+    """A broken promise: the input and the result."""

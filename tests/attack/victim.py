@@ -1,4 +1,4 @@
-"""A process that opens hostile files, with bounded memory and time, and its watcher."""
+"""A process that opens hostile files, with limited memory and time, and its watcher."""
 
 import contextlib
 import faulthandler
@@ -16,48 +16,48 @@ from pathlib import Path
 
 from abfm import AbfmError
 from tests import peak_memory
-from tests.attack import doors
+from tests.attack import readers
 from tests.attack.trial import FaultError, Trial
 from tests.processes import ROOT
 
-# CPU time that a file of at most so many bytes may take, and memory by which the process may grow
+# limits of CPU time and of memory growth for a file of at most this size
 SECONDS, MEGABYTES, LARGEST = 10, 1000, 10 << 20
 _ADDRESS_SPACE, _HERE = 3 << 30, f"{ROOT}{os.sep}"
-_PATIENCE = 120.0  # seconds by the clock, for what waits without computing
+_PATIENCE = 120.0  # wall-clock seconds, for a process that waits without computing
 
 
 class Victim(contextlib.ExitStack):
-    """Opens files in a process that is started again when it dies; those with a fault are kept."""
+    """Opens files in a process that is restarted when it dies; files with a fault are stored."""
 
-    def __init__(self, keep, seconds=SECONDS, megabytes=MEGABYTES, enter=doors.enter):
+    def __init__(self, keep, seconds=SECONDS, megabytes=MEGABYTES, open_file=readers.read_as):
         super().__init__()
-        self._keep, self._limits, self._enter = keep, (seconds, megabytes), enter
+        self._keep, self._limits, self._open_file = keep, (seconds, megabytes), open_file
         self._process = None
         place = self.enter_context(tempfile.TemporaryDirectory(prefix="abfm-attack-"))
         self._folder = Path(place)
         self.callback(self._end)
 
     def open(self, specimen, kind):
-        """Return the trial of a specimen, or raise a `FaultError` and keep its files."""
+        """Return the trial of a specimen, or raise a `FaultError` and store its files."""
         files = self._folder / "files"
         put(specimen, files)
-        answer = self._ask(specimen.door, files / specimen.name)
+        answer = self._request(specimen.reader, files / specimen.name)
         fault = answer.pop("fault")
         if fault:
             put(specimen, self._keep / specimen.name)
             raise FaultError(f"{specimen.name} {kind}: {fault.replace(f'{files}{os.sep}', '')}")
         return Trial(**answer)
 
-    def _ask(self, door, path):
+    def _request(self, reader, path):
         if self._process is None:
-            context = get_context("forkserver")  # whose processes begin with what it has loaded
-            context.set_forkserver_preload(["tests.attack.doors"])
+            context = get_context("forkserver")  # its processes start with the imported modules
+            context.set_forkserver_preload(["tests.attack.readers"])
             self._connection, other = context.Pipe()
-            words = other, self._folder / "log", self._enter, *self._limits
+            words = other, self._folder / "log", self._open_file, *self._limits
             self._process = context.Process(target=_answer_all, args=words)
             self._process.start()
             other.close()
-        self._connection.send((door, path))
+        self._connection.send((reader, path))
         has_answered = self._connection.poll(_PATIENCE)
         try:
             answer = self._connection.recv() if has_answered else None
@@ -67,7 +67,7 @@ class Victim(contextlib.ExitStack):
             answer = {"fault": self._death(has_answered)}
             self._end()
         elif answer["fault"] and answer["megabytes"] > self._limits[1]:
-            self._end()  # so that the memory of the next one can be measured
+            self._end()  # so that the memory of the next file can be measured
         return answer
 
     def _death(self, has_ended):
@@ -96,14 +96,14 @@ def put(specimen, folder):
     """Write the files of a specimen into a new folder."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    for name, content in {**specimen.beside, specimen.name: specimen.content}.items():
+    for name, content in {**specimen.companions, specimen.name: specimen.content}.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
 
 
-def _answer_all(connection, log, enter, seconds, megabytes):
-    """Open what is sent through a connection, and send an answer for each."""
+def _answer_all(connection, log, open_file, seconds, megabytes):
+    """Open the files that are sent through a connection, and send an answer for each."""
     os.chdir(log.parent)
     with log.open("w") as stacks, tempfile.TemporaryFile("w+") as printed:
         os.dup2(printed.fileno(), 1)
@@ -113,7 +113,7 @@ def _answer_all(connection, log, enter, seconds, megabytes):
         resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
         with contextlib.suppress(EOFError):
             while True:
-                answer = _answer(enter, *connection.recv(), seconds, megabytes)
+                answer = _answer(open_file, *connection.recv(), seconds, megabytes)
                 sys.stdout.flush()
                 sys.stderr.flush()
                 printed.seek(0)
@@ -124,7 +124,7 @@ def _answer_all(connection, log, enter, seconds, megabytes):
                 connection.send(answer)
 
 
-def _answer(enter, door, path, seconds_max, megabytes_max):
+def _answer(open_file, reader, path, seconds_max, megabytes_max):
     peak_memory.forget()
     memory, begin = peak_memory.megabytes(), time.process_time()
     is_refused, fault = False, ""
@@ -132,7 +132,7 @@ def _answer(enter, door, path, seconds_max, megabytes_max):
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always")
-            enter(door, path)
+            open_file(reader, path)
     except AbfmError:
         is_refused = True
     except FaultError as error:
@@ -148,7 +148,7 @@ def _answer(enter, door, path, seconds_max, megabytes_max):
 
 
 def _described(error):
-    """Return the text of an exception, and where it left abfm, or the assertion that failed."""
+    """Return the text of an exception, and where it left abfm, or the failed assertion."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.startswith(_HERE)]
     own = [f for f in frames if "/tests/" not in f.filename]
     own = [f"{f.filename.removeprefix(_HERE)}:{f.lineno}" for f in own] or ["outside of abfm"]

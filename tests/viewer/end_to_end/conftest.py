@@ -1,4 +1,4 @@
-"""The app on a small mesh, driven by mouse and keyboard events."""
+"""Fixtures: the app on a small mesh, driven by mouse and keyboard events."""
 
 import pytest
 
@@ -13,14 +13,14 @@ def _recorded(request):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _one_process_for_one_window_after_the_other():
+def _shared_processes():
     with reused_processes():
         yield
 
 
 @pytest.fixture
 def matched(gui):
-    """The app after a short run."""
+    """Return the app after a short run."""
     gui.session.editor.amend(parameters=SHORT)
     match(gui)
     return gui
@@ -28,7 +28,7 @@ def matched(gui):
 
 @pytest.fixture
 def running(gui):
-    """The app during a run that does not end by itself."""
+    """Return the app during a run that does not end by itself."""
     gui.session.editor.amend(parameters=ENDLESS)
     begin(gui)
     return gui
@@ -36,5 +36,5 @@ def running(gui):
 
 @pytest.fixture
 def notes(gui, monkeypatch):
-    """What the panels write in a frame: texts and the words for their colours."""
+    """Return a function that draws a frame and returns its texts and their tones."""
     return heard(gui, monkeypatch, "note")

@@ -1,4 +1,4 @@
-"""Tours of messages: errors with their remedies, opening, questions, and the log."""
+"""Tours of messages: errors with their remedies, loading, questions, and the log."""
 
 import threading
 
@@ -16,7 +16,7 @@ from tests.viewer.sessions import ENDLESS, SHORT, begin, match
 
 @pytest.fixture
 def two_spheres(tmp_path):
-    """A mesh file of two components."""
+    """Return a mesh file with two components."""
     small, large = icosphere(1), icosphere(2)
     vertices = np.concatenate([small.vertices, 2 * large.vertices + 9])
     faces = np.concatenate([small.faces, large.faces + len(small.vertices)])
@@ -24,7 +24,7 @@ def two_spheres(tmp_path):
 
 
 def cards(gui):
-    """The buttons of each card, the latest first."""
+    """Return the buttons of each card, the latest card first."""
     gui.frames(2)
     found = {}
     for widget in gui.window.ui.widgets:
@@ -34,17 +34,17 @@ def cards(gui):
 
 
 def test_tour_of_remedies(gui, walk):
-    """Meshes, tables and projects that cannot be read or written at first."""
+    """Meshes, tables and projects that cannot be read or written until they are repaired."""
     walk(gui, copy_the_log_and_read_the_title, open_the_largest_component, merge_and_clean)
     walk(gui, open_another_table, repair_a_bad_file, retry_a_failed_save)
     walk(gui, return_the_keyboard, leave_mouse_and_keys)
 
 
 def test_tour_of_questions(gui, walk):
-    """Opening, closing and Escape during a run and after it."""
+    """Open, close and press Escape during a run and after it."""
     walk(gui, cancel_opening)
     walk(gui, answer_during_a_run, show_three_cards, parameters=ENDLESS)
-    walk(gui, save_what_was_left, parameters=SHORT)
+    walk(gui, save_replaced_document, parameters=SHORT)
 
 
 def open_the_largest_component(gui, two_spheres):
@@ -55,7 +55,7 @@ def open_the_largest_component(gui, two_spheres):
     gui.click("Open another mesh...", "message 1")
     assert gui.window.dialogs.is_open
     gui.click("Cancel", "Open a mesh")
-    assert cards(gui) == []  # who goes on has read it
+    assert cards(gui) == []  # an action of the user dismisses it
     gui.window._dropped([str(two_spheres)])
     gui.wait(lambda s: s.notices.cards)
     gui.click("Largest component")
@@ -64,7 +64,7 @@ def open_the_largest_component(gui, two_spheres):
 
 
 def merge_and_clean(gui, tmp_path):
-    """Split meshes and both hemispheres are opened by their remedies."""
+    """Open split meshes and both hemispheres by their remedies."""
     sphere = icosphere(1)
     corners = sphere.vertices[sphere.faces.ravel()]
     split = write(tmp_path, "s.off", off_text(corners, np.arange(240).reshape(-1, 3)))
@@ -99,7 +99,7 @@ def open_another_table(gui, tmp_path):
 
 
 def repair_a_bad_file(gui, tmp_path):
-    """A card stays until its file is repaired; the newest one has the remedy."""
+    """Check that a card stays until its file is repaired; the newest has the remedy."""
     bad = tmp_path / "bad.off"
     bad.write_text("OFF\nnonsense\n")
     gui.window._dropped([str(bad)])
@@ -117,7 +117,7 @@ def repair_a_bad_file(gui, tmp_path):
         gui.wait(lambda s, count=count: len(s.notices.cards) == count)
     first = ["Try again", "Open another mesh...", "Dismiss"]
     assert cards(gui) == [first, ["Try again", "Dismiss"]]
-    gui.click("Try again", within="message 2")  # the one that was meant is tried
+    gui.click("Try again", within="message 2")  # the intended file is tried
     gui.wait(lambda s: len(s.notices.cards) == 2 and not s.loading.now)
     assert ["one.off" in card.text for card in gui.session.notices.cards] == [True, False]
     gui.click("Dismiss", within="message 1")
@@ -127,14 +127,14 @@ def repair_a_bad_file(gui, tmp_path):
 def show_three_cards(gui):
     notices, done = gui.session.notices, []
     begin(gui)
-    for word in ("first", "second"):  # has one card with the newest remedies
+    for word in ("first", "second"):  # has only one card, with the newest remedies
         notices.show("a problem", True, remedies={"Try again": lambda word=word: done.append(word)})
         notices.show("another", True)
     assert cards(gui) == [["Dismiss"], ["Try again", "Dismiss"]]
     gui.click("Try again")
     assert done == ["second"]
     gui.key("esc")
-    for number in (0, 1, 2, 3, 4, 4):  # the last no second time
+    for number in (0, 1, 2, 3, 4, 4):  # the last message is not repeated
         notices.show(f"problem {number}", is_error=True)
     assert cards(gui) == [["Dismiss"]] * 3
     gui.click("Dismiss", "message 2")
@@ -149,7 +149,7 @@ def show_three_cards(gui):
 
 
 def leave_mouse_and_keys(gui, tmp_path):
-    """Cards take no click next to them and no keys, and are in front of the surfaces."""
+    """Check that cards take no clicks next to them, take no keys, and are in front."""
     gui.click("Match", "steps")
     gui.click("sigma")
     assert imgui.GetIO().WantTextInput
@@ -199,8 +199,8 @@ def retry_a_failed_save(gui, tmp_path):
 
 
 def return_the_keyboard(gui, tmp_path):
-    """To the box after a save."""
-    gui.window.files.save(tmp_path / "none" / "a.abfm")  # there is no such folder
+    """Check that the box gets the keyboard back after a save."""
+    gui.window.files.save(tmp_path / "none" / "a.abfm")  # the folder does not exist
     gui.wait(lambda s: s.notices.cards)
     gui.type("spec", "gaussian:vertex=3,width=0.2", within="source", enter=False)
     gui.key("ctrl+s")
@@ -239,7 +239,7 @@ def cancel_opening(gui, tmp_path, monkeypatch):
 
 
 def copy_the_log_and_read_the_title(gui, tmp_path):
-    """The title has the name, and whether it is saved."""
+    """Check the name of the document in the title, and whether it is saved."""
     gui.session.notices.show("first a notice")
     gui.window._dropped([str(tmp_path / "song.mp3")])
     gui.menu("Help", "Messages")
@@ -258,8 +258,8 @@ def copy_the_log_and_read_the_title(gui, tmp_path):
     assert gui.window.title._now == "mine.abfm - abfm"
 
 
-def save_what_was_left(gui, tmp_path):
-    """Closing asks for work that another mesh replaced."""
+def save_replaced_document(gui, tmp_path):
+    """Close, with a question about work that another mesh replaced."""
     match(gui)
     found = gui.session.result
     gui.window.files.open(off_file(tmp_path / "b.off", icosphere(1)))
@@ -276,7 +276,7 @@ def save_what_was_left(gui, tmp_path):
 
 
 def answer_during_a_run(gui, tmp_path):
-    """Every answer of the question, which changes when the run ends."""
+    """Give every answer to the question, which changes when the run ends."""
     path, session = off_file(tmp_path / "b.off", icosphere(1)), gui.session
     begin(gui)
 

@@ -1,4 +1,4 @@
-"""Tours of closing while a match runs, and of work that an ended launch left."""
+"""Tours of closing during a match, and of unsaved work of an earlier launch."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ from tests.viewer.sessions import ENDLESS, SIZE, opened, restart, solving, until
 
 @contextmanager
 def running(gui, path):
-    """Start a run of a project that ends when the event is set, after it was cancelled."""
+    """Start a run of a project that ends when the event is set, after a cancellation."""
     may_end = threading.Event()
     solve = Process.solve
 
@@ -40,7 +40,7 @@ def running(gui, path):
 
 
 def test_tour_of_closing(gui, tmp_path, monkeypatch):
-    """While a match runs, waits for its first field, and after its process was killed."""
+    """Close during a match, before its first field, and after its process was killed."""
     document = gui.session.document
     for step in (wait_for_the_run, cancel_closing, try_again):
         path = tmp_path / f"{step.__name__}.abfm"
@@ -60,7 +60,7 @@ def save_and_close(gui):
 
 
 def wait_for_the_run(gui, may_end, path):
-    """Saving and closing waits for the run with frames."""
+    """Save and close: frames are drawn until the run has ended."""
     gui.session.solver.pause()
     save_and_close(gui)
     frames = gui.window.frames
@@ -76,7 +76,7 @@ def wait_for_the_run(gui, may_end, path):
 
 
 def cancel_closing(gui, may_end, path):
-    """The window and the field stay."""
+    """Check that the window and the field stay."""
     save_and_close(gui)
     gui.click("Cancel", within="ending the run")
     may_end.set()
@@ -88,7 +88,7 @@ def cancel_closing(gui, may_end, path):
 
 
 def try_again(gui, may_end, path):
-    """A second attempt asks again and may close at once."""
+    """Close a second time, with the question again; this can close at once."""
     save_and_close(gui)
     gui.key("ctrl+q")
     gui.click("Go back", within="Save before closing?")
@@ -131,7 +131,7 @@ def resume_after_a_killed_process(gui):
         os.kill(gui.session.solver.process._worker.pid, signal.SIGKILL)
         gui.wait(lambda s: s.solver.failed)
         result = gui.session.result
-        # a better one may have come meanwhile
+        # there may be a better one by now
         assert (result.velocity == kept.velocity).all() or result.residual <= kept.residual
         check_message(gui.session.notices.cards[0].text)
         gui.click(label, within="message 1")
@@ -141,22 +141,22 @@ def resume_after_a_killed_process(gui):
         gui.wait(lambda s: not s.solver.running)
 
 
-def leave(folder):
-    """Write the project that an ended launch had open, and the copy of its unsaved work."""
+def leave_unsaved_work(folder):
+    """Write the project of an ended launch and the copy of its unsaved work."""
     session = opened()
     project = folder / "work.abfm"
     save_project(project, session.document, {})
     origin = Origin.of(project)
     session.editor.set_parameter(sigma=0.25)
-    copy = folder / "autosave-999999999.abfm"  # more than processes are counted to
+    copy = folder / "autosave-999999999.abfm"  # larger than any process id
     save_project(copy, session.document, {}, origin)
     session.close()
     return project, copy
 
 
 @contextmanager
-def asked(tmp_path):
-    """The next launch, which asks about the copy."""
+def next_launch(tmp_path):
+    """Open the next launch, which shows a question about the copy."""
     with Driver(icosphere(1), size=SIZE, state=tmp_path) as gui:
         gui.wait(lambda _: gui.window.dialogs.has_question("Recover unsaved work?"))
         yield gui
@@ -164,43 +164,43 @@ def asked(tmp_path):
 
 
 def test_tour_of_recovery(tmp_path):
-    """Launches that find a copy: it is kept, recovered and saved, discarded, or has no project."""
-    left = project, copy = leave(tmp_path)
-    with asked(tmp_path) as gui:
+    """Launches with a copy that is ignored, recovered and saved, discarded, or without project."""
+    left = project, copy = leave_unsaved_work(tmp_path)
+    with next_launch(tmp_path) as gui:
         gui.click("Later")
         gui.wait(lambda _: not gui.window.dialogs.is_open)
         assert copy.exists()
         assert gui.session.document.name == "mesh"
-    with asked(tmp_path) as gui:
+    with next_launch(tmp_path) as gui:
         gui.click("Recover")
         gui.wait(lambda s: s.parameters.sigma == 0.25)
         assert gui.session.saves.title == "* work.abfm"
         replace_a_changed_project(gui, left)
         save_again(gui, left)
-    leave(tmp_path)
-    with asked(tmp_path) as gui:
+    leave_unsaved_work(tmp_path)
+    with next_launch(tmp_path) as gui:
         gui.click("Discard")
         gui.wait(lambda _: not gui.window.dialogs.is_open)
         assert not copy.exists()
         assert gui.session.document.name == "mesh"
-    leave(tmp_path)
-    with asked(tmp_path) as gui:
+    leave_unsaved_work(tmp_path)
+    with next_launch(tmp_path) as gui:
         gui.click("Recover")
         gui.wait(lambda s: s.parameters.sigma == 0.25)
         gui.key("ctrl+s")
         written(gui)
         assert not gui.window.dialogs.is_open
         assert load_project(project)[0].parameters.sigma == 0.25
-    leave(tmp_path)
+    leave_unsaved_work(tmp_path)
     project.unlink()
-    with asked(tmp_path) as gui:
+    with next_launch(tmp_path) as gui:
         gui.click("Recover")
         gui.wait(lambda s: s.parameters.sigma == 0.25)
         assert (gui.session.saves.path, gui.session.saves.title) == (None, "* sphere")
 
 
 def save_again(recovered, left):
-    """The file is as this launch wrote it, and no copy stays."""
+    """Check that the file is as this launch wrote it, and that no copy remains."""
     project, copy = left
     assert recovered.session.saves.title == "work.abfm"
     recovered.wait(lambda _: not list(copy.parent.glob("autosave-*")))
@@ -215,7 +215,7 @@ def written(gui):
 
 
 def replace_a_changed_project(recovered, left):
-    """Only after a question."""
+    """Check that a changed project is only replaced after a question."""
     project, _ = left
     project.write_bytes(b"another's work")
     recovered.key("ctrl+s")
@@ -223,7 +223,7 @@ def replace_a_changed_project(recovered, left):
     assert recovered.window.dialogs.has_question("Replace a changed file?")
     recovered.click("Save as...", within="Replace a changed file?")
     recovered.frames(3)
-    assert recovered.window.dialogs.is_open  # asks for a name
+    assert recovered.window.dialogs.is_open  # shows a dialog for the name
     recovered.key("esc")
     recovered.key("ctrl+s")
     recovered.frames(3)

@@ -1,4 +1,4 @@
-"""The Driver itself: labels, sliders, sections, errors, and what a process may do with it."""
+"""The Driver: labels, sliders, sections, errors, and its limits."""
 
 from pathlib import Path
 
@@ -19,10 +19,10 @@ ROOT = Path(__file__).parents[3]
 
 
 def test_tour_of_the_driver(gui, walk):
-    """Labels, sliders, sections, pictures, buttons of the mouse, and errors."""
-    walk(gui, name_what_is_missing, drag_sliders, drag_with_the_right_button, write_pictures)
-    walk(gui, name_labels_that_are_there_twice, follow_a_widget_that_moves)
-    walk(gui, tell_the_button_from_the_tab)
+    """Labels, sliders, sections, pictures, mouse buttons, and errors."""
+    walk(gui, report_missing_widgets, drag_sliders, drag_with_the_right_button, write_pictures)
+    walk(gui, report_ambiguous_labels, follow_a_moving_widget)
+    walk(gui, prefer_the_button_to_the_tab)
 
 
 def drag_sliders(gui):
@@ -41,8 +41,8 @@ def drag_sliders(gui):
             assert float(slider.text) == value, label
 
 
-def name_what_is_missing(gui):
-    """And open what is closed."""
+def report_missing_widgets(gui):
+    """Open closed tabs and sections in the search."""
 
     def opened():
         return [(w.label, w.kind) for w in gui.window.ui.widgets if w.text == "open"]
@@ -70,7 +70,7 @@ def name_what_is_missing(gui):
             act(*words)
 
 
-def name_labels_that_are_there_twice(gui, monkeypatch):
+def report_ambiguous_labels(gui, monkeypatch):
     pressed, disabled = [], set()
 
     def draw(context):
@@ -90,7 +90,7 @@ def name_labels_that_are_there_twice(gui, monkeypatch):
     assert pressed == ["target", "source"]
 
 
-def follow_a_widget_that_moves(gui, monkeypatch):
+def follow_a_moving_widget(gui, monkeypatch):
     pressed, tops, above = [], [0.0], []
 
     def draw(context):
@@ -106,7 +106,7 @@ def follow_a_widget_that_moves(gui, monkeypatch):
     assert (above, pressed) == (["what came"], ["bump"])
 
 
-def tell_the_button_from_the_tab(gui):
+def prefer_the_button_to_the_tab(gui):
     gui.session.editor.amend(parameters=QUICK)
     gui.click("Match", within="steps")
     assert not gui.session.solver.running
@@ -116,7 +116,7 @@ def tell_the_button_from_the_tab(gui):
 
 
 def write_pictures(gui, tmp_path):
-    """They keep sections and scrolling and change nothing."""
+    """Pictures keep sections and scrolling, and change nothing."""
 
     def placed():
         return [(w.label, w.rect) for w in gui.window.ui.widgets]
@@ -135,12 +135,12 @@ def write_pictures(gui, tmp_path):
     assert np.abs(once - twice).mean() < 0.1
     left, top, _, bottom = map(int, dict(before)["previous runs"])
     tick = once[top:bottom, left : left + bottom - top]
-    assert tick.std() > 1  # it is where it was on the screen, not below it
+    assert tick.std() > 1  # at the same place on the screen, not below it
     assert gui.session.view.previous_runs is False
 
 
 def drag_with_the_right_button(gui):
-    """In as many steps as requested."""
+    """Drag in the requested number of steps."""
     before, drawn = gui.window.scene.view, gui.window.frames
     gui.input.drag((150, 200), (165, 212), steps=7, button=1)
     after = gui.window.scene.view
@@ -148,10 +148,10 @@ def drag_with_the_right_button(gui):
     mesh = gui.session.surface().mesh
     vertex = viewport(mesh).drawn(mesh.vertices[0])
     places = [view.projected("source", vertex)[0] for view in (before, after)]
-    np.testing.assert_allclose(places[1] - places[0], [15, 12, 0], atol=1e-6)  # moved, not turned
+    np.testing.assert_allclose(places[1] - places[0], [15, 12, 0], atol=1e-6)  # not turned
 
 
-def test_nothing_is_held_from_one_driver_to_the_next():
+def test_next_driver_has_no_pressed_buttons():
     def fail(gui):
         gui.click("View")
         gui.input.set_modifier("shift", True)
@@ -173,7 +173,7 @@ def test_nothing_is_held_from_one_driver_to_the_next():
         assert gui.text_of("alpha", kind="box") == f"{gui.session.parameters.alpha:g}"
 
 
-def test_a_process_has_one_backend():
+def test_process_has_one_backend():
     with (
         raises(DriverError, "openGL3_egl", "openGL_mock"),
         Driver(icosphere(1), backend="openGL_mock"),
@@ -181,8 +181,8 @@ def test_a_process_has_one_backend():
         pass
 
 
-def test_without_pictures_everything_but_pictures_works():
-    """In a process of its own."""
+def test_mock_backend_only_lacks_pictures():
+    """In a separate process."""
     code = """
 from abfm_viewer.automation import Driver
 from tests.shapes import icosphere

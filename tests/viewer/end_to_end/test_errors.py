@@ -1,4 +1,4 @@
-"""No exception ends the app: each part shows its error in its place, and the rest lives on."""
+"""Exceptions do not end the app: each part shows its error, and the others work."""
 
 from abfm_viewer.panels import right_panel, solver, status_line, time_bar
 from abfm_viewer.widgets.containers import child, section
@@ -14,8 +14,8 @@ def fail(*_arguments, **_options):
     raise RuntimeError("the roof leaks")
 
 
-def lives(gui):
-    """Whether the window still draws frames and answers."""
+def works(gui):
+    """Return whether the window still draws frames and responds."""
     before = gui.window.frames
     gui.frames(3)
     gui.key("l")
@@ -29,7 +29,7 @@ def test_tour_of_errors(gui, monkeypatch, capsys):
 
 
 def fail_in_every_part(gui, monkeypatch, capsys):
-    """A part, a solver, a scene, a session and a dialog come back."""
+    """Check that parts, a solver, a scene, a session and a dialog recover."""
     places = {part: (module, "draw") for part, module in PARTS.items()}
     for part, place in (places | {"labels": (window, "draw_annotations")}).items():
         with monkeypatch.context() as patch:
@@ -38,7 +38,7 @@ def fail_in_every_part(gui, monkeypatch, capsys):
             assert gui.errors == {part: "RuntimeError: the roof leaks"}
             assert gui.session.notices.latest.is_error
             check_message(gui.session.notices.latest.text, part, "RuntimeError: the roof leaks")
-            assert lives(gui)
+            assert works(gui)
         gui.frames(2)
         assert gui.errors == {}
         assert capsys.readouterr().err.count("Traceback") == 1
@@ -58,24 +58,24 @@ def fail_in_every_part(gui, monkeypatch, capsys):
             gui.input.click()
             gui.input.set_modifier("shift", False)
             assert set(gui.errors) <= {"scene", "mouse", "labels"}
-            assert lives(gui)
+            assert works(gui)
         gui.frames(2)
     with monkeypatch.context() as patch:
         patch.setattr(gui.session, "update", fail)
         gui.frames(2)
         assert gui.errors == {"session": "RuntimeError: the roof leaks"}
     gui.frames(2)
-    assert lives(gui)
+    assert works(gui)
     with monkeypatch.context() as patch:
         patch.setattr("abfm_viewer.dialogs.dialogs.Message.draw", fail)
         gui.menu("Help", "About")
         gui.frames(2)
         assert not gui.window.dialogs.is_open
-    assert lives(gui)
+    assert works(gui)
 
 
 def fail_in_every_panel(gui, monkeypatch):
-    """The others and ImGui stay complete, also if it fails halfway."""
+    """Check that other panels and ImGui stay complete, also after half a panel."""
     for tab, panel in PANELS:
         gui.click(tab, within=right_panel.STEPS)
         with monkeypatch.context() as patch:
@@ -83,7 +83,7 @@ def fail_in_every_panel(gui, monkeypatch):
             gui.frames(3)
             assert gui.errors == {panel: "RuntimeError: the roof leaks"}
             assert set(right_panel.TABS) <= set(gui.labels())
-            assert lives(gui)
+            assert works(gui)
             gui.drag("time", 0.5)
         gui.frames(2)
         assert gui.errors == {}
@@ -104,7 +104,7 @@ def fail_in_every_panel(gui, monkeypatch):
             patch.setitem(right_panel.TABS[tab], panel, draw)
         for tab, panels in right_panel.TABS.items():
             gui.click(tab, within=right_panel.STEPS)
-            assert lives(gui)
+            assert works(gui)
             assert set(gui.errors) == set(panels)
     gui.frames(2)
     assert gui.errors == {}

@@ -1,4 +1,4 @@
-"""Tour of the tab Export: each setting; written pictures, movies and data are read again."""
+"""Tour of the tab Export: its settings, and written pictures, movies and data."""
 
 import csv
 
@@ -9,7 +9,7 @@ from PIL import Image
 
 import abfm
 
-WINDOW = (640, 600)  # in which a tab has room below a verdict with a warning
+WINDOW = (640, 600)  # high enough for a tab below a verdict with a warning
 
 
 def exported(gui, button, path):
@@ -62,7 +62,7 @@ def set_sizes_and_save_results(matched, tmp_path):
 
 
 def save_pictures(small, tmp_path):
-    """With and without background; a movie is given up."""
+    """Save pictures with and without background, and cancel a movie."""
     exported(small, "Save picture...", tmp_path / "plain.png")
     plain = Image.open(tmp_path / "plain.png")
     assert plain.size == (400, 300)

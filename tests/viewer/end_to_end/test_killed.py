@@ -1,4 +1,4 @@
-"""Work of an app that was killed is recovered by the next launch, and goes on."""
+"""Recovery and continuation of the work of a killed app in the next launch."""
 
 import signal
 import subprocess
@@ -58,7 +58,7 @@ with Driver(mesh, size=(640, 480), state=state) as gui:
 
 
 def is_copied(state):
-    """Tell whether there is a copy from after the mark."""
+    """Return whether there is a copy from after the marker."""
     mark, copies = state / "matching", list(state.glob("autosave-*.abfm"))
     if not (mark.exists() and copies):
         return False
@@ -69,8 +69,8 @@ def ready(session):
     return not session.obstacle
 
 
-def kept(state):
-    """Return how many fields of a film are kept beside a copy that is there."""
+def stored_fields(state):
+    """Return the number of stored fields of a sequence next to an existing copy."""
     with suppress(ValueError, OSError):
         [_copy], [path] = state.glob("autosave-*.abfm"), state.glob("autosave-*.unfinished")
         with np.load(path) as arrays:
@@ -79,7 +79,7 @@ def kept(state):
 
 
 def run_and_kill(script, egg, state, is_enough):
-    """Run a script of the app on a mesh until there is enough in its state folder."""
+    """Run a script of the app on a mesh until its state folder has enough."""
     mesh = off_file(state.with_name("egg.off"), egg)
     command = [sys.executable, "-c", script, str(mesh), str(state)]
     app = subprocess.Popen(command, stderr=subprocess.PIPE)
@@ -91,10 +91,10 @@ def run_and_kill(script, egg, state, is_enough):
             time.sleep(0.05)
     finally:
         app.send_signal(signal.SIGKILL)
-        app.communicate(timeout=60)  # until all that have its stderr have ended
+        app.communicate(timeout=60)  # until all processes with its stderr have ended
 
 
-def test_save_kill_and_recover(tmp_path):
+def test_killed_match_is_recovered(tmp_path):
     egg, state = ellipsoid(2, 1, 0.7, 0.55), tmp_path / "state"
     run_and_kill(_WORK, egg, state, is_copied)
     with Driver(icosphere(1), size=SIZE, state=state) as gui:
@@ -107,17 +107,17 @@ def test_save_kill_and_recover(tmp_path):
         assert gui.session.document.runs
         assert result.velocity.any()
         assert result.stop_reason == "cancelled"
-        gui.wait(ready)  # until then it is grey
+        gui.wait(ready)  # disabled until then
         gui.click("Continue", within="verdict")
         gui.wait(lambda s: s.matching.snapshot is not None)
         assert gui.session.matching.snapshot.iteration.residual <= 1.01 * result.residual
         assert not gui.errors
 
 
-def test_a_film_goes_on_after_the_app_was_killed(tmp_path):
+def test_killed_sequence_continues(tmp_path):
     state = tmp_path / "state"
-    run_and_kill(_SEQUENCE, ellipsoid(2, 1, 0.7, 0.55), state, kept)
-    count = kept(state)
+    run_and_kill(_SEQUENCE, ellipsoid(2, 1, 0.7, 0.55), state, stored_fields)
+    count = stored_fields(state)
     assert 0 < count < 239
     with Driver(icosphere(1), size=SIZE, state=state) as gui:
         gui.click("Recover")

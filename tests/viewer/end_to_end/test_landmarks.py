@@ -1,4 +1,4 @@
-"""Tours of landmarks: clicks on both surfaces, dragging, matching, saving and opening."""
+"""Tours of landmarks: clicks on both surfaces, drags, matches, and files."""
 
 from contextlib import contextmanager
 from dataclasses import replace
@@ -21,7 +21,7 @@ EGG, BALL = ellipsoid(3, 1.0, 0.7, 0.55), icosphere(3, 10.0)
 
 @contextmanager
 def opened(files):
-    """The app on one surface or two, seen standing still."""
+    """Open the app on one or two surfaces, seen without motion."""
     with Driver(files, size=(SIZE[0], 560)) as gui:
         gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         gui.wait(lambda s: not s.obstacle)
@@ -38,7 +38,7 @@ def gui(tmp_path):
 
 
 def place(gui, count=4):
-    """Place landmarks on vertices that are seen, and return these, (L,) of the egg and the ball."""
+    """Place landmarks on visible vertices, and return these, (L,) of each surface."""
     chosen = []
     for side in ("source", "target"):
         mesh, towards = gui.session.surface(side).mesh, gui.window.scene.view_of(side).rotation[2]
@@ -52,28 +52,28 @@ def place(gui, count=4):
     return chosen
 
 
-def on(gui, side):
-    """Where landmarks are on a side, (L, 3)."""
+def positions(gui, side):
+    """Return the positions of landmarks on a side, (L, 3)."""
     points = [one.point(side) for one in gui.session.document.landmarks]
     return surface_points(gui.session.surface(side).mesh, points).positions
 
 
-def off(gui, side, vertices):
-    """How far landmarks are from vertices, in edges."""
+def distances(gui, side, vertices):
+    """Return the distances of landmarks from vertices, in edges."""
     mesh = gui.session.surface(side).mesh
     edge = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1), axis=2).mean()
-    return np.linalg.norm(on(gui, side) - mesh.vertices[list(vertices)], axis=1) / edge
+    return np.linalg.norm(positions(gui, side) - mesh.vertices[list(vertices)], axis=1) / edge
 
 
 def test_tour_of_landmarks_on_two_surfaces(gui, walk):
-    """Everything that can be done to them and with them."""
+    """All actions on landmarks of two surfaces."""
     walk(gui, place_drag_and_remove, complete_half_a_pair, remove_during_a_drag)
     walk(gui, zoom_over_a_landmark, close_the_second_surface, save_and_open_files)
     walk(gui, match_landmarks_alone)
 
 
 def test_tour_of_landmarks_on_one_surface(tmp_path):
-    """Matched next to functions, and alone until there is a channel."""
+    """Match landmarks with functions, and alone until there is a channel."""
     with opened(off_file(tmp_path / "ball.off", BALL)) as gui:
         session = gui.session
         gui.click("Place landmarks")
@@ -103,11 +103,11 @@ def place_drag_and_remove(gui):
     session = gui.session
     assert not gui.window.scene.landmarks()
     sources, targets = place(gui)
-    assert off(gui, "source", sources).max() < 0.3
-    assert off(gui, "target", targets).max() < 0.3
+    assert distances(gui, "source", sources).max() < 0.3
+    assert distances(gui, "target", targets).max() < 0.3
     assert [gui.text_of(f"{n + 1}: placed") for n in range(4)] == [*3 * [""], "chosen"]
     gui.frames(2)
-    # discs on each surface, and where the flow has them, and rings where they should be
+    # discs on each surface and at the moved points, and rings at the goals
     marks = gui.window.scene.landmarks()
     assert {(mark.surface, mark.side, mark.is_goal) for mark in marks} == {
         ("source", "source", False),
@@ -124,7 +124,7 @@ def place_drag_and_remove(gui):
     assert [one for n, one in enumerate(moved) if n != 1] == [
         one for n, one in enumerate(before) if n != 1
     ]
-    assert off(gui, "source", sources).max() < 0.5
+    assert distances(gui, "source", sources).max() < 0.5
     assert session.document.landmark == 1
     gui.key("ctrl+z")
     assert session.document.landmarks == before
@@ -140,7 +140,7 @@ def place_drag_and_remove(gui):
 
 
 def complete_half_a_pair(gui, notes):
-    """Half a pair reports what it lacks and is not matched."""
+    """Check that an incomplete landmark has a note and is not matched."""
     session = gui.session
     gui.menu("Edit", "Place landmarks")
     assert session.view.tool == "landmark"
@@ -153,7 +153,7 @@ def complete_half_a_pair(gui, notes):
     gui.pick(60, "source", modifiers=())
     assert gui.text_of("1: not yet on B, not used") == ""
     assert session.work.problem.landmarks == ()
-    gui.pick(31, "advected", modifiers=())  # which shows B, too
+    gui.pick(31, "advected", modifiers=())  # which also shows B
     assert len(session.work.problem.landmarks) == 1
     assert gui.text_of("2: not yet on B, not used") == ""
     gui.input.move(3, 60)
@@ -166,7 +166,7 @@ def complete_half_a_pair(gui, notes):
 
 
 def match_landmarks_alone(gui, tmp_path):
-    """They are matched, saved and opened again."""
+    """Landmarks are matched, saved and opened again."""
     session = gui.session
     sources, targets = place(gui)
     gui.check("landmarks alone")
@@ -178,13 +178,13 @@ def match_landmarks_alone(gui, tmp_path):
     assert result.landmark_errors.max() < 0.005
     rows = [label for label in gui.labels() if label.endswith("away")]
     assert len(rows) == 4
-    # the functions are carried along all the same
+    # the functions are also advected
     gui.drag("time", session.parameters.tau)
     assert_allclose(gui.window.shown.flow.advected(), result.advected[:, 0])
     assert np.ptp(result.advected) > 0.5
 
     def farthest():
-        apart = gui.window.shown.landmarks.moved().places - on(gui, "target")
+        apart = gui.window.shown.landmarks.moved().places - positions(gui, "target")
         return np.linalg.norm(apart, axis=1).max() / BALL.length_scale
 
     gui.wait(lambda _: farthest() < 0.006)
@@ -206,8 +206,8 @@ def match_landmarks_alone(gui, tmp_path):
         assert_allclose(session.result.landmark_errors, result.landmark_errors, atol=1e-9)
         if name == "pair.abfm":
             assert opened.landmarks == document.landmarks
-        assert off(gui, "source", sources).max() < 0.5
-        assert off(gui, "target", targets).max() < 0.5
+        assert distances(gui, "source", sources).max() < 0.5
+        assert distances(gui, "target", targets).max() < 0.5
 
 
 def save_and_open_files(gui, tmp_path):
@@ -233,7 +233,7 @@ def save_and_open_files(gui, tmp_path):
 
 
 def close_the_second_surface(gui):
-    """Landmarks are unsaved work, and A keeps its half."""
+    """Landmarks are unsaved work, and A keeps its points."""
     session = gui.session
     assert not session.saves.unsaved
     place(gui, 2)

@@ -1,4 +1,4 @@
-"""Tour of the tab Look: what surfaces show, arrows, streaks, lines, points, comparisons."""
+"""Tour of the tab Look: quantities, arrows, streaks, lines, points and comparisons."""
 
 from dataclasses import replace
 
@@ -12,13 +12,11 @@ from tests.viewer.sessions import ENDLESS, begin, cancel
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
 
-WINDOW = (640, 720)  # in which a tab has room below a verdict with a warning
+WINDOW = (640, 720)  # high enough for a tab below a verdict with a warning
 
 
 def calm(gui):
-    """Wait until nothing is computed in the background, of which the next frames may yet ask for
-    something.
-    """
+    """Wait until no background job runs, also after the next frames."""
     gui.frames(3)
     gui.wait(lambda _: not gui.window.shown.busy)
     gui.frames(3)
@@ -26,7 +24,7 @@ def calm(gui):
 
 @pytest.mark.usefixtures("coarse_streaks")
 def test_tour_of_look(matched, walk):
-    """Each choice of the tab after a match, and what follows a run."""
+    """Each choice of the tab after a match, and during a run."""
     walk(matched, show_fields_maps_and_comparisons, switch_arrows_streaks_lines_and_points)
     walk(matched, warn_of_a_torn_map, hide_old_numbers_during_a_run, follow_a_run_with_arrows)
 
@@ -108,7 +106,7 @@ def switch_arrows_streaks_lines_and_points(matched):
 
 
 def warn_of_a_torn_map(matched, notes):
-    """Where it is shown, and nowhere else."""
+    """There is a warning where the torn map is shown, and nowhere else."""
 
     def warned():
         return [text for text, _ in notes() if text.startswith("Warning: this map is not to be")]
@@ -131,20 +129,20 @@ def warn_of_a_torn_map(matched, notes):
 
 
 def hide_old_numbers_during_a_run(matched, notes):
-    def told():
+    def notes_now():
         return any(text.startswith("Mismatch at τ") for text, _ in notes())
 
     matched.click("Look")
-    assert told()
+    assert notes_now()
     matched.session.editor.amend(parameters=ENDLESS)
     begin(matched)
-    assert not told()
+    assert not notes_now()
     cancel(matched)
-    assert told()
+    assert notes_now()
 
 
 def follow_a_run_with_arrows(gui, monkeypatch):
-    """No more often than the surface, and the user at once."""
+    """Arrows follow a run as often as the surface, and changes by the user at once."""
     gui.session.editor.amend(parameters=ENDLESS)
     gui.check("arrows")
     begin(gui)
@@ -153,7 +151,7 @@ def follow_a_run_with_arrows(gui, monkeypatch):
     drawn, draw = [], overlays.draw_arrows
     monkeypatch.setattr(overlays, "draw_arrows", lambda *given: (drawn.append(given), draw(*given)))
     monkeypatch.setattr(gui.window.scene.pacing, "waits", lambda name, is_first: True)
-    for _ in range(5):  # those that were under way are drawn the first time
+    for _ in range(5):  # requested ones are drawn the first time
         drawn.clear()
         before = gui.session.matching.snapshot.shown.iteration
         gui.wait(lambda s, before=before: s.matching.snapshot.shown.iteration > before + 5)

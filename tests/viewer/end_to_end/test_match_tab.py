@@ -1,4 +1,4 @@
-"""Tours of the tab Match: every parameter, refusals, presets, defaults, and the iterations."""
+"""Tours of the tab Match: parameters, refused texts, presets, defaults, and iterations."""
 
 import csv
 import re
@@ -15,7 +15,7 @@ from tests.viewer.sessions import match
 
 
 def test_tour_of_parameters(gui, walk):
-    walk(gui, show_five_parameters_first, choose_sigma_or_set_it, refuse_and_correct)
+    walk(gui, show_five_parameters_first, set_sigma_or_auto, refuse_and_correct)
     walk(gui, forget_errors_with_the_next_change, set_presets_and_a_mask, set_every_parameter)
     walk(gui, explain_by_tooltips)
 
@@ -28,7 +28,7 @@ def test_tour_of_iterations(matched, tmp_path, monkeypatch):
 
 
 def set_every_parameter(gui):
-    """Each is typed, dragged and undone; the method decides what can be set."""
+    """Each parameter is typed, dragged and undone; the method decides which are enabled."""
     for label, (typed, slid) in {
         "alpha": (10, 0.1),
         "beta": (0.001, 1e-2),
@@ -86,7 +86,7 @@ def set_every_parameter(gui):
     gui.choose("method", "nonlinear")
 
 
-def choose_sigma_or_set_it(gui):
+def set_sigma_or_auto(gui):
     def shown():
         return gui.text_of("auto sigma"), gui.text_of("sigma", kind="box")
 
@@ -114,7 +114,7 @@ def choose_sigma_or_set_it(gui):
 
 
 def refuse_and_correct(gui):
-    """A refused text stays in its box until it is corrected, or until Escape."""
+    """Check that a refused text stays in its box until it is corrected, or Escape."""
     reasons, start = gui.window.ui.refusals.reasons, gui.session.parameters
     for label, text in (("alpha", "-1"), ("sigma", "0"), ("tau", "much"), ("iterations", "inf")):
         before = gui.session.parameters
@@ -139,7 +139,7 @@ def refuse_and_correct(gui):
     assert gui.session.parameters.alpha == 10
     assert not reasons
     gui.type("cooling_stages", "-1")
-    (reason,) = reasons.values()  # calls it what the panel calls it
+    (reason,) = reasons.values()  # the message has the name of the panel
     check_message(reason, -1)
     gui.click("cooling_stages")
     gui.key("escape")
@@ -160,7 +160,7 @@ def forget_errors_with_the_next_change(gui):
 
 
 def show_five_parameters_first(gui):
-    """All have widgets and letters."""
+    """All of them have widgets and symbols."""
     gui.click("Match", within=STEPS)
     sliders = [w for w in gui.window.ui.widgets if w.kind == "slider" and w.section == "Match"]
     assert {w.name: w.label for w in sliders} == {
@@ -225,10 +225,10 @@ def explain_by_tooltips(gui, monkeypatch):
     gui.frames(2)
     shown.clear()
     gui.frames(40)
-    assert not shown  # the mouse rests where it was clicked
+    assert not shown  # the mouse stays at the place of the click
     gui.hover("Pause")
     assert shown
-    gui.session.solver.cancel()  # it may have ended by now
+    gui.session.solver.cancel()  # the run may have ended by now
 
 
 def keep_earlier_runs(plotted):

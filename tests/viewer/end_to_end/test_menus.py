@@ -1,4 +1,4 @@
-"""Tours of the menus: every entry, the dialogs that they open, and the view of the window."""
+"""Tours of the menus: entries, dialogs, and the view of the window."""
 
 from pathlib import Path
 
@@ -15,17 +15,17 @@ from tests.messages import check_message
 from tests.shapes import icosphere
 from tests.viewer.sessions import EGG, SHORT, match, take_back
 
-WINDOW = (860, 600)  # in which a complete path fits
+WINDOW = (860, 600)  # wide enough for a complete path
 
 
 @pytest.fixture
 def sphere_file(tmp_path):
-    """Another mesh, in a file with a blank in its name."""
+    """Return another mesh, in a file with a blank in its name."""
     return off_file(tmp_path / "a sphere.off", icosphere(2))
 
 
 def test_tour_of_the_file_menu(gui, walk):
-    """Opening, recent files, folders, projects, and quitting."""
+    """Open meshes, recent files, folders and projects, and quit."""
     walk(gui, open_a_mesh_and_a_recent_one, walk_through_folders)
     walk(gui, save_and_open_a_project, parameters=SHORT)
     walk(gui, quit_with_unsaved_work)
@@ -73,7 +73,7 @@ def open_a_mesh_and_a_recent_one(gui, sphere_file):
 
 
 def walk_through_folders(gui, tmp_path, sphere_file):
-    """To open a file and to save one."""
+    """Select folders to open a file and to save one."""
     (tmp_path / "inner").mkdir()
     gui.menu("File", "Open mesh...")
     gui.double_click("inner/")
@@ -108,7 +108,7 @@ def walk_through_folders(gui, tmp_path, sphere_file):
 
 
 def is_project(path):
-    """Whether a file begins as projects do."""
+    """Return whether a file begins like a project."""
     return path.read_bytes()[:2] == b"PK"
 
 
@@ -139,7 +139,7 @@ def save_and_open_a_project(gui, tmp_path):
     assert gui.session.saves.path == path
     assert is_project(path)
     editor.set_parameter(alpha=4.0)
-    gui.key("ctrl+s")  # asks nothing more
+    gui.key("ctrl+s")  # no further question
     gui.wait(lambda s: not s.saves.unsaved)
     editor.set_parameter(alpha=saved.parameters.alpha)
     gui.key("ctrl+s")
@@ -265,7 +265,7 @@ def use_entries_and_shortcuts(gui, monkeypatch):
 def quit_with_unsaved_work(gui, tmp_path):
     gui.type("sigma", "0.04")
     gui.menu("File", "Quit")
-    gui.window.actions.quit.do()  # a second press of the window's own button
+    gui.window.actions.quit.do()  # a second press of the button of the window frame
     gui.click("Go back")
     assert not gui.window.closing
     assert not gui.window.dialogs.is_open

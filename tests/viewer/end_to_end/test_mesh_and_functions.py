@@ -1,6 +1,6 @@
-"""Tours of Functions: channels, families, Gaussians by widget, vertex maps.
+"""Tours of Functions: channels, families, Gaussians by widget, and vertex maps.
 
-Both sides are drawn by the same code: what the widgets do is tried on one of them.
+Both sides are drawn by the same code, so the widgets are tried on one of them.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def match_two_channels(gui):
 
 
 def make_phases_circular(gui, tmp_path):
-    """The box is there where values jump by a period; it makes two channels, and one again."""
+    """There is a box if values jump by a period; it makes two channels, and one again."""
     assert "circular" not in gui.labels()
     x, y, _ = gui.session.surface().mesh.vertices.T
     np.save(tmp_path / "a.npy", np.degrees(np.arctan2(y, x)))
@@ -133,7 +133,7 @@ def rescale_an_impossible_pair(gui):
 
 
 def use_each_family(gui):
-    """Every family can be chosen and is evaluated, and every control of it used."""
+    """Choose and evaluate every family, and use all its controls."""
     side, drag, write, choose = "target", gui.drag, gui.type, gui.choose
 
     def spec():
@@ -175,7 +175,7 @@ def use_each_family(gui):
             use(*words, within=side)
         assert spec().startswith(f"{family}{expected.get(family, '')}")
         settled(gui)
-    for text in ("coordinate:z", "coordinate:w"):  # the last one is refused
+    for text in ("coordinate:z", "coordinate:w"):  # the last text is refused
         write("spec", text, within=side)
         assert spec() == "coordinate:z"
     choose("family", "gaussian", within=side)
@@ -187,7 +187,7 @@ def use_each_family(gui):
 
 
 def open_values_and_vertex_maps(gui, tmp_path):
-    """From files and by symmetry."""
+    """Open them from files, and use symmetry."""
     side = "target"
     rng = np.random.default_rng(0)
     values, order = rng.normal(size=len(EGG.vertices)), rng.permutation(len(EGG.vertices))
@@ -219,7 +219,7 @@ def open_values_and_vertex_maps(gui, tmp_path):
     table = "\n".join(["a,b", *(f"{value!r},{2 * value!r}" for value in values.tolist())])
     (tmp_path / "table.csv").write_text(table)
     gui.type("path", str(tmp_path / "table.csv"), within=side)
-    gui.wait(lambda s: "2 columns" in s.obstacle)  # a line that moves what is below it
+    gui.wait(lambda s: "2 columns" in s.obstacle)  # a line that moves the widgets below it
     gui.type("column", "b", within=side)
     settled(gui)
     np.testing.assert_allclose(gui.session.values(side), 2 * values)
@@ -231,7 +231,7 @@ def open_values_and_vertex_maps(gui, tmp_path):
     gui.type("label", "middle", within=side)
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), keys == 1)
-    # the egg is symmetric; whatever the map, the function is the one that its text names
+    # the egg is symmetric; with any map the function is that of its text
     side = "source"
     for word in ("mirror", "rotation"):
         gui.choose("vertex map", word, within=side)

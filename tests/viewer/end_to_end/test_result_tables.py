@@ -26,7 +26,7 @@ OPTIONS = {"iterations": 15, "refine": 0, "target": "coordinate:y"}
 
 @pytest.fixture
 def folder(tmp_path):
-    """Two matches, one that fails, and one that was not tried, with their rows."""
+    """Return a folder with two matches, a failed one and a pending one, with their rows."""
     folder = tmp_path / "results"
     folder.mkdir()
     write_surface(folder / "egg.ply", icosphere(2))
@@ -61,12 +61,12 @@ def settle(gui):
 
 
 def test_tour_of_a_batch(folder, tmp_path, monkeypatch):
-    """A folder of results: rows, heads, search, and what changes in the folder."""
+    """A folder of results: rows, headings, search, and changes in the folder."""
     with Driver(folder[0], size=SIZE) as gui:
         open_with_the_worst_row(gui)
         show_rows_by_clicks_and_keys(gui)
         leave_and_undo(gui, tmp_path)
-        for step in (sort_and_search, leave_out_columns, cut_no_row):
+        for step in (sort_and_search, omit_columns, show_complete_rows):
             with monkeypatch.context() as patched:
                 step(gui, patched)
         refuse_another_folder(gui, tmp_path)
@@ -75,7 +75,7 @@ def test_tour_of_a_batch(folder, tmp_path, monkeypatch):
 
 
 def test_tour_of_a_population(monkeypatch):
-    """The sample, its outlier, and the way to open it from a file."""
+    """The sample, its outlier, and its table opened from a file."""
     with Driver(icosphere(1), size=SIZE) as gui:
         gui.menu("Samples", POPULATION)
         tables, end = gui.window.files.tables, time.monotonic() + 60
@@ -120,7 +120,7 @@ def show_rows_by_clicks_and_keys(opened):
 
 
 def leave_and_undo(opened, tmp_path):
-    """The table is shown with its rows only."""
+    """Check that the table is shown only with its own rows."""
     tables = opened.window.files.tables
     write_surface(tmp_path / "other.ply", icosphere(1))
     opened.window.files.open(tmp_path / "other.ply")
@@ -167,8 +167,8 @@ def heads_of(gui):
     return {head.label: head.rect[2] - head.rect[0] for head in found}
 
 
-def leave_out_columns(opened, monkeypatch):
-    """Names keep their room, and a tip has the columns without room."""
+def omit_columns(opened, monkeypatch):
+    """Names always fit, and a tooltip has the columns that do not."""
     every = heads_of(opened)
     assert len(every) == len(ResultTable.columns)
     wider = {"name": every["name"] + 5, "reason": every["why"]}
@@ -184,7 +184,7 @@ def leave_out_columns(opened, monkeypatch):
 
 
 def refresh_and_reopen(opened, folder):
-    """What another process adds is shown."""
+    """Rows added by another process are shown."""
     path, rows = folder
     solve(Ledger(path), rows[3])
     opened.click("Refresh")
@@ -219,7 +219,7 @@ def refuse_another_folder(opened, tmp_path):
 
 
 def texts(gui, monkeypatch):
-    """What panels write in a frame."""
+    """Return the texts of the panels in a frame."""
     with monkeypatch.context() as patched:
         return [text for text, _ in heard(gui, patched, "note")()]
 
@@ -247,7 +247,7 @@ def show_the_outlier(opened, monkeypatch):
         np.testing.assert_array_equal(opened.window.scene.paints["advected"].values, values)
     for head in ("correlation", "|log2 J|"):
         opened.click(head, "rows")
-    # as a project it is an ordinary document
+    # saved as a project it is an ordinary document
     path = tables.table.place / "odd.abfm"
     opened.window.files.save(path)
     opened.wait(lambda s: not opened.window.files.saving)
@@ -270,7 +270,7 @@ def show_the_outlier(opened, monkeypatch):
     assert opened.errors == {}
 
 
-def cut_no_row(opened, monkeypatch):
+def show_complete_rows(opened, monkeypatch):
     sizes, begin = [], result_table.imgui.BeginTable
 
     def begun(name, columns, flags, size):
@@ -282,9 +282,9 @@ def cut_no_row(opened, monkeypatch):
     rows = [w.rect for w in opened.window.ui.widgets if w.section == "table/rows"]
     heads = rows[0]
     high = heads[3] - heads[1]
-    assert min(bottom - top for _, top, _, bottom in rows) == high  # others have long reasons
+    assert min(bottom - top for _, top, _, bottom in rows) == high  # other rows have long reasons
     [(_, height)] = set(sizes)
-    assert height % high == 2  # for the border
+    assert height % high == 2  # less the border
     assert height > 3 * high
 
 

@@ -27,10 +27,11 @@ from tests.mesh_writers import off_text
 from tests.messages import check_message
 from tests.shapes import icosphere
 
-SIZE = (640, 480)  # into which the menu fits
+SIZE = (640, 480)  # large enough for the menu
 APART = (2, 7)
-"""Figures that a process of their own sets up here, as it does all of them in the app: a flow,
-and a file's values.
+"""Figures that a subprocess sets up here, as it does all figures in the app.
+
+One has a flow, and one has values of a file.
 """
 
 
@@ -41,7 +42,7 @@ def samples():
 
 
 def wait(gui, condition, seconds=60):
-    """Wait with few frames: they take the time of what is computed."""
+    """Wait with few frames, which take time from the computation."""
     end = time.monotonic() + seconds
     while not condition(gui.session):
         assert time.monotonic() < end, "waited in vain"
@@ -50,7 +51,7 @@ def wait(gui, condition, seconds=60):
 
 
 @pytest.mark.parametrize("figure", FIGURES)
-def test_a_figure_is_ready_to_match(samples, figure, monkeypatch):
+def test_figure_is_ready_to_match(samples, figure, monkeypatch):
     example = example_of(script(figure, FigureSetup()))
     problem, flow = example.problem, example.flow
     if figure not in APART:
@@ -58,7 +59,7 @@ def test_a_figure_is_ready_to_match(samples, figure, monkeypatch):
         monkeypatch.setattr("abfm.experiments.example_in_subprocess", lambda _: received)
     samples.menu("Samples", f"Figure {figure}")
     ready, shape = f"figure {figure} is ready", problem.mesh.vertices.shape
-    # is gone after a while
+    # disappears after a while
     wait(samples, lambda session: session.notices.latest.text.startswith(ready))
     wait(samples, lambda s: s.surface().mesh.vertices.shape == shape and not s.obstacle)
     session = samples.session
@@ -79,7 +80,7 @@ def test_a_figure_is_ready_to_match(samples, figure, monkeypatch):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_a_bundled_mesh_opens_like_a_file(samples, name):
+def test_bundled_mesh_opens_like_a_file(samples, name):
     mesh = load_mesh(asset_path(name))
     samples.menu("Samples", name)
     wait(samples, lambda session: session.document.name == name and not session.obstacle)
@@ -90,7 +91,7 @@ def test_a_bundled_mesh_opens_like_a_file(samples, name):
     samples.key("esc")
 
 
-def test_an_own_mesh_starts_with_defaults_after_a_figure(samples, tmp_path):
+def test_mesh_after_a_figure_has_defaults(samples, tmp_path):
     samples.menu("Samples", "Figure 9")
     wait(samples, lambda session: "9" in samples.window.files.sample and not session.obstacle)
     assert samples.session.parameters != Parameters()
@@ -102,26 +103,26 @@ def test_an_own_mesh_starts_with_defaults_after_a_figure(samples, tmp_path):
     assert samples.session.view == samples.session.view.preferences
 
 
-def test_a_pair_of_shapes_opens_ready_to_match(samples):
+def test_pair_of_shapes_is_ready_to_match(samples):
     samples.menu("Samples", PAIR)
     wait(samples, lambda session: session.document.name == PAIR and not session.obstacle)
     a, b = (load_mesh(asset_path(name)) for name in PAIR.split(" to "))
     for mesh, slot in ((a, "source"), (b, "target")):
         np.testing.assert_array_equal(samples.session.surface(slot).mesh.vertices, mesh.vertices)
-    # in its own unit, so that colours are those of A
+    # in its own unit, with the colours of A
     assert samples.session.work.flow_values("target") is samples.session.values("target")
     assert not samples.session.saves.unsaved
     assert [w.label for w in opened_menu(samples) if w.text == "checked"] == [PAIR]
     samples.key("esc")
 
 
-def test_both_cortices_open_ready_to_match(samples, monkeypatch):
-    """Without nilearn the message names the extra to install."""
+def test_cortices_are_ready_to_match(samples, monkeypatch):
+    """Without nilearn the message has the name of the extra to install."""
     samples.menu("Samples", CORTEX)
     wait(samples, lambda s: s.document.name == "left cortex to right cortex" and not s.obstacle)
     session = samples.session
     left, right = session.work.flow_values("source"), session.work.flow_values("target")
-    # one rotation in a mirror, and not where it lies
+    # one rotation of the mirror image, not the initial position
     assert np.corrcoef(left, right)[0, 1] > 0.85
     assert np.corrcoef(session.values("source"), right)[0, 1] < 0.5
     assert not session.saves.unsaved
@@ -134,13 +135,13 @@ def test_both_cortices_open_ready_to_match(samples, monkeypatch):
 
 
 def opened_menu(gui):
-    """The entries of Samples, which stays open."""
+    """Open Samples, and return its entries."""
     gui.click("Samples")
     gui.frames(2)
     return [w for w in gui.window.ui.widgets if w.section == "Samples"]
 
 
-def test_every_mesh_and_figure_has_its_picture(samples):
+def test_every_sample_has_a_thumbnail(samples):
     assert sorted(MESHES) == sorted(name for name in asset_names() if name.endswith(".off"))
     names = [*MESHES, *(f"Figure {figure}" for figure in FIGURES), CORTEX, WAVE]
     assert list(vertices()) == names
@@ -148,7 +149,7 @@ def test_every_mesh_and_figure_has_its_picture(samples):
     rows, columns = image.shape[0] // SIDE, image.shape[1] // SIDE
     tiles = [tile for row in np.split(image, rows) for tile in np.split(row, columns, axis=1)]
     for tile in tiles[: len(names)]:
-        assert 0.02 < (tile[..., 3] > 128).mean() < 0.95  # a surface with nothing around it
+        assert 0.02 < (tile[..., 3] > 128).mean() < 0.95  # a surface on an empty background
         assert tile[tile[..., 3] > 128, :3].std() > 5
     assert PICTURES.stat().st_size < 100_000
     figures = names[len(MESHES) : -2]
@@ -158,7 +159,7 @@ def test_every_mesh_and_figure_has_its_picture(samples):
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_the_menu_fits_into_the_window(samples, scale):
+def test_samples_fit_into_the_window(samples, scale):
     samples.session.editor.set_view("scale", ui_scale=scale)
     assert all(
         0 <= w.rect[0] < w.rect[2] <= SIZE[0] and 0 < w.rect[1] < w.rect[3] <= SIZE[1]
@@ -168,11 +169,11 @@ def test_the_menu_fits_into_the_window(samples, scale):
     samples.session.editor.set_view("scale", ui_scale=1.0)
 
 
-def test_pictures_return_after_structures_are_removed(samples):
+def test_thumbnails_are_loaded_again_after_removal(samples):
     for _ in range(2):
         assert opened_menu(samples)
         samples.frames(3)
         samples.key("esc")
-        samples.window.scene = Scene(samples.window.shown)  # which removes all of another
+        samples.window.scene = Scene(samples.window.shown)  # this removes all structures
         samples.frames(2)
     assert samples.errors == {}

@@ -1,4 +1,4 @@
-"""By pixels: words can be read, and surfaces stay where they belong."""
+"""Checks of pixels: words have contrast, and surfaces stay in their slots."""
 
 from collections import Counter
 from dataclasses import replace
@@ -27,8 +27,10 @@ def large():
 
 
 def contrasts(gui, path):
-    """Of each widget with words in view, by section and label: of its most frequent colour and
-    the farthest from it; and whether it can be used.
+    """Return the contrast of each widget with text in view, by section and label.
+
+    It is the contrast of its most frequent colour with the farthest one, together with whether the
+    widget is enabled.
     """
     gui.screenshot(path)
     picture, found = np.asarray(Image.open(path).convert("RGB")), {}
@@ -46,7 +48,7 @@ def contrasts(gui, path):
 
 @pytest.mark.parametrize("theme", THEMES)
 @pytest.mark.parametrize("tab", TABS)
-def test_words_stand_out_from_what_is_behind_them(large, tmp_path, theme, tab):
+def test_words_have_contrast(large, tmp_path, theme, tab):
     large.session.editor.set_view("theme", theme=theme)
     large.window.ui.open_tab = tab
     measured = contrasts(large, tmp_path / "window.png")
@@ -79,14 +81,14 @@ def test_widgets_behind_a_dialog_look_disabled(large, tmp_path, theme):
 LARGEST = (2560, 1440)
 SIZES = [(1000, 700), LARGEST]
 SCALES = [1.0, 2.0]
-PLAIN = ellipsoid(2, 1.0, 0.7, 0.55)  # drawing takes as long as there are pixels and faces
-DRAGS = (0.9, -0.8, 0.1)  # downwards, in halves of a slot
+PLAIN = ellipsoid(2, 1.0, 0.7, 0.55)  # the time of drawing depends on pixels and faces
+DRAGS = (0.9, -0.8, 0.1)  # downwards, in half slots
 MOVING = (1, 2)  # the right button, and the middle one
-NOTCHES = 12  # of the wheel: the surface is then larger than its slot
+NOTCHES = 12  # of the wheel, after which the surface is larger than its slot
 
 
-def stray(slots, margin=0):
-    """How many pixels of each surface are in its slot, and how many are outside of all slots."""
+def pixels_outside(slots, margin=0):
+    """Return the pixels of each surface in its slot, and the pixels outside of all slots."""
     buffer = np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=False))
     pixels, counts = buffer.view(np.uint32)[..., 0], []
     drawn = pixels != pixels[0, 0]
@@ -100,8 +102,8 @@ def stray(slots, margin=0):
 
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
-def test_the_mouse_leaves_every_surface_in_its_slot(size):
-    """In the largest window for the six surfaces of the automatic layout alone."""
+def test_mouse_keeps_surfaces_in_their_slots(size):
+    """In the largest window only for the six surfaces of the automatic layout."""
     with Driver(PLAIN, size=size) as gui:
         down = cycle(DRAGS)
         layouts = LAYOUTS if size < LARGEST else ("automatic",)
@@ -119,14 +121,14 @@ def test_the_mouse_leaves_every_surface_in_its_slot(size):
             gui.input.drag((x, y), (x + 0.6 * width, y + next(down) * height), steps=1)
             turned = gui.session.view.viewpoint
             assert turned.front != gui.session.surface().front
-            counts, outside = stray(slots)
+            counts, outside = pixels_outside(slots)
             assert (min(counts) > 0, outside) == (True, 0), (scale, layout)
             gui.input.move(x + width / 2, y)
             gui.input.wheel(NOTCHES)
             assert gui.session.view.viewpoint.zoom == pytest.approx(1.15**NOTCHES)
             gui.input.drag((x, y), (x - width / 2, y + height), steps=1, button=button)
             assert gui.session.view.viewpoint.target is not None
-            counts, outside = stray(slots, margin=1)
+            counts, outside = pixels_outside(slots, margin=1)
             assert (min(counts) > 0, outside) == (True, 0), (scale, layout)
             assert gui.session.view.viewpoint.front == turned.front
         assert gui.errors == {}

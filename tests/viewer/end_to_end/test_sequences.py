@@ -1,4 +1,4 @@
-"""Tours of sequences: opening frames, matching all of them, playing, viewing and saving."""
+"""Tours of sequences: open frames, match them, play, view and save."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ from tests.messages import check_message
 from tests.viewer.end_to_end.test_export import exported
 from tests.viewer.sessions import EGG, SIZE, restart
 
-WINDOW = (800, 560)  # where the plot is seen as a whole
+WINDOW = (800, 560)  # high enough for the complete plot
 COUNT, STEP = 5, 0.05
 TIMES = STEP * np.arange(COUNT)
 DIRECTIONS = EGG.vertices / np.linalg.norm(EGG.vertices, axis=1)[:, None]
@@ -35,8 +35,8 @@ GIVEN = SequenceSettings(alpha=1.0, sigma=0.1, order=1)
 
 
 @pytest.fixture
-def film(gui, tmp_path):
-    """The app with five frames of a wave on the egg."""
+def opened(gui, tmp_path):
+    """Return the app with five frames of a wave on the egg."""
     np.save(tmp_path / "wave.npy", FRAMES)
     gui.window.files.open(tmp_path / "wave.npy")
     gui.wait(lambda s: isinstance(s.document, SequenceDocument))
@@ -56,36 +56,36 @@ def shown(gui, slot="advected"):
 
 def test_tour_of_opened_frames(gui, walk):
     """Frames by the menu, of phases, with gaps, from their side, and the sample."""
-    walk(gui, open_by_the_menu, see_the_side_that_changes, compare_phases_on_a_circle)
-    walk(gui, leave_out_vertices_without_values, open_the_sample)
+    walk(gui, open_by_the_menu, show_the_changing_side, compare_phases_on_a_circle)
+    walk(gui, ignore_vertices_without_values, open_the_sample)
 
 
-def test_tour_of_frames(film, tmp_path, walk):
-    """Frames that are not matched, their match, and everything that shows it."""
-    show_frames_blended(film)
-    go_from_frame_to_frame(film)
-    hold_and_cancel_the_run(film, tmp_path)
-    film.click("Match all frames")
-    film.wait(lambda s: not s.solver.running)
-    carry_frames_from_both_sides(film)
-    walk(film, draw_tracks, follow_points_and_lines, click_on_the_plot)
-    walk(film, match_two_frames, change_parameters, write_all_files)
+def test_tour_of_frames(opened, tmp_path, walk):
+    """Frames before a match, their match, and all views of it."""
+    show_frames_blended(opened)
+    step_between_frames(opened)
+    pause_and_cancel_the_run(opened, tmp_path)
+    opened.click("Match all frames")
+    opened.wait(lambda s: not s.solver.running)
+    interpolate_between_frames(opened)
+    walk(opened, draw_tracks, follow_points_and_lines, click_on_the_plot)
+    walk(opened, match_two_frames, change_parameters, write_all_files)
 
 
-def hold_and_cancel_the_run(film, tmp_path):
-    """Of frames so many that it does not end before."""
-    document = film.session.document
+def pause_and_cancel_the_run(opened, tmp_path):
+    """Pause and cancel a run with so many frames that it does not end before."""
+    document = opened.session.document
     np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(240))[0])
-    film.window.files.open(tmp_path / "long.npy")
-    film.wait(lambda s: s.document.sequence.name == "long.npy")
-    film.click("Match all frames")
-    film.click("Pause")
-    assert film.session.solver.paused
-    film.click("Resume")
-    assert not film.session.solver.paused
-    film.click("Cancel")
-    film.wait(lambda s: not s.solver.running)
-    restart(film, document)
+    opened.window.files.open(tmp_path / "long.npy")
+    opened.wait(lambda s: s.document.sequence.name == "long.npy")
+    opened.click("Match all frames")
+    opened.click("Pause")
+    assert opened.session.solver.paused
+    opened.click("Resume")
+    assert not opened.session.solver.paused
+    opened.click("Cancel")
+    opened.wait(lambda s: not s.solver.running)
+    restart(opened, document)
 
 
 def open_by_the_menu(gui, tmp_path):
@@ -99,7 +99,7 @@ def open_by_the_menu(gui, tmp_path):
 
 
 def compare_phases_on_a_circle(gui, tmp_path):
-    """By the box, which is only there for phases, as `abfm sequence --circular` does."""
+    """Use the box that exists only for phases, like `abfm sequence --circular`."""
     angles = np.arctan2(DIRECTIONS[:, 1], DIRECTIONS[:, 0])
     phases = np.degrees(angles + TIMES[:, None] + np.pi) % 360
     phases[1, :9] = np.nan
@@ -110,10 +110,10 @@ def compare_phases_on_a_circle(gui, tmp_path):
     gui.click("Functions", within="steps")
     gui.click("circular")
     gui.wait(lambda s: s.document.sequence.channels == 2)
-    film = gui.session.document.sequence
+    sequence = gui.session.document.sequence
     circle = np.stack([np.cos(np.radians(phases)), np.sin(np.radians(phases))], axis=-1)
-    np.testing.assert_allclose(film.frames.values[:, 9:], circle[:, 9:], atol=1e-12)
-    np.testing.assert_array_equal(film.frames.mask, np.arange(len(EGG.vertices)) >= 9)
+    np.testing.assert_allclose(sequence.frames.values[:, 9:], circle[:, 9:], atol=1e-12)
+    np.testing.assert_array_equal(sequence.frames.mask, np.arange(len(EGG.vertices)) >= 9)
     gui.choose("channel", "1")
     np.testing.assert_allclose(shown(gui, "source").values[9:], circle[0, 9:, 1], atol=1e-6)
 
@@ -124,9 +124,9 @@ def compare_phases_on_a_circle(gui, tmp_path):
     gui.type("frame step", "0.5")
     gui.click("circular")
     gui.wait(lambda s: s.document.sequence.channels == 1)
-    film = gui.session.document.sequence
-    np.testing.assert_array_equal(film.frames.values, before.frames.values)
-    np.testing.assert_allclose(film.times, 0.5 * np.arange(COUNT))
+    sequence = gui.session.document.sequence
+    np.testing.assert_array_equal(sequence.frames.values, before.frames.values)
+    np.testing.assert_allclose(sequence.times, 0.5 * np.arange(COUNT))
     gui.click("circular")
     gui.wait(lambda s: s.document.sequence.channels == 2)
 
@@ -142,36 +142,36 @@ def compare_phases_on_a_circle(gui, tmp_path):
     assert "circular" not in gui.labels()
 
 
-def show_frames_blended(film):
-    session, document = film.session, film.session.document
+def show_frames_blended(opened):
+    session, document = opened.session, opened.session.document
     assert document.name == "wave.npy on mesh"
     np.testing.assert_array_equal(document.sequence.frames.values[:, :, 0], FRAMES)
-    film.click("Functions", within="steps")
-    film.type("frame step", "soon")
+    opened.click("Functions", within="steps")
+    opened.type("frame step", "soon")
     assert session.document.sequence.unit == ""
-    film.type("frame step", str(STEP))
+    opened.type("frame step", str(STEP))
     np.testing.assert_allclose(session.document.sequence.times, TIMES)
-    film.type("frame step", str(STEP))  # which is one of seconds now
+    opened.type("frame step", str(STEP))  # now with a unit of seconds
     np.testing.assert_allclose(session.document.sequence.times, TIMES)
-    film.type("time", "0.12")
-    titles = {name: shown(film, name).title for name in ("source", "advected", "target")}
+    opened.type("time", "0.12")
+    titles = {name: shown(opened, name).title for name in ("source", "advected", "target")}
     assert (titles["source"], titles["target"]) == ("frame 2, 0.1 s", "frame 3, 0.15 s")
     assert titles["advected"] == "at 0.1200 s, only blended"
-    np.testing.assert_allclose(shown(film).values, 0.6 * FRAMES[2] + 0.4 * FRAMES[3], atol=1e-6)
-    colors = {name: shown(film, name).colors for name in titles}
-    film.type("time", "0")
-    assert {name: shown(film, name).colors for name in titles} == colors
-    film.pick(200, "source")
+    np.testing.assert_allclose(shown(opened).values, 0.6 * FRAMES[2] + 0.4 * FRAMES[3], atol=1e-6)
+    colors = {name: shown(opened, name).colors for name in titles}
+    opened.type("time", "0")
+    assert {name: shown(opened, name).colors for name in titles} == colors
+    opened.pick(200, "source")
     check_message(session.notices.latest.text, "frames")
-    film.wheel(1, 200, "target")
-    film.key("m")
+    opened.wheel(1, 200, "target")
+    opened.key("m")
     check_message(session.notices.latest.text)
     while session.document.sequence.unit:
-        film.key("ctrl+z")
+        opened.key("ctrl+z")
     np.testing.assert_array_equal(session.document.sequence.times, np.arange(COUNT))
 
 
-def see_the_side_that_changes(gui, tmp_path):
+def show_the_changing_side(gui, tmp_path):
     """Unless the user has turned the surface."""
     gui.frames(3)
     session, behind = gui.session, -gui.session.surface().front.axes[2]
@@ -201,36 +201,36 @@ def see_the_side_that_changes(gui, tmp_path):
     assert session.view.viewpoint == turned is not None
 
 
-def go_from_frame_to_frame(film):
-    session, player = film.session, film.session.player
+def step_between_frames(opened):
+    session, player = opened.session, opened.session.player
     for act, what, time in (
-        (film.click, ">", 1),
-        (film.click, ">", 2),
-        (film.click, "<", 1),
-        (film.key, "right", 2),
-        (film.key, "end", 4),
-        (film.key, "right", 4),
-        (film.key, "home", 0),
+        (opened.click, ">", 1),
+        (opened.click, ">", 2),
+        (opened.click, "<", 1),
+        (opened.key, "right", 2),
+        (opened.key, "end", 4),
+        (opened.key, "right", 4),
+        (opened.key, "home", 0),
     ):
         act(what)
         assert session.document.time == time
-    film.drag("time", 2.5)
+    opened.drag("time", 2.5)
     assert session.document.time == pytest.approx(2.5, abs=0.05)
     assert session.time == pytest.approx(session.document.time - 2)
-    film.click("to start")
-    film.choose("repeat", "once")
-    film.drag("speed", 4.0)
-    film.click("Play")
-    film.wait(lambda s: not player.playing)
+    opened.click("to start")
+    opened.choose("repeat", "once")
+    opened.drag("speed", 4.0)
+    opened.click("Play")
+    opened.wait(lambda s: not player.playing)
     assert session.document.time == 4
-    film.choose("repeat", "loop")
-    film.drag("speed", 0.1)
-    film.click("Play")
-    film.wait(lambda s: 0 < s.document.time < 4)
-    film.click("Pause", within="time bar")
+    opened.choose("repeat", "loop")
+    opened.drag("speed", 0.1)
+    opened.click("Play")
+    opened.wait(lambda s: 0 < s.document.time < 4)
+    opened.click("Pause", within="time bar")
 
 
-def carry_frames_from_both_sides(solved):
+def interpolate_between_frames(solved):
     session = solved.session
     sequence = session.document.result
     assert sequence.confirmed == len(sequence) == COUNT - 1
@@ -243,7 +243,7 @@ def carry_frames_from_both_sides(solved):
     assert solved.window.shown.flow.state.field is session.sequence_match.field(session.document, 3)
     solved.click("Look", within="steps")
     solved.check("arrows")
-    # one scale for all intervals
+    # the same scale for all intervals
     quantities = solved.window.shown.quantities
     solved.wait(
         lambda _: quantities.field() and quantities.arrows(quantities.field(), 300.0, FRONT)
@@ -279,7 +279,7 @@ def change_parameters(solved, notes):
         solved.choose("order", choice)
         assert session.document.settings.order == order
     solved.type("alpha", "-1")
-    solved.click("auto sigma")  # not that of alpha
+    solved.click("auto sigma")  # not of alpha
     solved.type("sigma", "0.2")
     assert session.document.settings == SequenceSettings(
         2.0, 0.2, session.document.settings.gamma, 2
@@ -328,7 +328,7 @@ def draw_tracks(solved):
 
 
 def follow_points_and_lines(solved):
-    """Points through all frames, lines along the present field."""
+    """Points are followed through all frames, lines along the present field."""
     session, quantities = solved.session, solved.window.shown.quantities
     sequence, [vertex] = session.document.result, [200]
     solved.click("Look", within="steps")
@@ -340,7 +340,7 @@ def follow_points_and_lines(solved):
     for time in (1, 3, 4):
         solved.type("time", str(time))
         here = path.at(quantities.path_time)
-        # exactly along constant fields, there along a continuous one
+        # exactly along constant fields, there along a continuous field
         np.testing.assert_allclose(here, ways[time].positions[0], atol=0.02)
     assert np.linalg.norm(here - path.at(0.0)) > 0.15
     solved.click("flow line")
@@ -355,7 +355,7 @@ def follow_points_and_lines(solved):
 
 
 def match_two_frames(solved):
-    session, film = solved.session, solved.session.document
+    session, sequence = solved.session, solved.session.document
     solved.click("Functions", within="steps")
     solved.type("time", "1.5")
     solved.type("to frame", "3")
@@ -367,7 +367,7 @@ def match_two_frames(solved):
     np.testing.assert_array_equal(session.values("target"), FRAMES[3])
     assert session.obstacle == ""
     solved.key("ctrl+z")
-    assert session.document.sequence is film.sequence
+    assert session.document.sequence is sequence.sequence
     solved.drag("from frame", 2)
     assert solved.text_of("from frame", kind="box") == "2"
 
@@ -376,9 +376,9 @@ def write_all_files(solved, tmp_path):
     session, exporter = solved.session, solved.window.exporter
     found = session.document.result
     solved.type("time", "1.25")
-    solved.window.files.save(tmp_path / "film.abfm")
-    solved.wait(lambda s: not s.saves.unsaved and (tmp_path / "film.abfm").is_file())
-    other = open_session(tmp_path / "film.abfm")
+    solved.window.files.save(tmp_path / "sequence.abfm")
+    solved.wait(lambda s: not s.saves.unsaved and (tmp_path / "sequence.abfm").is_file())
+    other = open_session(tmp_path / "sequence.abfm")
     document = other.document
     other.close()
     np.testing.assert_array_equal(document.result.velocity, found.velocity)
@@ -388,58 +388,59 @@ def write_all_files(solved, tmp_path):
     assert not document.is_outdated
     solved.click("Export", within="steps")
     session.editor.set_sequence_settings(gamma=2.0)
-    told = "Of the film wave.npy on mesh are in no file: parameters that were changed."
-    assert unsaved_work(session) == told
+    text = "Of the sequence wave.npy on mesh are in no file: parameters that were changed."
+    assert unsaved_work(session) == text
     session.undo()
     assert not session.saves.unsaved
-    exported(solved, "Save sequence...", tmp_path / "film.npz")
-    np.testing.assert_array_equal(abfm.load(tmp_path / "film.npz").velocity, found.velocity)
+    exported(solved, "Save sequence...", tmp_path / "sequence.npz")
+    np.testing.assert_array_equal(abfm.load(tmp_path / "sequence.npz").velocity, found.velocity)
     exported(solved, "Save tracks...", tmp_path / "tracks.csv")
     assert (tmp_path / "tracks.csv").read_text().count("spiral") > COUNT
     exported(solved, "Save intervals...", tmp_path / "intervals.csv")
     assert len((tmp_path / "intervals.csv").read_text().splitlines()) == COUNT
     exporter.picture = replace(exporter.picture, width=320, height=240)
     exporter.movie = replace(exporter.movie, seconds=0.2, fps=10)
-    exported(solved, "Save movie...", tmp_path / "film.mp4")
+    exported(solved, "Save movie...", tmp_path / "sequence.mp4")
 
 
-def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
+def test_files_of_sequences_open(opened, tmp_path):
+    """From arguments, by drops, and from another sequence."""
     path = tmp_path / "wave.npz"
     sequence = abfm.sequence(EGG, FRAMES, TIMES, abfm.sequences.defaults(sigma=0.2), 0.0)
     sequence.save(path)
-    film.session.switch_flow_after_match()
-    film.window.files.open(path)
-    film.wait(lambda s: s.document.result is not None)
-    document = film.session.document
+    opened.session.switch_flow_after_match()
+    opened.window.files.open(path)
+    opened.wait(lambda s: s.document.result is not None)
+    document = opened.session.document
     assert (document.sequence.unit, document.settings.gamma) == ("s", 0.0)
     assert not document.is_outdated
     assert document.view.tracks
     assert document.view.arrows
-    settled(film)
-    film.wait(lambda _: ps.has_surface_mesh("arrows"))
-    film.click("Look", within="steps")
-    film.check("arrows", on=False)
-    film.choose("color by", "speed")
-    film.window.files.open(path)
-    film.wait(lambda s: s.document.identity is not document.identity)
-    assert (film.session.view.arrows, film.session.view.coloring) == (True, "function")
-    film.choose("color by", "function")
-    film.session.switch_flow_after_match()
-    before = film.session.document
-    film.window.files.open(path)
-    film.wait(lambda s: s.document.identity is not before.identity)
-    assert not film.session.view.arrows
-    film.window.files.open_dropped([tmp_path / "wave.npy"])
-    film.wait(lambda s: s.document.result is None)
+    settled(opened)
+    opened.wait(lambda _: ps.has_surface_mesh("arrows"))
+    opened.click("Look", within="steps")
+    opened.check("arrows", on=False)
+    opened.choose("color by", "speed")
+    opened.window.files.open(path)
+    opened.wait(lambda s: s.document.identity is not document.identity)
+    assert (opened.session.view.arrows, opened.session.view.coloring) == (True, "function")
+    opened.choose("color by", "function")
+    opened.session.switch_flow_after_match()
+    before = opened.session.document
+    opened.window.files.open(path)
+    opened.wait(lambda s: s.document.identity is not before.identity)
+    assert not opened.session.view.arrows
+    opened.window.files.open_dropped([tmp_path / "wave.npy"])
+    opened.wait(lambda s: s.document.result is None)
     np.save(tmp_path / "short.npy", FRAMES[:, :9])
-    film.window.files.open(tmp_path / "short.npy")
-    film.wait(lambda s: s.notices.cards)
-    assert "9" in film.session.notices.cards[0].text
-    film.click("Open other frames...")
-    film.click("Cancel", "Open frames")
-    film.click("Functions", within="steps")
-    film.click("Open frames...", "Functions")
-    film.click("Cancel", "Open frames")
+    opened.window.files.open(tmp_path / "short.npy")
+    opened.wait(lambda s: s.notices.cards)
+    assert "9" in opened.session.notices.cards[0].text
+    opened.click("Open other frames...")
+    opened.click("Cancel", "Open frames")
+    opened.click("Functions", within="steps")
+    opened.click("Open frames...", "Functions")
+    opened.click("Cancel", "Open frames")
     mesh = tmp_path / "egg.ply"
     abfm.io.write_surface(mesh, EGG)
     np.savez(tmp_path / "two.npz", u=FRAMES, v=-FRAMES)
@@ -462,8 +463,8 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
         np.testing.assert_array_equal(gui.session.document.sequence.columns[0][0], -FRAMES[0])
 
 
-def leave_out_vertices_without_values(gui, tmp_path):
-    """Two channels, which share fields, and two of their frames as a match."""
+def ignore_vertices_without_values(gui, tmp_path):
+    """Two channels with common fields, and two of their frames as a match."""
     frames = np.stack([FRAMES, FRAMES**2], axis=2)
     frames[1, :5] = np.nan
     np.save(tmp_path / "two.npy", frames)
@@ -477,7 +478,7 @@ def leave_out_vertices_without_values(gui, tmp_path):
     np.testing.assert_allclose(shown(gui, "source").values[5:], FRAMES[0, 5:])
     for name in ("source", "advected", "target"):
         assert np.flatnonzero(shown(gui, name).unknown).tolist() == [0, 1, 2, 3, 4]
-    gui.type("time", "1.5")  # drawn in the same quantity
+    gui.type("time", "1.5")  # drawn with the same quantity
     now, buffer = shown(gui), ps.get_surface_mesh("advected").get_quantity_buffer
     colors = buffer(now.kind, "colors")
     expected = colors_of(now.values, now.colors, now.unknown)
@@ -518,7 +519,7 @@ def open_the_sample(gui, monkeypatch):
     assert wave.wave_document(gui.session.view).name == "wave on eight.off"
 
 
-def test_each_tab_of_a_film_fits_one_screen(tmp_path):
+def test_tabs_of_a_sequence_fit_one_screen(tmp_path):
     sequence = abfm.sequence(EGG, FRAMES, TIMES, abfm.sequences.defaults(sigma=0.2))
     sequence.save(tmp_path / "wave.npz")
     with Driver(tmp_path / "wave.npz", size=(1280, 800)) as gui:

@@ -18,10 +18,10 @@ _MEAN, _WORST_BLOCK = 1.5, 12.0  # mean absolute differences of 0 to 255
 
 
 def difference(actual, expected, masked=()):
-    """What is different; empty if nothing that matters. The difference is written beside the actual
-    picture.
+    """Return a description of the relevant difference; empty if there is none.
 
-    A block catches what is small: a word that is missing, or a button.
+    The picture of the difference is written next to the actual one. Each block is compared, so that
+    small differences count, such as a missing word or button.
     """
     pictures = [np.asarray(Image.open(path).convert("RGB"), float) for path in (actual, expected)]
     if pictures[0].shape != pictures[1].shape:
@@ -45,7 +45,7 @@ def difference(actual, expected, masked=()):
 
 
 def compared(gui, name, folder, update):
-    """What is different between the window and a snapshot, which may be written anew."""
+    """Return the difference between the window and a snapshot, which may be updated."""
     shown = gui.window.shown
     gui.frames(2)
     gui.wait(lambda s: not shown.busy and not s.notices.latest.text)
@@ -64,8 +64,8 @@ def compared(gui, name, folder, update):
     return "" if update else found
 
 
-def test_the_window_in_its_main_states(tmp_path, request, monkeypatch):
-    """One walk through the app: every picture shows what the steps before it left."""
+def test_window_equals_snapshots(tmp_path, request, monkeypatch):
+    """One walk through the app; every picture depends on the steps before it."""
     monkeypatch.setattr(notices, "_NOTICE_SECONDS", 0.5)
     found, seen = [], []
     with Driver(EGG, size=(1280, 800)) as gui:
@@ -75,7 +75,7 @@ def test_the_window_in_its_main_states(tmp_path, request, monkeypatch):
             update = request.config.getoption("--update-snapshots")
             found.append(compared(gui, name, tmp_path, update))
 
-        # it depends on the machine's speed
+        # it depends on the speed of the machine
         gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         check("start.png")
         match(gui)
@@ -105,7 +105,7 @@ def test_the_window_in_its_main_states(tmp_path, request, monkeypatch):
 
 
 @pytest.mark.parametrize("change", ["panel", "colors", "word", "shift"])
-def test_the_comparison_notices_what_matters(tmp_path, change):
+def test_comparison_detects_relevant_changes(tmp_path, change):
     expected, actual = SNAPSHOTS / "matched.png", tmp_path / "changed.png"
     picture = Image.open(expected).convert("RGB")
     if change == "panel":
@@ -121,7 +121,7 @@ def test_the_comparison_notices_what_matters(tmp_path, change):
     assert (tmp_path / "changed-difference.png").exists()
 
 
-def test_the_comparison_overlooks_what_does_not(tmp_path):
+def test_comparison_ignores_small_changes(tmp_path):
     expected, actual = SNAPSHOTS / "matched.png", tmp_path / "noisy.png"
     pixels = np.asarray(Image.open(expected).convert("RGB"), dtype=int)
     noise = np.random.default_rng(0).integers(-2, 3, pixels.shape)

@@ -1,4 +1,4 @@
-"""Tours of the solver's panel: runs by button and key, and the verdict with its remedies."""
+"""Tours of the panel of the solver: runs by button and key, and the verdict with its remedies."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from abfm_viewer.computing.run import Process
 from tests.messages import check_message
 from tests.viewer.sessions import ENDLESS, SHORT, begin, cancel, match, restart
 
-WINDOW = (640, 480)  # in which no line of the verdict is cut
+WINDOW = (640, 480)  # in which every line of the verdict is complete
 
 
 def test_tour_of_runs(gui, walk):
@@ -48,7 +48,7 @@ def start_from_the_current_field(gui):
 
 
 def pause_and_resume(gui):
-    """By buttons and by keys; the best field of a cancelled run is continued at one click."""
+    """By buttons and by keys; one click continues from the best field of a cancelled run."""
     begin(gui, 3)
     solver = gui.session.solver
     gui.click("Pause")
@@ -77,7 +77,7 @@ def pause_and_resume(gui):
 
 
 def restart_on_changes(gui):
-    """While it is paused and while it goes on."""
+    """While the run is paused and while it runs."""
     begin(gui, 3)
     gui.click("Pause")
     gui.type("sigma", "0.015")
@@ -120,8 +120,8 @@ def scrub_during_a_run(gui):
 # The verdict
 
 
-def far_pair(gui, width, **values):
-    """Functions with disjoint supports."""
+def long_range_pair(gui, width, **values):
+    """Set functions with disjoint supports."""
     restart(gui)
     editor = gui.session.editor
     editor.set_spec("source", f"gaussian:x=0,y=0,z=1,width={width}")
@@ -131,14 +131,14 @@ def far_pair(gui, width, **values):
 
 
 def test_tour_of_the_verdict(gui, walk):
-    """What it reports of results and runs, and each of its buttons."""
+    """The texts about results and runs, and each of the buttons."""
     walk(gui, match_an_outdated_result_again)
     change_parameters_by_remedies(gui)
     walk(gui, report_a_squeezed_source, limit_the_distortion, continue_near_the_end)
 
 
 def match_an_outdated_result_again(gui, notes):
-    far_pair(gui, 0.15, iterations=8)
+    long_range_pair(gui, 0.15, iterations=8)
     match(gui)
     assert not gui.session.outdated
     gui.session.editor.set_parameter(alpha=0.02)
@@ -155,7 +155,7 @@ def match_an_outdated_result_again(gui, notes):
 
 
 def change_parameters_by_remedies(gui):
-    """Each is a button that changes its parameters and starts a run."""
+    """Each remedy is a button that changes its parameters and starts a run."""
     result = gui.session.result
     for label, parameters in {
         "Reach further": {"reach": 0.5},
@@ -171,7 +171,7 @@ def change_parameters_by_remedies(gui):
         gui.click(label, within="verdict")
         assert gui.session.solver.running
         assert gui.session.parameters == result.parameters.with_values(**parameters)
-        gui.session.solver.cancel()  # it may have ended by now
+        gui.session.solver.cancel()  # the run may have ended by now
         gui.wait(lambda s: not s.solver.running)
 
 
@@ -187,7 +187,7 @@ def report_a_squeezed_source(gui, notes, monkeypatch):
         return abfm.match(task.problem, on_iteration=post)
 
     monkeypatch.setattr(Process, "solve", held)
-    far_pair(gui, 0.1, **(ENDLESS.to_dict() | {"max_displacement": 0.1}))
+    long_range_pair(gui, 0.1, **(ENDLESS.to_dict() | {"max_displacement": 0.1}))
     begin(gui, 19)
     check_message(next(text for text, kind in notes() if kind == "failure"))
     cancel(gui)
@@ -198,7 +198,7 @@ def report_a_squeezed_source(gui, notes, monkeypatch):
 
 
 def limit_the_distortion(gui):
-    """Offered after a match that changes areas much."""
+    """Use the limit that is offered after a match that changes areas much."""
     match(gui)
     session, found = gui.session, gui.session.result
     step = replace(found.path[found.step], log2_area=1.0, log2_area_95=2.0)
@@ -215,7 +215,7 @@ def limit_the_distortion(gui):
 
 
 def continue_near_the_end(gui, notes):
-    """A cancelled match whose field matches already continues from this field."""
+    """Continue from the field of a cancelled match that already matches."""
     session, document = gui.session, gui.session.document
     for is_changed in (False, True):
         restart(gui, document)
@@ -223,7 +223,7 @@ def continue_near_the_end(gui, notes):
         session.editor.amend(parameters=replace(ENDLESS, goal=0.1))  # also after a few iterations
         session.matching.warm = True
         gui.click("Match")
-        gui.key("p")  # else it might end by itself
+        gui.key("p")  # otherwise it might end by itself
         gui.wait(lambda s: s.matching.snapshot is not None)
         gui.key("escape")
         gui.wait(lambda s: s.solver.finished)

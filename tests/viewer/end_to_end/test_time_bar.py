@@ -1,4 +1,4 @@
-"""Tour of the time bar: playing, stepping, scrubbing."""
+"""Tour of the time bar: play, step and scrub."""
 
 import numpy as np
 import polyscope.imgui as imgui
@@ -9,14 +9,14 @@ from tests.messages import check_message
 
 
 def shown(gui):
-    """The advected function at the shown time, when it is known exactly."""
+    """Return the advected function at the shown time, when it is exact."""
     gui.wait(lambda _: gui.window.shown.flow.settled)
     gui.wait(lambda _: not gui.window.shown.busy)
     return gui.window.shown.flow.advected().copy()
 
 
 def test_tour_of_the_time_bar(matched, walk):
-    walk(matched, scrub_to_the_match_and_beyond, step_and_play, keep_the_track_in_sight)
+    walk(matched, scrub_to_the_match_and_beyond, step_and_play, show_the_complete_time_bar)
 
 
 def scrub_to_the_match_and_beyond(matched):
@@ -40,7 +40,7 @@ def scrub_to_the_match_and_beyond(matched):
 
 
 def step_and_play(matched):
-    """Time is dragged, typed and stepped; playing repeats as chosen."""
+    """Time is dragged, typed and stepped; playback repeats if requested."""
     session = matched.session
     for act, time in (
         (lambda: matched.drag("time", 0.3), 0.3),
@@ -92,7 +92,7 @@ def step_and_play(matched):
     assert matched.session.time == 2
 
 
-def keep_the_track_in_sight(matched, monkeypatch):
+def show_the_complete_time_bar(matched, monkeypatch):
     alphas, places, shown = [], [], []
     slider = imgui.SliderFloat
     frames = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
@@ -112,7 +112,7 @@ def keep_the_track_in_sight(matched, monkeypatch):
     assert shown
     assert set(alphas) == {0}
     place, _, pivot = next(entry for entry in places if len(entry) == 3)
-    assert pivot == (0, 1)  # its lower left corner
+    assert pivot == (0, 1)  # the lower left corner
     assert place[1] < top
     matched.input.press()
     matched.input.move(left + 0.3 * (right - left), (top + bottom) / 2)
@@ -124,7 +124,7 @@ def keep_the_track_in_sight(matched, monkeypatch):
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 @pytest.mark.parametrize("width", [200, 420, 560, 900, 2180])
-def test_rows_of_the_bar_are_as_few_as_hold_all(scale, width):
+def test_time_bar_has_few_rows(scale, width):
     rows, groups = time_bar.rows(width / scale), time_bar.groups(width / scale)
     assert rows == sorted(rows)
     for row in set(rows):

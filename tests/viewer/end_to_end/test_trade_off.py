@@ -1,4 +1,4 @@
-"""Tour of the trade-off: a click on the curve shows a step, which files and undo keep."""
+"""Tour of the trade-off: a click on the curve shows a step, which files and undo preserve."""
 
 import csv
 import threading
@@ -18,7 +18,7 @@ from abfm_viewer.shown.flow_state import FlowState
 from tests.messages import check_message
 from tests.viewer.sessions import stepped
 
-WINDOW = (1000, 700)  # where the curve is seen as a whole
+WINDOW = (1000, 700)  # high enough for the complete curve
 
 
 def test_tour_of_the_trade_off(matched, walk):
@@ -26,8 +26,8 @@ def test_tour_of_the_trade_off(matched, walk):
     gui = matched
     gui.session.editor.amend(result=stepped(gui.session.result))
     gui.window.ui.open_tab = "Match"
-    walk(gui, choose_steps, limit_the_distortion, stop_limiting, dim_until_the_step_is_known)
-    walk(gui, dim_until_the_step_is_carried, report_save_and_export)
+    walk(gui, choose_steps, limit_the_distortion, stop_limiting, dim_until_the_step_is_computed)
+    walk(gui, dim_until_the_step_is_advected, report_save_and_export)
     walk(gui, plot_iterations_or_steps_of_a_run)
 
 
@@ -63,11 +63,11 @@ def titles(gui):
     return {name: title for name, title, _ in _titles(gui.window.scene)}
 
 
-def dim_until_the_step_is_known(walked, monkeypatch):
+def dim_until_the_step_is_computed(walked, monkeypatch):
     dim_the_surface_until_the_step_is_shown(walked, monkeypatch, Match, "at_step")
 
 
-def dim_until_the_step_is_carried(walked, monkeypatch):
+def dim_until_the_step_is_advected(walked, monkeypatch):
     dim_the_surface_until_the_step_is_shown(walked, monkeypatch, FlowState, "advect")
 
 
@@ -90,10 +90,10 @@ def dim_the_surface_until_the_step_is_shown(walked, monkeypatch, owner, name):
     assert scene.outdated == ("advected",)
     assert titles(walked)["advected"] == "advected: computing"
     assert tabs() == places or walked.session.steps.shown == walked.session.result.step
-    if owner is FlowState:  # the step arrives, and moves what is below its verdict
+    if owner is FlowState:  # the step is shown, and moves the widgets below its verdict
         walked.wait(lambda s: s.result.step == 0)
         walked.frames(2)
-    walked.click("step 2")  # the later one wins
+    walked.click("step 2")  # the later step wins
     may_end.set()
     walked.wait(lambda s: s.result.step == 1 and not walked.window.shown.busy)
     walked.wait(lambda _: walked.window.shown.flow.settled and not scene.outdated)
@@ -197,7 +197,7 @@ def stop_limiting(walked):
         walked.click("Stop limiting", "Match")
         if session.result is before:
             break
-        walked.key("ctrl+z")  # it had ended before the click
+        walked.key("ctrl+z")  # the run ended before the click
     else:
         pytest.fail("no search was stopped")
     assert not session.bound.busy

@@ -24,7 +24,7 @@ NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.
 
 @pytest.fixture
 def files(tmp_path):
-    """Two bodies with the same connectivity."""
+    """Return the files of two bodies with the same connectivity."""
     meshes = {
         "egg": ellipsoid(2, 1.0, 0.7, 0.55),
         "ball": icosphere(2, 10.0),
@@ -34,7 +34,7 @@ def files(tmp_path):
 
 @pytest.fixture
 def gui(files):
-    """The app with an egg that is registered to a ball, seen standing still."""
+    """Open the app with an egg that is registered to a ball, seen without motion."""
     with Driver((files["egg"], files["ball"]), size=(SIZE[0], 600)) as gui:
         gui.window.dialogs.folder = files["egg"].parent
         view = replace(gui.session.view, flow_after_match=False)
@@ -45,9 +45,9 @@ def gui(files):
 
 
 def test_tour_of_two_surfaces(gui, walk):
-    """Both are opened, mapped and matched; labels of A go to B; all is saved."""
+    """Open, map and match both, transfer labels of A to B, and save all."""
     walk(gui, close_and_open_b, choose_the_initial_map, match_a_to_b)
-    walk(gui, save_and_open, show_and_carry_labels, drop_both)
+    walk(gui, save_and_open, show_and_transfer_labels, drop_both)
 
 
 def close_and_open_b(gui, files):
@@ -75,7 +75,7 @@ def close_and_open_b(gui, files):
     gui.wait(lambda s: isinstance(s.document, PairDocument) and not s.obstacle)
     assert session.surface("source").mesh is egg
     assert session.document.name == "egg.off to ball.off"
-    assert session.active.source == source  # what the user may have set stays
+    assert session.active.source == source  # settings of the user stay
     assert not session.saves.unsaved
 
 
@@ -94,8 +94,8 @@ def drop_both(gui, files):
     gui.wait(lambda s: s.document.name == "ball.off to egg.off" and not s.obstacle)
 
 
-def ends_on(gui, surface):
-    """Where vertices of a surface are in the window, (V, 2)."""
+def places_on(gui, surface):
+    """Return the places in the window of the vertices of a surface, (V, 2)."""
     return gui.window.scene.projected(surface, gui.session.surface(surface).mesh.vertices)[:, :2]
 
 
@@ -118,7 +118,7 @@ def choose_the_initial_map(gui, files, notes):
     links = gui.window.scene.links()
     assert 3 < len(links) < len(on_b)
     for start, end, _ in links:
-        vertex = np.argmin(np.linalg.norm(ends_on(gui, "advected") - end, axis=1))
+        vertex = np.argmin(np.linalg.norm(places_on(gui, "advected") - end, axis=1))
         there = gui.window.scene.projected("source", on_b[vertex])[0, :2]
         assert_allclose(start, there, atol=1.0)
     gui.check("lines from A to B", False)
@@ -126,7 +126,7 @@ def choose_the_initial_map(gui, files, notes):
         gui.key("ctrl+z")
     assert session.document.initial == "sphere"
     places = gui.session.surface("source").mesh.vertices
-    opposite = np.argmax(-places @ places.T, axis=1)  # a map onto the mirror image, not torn
+    opposite = np.argmax(-places @ places.T, axis=1)  # a map to the mirror image, without tears
     np.savetxt(ball.with_name("map.txt"), opposite, "%d")
     gui.choose("initial map", "map from a file...")
     gui.double_click("map.txt")
@@ -137,7 +137,7 @@ def choose_the_initial_map(gui, files, notes):
     gui.choose("initial map", "automatic")
     gui.wait(lambda s: not s.obstacle)
     assert session.work.prepared.initial.correspondence.to_vertices()[1] == 1
-    gui.choose("initial map", "spheres from files...")  # and ways that take their time
+    gui.choose("initial map", "spheres from files...")  # and methods that take some time
     for title in ("Open the sphere of A", "Open the sphere of B"):
         gui.double_click(ball.name, title)
     assert session.document.initial == f"sphere:{ball},{ball}"
@@ -157,7 +157,7 @@ def match_a_to_b(gui, notes):
     gui.wait(lambda s: not s.obstacle)
     gui.drag("time", 0)
     gui.frames(3)
-    # the initial map is seen before anything is matched
+    # the initial map is shown before a match
     assert_allclose(gui.window.scene.paints["advected"].values, session.values("source"))
     match(gui)
     result, initial = session.result, session.document.initial_map.correspondence
@@ -171,7 +171,7 @@ def match_a_to_b(gui, notes):
     told = replace(session.document.initial_map, notes=("what is worth knowing",))
     session.editor.amend(initial_map=told)
     assert ("What is worth knowing.", "muted") in notes()
-    # a point that is clicked on A is followed on B, from where the initial map takes it
+    # a point clicked on A is followed on B, from its image by the initial map
     session.editor.set_view("a tool", tool="follow a point")
     gui.pick(3, "source", modifiers=())
     [point] = session.document.points
@@ -189,7 +189,7 @@ def match_a_to_b(gui, notes):
 
 
 def save_and_open(gui, tmp_path):
-    """A project and a registration."""
+    """Save and open a project and a registration."""
     session = gui.session
     session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
     gui.wait(lambda s: not s.obstacle)
@@ -202,7 +202,7 @@ def save_and_open(gui, tmp_path):
     gui.click("Save registration...")
     gui.type("file name", "pair.npz")
     gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
-    gui.click("Match")  # once more, so that the project does not have it
+    gui.click("Match")  # again, so that the project does not have it
     gui.wait(lambda s: s.solver.finished and s.result is not saved.result)
     assert session.saves.has_new_result(session.document)
     gui.click("Save registration...")
@@ -228,7 +228,7 @@ def save_and_open(gui, tmp_path):
     assert gui.text_of("initial map", "Functions") == "as opened"
 
 
-def test_its_tabs_fit_one_screen(files):
+def test_tabs_of_two_surfaces_fit_one_screen(files):
     with Driver((files["egg"], files["ball"]), size=(1280, 800)) as gui:
         gui.session.editor.change(
             "functions", channels=(Channel(*2 * ("gaussian:vertex=5,width=0.3",)),)
@@ -240,7 +240,7 @@ def test_its_tabs_fit_one_screen(files):
             assert gui.window.ui.hidden_heights[f"/{tab}"] == 0
 
 
-def show_and_carry_labels(gui, tmp_path):
+def show_and_transfer_labels(gui, tmp_path):
     session = gui.session
     on_a = session.surface("source").mesh
     keys = np.where(on_a.vertices[:, 0] > 0, 3, 8)
@@ -266,7 +266,7 @@ def show_and_carry_labels(gui, tmp_path):
         paint = gui.window.scene.paints["advected"]
         return paint.kind == "colors" and (paint.values == shown).all(axis=1).mean() > 0.95
 
-    # by the nearest vertex, and not by the one with most weight: near borders they may differ
+    # by the nearest vertex, not by the vertex with the largest weight; they may differ near borders
     gui.wait(lambda _: are_shown())
     gui.click("Export")
     gui.click("Save carried labels...")

@@ -1,4 +1,4 @@
-"""Tours of views: surfaces large, from other sides, hidden, by mouse, menu and keys."""
+"""Tours of views: surfaces enlarged, turned and hidden, by mouse, menu and keys."""
 
 import threading
 import time
@@ -41,18 +41,18 @@ def picture(gui, folder):
 
 
 def test_tour_of_views(gui, walk):
-    walk(gui, face_the_functions, turn_and_pick, reset_and_look_from_axes, see_a_finer_mesh)
-    walk(gui, switch_wireframe_and_flat_shading, hide_and_show_surfaces, see_a_mesh_at_once)
+    walk(gui, front_shows_the_functions, turn_and_pick, reset_and_look_from_axes, show_a_finer_mesh)
+    walk(gui, switch_wireframe_and_flat_shading, hide_and_show_surfaces, show_a_mesh_at_once)
 
 
 def test_tour_of_escape(running):
-    """Escape ends what is in front first, and the run last."""
-    show_one_surface_large(running)
+    """Escape ends the foremost thing first, and the run last."""
+    enlarge_one_surface(running)
     begin(running)
     escape_a_menu_before_the_run(running)
 
 
-def show_one_surface_large(running):
+def enlarge_one_surface(running):
     """By a double click; another one or Escape shows all again."""
     gui, scene, moves = running, running.window.scene, running.session.editor.action_count
     point_at(gui, "target")
@@ -71,7 +71,7 @@ def show_one_surface_large(running):
     gui.key("escape")
     assert scene.shown == SURFACES
     assert gui.session.editor.action_count == moves
-    assert gui.session.notices.cards == ()  # an error in the frame of the click would be one
+    assert gui.session.notices.cards == ()  # an error in the frame of the click would be recorded
     assert gui.session.solver.running
     gui.key("escape")
     gui.wait(lambda s: s.solver.finished)
@@ -91,7 +91,7 @@ def escape_a_menu_before_the_run(running):
 
 
 def turn_and_pick(gui):
-    """A drag next to a surface leaves it upright; picks are right wherever it is turned."""
+    """Check that a drag next to a surface keeps it upright, and that picks are right."""
 
     def upright():
         view = gui.window.scene.view
@@ -125,7 +125,7 @@ def turn_and_pick(gui):
 
 
 def reset_and_look_from_axes(gui):
-    """Each is a step of undo, a drag is none."""
+    """Each is a step of undo, but not a drag."""
     steps, scene, (x, y) = gui.session.editor.action_count, gui.window.scene, middle(gui, "source")
     before = scene.viewpoint
     gui.input.drag((x, y), (x + 60, y + 30))
@@ -141,7 +141,7 @@ def reset_and_look_from_axes(gui):
     gui.input.drag((100, 200), (100, 220))
     again = gui.session.view.viewpoint
     gui.key("ctrl+z")
-    assert gui.session.view.viewpoint == again != turned  # what the mouse does meanwhile stays
+    assert gui.session.view.viewpoint == again != turned  # changes by the mouse stay
     gui.key("r")
     assert gui.session.view.viewpoint is None
     gui.input.drag((100, 200), (130, 210))
@@ -173,12 +173,12 @@ def switch_wireframe_and_flat_shading(gui, tmp_path):
             assert getattr(gui.session.view, name) is expected
 
 
-def see_a_finer_mesh(gui):
-    """Clicks are on the mesh itself."""
+def show_a_finer_mesh(gui):
+    """Clicks refer to the mesh itself."""
     session, own = gui.session, gui.session.surface().mesh
     session.editor.set_parameter(refine=0)
     match(gui)
-    with raises(DriverError, "Finer mesh"):  # it was found on the mesh itself
+    with raises(DriverError, "Finer mesh"):  # the match was found on the mesh itself
         gui.menu("View", "Finer mesh")
     gui.key("escape")
     fields = np.stack([field_on_children(own, field) for field in session.result.velocity])
@@ -192,7 +192,7 @@ def see_a_finer_mesh(gui):
     gui.wait(lambda s: sizes() == {4 * len(own.faces)})
     gui.pick(12)
     assert session.channels[0].source.startswith("gaussian:vertex=12,")
-    gui.wait(lambda s: sizes() == {len(own.faces)})  # the match is no longer of what is shown
+    gui.wait(lambda s: sizes() == {len(own.faces)})  # of other functions
 
 
 def hide_and_show_surfaces(gui, tmp_path):
@@ -223,7 +223,7 @@ def hide_and_show_surfaces(gui, tmp_path):
     gui.key("h")
     check_message(notices.latest.text)
     assert scene.shown == SURFACES
-    others = ("linear blend", "optimal transport", "error")  # as well
+    others = ("linear blend", "optimal transport", "error")  # also
     for name in others:
         gui.check(name)
     for name in others:
@@ -233,8 +233,8 @@ def hide_and_show_surfaces(gui, tmp_path):
         assert name in scene.shown
 
 
-def see_a_mesh_at_once(gui, monkeypatch, tmp_path):
-    """Grey, while a card says what is computed; then its functions come, and nothing turns."""
+def show_a_mesh_at_once(gui, monkeypatch, tmp_path):
+    """Show it in grey, with a card, until its functions come; nothing turns."""
     may_go_on, session, scene = threading.Event(), gui.session, gui.window.scene
 
     def slowly(mesh):
@@ -272,7 +272,7 @@ def see_a_mesh_at_once(gui, monkeypatch, tmp_path):
     assert not session.saves.unsaved
 
 
-def face_the_functions(gui):
+def front_shows_the_functions(gui):
     """Of a project, or a figure of the paper."""
     session, before = gui.session, gui.window.scene.view.rotation[2]
     behind = int(np.argmin(session.surface().mesh.vertices @ before))

@@ -1,5 +1,6 @@
-"""A plugin of pytest: when all tests of this folder ran, in whatever order and in however many
-processes, a widget that the window showed and none used is a failure of the whole run.
+"""A plugin of pytest that fails the run if a widget was shown but never used.
+
+It acts only if all tests of this folder ran, in any order and in any number of processes.
 """
 
 from contextlib import contextmanager
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).parent
-# places whose labels are the names of files
+# sections whose labels are names of files
 _OPENING = (
     *("Open a mesh", "Open a second surface", "Open a project or a result", "Open values"),
     *("Open a vertex map", "Open the sphere of", "Open a map from", "Open landmarks"),
@@ -20,7 +21,7 @@ _OUTPUT = "widgets"
 
 
 class WidgetCoverage:
-    """Names of widgets that were seen where they could be used, and of those that were used."""
+    """Names of enabled widgets that were shown, and of those that were used."""
 
     def __init__(self, config):
         self._config = config
@@ -28,8 +29,8 @@ class WidgetCoverage:
 
     @contextmanager
     def recording(self):
-        """Remember what windows show, and what tests ask for."""
-        # not in processes that only hand out tests
+        """Record the shown widgets, and the widgets that tests use."""
+        # not in processes that only distribute tests
         from abfm_viewer.automation.widget_search import WidgetSearch
         from abfm_viewer.widgets.widget_record import WidgetRecord
 
@@ -42,7 +43,7 @@ class WidgetCoverage:
 
         def recorded_end_frame(record):
             end_frame(record)
-            # What is drawn to be looked at is left out.
+            # Plots and pictures do not count.
             self.seen |= {_name(w) for w in record.latest if w.enabled and w.kind != "plot"}
 
         with pytest.MonkeyPatch.context() as patch:
@@ -51,7 +52,7 @@ class WidgetCoverage:
             yield
 
     def unused(self):
-        """What was seen and not used, but for names of files."""
+        """Return the names of unused widgets, without names of files."""
         return sorted(name for name in self.seen - self.used if not name[0].startswith(DYNAMIC))
 
     # Hooks of pytest
@@ -89,8 +90,10 @@ class WidgetCoverage:
 
 
 def _name(widget):
-    """Where a widget is and what it is called; one name for all channels, for both sides of one,
-    for all steps of a path, and for all dialogs that save.
+    """Return the section and the name of a widget.
+
+    All channels, both sides of a channel, all steps of a path, and all dialogs that save have one
+    name.
     """
     section = "message" if widget.section.startswith("message ") else widget.section
     section = section.replace("Functions/target", "Functions/source")

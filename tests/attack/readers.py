@@ -1,4 +1,4 @@
-"""The doors through which users open files, and the promises about each."""
+"""Readers of the files that users open, and checks of the promises about each."""
 
 import contextlib
 import io
@@ -32,16 +32,16 @@ _INNER = re.compile(
     r"|positional argument|\w+\(\) (argument|takes)|has no len|not iterable"
     r"|unsupported operand|<\w+ object|index out of range|out of bounds for|Python int"
 )
-"""Words that only programmers understand, unless they are the user's own."""
+"""Words of Python, which no message may contain unless they are the user's own."""
 
 
-def enter(door, path):
-    """Open a file as users do: an `AbfmError` is a correct refusal, everything else a fault."""
+def read_as(reader, path):
+    """Read a file; an `AbfmError` is a correct refusal, any other error a fault."""
     try:
-        DOORS[door](path)
+        READERS[reader](path)
     except AbfmError as error:
         text = str(error)
-        given = path.read_bytes() if door == "spec" else b""
+        given = path.read_bytes() if reader == "spec" else b""
         words = [found[0] for found in _INNER.finditer(text.replace(str(path), ""))]
         faults = {
             f"{len(text)} characters": len(text) > MESSAGE_LENGTH_MAX,
@@ -134,7 +134,7 @@ def _session():
 
 
 def _state(path):
-    """A file of what the app keeps between launches."""
+    """Read a file that the app stores between launches."""
     state, was_file = StateFolder(path.parent), path.is_file() and not path.is_symlink()
     assert all(isinstance(p, Path) for p in state.recent())
     Preferences(_session(), state)
@@ -167,7 +167,7 @@ def _labels(path):
 
 
 def _batch(path):
-    """A file of a folder of two rows: whatever is in it, other rows are still reported."""
+    """Read a folder of two rows with one changed file; the other rows must be reported."""
     folder = path.parent.parent if path.suffix == ".json" else path.parent
 
     def around():
@@ -190,7 +190,7 @@ def _batch(path):
     assert not re.search(r'(^|,)"?[=+@]', text, re.MULTILINE)
 
 
-DOORS = {
+READERS = {
     "frames": _frames,
     "labels": _labels,
     "table": read_table,
