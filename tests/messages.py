@@ -1,8 +1,8 @@
-"""Texts that people read, compared with one file: `tests/snapshots/messages.txt`.
+"""Comparison of messages with a snapshot, `tests/snapshots/messages.txt`.
 
-A test asserts which error, outcome or exit status it expects, and which names and numbers a
-message must contain. The wording is compared with the snapshot, which `--update-snapshots`
-rewrites for the tests that passed. Computed numbers and temporary folders are masked.
+A test asserts which error, outcome or exit status it expects, and which names and numbers a message
+must contain. The wording is compared with the snapshot. ``--update-snapshots`` rewrites the
+snapshot for the tests that passed. Computed numbers and temporary folders are masked.
 """
 
 import re
@@ -26,16 +26,16 @@ _PROPERTY = "message"
 _COMPUTED = re.compile(
     r"(?<![\w.])[-+]?\d+((\.\d+)+(e[-+]?\d+)?|e[-+]?\d+|(?= ?%| bytes))(?!\w|\.\d)"
 )
-# addresses, and the random name of a result that could not be written to its place
+# addresses, and the random name of a result that could not be written to its file
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{6,}\b|(?<=\babfm-)[0-9a-f]{8}(?=\.npz)")
 _CHOICES = re.compile(r"\(choose from .*?\)")  # Python 3.12 omits the quotes
-_TEMPORARY = tempfile.gettempdir()  # tests replace it
-_current = None  # the Messages of the test that runs now
+_TEMPORARY = tempfile.gettempdir()  # replaced by tests
+_current = None  # the Messages of the running test
 
 
 @contextmanager
 def raises(error, *named, recorded=True):
-    """Like `pytest.raises`; also check the message, unless another library words it."""
+    """Act like `pytest.raises`, and check the message (only its names if not ``recorded``)."""
     with pytest.raises(error) as caught:
         yield caught
     check = check_message if recorded else check_names
@@ -45,8 +45,8 @@ def raises(error, *named, recorded=True):
 def check_message(text, *named):
     """Assert that a text contains names and numbers, and is worded as in the snapshot.
 
-    A name is a complete word of the text: 7 is not in "17 values". In a test by Hypothesis, whose
-    texts differ from run to run, only the names are checked.
+    A name must be a complete word of the text: 7 is not in "17 values". In a test by Hypothesis,
+    whose texts differ from run to run, only the names are checked.
     """
     check_names(text, *named)
     if not hypothesis.currently_in_test_context():
@@ -84,7 +84,7 @@ class Messages:
     def check(self, text):
         text = self._masked(text)
         if self._texts and text == self._texts[-1]:
-            return  # as in a loop over what has the same message
+            return  # as in a loop whose steps have the same message
         self._texts.append(text)
         if self._update:
             self._item.user_properties.append((_PROPERTY, text))
@@ -110,7 +110,7 @@ class Messages:
 
 
 def _temporary_folders(base):
-    """Patterns of folders that tests write to, shortened by messages and complete."""
+    """Return patterns of the folders that tests write to, shortened by messages and complete."""
     base, end = str(base), r"[^\s'\"/]*/"
     heads = "|".join(re.escape(base[:length]) for length in range(len(base), 9, -1))
     shortened = rf"(?:{re.escape(base)}/[^\s'\"]*?{'|' + heads if heads else ''})\.\.\.(?:{end})?"
@@ -119,7 +119,7 @@ def _temporary_folders(base):
 
 
 class MessageSnapshot:
-    """A plugin of pytest: knows the snapshot, and rewrites it after `--update-snapshots`."""
+    """A plugin of pytest that reads the snapshot, and rewrites it after `--update-snapshots`."""
 
     def __init__(self, config):
         self._config = config
@@ -138,7 +138,7 @@ class MessageSnapshot:
             _current = None
 
     def pytest_runtest_logreport(self, report):
-        # pytest-xdist sends reports, with the messages in them, to the process that writes
+        # pytest-xdist sends reports with their messages to the process that writes the snapshot
         self._reported.add(key(report.nodeid))
         if report.when == "call" and report.passed:
             texts = [text for name, text in report.user_properties if name == _PROPERTY]
@@ -157,8 +157,10 @@ class MessageSnapshot:
             for module in lines:
                 if is_complete or module in modules:
                     tests = lines[module].items()
-                    kept = {test: each for test, each in tests if (module, test) in self._reported}
-                    lines[module] = kept
+                    reported = self._reported
+                    lines[module] = {
+                        test: each for test, each in tests if (module, test) in reported
+                    }
         write_snapshot(lines)
 
     def _selects_tests(self):
@@ -168,7 +170,7 @@ class MessageSnapshot:
 
 
 def key(nodeid):
-    """The module and the test that a test's id names, without spaces and local paths."""
+    """Return the module and the test of a test id, without spaces and local paths."""
     module, _, test = nodeid.partition("::")
     for path in (str(REPOSITORY), str(REPOSITORY).encode("unicode_escape").decode()):
         test = test.replace(path, "REPOSITORY")

@@ -1,12 +1,12 @@
-"""Names of constants: nouns, one a line."""
+"""Check of the names of constants: nouns, one a line."""
 
 import ast
 import re
 
 from tests.processes import ROOT
 
-# words that name nothing by themselves; superlatives are such, too
-NO_NOUNS = frozenset(
+# words that are not nouns; superlatives are also rejected
+OTHER_WORDS = frozenset(
     re.findall(
         r"\w+",
         """
@@ -39,7 +39,7 @@ MODULES = [path for top in ("core/abfm", "abfm_viewer") for path in (ROOT / top)
 
 
 def constants(statement):
-    """Names in capitals that a statement of a module binds, not from their earlier values."""
+    """Return names in capitals that a statement binds, but not from their earlier values."""
     if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
         return []
     names = [node for node in ast.walk(statement) if isinstance(node, ast.Name)]
@@ -49,23 +49,23 @@ def constants(statement):
 
 
 def faults(text):
-    """Constants of a module that are named by adjectives, or two on a line."""
+    """Return the faults of constants of a module: adjectives, or two on one line."""
     found = []
     for statement in ast.parse(text).body:
         names = constants(statement)
-        found += [f"{name} names no thing" for name in names if is_no_noun(name)]
+        found += [f"{name} is not a noun" for name in names if is_not_noun(name)]
         if len(names) > 1 and not is_numbered(statement.value):
             found.append(f"{', '.join(names)} are on one line")
     return found
 
 
-def is_no_noun(name):
+def is_not_noun(name):
     words = name.strip("_").split("_")
-    return all(word in NO_NOUNS or (len(word) > 4 and word.endswith("EST")) for word in words)
+    return all(word in OTHER_WORDS or (len(word) > 4 and word.endswith("EST")) for word in words)
 
 
 def is_numbered(value):
-    """Whether values are whole numbers one after the other, or what one call returns."""
+    """Return whether values are consecutive integers, or the result of one call."""
     if not isinstance(value, ast.Tuple):
         return True
     numbers = [getattr(each, "value", None) for each in value.elts]
@@ -78,7 +78,7 @@ def test_constants_are_nouns():
 
 
 def test_faults_of_constants_are_found():
-    assert faults("_LONGEST = 1") == ["_LONGEST names no thing"]
-    assert faults("_MOST_SHOWN = 1") == ["_MOST_SHOWN names no thing"]
+    assert faults("_LONGEST = 1") == ["_LONGEST is not a noun"]
+    assert faults("_MOST_SHOWN = 1") == ["_MOST_SHOWN is not a noun"]
     assert faults("WIDTH, HEIGHT = 3, 5") == ["WIDTH, HEIGHT are on one line"]
     assert faults("NODE, EDGE, FACE = 0, 1, 2\nLENGTHS = {}\nLENGTHS = LENGTHS | {1: 2}") == []

@@ -1,4 +1,4 @@
-"""The comparison of messages with their snapshot: names, masks, and what an update rewrites."""
+"""Comparison of messages with their snapshot: names, masks, and updates."""
 
 from types import SimpleNamespace
 
@@ -15,19 +15,19 @@ def snapshot(tmp_path, monkeypatch):
     return path
 
 
-def config(update, words=(), basetemp=None):
-    """The configuration of a run of all tests, or of the files and tests given."""
+def config(update, arguments=(), basetemp=None):
+    """Return the configuration of a run of all tests, or of the given files and tests."""
     source = pytest.Config.ArgsSource
     return SimpleNamespace(
         getoption=lambda _: update,
         option=SimpleNamespace(keyword="", markexpr="", deselect=None, basetemp=basetemp),
-        args=words or ["tests"],
-        args_source=source.ARGS if words else source.TESTPATHS,
+        args=arguments or ["tests"],
+        args_source=source.ARGS if arguments else source.TESTPATHS,
     )
 
 
 def checked(texts, expected=(), update=False, basetemp=None):
-    """Check texts in a test; return what it reports to the process that writes the snapshot."""
+    """Check texts in a test; return the texts that it reports for the snapshot."""
     item = SimpleNamespace(config=config(update, basetemp=basetemp), user_properties=[])
     record = Messages(item, list(expected))
     for text in texts:
@@ -35,9 +35,9 @@ def checked(texts, expected=(), update=False, basetemp=None):
     return [text for _, text in item.user_properties]
 
 
-def run(recorded, update=True, words=(), failed=()):
+def run(recorded, update=True, arguments=(), failed=()):
     """Report tests with their messages to the plugin, and end the run."""
-    plugin = MessageSnapshot(config(update, words))
+    plugin = MessageSnapshot(config(update, arguments))
     for nodeid, texts in recorded.items():
         properties = [(messages._PROPERTY, text) for text in texts]
         report = SimpleNamespace(
@@ -72,19 +72,19 @@ def test_messages_are_compared_in_order():
             checked(texts, ["a is 1", "b"])
 
 
-def test_update_keeps_lines_of_tests_that_did_not_run(snapshot):
+def test_update_keeps_lines_of_other_tests(snapshot):
     first = {"tests/a.py::x": ["one", "two"], "tests/a.py::y": ["three\\n"], "tests/b.py::z": ["4"]}
     assert run(first) == {"a.py::x": ["one", "two"], "a.py::y": ["three\\n"], "b.py::z": ["4"]}
     text = snapshot.read_text()
-    assert run({"tests/b.py::z": ["no"]}, update=False) == run({}, words=["tests/b.py::z"])
+    assert run({"tests/b.py::z": ["no"]}, update=False) == run({}, arguments=["tests/b.py::z"])
     assert run({"tests/b.py::z": ["no"]}, failed=["tests/b.py::z"])["b.py::z"] == ["4"]
     assert snapshot.read_text() == text
-    assert run({"tests/a.py::x": ["1"]}, words=["tests/a.py::x"])["a.py::y"] == ["three\\n"]
+    assert run({"tests/a.py::x": ["1"]}, arguments=["tests/a.py::x"])["a.py::y"] == ["three\\n"]
 
 
-def test_update_drops_lines_of_tests_that_are_gone(snapshot):
+def test_update_drops_lines_of_removed_tests(snapshot):
     run({"tests/a.py::x": ["one"], "tests/a.py::y": ["two"], "tests/b.py::z": ["three"]})
-    assert run({"tests/a.py::y": ["2"]}, words=["tests/a.py"]) == {
+    assert run({"tests/a.py::y": ["2"]}, arguments=["tests/a.py"]) == {
         "a.py::y": ["2"],
         "b.py::z": ["three"],
     }
@@ -102,7 +102,7 @@ def test_keys_do_not_depend_on_the_folder(monkeypatch):
     found = set()
     for folder in ("/a", "/b c", "/é"):
         monkeypatch.setattr(messages, "REPOSITORY", folder)
-        words = f"info '{folder}/x'" if " " in folder else f"info {folder}/x"
-        identifier = words.encode("unicode_escape").decode()
+        arguments = f"info '{folder}/x'" if " " in folder else f"info {folder}/x"
+        identifier = arguments.encode("unicode_escape").decode()
         found.add(key(f"tests/test_a.py::test_b[{identifier}]"))
     assert found == {("test_a.py", "test_b[info_REPOSITORY/x]")}

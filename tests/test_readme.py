@@ -1,4 +1,4 @@
-"""What the README says is so."""
+"""Checks that the README is correct."""
 
 import re
 import shutil
@@ -20,7 +20,7 @@ PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 
 
 def table(heading):
-    """Cells of the first table below a heading, without its two first lines."""
+    """Return the cells of the first table below a heading, without its header lines."""
     rows = re.search(rf"\n## {heading}\n.*?((?:\n\|[^\n]*)+)", README, re.DOTALL)
     lines = rows[1].strip().splitlines()[2:]
     return [
@@ -28,7 +28,7 @@ def table(heading):
     ]
 
 
-def test_the_python_examples_run(tmp_path, monkeypatch, capsys):
+def test_python_examples_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     alone, pair = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     names = {}
@@ -42,15 +42,15 @@ def test_the_python_examples_run(tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(load("reg.npz").to_vertices(), names["found"].to_vertices())
 
 
-def test_every_parameter_is_in_the_table_with_its_symbol_and_default():
-    def plain(default):
+def test_table_has_all_parameters():
+    def text_of(default):
         return f"{float(default):g}" if str(default)[0].isdigit() else str(default)
 
-    rows = [(name, symbol, plain(default)) for name, symbol, _, default in table("Parameters")]
-    assert rows == [(f.name, f.metadata["symbol"], plain(f.default)) for f in FIELDS.values()]
+    rows = [(name, symbol, text_of(default)) for name, symbol, _, default in table("Parameters")]
+    assert rows == [(f.name, f.metadata["symbol"], text_of(f.default)) for f in FIELDS.values()]
 
 
-def test_every_family_is_in_the_table_with_a_working_example(tmp_path, monkeypatch):
+def test_table_has_all_families(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.save("values.npy", np.arange(1229.0))
     np.save("angle.npy", np.arange(1229.0))
@@ -64,14 +64,14 @@ def test_every_family_is_in_the_table_with_a_working_example(tmp_path, monkeypat
             assert np.ptp(function(mesh, part)) > 0
 
 
-def test_commands_shown_exist(capsys):
+def test_shown_commands_exist(capsys):
     shown = set(re.findall(r"^    abfm (\S+)", README, re.MULTILINE))
     with pytest.raises(SystemExit):
         main(["--help"])
     assert shown == set(re.findall(r"^    (\w+)(?:  |$)", capsys.readouterr().out, re.MULTILINE))
 
 
-def test_pictures_and_linked_files_are_there_and_every_figure_has_its_page():
+def test_linked_files_and_pages_of_figures_exist():
     linked = {}
     for page in PAGES:
         links = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text("utf-8"))
@@ -85,15 +85,15 @@ def test_pictures_and_linked_files_are_there_and_every_figure_has_its_page():
         assert f"({name}.md)" in listed
 
 
-def test_what_makes_the_energy_the_papers_is_listed():
+def test_parameters_of_the_paper_are_listed():
     words = "the paper's energy and course"
-    said = [part for part in README.split("\n\n") if words in part.replace("\n", " ").lower()]
-    assert len(said) == 1
-    for part in said:
+    found = [part for part in README.split("\n\n") if words in part.replace("\n", " ").lower()]
+    assert len(found) == 1
+    for part in found:
         assert [name for name in PAPER if f"`{name}" not in part] == []
 
 
-def test_names_of_the_library_in_the_pages_exist():
+def test_names_in_the_pages_exist():
     names = {
         name
         for page in PAGES

@@ -1,4 +1,4 @@
-"""The distribution, the start script, and what importing may not do."""
+"""The distribution, the structure of the packages, the start script, and imports."""
 
 import ast
 import json
@@ -16,7 +16,7 @@ import pytest
 
 from tests.processes import ROOT, python, run
 
-# modules that the extra "app" installs, as they are imported
+# modules of the extra "app"
 OF_THE_APP = ("av", "matplotlib", "PIL", "platformdirs", "polyscope", "polyscope_bindings")
 PACKAGES = (ROOT / "core" / "abfm", ROOT / "abfm_viewer")
 
@@ -30,7 +30,7 @@ NO_SCREEN = environment_without("DISPLAY", "WAYLAND_DISPLAY")
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """The wheel that is built from the source distribution, as others do."""
+    """Return the wheel that is built from the source distribution."""
     folder = tmp_path_factory.mktemp("built")
     left_out = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist")
     source = shutil.copytree(ROOT, folder / "source", ignore=left_out)
@@ -42,7 +42,7 @@ def wheel(tmp_path_factory):
     return wheel
 
 
-def test_the_wheel_holds_both_packages_and_every_asset(wheel):
+def test_wheel_has_both_packages_and_all_assets(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {f"abfm/assets/{asset.name}" for asset in (ROOT / "assets").iterdir()} <= names
     assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/solve.py"} <= names
@@ -56,7 +56,10 @@ def test_the_wheel_holds_both_packages_and_every_asset(wheel):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Run programs of an environment with the wheel, which borrows libraries of the present one."""
+    """Return a function that runs programs of an environment with the wheel.
+
+    The environment borrows the libraries of the present one.
+    """
     folder = tmp_path_factory.mktemp("installed")
     home = folder / "environment"
     run(sys.executable, "-m", "venv", "--without-pip", home, check=True)
@@ -67,7 +70,8 @@ def installed(wheel, tmp_path_factory):
     (packages / "borrowed.pth").write_text(borrowed)
     (packages / "without_app.py").write_text(WITHOUT_APP)
     (packages / "without_app.pth").write_text("import without_app")
-    for path in (ROOT / "core").rglob("*.*"):  # numba's code for files of the same time and size
+    # copies numba's compiled code, which is valid for source files of the same time and size
+    for path in (ROOT / "core").rglob("*.*"):
         there = packages / path.relative_to(ROOT / "core")
         if path.suffix in {".nbi", ".nbc"}:
             there.parent.mkdir(exist_ok=True)
@@ -82,7 +86,7 @@ def installed(wheel, tmp_path_factory):
     return run_installed
 
 
-# on a mesh where it takes no time
+# on a mesh where it is fast
 SMALL_DEMO = """
 import sys, abfm_viewer.cli.demo as demo
 from abfm_viewer.cli import main
@@ -114,23 +118,23 @@ if "WITHOUT_APP" in os.environ:
 """
 
 
-def test_what_is_installed_from_the_wheel_works_outside_of_the_repository(installed):
+def test_installed_wheel_works_outside_the_repository(installed):
     code = "from abfm.assets import asset_path; print(asset_path('eight.off'))"
     mesh = installed("python", "-c", code).stdout.strip()
     assert Path(mesh).parent.parts[-3:] == ("site-packages", "abfm", "assets")
     assert installed("abfm", "--version").stdout == f"abfm {version('abfm')}\n"
     assert "315" in installed("abfm", "info", mesh).stdout
-    assert installed("abfm-viewer").stderr.startswith("abfm-viewer: no screen")
+    assert installed("abfm-viewer").stderr.startswith("abfm-viewer: there is no screen")
 
 
-def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
-    wanted = "pip install 'abfm[app]'"
-    without = {"WITHOUT_APP": "yes"}
-    demo = installed("python", "-c", SMALL_DEMO + RUN_DEMO, tmp_path, **without)
+def test_without_the_app_only_drawing_is_missing(installed, tmp_path):
+    install = "pip install 'abfm[app]'"
+    without_app = {"WITHOUT_APP": "yes"}
+    demo = installed("python", "-c", SMALL_DEMO + RUN_DEMO, tmp_path, **without_app)
     assert demo.returncode == 0
     assert all(line.startswith("note: ") for line in demo.stderr.splitlines())
     assert "no picture and no movie" in demo.stderr.splitlines()[-1]
-    assert demo.stderr.strip().endswith(wanted)
+    assert demo.stderr.strip().endswith(install)
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
     mesh, result = ROOT / "assets" / "eight.off", tmp_path / "demo.npz"
     commands = [
@@ -139,31 +143,31 @@ def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
         *(["render", result, "--out", tmp_path / name] for name in ("a.html", "a.png", "a.mp4")),
     ]
     text = json.dumps(commands, default=str)
-    done = installed("python", "-c", COMMANDS, text, **without)
+    done = installed("python", "-c", COMMANDS, text, **without_app)
     assert json.loads(done.stdout.splitlines()[-1]) == [0, 2, 0, 2, 2]
-    window = installed("abfm-viewer", **without)
+    window = installed("abfm-viewer", **without_app)
     assert window.returncode == 2
     lines = done.stderr.splitlines() + window.stderr.splitlines()
     assert len(lines) == 4
-    assert all(line.endswith(wanted) for line in lines)
+    assert all(line.endswith(install) for line in lines)
 
 
-def test_every_room_has_its_line_in_the_plan_of_the_house():
+def test_every_package_is_in_the_tables_of_architecture():
     plan = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
     rows = "".join(re.findall(r"^\| (`.*?) \|", plan, re.MULTILINE))
-    rooms = {init.parent.name for house in PACKAGES for init in house.glob("*/__init__.py")}
-    assert set(re.findall(r"`(\w+)/`", rows)) == rooms
+    folders = {init.parent.name for package in PACKAGES for init in package.glob("*/__init__.py")}
+    assert set(re.findall(r"`(\w+)/`", rows)) == folders
 
 
-def test_every_room_is_seen_at_a_glance():
-    """By a listing of at most 18 entries."""
-    rooms = [init.parent for house in PACKAGES for init in house.glob("*/**/__init__.py")]
-    counts = {room.name: len({*os.listdir(room)} - {"__pycache__"}) for room in rooms}
+def test_packages_have_few_modules():
+    """A listing has at most 18 entries."""
+    folders = [init.parent for package in PACKAGES for init in package.glob("*/**/__init__.py")]
+    counts = {folder.name: len({*os.listdir(folder)} - {"__pycache__"}) for folder in folders}
     assert {name: count for name, count in counts.items() if count > 18} == {}
 
 
 def bound_names(statement):
-    """Names that a statement of a module binds, except decorated ones and overloads."""
+    """Return the names that a statement binds, except decorated ones and overloads."""
     if isinstance(statement, ast.FunctionDef | ast.ClassDef):
         return [] if statement.decorator_list else [statement.name]
     if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
@@ -174,13 +178,13 @@ def bound_names(statement):
 
 
 def test_no_module_binds_a_name_twice():
-    """A second constant of the same name replaces the first, wherever that is used."""
+    """A second constant of the same name would replace the first one."""
     for path in (path for package in PACKAGES for path in package.rglob("*.py")):
         names = [name for each in ast.parse(path.read_text()).body for name in bound_names(each)]
         assert sorted(names) == sorted(set(names)), path
 
 
-def test_matching_and_the_command_line_need_no_opengl():
+def test_command_line_needs_no_opengl():
     code = (
         "import sys, abfm, abfm_viewer.app; from abfm_viewer.cli import main; abfm.match; "
         "main([]); print('polyscope' in sys.modules)"
@@ -188,7 +192,7 @@ def test_matching_and_the_command_line_need_no_opengl():
     assert python(code).stdout.endswith("\nFalse\n")
 
 
-def test_blas_gets_one_thread_unless_the_user_says_otherwise():
+def test_blas_has_one_thread_by_default():
     names = "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"
     code = f"import os, abfm_viewer; print(*map(os.environ.get, {names}))"
     unset = environment_without(*names)
@@ -196,8 +200,8 @@ def test_blas_gets_one_thread_unless_the_user_says_otherwise():
     assert python(code, env=unset | dict(zip(names, "23", strict=True))).stdout == "2 3\n"
 
 
-def test_what_cannot_draw_says_so_in_one_line(tmp_path):
-    """Without libEGL polyscope would crash; ctypes is made to miss it."""
+def test_missing_opengl_is_one_line(tmp_path):
+    """Without libEGL polyscope would crash; ctypes is patched to miss it."""
     done = python(SMALL_DEMO + NO_LIBRARY + RUN_DEMO, tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
     assert done.stderr.startswith("note: no picture and no movie: cannot draw")
@@ -208,10 +212,10 @@ def test_what_cannot_draw_says_so_in_one_line(tmp_path):
     ("environment", "words"),
     [
         (os.environ | {"NUMBA_NUM_THREADS": "0"}, "abfm-viewer: numba does not take"),
-        (NO_SCREEN, "abfm-viewer: no screen"),
+        (NO_SCREEN, "abfm-viewer: there is no screen"),
     ],
 )
-def test_the_app_says_in_a_line_why_it_does_not_start(environment, words):
+def test_app_that_cannot_start_prints_one_line(environment, words):
     code = "import sys; from abfm_viewer.app import main; sys.exit(main([]))"
     done = python(code, env=environment)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
@@ -219,32 +223,32 @@ def test_the_app_says_in_a_line_why_it_does_not_start(environment, words):
 
 
 @pytest.fixture
-def house(tmp_path):
-    """A folder with a blank and an accent in its name, with `run` and an environment that looks
-    installed.
-    """
-    house = tmp_path / "my höuse"
-    programs = house / ".venv" / "bin"
+def project(tmp_path):
+    """Return a copy of `run` with a blank and an accent in its path, which looks installed."""
+    project = tmp_path / "my höuse"
+    programs = project / ".venv" / "bin"
     programs.mkdir(parents=True)
     for name in ("run", "pyproject.toml"):
-        shutil.copy(ROOT / name, house)
+        shutil.copy(ROOT / name, project)
     program(programs / "python", f'exec {shlex.quote(sys.executable)} "$@"')
     for name in ("abfm", "abfm-viewer"):
         program(programs / name, f'echo {name} "$#" "$@"')
-    stamp_installed(house)
-    return house
+    stamp_installed(project)
+    return project
 
 
 def program(path, command):
-    """A shell script that may be run."""
+    """Write an executable shell script."""
     path.write_text(f"#!/bin/sh\n{command}\n")
     path.chmod(stat.S_IRWXU)
 
 
-def stamp_installed(house):
-    """Make `run` believe that the project was installed as its pyproject.toml says."""
+def stamp_installed(project):
+    """Write the files by which `run` recognizes an installed project."""
     for name in ("installed-app", "installed-test"):
-        (house / ".venv" / name).write_text(f"{house}\n{(house / 'pyproject.toml').read_text()}")
+        (project / ".venv" / name).write_text(
+            f"{project}\n{(project / 'pyproject.toml').read_text()}"
+        )
 
 
 @pytest.mark.parametrize(
@@ -255,49 +259,50 @@ def stamp_installed(house):
         ({}, [], "abfm 1 demo\n"),
     ],
 )
-def test_run_opens_the_app_or_without_a_screen_the_demo(house, tmp_path, screen, words, expected):
-    done = run(house / "run", *words, cwd=tmp_path, env=NO_SCREEN | screen)
+def test_run_opens_the_app_or_the_demo(project, tmp_path, screen, words, expected):
+    """Without a screen it runs the demo."""
+    done = run(project / "run", *words, cwd=tmp_path, env=NO_SCREEN | screen)
     assert (done.returncode, done.stdout) == (0, expected)
 
 
-def test_run_installs_and_tests_the_oldest_versions_on_request(house):
-    """The environment's Python prints its arguments, and whether versions are constrained."""
-    programs = house / ".venv-oldest" / "bin"
+def test_run_can_test_the_oldest_versions(project):
+    """The Python of the environment prints its arguments, and whether versions are constrained."""
+    programs = project / ".venv-oldest" / "bin"
     programs.mkdir(parents=True)
-    program(programs / "python", 'echo "${UV_CONSTRAINT:+held: }$*"')
-    done = run(house / "run", "test", "--oldest", "tests/some.py")
-    asked = [line for line in done.stdout.splitlines() if "-c" not in line.split()]
-    install, compiled, _, editable, tests = asked
+    program(programs / "python", 'echo "${UV_CONSTRAINT:+constrained: }$*"')
+    done = run(project / "run", "test", "--oldest", "tests/some.py")
+    requested = [line for line in done.stdout.splitlines() if "-c" not in line.split()]
+    install, compiled, _, editable, tests = requested
     assert install.endswith("uv")
     assert compiled.startswith(
         "-m uv pip compile --quiet --no-header --resolution=lowest-direct --extra=app"
     )
-    versions, project = programs.parent / "oldest.txt", house / "pyproject.toml"
-    assert f"--output-file={versions} {project}" in compiled
-    assert editable.startswith("held: -m uv pip install")
-    assert editable.endswith(f"--editable {house}[test]")
-    assert tests == "held: -m pytest --numprocesses=auto --dist=worksteal tests/some.py"
+    versions, settings = programs.parent / "oldest.txt", project / "pyproject.toml"
+    assert f"--output-file={versions} {settings}" in compiled
+    assert editable.startswith("constrained: -m uv pip install")
+    assert editable.endswith(f"--editable {project}[test]")
+    assert tests == "constrained: -m pytest --numprocesses=auto --dist=worksteal tests/some.py"
 
 
-def test_run_installs_with_pip_where_uv_fails(house):
-    (house / ".venv" / "installed-test").unlink()
-    program(house / ".venv" / "bin" / "python", 'echo "$*"; [ "$2" != uv ]')
-    done = run(house / "run", "test", "tests/some.py")
+def test_run_installs_with_pip_if_uv_fails(project):
+    (project / ".venv" / "installed-test").unlink()
+    program(project / ".venv" / "bin" / "python", 'echo "$*"; [ "$2" != uv ]')
+    done = run(project / "run", "test", "tests/some.py")
     *_, editable, tests = [line for line in done.stdout.splitlines() if "-c" not in line.split()]
     assert editable.startswith("-m pip")
-    assert editable.endswith(f"--editable {house}[test]")
+    assert editable.endswith(f"--editable {project}[test]")
     assert tests == "-m pytest tests/some.py"
 
 
-def test_run_test_reports_every_check_that_failed(house):
-    """The copy has neither code nor settings for import-linter: some fail, and all of them run."""
-    (house / "tests").mkdir()
-    for name in ("__init__", "warm_up"):  # there is nothing to compile
-        (house / "tests" / f"{name}.py").touch()
-    (house / "pyproject.toml").write_text("[tool.mypy]\nfiles = ['missing']\n")
-    stamp_installed(house)
-    shutil.copy(Path(sys.executable).parent / "lint-imports", house / ".venv" / "bin")
-    done = run(house / "run", "test")
+def test_run_test_reports_all_failed_checks(project):
+    """The copy has no code and no settings of import-linter; all checks run."""
+    (project / "tests").mkdir()
+    for name in ("__init__", "warm_up"):  # nothing to compile
+        (project / "tests" / f"{name}.py").touch()
+    (project / "pyproject.toml").write_text("[tool.mypy]\nfiles = ['missing']\n")
+    stamp_installed(project)
+    shutil.copy(Path(sys.executable).parent / "lint-imports", project / ".venv" / "bin")
+    done = run(project / "run", "test")
     assert done.returncode == 2
     assert done.stderr.endswith("run: failed: mypy, import-linter, pytest\n")
     for name in ("ruff check", "ruff format", "mypy", "import-linter", "pytest"):
@@ -305,28 +310,28 @@ def test_run_test_reports_every_check_that_failed(house):
 
 
 @pytest.fixture
-def bare_machine(house, tmp_path):
-    """An environment with only a few programs, where Python and sudo do as if all went well."""
+def minimal_machine(project, tmp_path):
+    """Return a folder with few programs; Python and sudo succeed without_app effect."""
     programs = tmp_path / "programs"
     programs.mkdir()
     for name in ("bash", "sh", "cat", "dirname", "env", "id", "touch", "chmod"):
         (programs / name).symlink_to(shutil.which(name))
     program(programs / "uname", "echo Linux")
     program(programs / "sudo", 'shift; exec "$@"')
-    program(house / ".venv" / "bin" / "python", "exit 0")
+    program(project / ".venv" / "bin" / "python", "exit 0")
     return programs
 
 
-def test_run_test_installs_what_tests_of_windows_and_pages_need(house, bare_machine, tmp_path):
+def test_run_test_installs_programs_of_tests(project, minimal_machine, tmp_path):
     names = ("Xvfb", "xdotool", "chromium", "chromedriver")
-    every = " ".join(f'"{bare_machine / name}"' for name in names)
+    every = " ".join(f'"{minimal_machine / name}"' for name in names)
     install = f"touch {every} && chmod +x {every}"
-    program(bare_machine / "apt-get", f'echo "$@" >>"{tmp_path}/asked"; {install}')
+    program(minimal_machine / "apt-get", f'echo "$@" >>"{tmp_path}/requested"; {install}')
     for _ in range(2):
-        assert run(house / "run", "test", env={"PATH": str(bare_machine)}).returncode == 0
-    asked = (tmp_path / "asked").read_text()
+        assert run(project / "run", "test", env={"PATH": str(minimal_machine)}).returncode == 0
+    requested = (tmp_path / "requested").read_text()
     packages = "xvfb xdotool chromium chromium-driver"
-    assert asked == f"--yes --quiet install --no-install-recommends {packages}\n"
+    assert requested == f"--yes --quiet install --no-install-recommends {packages}\n"
 
 
 @pytest.mark.parametrize(
@@ -336,31 +341,31 @@ def test_run_test_installs_what_tests_of_windows_and_pages_need(house, bare_mach
         ("exit 1", "run: sudo apt-get install xvfb xdotool chromium chromium-driver"),
     ],
 )
-def test_run_test_says_what_to_install_where_it_cannot(house, bare_machine, apt, advice):
+def test_run_test_names_programs_to_install(project, minimal_machine, apt, advice):
     if apt:
-        program(bare_machine / "apt-get", apt)
-    done = run(house / "run", "test", env={"PATH": str(bare_machine)})
-    assert done.returncode == 0  # it goes on: the tests that need them fail
+        program(minimal_machine / "apt-get", apt)
+    done = run(project / "run", "test", env={"PATH": str(minimal_machine)})
+    assert done.returncode == 0  # it continues; the tests that need them fail
     assert done.stderr.splitlines()[-1].endswith(advice)
 
 
-def test_run_test_with_words_is_pytest_alone_and_keeps_compiled_modules(house):
-    """A process that finds none compiles hundreds, and tests start many."""
-    say = 'printf "%s;" "$@" "${PYTHONDONTWRITEBYTECODE-kept}"'
-    program(house / ".venv" / "bin" / "python", say)
+def test_run_test_with_arguments_is_only_pytest(project):
+    """Compiled modules are stored, because tests start many processes."""
+    command = 'printf "%s;" "$@" "${PYTHONDONTWRITEBYTECODE-kept}"'
+    program(project / ".venv" / "bin" / "python", command)
     environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
-    done = run(house / "run", "test", "tests/a file.py", "-k", "one or two", env=environment)
+    done = run(project / "run", "test", "tests/a file.py", "-k", "one or two", env=environment)
     assert done.returncode == 0
     assert done.stdout.endswith("-m;pytest;tests/a file.py;-k;one or two;kept;")
     assert "==" not in done.stdout
 
 
-def test_run_is_understood_by_bash():
+def test_run_is_valid_bash():
     run("bash", "-n", ROOT / "run", check=True)
 
 
-def test_ci_runs_all_checks_in_a_copy_with_a_difficult_path(tmp_path):
-    """The copy leaves out environments; its exit status is passed on, and nothing stays behind."""
+def test_ci_runs_in_a_copy_with_a_difficult_path(tmp_path):
+    """The copy has no environments; its exit status is passed on, and nothing remains."""
     checkout, temporary = tmp_path / "checkout", tmp_path / "temporary"
     for folder in (checkout / ".ci", checkout / ".venv", temporary):
         folder.mkdir(parents=True)
