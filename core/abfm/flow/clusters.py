@@ -34,11 +34,14 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
         return None
     edges, lengths = mesh.edges, edge_lengths(mesh)
     order = np.argsort(lengths, kind="stable")
-    edges, apart = edges[order], lengths[order] / (_NEIGHBOUR_DISTANCE_MAX * np.median(lengths))
+    edges, scaled_lengths = (
+        edges[order],
+        lengths[order] / (_NEIGHBOUR_DISTANCE_MAX * np.median(lengths)),
+    )
     for _ in range(_ROUNDS):
         pairs = clusters[edges]
         excess = rates[pairs].max(axis=1) / most
-        joined = (excess > 1.0) & (apart < np.sqrt(excess))
+        joined = (excess > 1.0) & (scaled_lengths < np.sqrt(excess))
         parent, free = np.arange(len(rates)), np.ones(len(rates), dtype=bool)
         for a, b in pairs[(pairs[:, 0] != pairs[:, 1]) & joined].tolist():
             if free[a] and free[b]:
@@ -61,8 +64,8 @@ def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
         others = [(corner + 1) % 3, (corner + 2) % 3]
         first, second = (slopes[:, k] * (corners[:, k] != corners[:, corner]) for k in others)
         # the entry is minus the sum of the other two
-        own = np.where((first > 0) & (second > 0), slopes[:, corner], first + second)
+        diagonal = np.where((first > 0) & (second > 0), slopes[:, corner], first + second)
         together = corners[:, others[0]] == corners[:, others[1]]
-        both = own + np.where(together, own, first + second)
+        both = diagonal + np.where(together, diagonal, first + second)
         rates += np.bincount(corners[:, corner], both, count)
     return rates / np.bincount(clusters, vertex_areas(mesh), count)

@@ -112,10 +112,10 @@ def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
     if clusters is None:
         return derivative_pattern(mesh)
     ends = np.sort(clusters[mesh.edges], axis=1)
-    apart = ends[:, 0] != ends[:, 1]
-    edges, found = np.unique(ends[apart], axis=0, return_inverse=True)
+    is_between = ends[:, 0] != ends[:, 1]
+    edges, found = np.unique(ends[is_between], axis=0, return_inverse=True)
     edge_of = np.full(len(ends), -1)
-    edge_of[apart] = found.reshape(-1)  # NumPy 2.0 gives a column
+    edge_of[is_between] = found.reshape(-1)  # NumPy 2.0 gives a column
     return _pattern(mesh, clusters, edges, edge_of[mesh.face_edges])
 
 

@@ -105,7 +105,7 @@ def flow_lines(
 class FaceFlow(NamedTuple):
     """A field prepared for tracing."""
 
-    rates: FloatArray  # (F, 3), how fast each barycentric weight grows, per unit of time
+    rates: FloatArray  # (F, 3), growth of each barycentric weight per unit of time
     # (F, 3), component along the edge opposite each corner, in edges per unit of time
     along: FloatArray
     areas: FloatArray  # (F,)

@@ -94,7 +94,7 @@ class SequenceCheckpoint:
                 self._on_found(len(fields))
 
     def save(self, solver: SequenceSolver, force: bool = True) -> None:
-        """Write the state of a solver; unless ``force``, not more often than every few seconds.
+        """Write the state of a solver, but not more often than every few seconds unless ``force``.
 
         A failed write is ignored, as the sequence can be solved without a checkpoint.
         """
@@ -133,7 +133,10 @@ def checkpoints_of(result: Path) -> list[Path]:
 
 
 def remove_checkpoints(result: Path) -> None:
-    """Remove the checkpoints of a saved result; a run that was killed then leaves one."""
+    """Remove the checkpoints next to a saved result.
+
+    A run that was killed before it could remove its checkpoint leaves one.
+    """
     for path in checkpoints_of(result):
         with suppress(OSError):
             path.unlink()

@@ -137,9 +137,9 @@ def _listed_frames(path: Path) -> set[str]:
 
     The set is empty if the file is missing or cannot be read.
     """
-    own = re.compile(f"{re.escape(path.stem)}/({re.escape(path.stem)}_[0-9]{{4,}}\\.vtu)")
+    pattern = re.compile(f"{re.escape(path.stem)}/({re.escape(path.stem)}_[0-9]{{4,}}\\.vtu)")
     with suppress(OSError, ValueError):
-        return {found[1] for _, name in read_collection(path) if (found := own.fullmatch(name))}
+        return {found[1] for _, name in read_collection(path) if (found := pattern.fullmatch(name))}
     return set()
 
 
@@ -180,8 +180,8 @@ def _columns(frame: FloatArray) -> FloatArray:
 def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> str:
     """Write the speed at all vertices for MNE, with a sample in the middle of each interval.
 
-    The files are ``NAME-lh.stc`` and ``NAME-rh.stc``. The returned note and errors are those of
-    `abfm.io.write_stc`.
+    The file is ``NAME-lh.stc`` or ``NAME-rh.stc``. The file of the other hemisphere, the returned
+    note and the errors are as for `abfm.io.write_stc`.
     """
     speed = vertex_speed(sequence)
     numbers, rows = sequence.mesh.numbered

@@ -132,7 +132,7 @@ class Sequence(Solution, Display):
     def at(self, t: float) -> FloatArray:
         """Return the function at a time, (V,) or (V, C).
 
-        It is the linear blend of the two nearest frames, plus the interval's share
+        It is the linear blend of the frames before and after it, plus the interval's share
         (`motion_shares`) of what motion along the field adds.
         """
         i = self.interval(t)

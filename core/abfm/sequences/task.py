@@ -79,7 +79,7 @@ def _channel(text: str) -> tuple[int, float]:
 
 
 def _channel_weights(channels: Iterable[tuple[int, float]], count: int) -> list[float]:
-    """Return the weight of each channel of frames; 1 for those that are not given."""
+    """Return the weight of each channel of the frames, 1 by default."""
     weights = [1.0] * count
     for number, weight in channels:
         if number >= count:
@@ -248,7 +248,7 @@ class SequenceTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Refuse parameters that sequences do not take, or that do not fit each other."""
+        """Refuse parameters that sequences do not support, or that contradict each other."""
         defaults(**parameters_in(values))
         numbers = [number for number, _ in values.get("channel", ())]
         for number in numbers:

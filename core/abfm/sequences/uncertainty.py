@@ -100,10 +100,10 @@ def posterior(sequence: Solution) -> Posterior:
         total = float(areas @ squares.sum(axis=1))
         stiffness = 2 * energies[row, 1] / (durations[row] * total) if total > 0 else 1.0
         shares = eigenvalues[row] / (stiffness + eigenvalues[row])
-        usual = np.einsum("f,fk,fk->", areas, shares, squares) / max(
+        mean_square = np.einsum("f,fk,fk->", areas, shares, squares) / max(
             np.einsum("f,fk->", areas, shares), 1e-300
         )
-        variances = usual * (1 - shares) ** 2 + scatter[row] / durations[row]
+        variances = mean_square * (1 - shares) ** 2 + scatter[row] / durations[row]
         variances *= mesh.length_scale**2
         found.covariances[i] = np.einsum("fxk,fk,fyk->fxy", axes[row], variances, axes[row])
         squares[~squares.any(axis=1)] = 1.0

@@ -247,15 +247,15 @@ def test_vertex_values_have_order_two(values, answer):
 def test_derivative_on_the_sphere_has_order_1_5():
     """The order is below 2, as icospheres have kinks along the edges of coarser levels."""
 
-    def bent(points):
+    def field_at(points):
         x, y, z = points.T
         return np.stack([np.sin(2 * y), z, np.cos(x)], axis=1)
 
     errors = []
     for mesh in [*SPHERES, icosphere(5)]:
-        v = tangent(mesh, bent(mesh.vertices[mesh.faces].mean(axis=1)))
+        v = tangent(mesh, field_at(mesh.vertices[mesh.faces].mean(axis=1)))
         x, y, z = mesh.vertices.T
-        w = bent(mesh.vertices)
+        w = field_at(mesh.vertices)
         w -= (w * mesh.vertices).sum(axis=1)[:, None] * mesh.vertices
         slope = np.stack([y * z, x * z, x * y], axis=1)
         values = directional_derivative(mesh, to_frame(mesh, v)) @ (x * y * z)

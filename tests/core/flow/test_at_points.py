@@ -55,11 +55,11 @@ def test_geodesics_of_the_plane_are_straight(scale):
     start = points_by_area(mesh, 300)
     vectors = scale * np.random.default_rng(0).uniform(-0.5, 0.5, (300, 3)) * [1, 1, 0]
     ends, inside = straightest_geodesics(mesh, start, vectors)
-    wanted = start.positions + vectors
-    is_on = (wanted[:, :2] > 0).all(axis=1) & (wanted[:, :2] < scale).all(axis=1)
+    expected = start.positions + vectors
+    is_on = (expected[:, :2] > 0).all(axis=1) & (expected[:, :2] < scale).all(axis=1)
     np.testing.assert_array_equal(inside, is_on)
     assert 0.3 < inside.mean() < 0.9
-    np.testing.assert_allclose(ends.positions[inside], wanted[inside], atol=1e-8 * scale)
+    np.testing.assert_allclose(ends.positions[inside], expected[inside], atol=1e-8 * scale)
     np.testing.assert_allclose(ends.positions[~inside], start.positions[~inside], atol=1e-8 * scale)
 
 
@@ -74,8 +74,8 @@ def error_of_great_circles(level):
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     ends, inside = straightest_geodesics(mesh, start, 0.7 * directions)
     assert inside.all()
-    wanted = np.cos(0.7) * begin + np.sin(0.7) * directions
-    return np.linalg.norm(ends.positions - wanted, axis=1).max()
+    expected = np.cos(0.7) * begin + np.sin(0.7) * directions
+    return np.linalg.norm(ends.positions - expected, axis=1).max()
 
 
 def test_geodesics_of_the_sphere_converge_to_great_circles():

@@ -122,8 +122,8 @@ def test_vertices_inside_subdivided_slivers_are_joined():
 def test_clusters_of_any_knots(gap, count, seed):
     mesh = knotted(icosphere(3), count, gap, seed)
     check_partition(mesh)
-    usual = np.median(cluster_rates(mesh, vertex_clusters(mesh)))
-    assert gap * cluster_rates(mesh, singles(mesh)).max() > 0.5 * usual
+    median = np.median(cluster_rates(mesh, vertex_clusters(mesh)))
+    assert gap * cluster_rates(mesh, singles(mesh)).max() > 0.5 * median
 
 
 @uneven
@@ -225,8 +225,8 @@ def energy(mesh, channels=1, **changes):
     """Return an energy, with a mask and weights if there are several channels."""
     at = np.array([0, 40, 80])[:channels]
     f, g = (np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in at + k], axis=1) for k in (0, 17))
-    usual = {**PAPER, "alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3}
-    p = abfm.Parameters.of(**{**usual, **changes})
+    defaults = {**PAPER, "alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3}
+    p = abfm.Parameters.of(**{**defaults, **changes})
     if channels == 1:
         return MatchingEnergy(mesh, f, g, p)
     mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices))

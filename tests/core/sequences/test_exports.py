@@ -38,13 +38,13 @@ def table(path):
 
 
 def test_pvd_has_frames_and_fields(tmp_path):
-    sequence, path = solved(), tmp_path / "a film.pvd"
+    sequence, path = solved(), tmp_path / "a sequence.pvd"
     export_pvd(path, sequence)
     found = read_frames(path, MESH, "frame")
     assert_array_equal(found.values, rotating_frames())
     assert_array_equal(found.times, TIMES)
     entries = read_collection(path)
-    assert entries[1][1] == "a film/a film_0001.vtu"
+    assert entries[1][1] == "a sequence/a sequence_0001.vtu"
     for k, (_, name) in enumerate(entries):
         interval = min(k, len(sequence) - 1)
         for field in ("divergence", "curl"):

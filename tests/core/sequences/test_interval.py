@@ -86,9 +86,9 @@ def test_neighbour_of_large_weight_determines_the_field():
 
 def test_bad_starts_are_ignored():
     interval, sigma = new_interval()
-    usual = interval.minimise_by_cooling(sigma, 9 * sigma, None)
+    reference = interval.minimise_by_cooling(sigma, 9 * sigma, None)
     found = interval.minimise_by_cooling(sigma, 9 * sigma, random_field(10.0))
-    assert found.energy == usual.energy
+    assert found.energy == reference.energy
 
 
 def test_cooling_ends_at_its_sigma():
@@ -102,7 +102,7 @@ def test_noise_of_a_smooth_function_is_estimated(level):
     smooth = SPHERE.vertices[:, 0]
     found = noise(SPHERE, smooth + level * RNG.standard_normal((20, len(smooth))))
     assert found.shape == (20,)
-    bent = float(noise(SPHERE, smooth))  # what bends over single edges is added
-    assert bent < 0.01
-    assert np.median(found) == pytest.approx(np.hypot(level, bent), rel=0.12)
+    curvature = float(noise(SPHERE, smooth))  # curvature within single edges adds to it
+    assert curvature < 0.01
+    assert np.median(found) == pytest.approx(np.hypot(level, curvature), rel=0.12)
     assert noise(SPHERE, np.ones(len(smooth))) == pytest.approx(0, abs=1e-12)

@@ -272,10 +272,10 @@ def test_vectors_are_channels_and_moved_points_noted(tmp_path):
 
 def test_frames_may_include_loose_vertices(tmp_path):
     mesh = with_loose_vertex(MESH)
-    whole = np.insert(FRAMES, 5, 0.0, axis=1)
-    np.save(tmp_path / "a.npy", whole)
-    assert_array_equal(read_frames(tmp_path / "a.npy", mesh).values, whole)
-    write_stc(tmp_path / "a-lh.stc", whole, np.arange(COUNT + 1), TIMES)
+    all_values = np.insert(FRAMES, 5, 0.0, axis=1)
+    np.save(tmp_path / "a.npy", all_values)
+    assert_array_equal(read_frames(tmp_path / "a.npy", mesh).values, all_values)
+    write_stc(tmp_path / "a-lh.stc", all_values, np.arange(COUNT + 1), TIMES)
     assert_array_equal(read_frames(tmp_path / "a-lh.stc", mesh).values, SINGLE)
 
 

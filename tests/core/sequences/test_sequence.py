@@ -181,13 +181,13 @@ def test_channels_masks_and_weights(pattern, found):
     hidden = SPHERE.vertices[:, 0] > 0.8
     spoiled = np.where(hidden, 2 * nonsense, pattern[0])
     visible = ~hidden[SPHERE.faces].any(axis=1)
-    usual = np.linalg.norm(found.velocity[0][visible], axis=1).mean()
-    apart = []
+    mean_speed = np.linalg.norm(found.velocity[0][visible], axis=1).mean()
+    errors = []
     for mask in (None, np.where(hidden, 0.0, 1.0)):
         result = abfm.sequence(SPHERE, spoiled, parameters=FAST, mask=mask)
         away = np.linalg.norm((result.velocity[0] - found.velocity[0])[visible], axis=1)
-        apart.append(np.median(away) / usual)
-    assert apart[1] < 0.1 < apart[0]
+        errors.append(np.median(away) / mean_speed)
+    assert errors[1] < 0.1 < errors[0]
 
 
 def test_masked_values_equal_missing_values_bit_for_bit():
@@ -218,8 +218,8 @@ def test_nonfinite_values_are_not_compared(pattern, found):
     result = abfm.sequence(SPHERE, holes, parameters=FAST)
     assert np.isfinite(result.frames).all()
     visible = ~hidden[SPHERE.faces].any(axis=1)
-    apart = np.linalg.norm((result.velocity - found.velocity)[0, visible], axis=1)
-    assert np.median(apart) < 0.05 * np.linalg.norm(found.velocity[0], axis=1).mean()
+    errors = np.linalg.norm((result.velocity - found.velocity)[0, visible], axis=1)
+    assert np.median(errors) < 0.05 * np.linalg.norm(found.velocity[0], axis=1).mean()
 
 
 def test_given_frames_are_not_changed():
@@ -433,8 +433,8 @@ def test_intervals_without_motion_are_not_coupled():
         SPHERE, moved, parameters=replace(FAST, sigma=0.3 * scale, sigma_unit="absolute")
     )
     # not exactly, since sweeps stop when the total energy has converged
-    apart = np.linalg.norm(complete.velocity[:2] - separate.velocity)
-    assert apart < 0.05 * np.linalg.norm(separate.velocity)
+    errors = np.linalg.norm(complete.velocity[:2] - separate.velocity)
+    assert errors < 0.05 * np.linalg.norm(separate.velocity)
 
 
 def test_gap_in_time_is_matched():

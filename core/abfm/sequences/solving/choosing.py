@@ -97,7 +97,7 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
         If sigma is not given, and there are too few vertices to hold any out.
     """
     choice_input, candidates = _ChoiceInput(frames, given, levels), norms(given)
-    usual = Norm(given.order, given.alpha)
+    given_norm = Norm(given.order, given.alpha)
     if given.sigma is not None and len(candidates) == 1:
         return Choice(candidates[0], given.sigma)
     sigmas = cooling(given.sigma or SIGMA_MIN, SIGMA_MAX)
@@ -105,7 +105,7 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
     first = _HeldOut(choice_input, intervals, candidates[0], sigmas)
     if not first.searches:
         if given.sigma is not None:
-            return Choice(usual, given.sigma)
+            return Choice(given_norm, given.sigma)
         raise ParameterError("too few vertices are compared to choose sigma; give a sigma")
     with step("choosing sigma") as report:
         count, found = len(candidates), [first]

@@ -93,7 +93,10 @@ class Interval:
         return point
 
     def minimise(self, sigma: float, field: FloatArray, steps: int = _STEPS_MAX) -> FieldPoint:
-        """Minimise with a sigma from a field (F, 2); stop if a step gains little."""
+        """Minimise with a sigma from a field (F, 2); stop if a step gains little.
+
+        At most ``steps`` steps are made; 0 only evaluates the field.
+        """
         objective = self._objective(sigma)
         point = self._evaluated(objective, field)
         for _ in range(steps):
@@ -160,9 +163,9 @@ class Interval:
 
         return apply
 
-    def _conjugate_gradients(self, hessian: Apply, wanted: FloatArray) -> FloatArray:
+    def _conjugate_gradients(self, hessian: Apply, right_side: FloatArray) -> FloatArray:
         """Solve by conjugate gradients, preconditioned by the norm."""
-        found, residual = np.zeros_like(wanted), wanted.copy()
+        found, residual = np.zeros_like(right_side), right_side.copy()
         direction = preconditioned = self._norm.inverse(residual) / self._stiffness
         first = size = _inner(residual, preconditioned)
         for count in range(1, _ITERATIONS_MAX + 1):

@@ -82,8 +82,8 @@ def _zeros(vectors: FloatArray) -> FloatArray:
     system[:, :2] = vectors.transpose(0, 2, 1)
     scale = np.abs(system[:, :2]).max(axis=(1, 2), initial=0.0, keepdims=True)
     system[:, :2] /= np.where(scale > 0, scale, 1.0)
-    wanted = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (len(vectors), 3))
-    found = np.einsum("kij,kj->ki", np.linalg.pinv(system), wanted).clip(0.0)
+    target = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (len(vectors), 3))
+    found = np.einsum("kij,kj->ki", np.linalg.pinv(system), target).clip(0.0)
     total = found.sum(axis=1, keepdims=True)
     return np.asarray(np.where(total > 0, found / np.where(total > 0, total, 1.0), 1 / 3))
 
