@@ -106,7 +106,7 @@ _rates: dict[str, tuple[float, float]] = {
     "factoring": (1.4e-8, 0),  # per unknowns^(3/2)
     "factoring for distances": (2.6e-7, 0),  # per vertices^(3/2)
     "checking by flow lines": (1.6e-5, 0),  # per vertex
-    "looking for symmetries": (4.5e-5, 0),  # per vertex
+    "searching for symmetries": (4.5e-5, 0),  # per vertex
     "reading": (1e-7, 0),  # per byte
 }
 _lock = threading.Lock()
