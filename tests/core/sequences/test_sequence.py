@@ -573,7 +573,7 @@ def test_noise_is_estimated_on_a_thresholded_surface():
         (np.zeros(642), {}, ()),
         (np.full((2, 642), np.nan), {}, ()),
         (np.full((2, 642), np.nan) * [[1], [np.inf]], {}, ()),
-        (np.zeros((2, 642)), {"weights": [0]}, (0,)),
+        (np.zeros((2, 642)), {"weights": [0]}, ("weights", "zeros")),
         (np.where(np.arange(642) % 2 == [[0], [1]], 1, np.nan), {}, ()),
         (
             np.zeros((2, 642)),
@@ -587,7 +587,7 @@ def test_noise_is_estimated_on_a_thresholded_surface():
         (np.zeros((2, 642)), {"gamma": -1}, ("gamma", -1)),
         (np.zeros((2, 642)), {"gamma": np.nan}, ("gamma",)),
         (np.zeros((2, 642)), {"mask": np.ones(3)}, ()),
-        (np.zeros((2, 642)), {"mask": np.zeros(642)}, (0,)),
+        (np.zeros((2, 642)), {"mask": np.zeros(642)}, ("mask", "zeros")),
         (np.ones((2, 642)), {"mask": np.arange(642) - 1.0}, ("mask",)),
         (np.zeros((2, 642)), {"times": [-1e308, 1e308]}, ()),
         (np.zeros((2, 642)), {"weights": [1, 2]}, ()),
