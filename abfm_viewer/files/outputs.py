@@ -109,7 +109,7 @@ def write(path: Path, found: Any, up: str | None = None) -> str:
     ``up`` is the axis that points upwards on a page. The note is one line or empty.
     """
     if path.suffix == ".npz":
-        return results.save_what_can_be(path, found)
+        return results.save_with_fallback(path, found)
     if path.suffix == ".html":
         abfm.pages.page_of(found, printable(path.stem), up).write(path)
         return ""
@@ -163,7 +163,7 @@ def _save_elsewhere(found: results.Saved) -> str:
     for folder in (Path.cwd, Path.home, tempfile.gettempdir):
         with suppress(Exception):
             place = Path(folder()) / f"abfm-{secrets.token_hex(4)}.npz"
-            note = results.save_what_can_be(place, found)
+            note = results.save_with_fallback(place, found)
             return f"{place}{f'; {note}' if note else ''}"
     return ""
 

@@ -63,7 +63,7 @@ def cameras(
             functions = [_function(one)[1] for one in ends if one.mesh is panel.mesh]
             count = len(panel.mesh.vertices)
             on_vertices = [f for f in functions if f is not None and len(f) == count]
-            shown = sheet.seen if not fronts and sheet.seen else on_vertices
+            shown = sheet.view_functions if not fronts and sheet.view_functions else on_vertices
             fronts[panel.mesh] = best_front(panel.mesh, *shown, up=sheet.up)
     found = {}
     for mesh, front in fronts.items():

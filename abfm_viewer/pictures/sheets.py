@@ -193,7 +193,7 @@ def sequence_picture(
         label = f"t = {time:.4g} {sequence.unit_of_time}".rstrip()
         panels.append(Panel(sequence.mesh, Values(function), label, arrows=field, determined=share))
     changes = sequence.frames[:, :, channel].std(axis=0)
-    return _one_row(Sheet((tuple(panels),), up, seen=(changes,)), size)
+    return _one_row(Sheet((tuple(panels),), up, view_functions=(changes,)), size)
 
 
 SHEETS: Mapping[type, Callable[..., Image.Image]] = {

@@ -82,7 +82,7 @@ def task_of_file(path: File) -> type[Task] | None:
 
 
 def _names(path: File) -> set[str]:
-    with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
+    with results.open_archive(path, results.RESULT.name, results.REMEDY) as archive:
         return set(archive)
 
 

@@ -17,7 +17,7 @@ from zipfile import is_zipfile
 
 from abfm.batch.rows import Row
 from abfm.errors import ResultError, brief, one_line
-from abfm.io import remove_abandoned, write_whole, writing_in
+from abfm.io import remove_abandoned, write_file, writing_in
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts, Outcome
 from abfm.reading import from_json, read_bytes
@@ -120,7 +120,7 @@ class Ledger:
         with writing_in(self.folder):
             self.records_folder.mkdir(parents=True, exist_ok=True)
             if not path.exists():
-                write_whole(path, secrets.token_hex(16))
+                write_file(path, secrets.token_hex(16))
             return path.read_text()
 
     def is_accessible(self, identity: str) -> bool:
@@ -144,7 +144,7 @@ class Ledger:
     def write_result(self, digest: str, content: bytes) -> None:
         """Write the bytes of a result, unless the result exists."""
         if not self.has_result(digest):
-            write_whole(self.result_path(digest), content)
+            write_file(self.result_path(digest), content)
 
     def entry(self, row: Row) -> LedgerEntry:
         """Return the entry of a row."""
@@ -240,7 +240,7 @@ class Ledger:
         return replace(record, reason=reason, expected=expected, warning=warning)
 
     def _write(self, path: Path, content: object) -> None:
-        write_whole(path, json.dumps(content))
+        write_file(path, json.dumps(content))
 
 
 def _row_and_key(entry: Any) -> tuple[Row, str]:

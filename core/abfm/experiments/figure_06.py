@@ -70,7 +70,7 @@ def figure_6(setup: FigureSetup) -> Script:
     seen = tuple(fields.speed(first.mesh, w) for w in (first.u, first.pushed(_TIMES[-1])))
     sizes = "; ".join(map(fields.sizes_text, surfaces))
     setting = f"{sizes}. {motion}. The pushforward is exp(-t ad_v) u."
-    return Findings(measures, Sheet(tuple(rows), seen=seen), setting)
+    return Findings(measures, Sheet(tuple(rows), view_functions=seen), setting)
 
 
 def against_exact(levels: Sequence[Case]) -> list[Measure]:

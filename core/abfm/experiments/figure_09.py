@@ -101,7 +101,7 @@ def figure_9(setup: FigureSetup) -> Script:
         f"{scene.description()} Printed parameters, except that sigma is cooled to {p.sigma:g} in "
         "three stages."
     )
-    sheet = Sheet(tuple(rows), seen=scene.seen(), notes=notes)
+    sheet = Sheet(tuple(rows), view_functions=scene.seen(), notes=notes)
     return Findings([*measures, *of_maps], sheet, setting)
 
 

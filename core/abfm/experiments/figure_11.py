@@ -101,7 +101,7 @@ def figure_11(setup: FigureSetup) -> Script:
         Panel(b, poses.checker(found.advected), "matched", "result"),
         Panel(b, Values(after, "sum of errors, √area"), "errors after matching"),
     )
-    sheet = Sheet((panels,), seen=(before,), one_view=True, notes=notes)
+    sheet = Sheet((panels,), view_functions=(before,), one_view=True, notes=notes)
     return Findings(measures, sheet, poses.setting(problem, axes))
 
 
@@ -149,7 +149,7 @@ def figure_12(setup: FigureSetup) -> Script:
         Panel(b, checker(found.reduced_functions), "reduced basis"),
     )
     wrong = np.abs(source - target).sum(axis=1)
-    sheet = Sheet((panels,), seen=(wrong,), one_view=True, notes=notes)
+    sheet = Sheet((panels,), view_functions=(wrong,), one_view=True, notes=notes)
     return Findings(measures, sheet, f"{poses.setting(problem, [0, 1, 2])}. {found.setting}")
 
 

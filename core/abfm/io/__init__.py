@@ -1,4 +1,4 @@
-"""Files that come out: results that reload, and exports; a crash leaves no half a file."""
+"""Writers of result files and exports; a crash never leaves an incomplete file."""
 
 import lazy_loader
 

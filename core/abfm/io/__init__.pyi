@@ -3,7 +3,7 @@ from .atomic import remove_abandoned as remove_abandoned
 from .atomic import remove_temporary as remove_temporary
 from .atomic import temporary_folder as temporary_folder
 from .atomic import write_atomically as write_atomically
-from .atomic import write_whole as write_whole
+from .atomic import write_file as write_file
 from .atomic import writing_in as writing_in
 from .bids_names import BidsName as BidsName
 from .bids_names import bids_name as bids_name

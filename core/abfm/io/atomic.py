@@ -1,9 +1,9 @@
-"""Replace a file completely or not at all; temporary files and folders.
+"""Atomic replacement of files; temporary files and folders.
 
-Temporary files are removed after errors and signals. What a killed process leaves is removed by the
-next one that writes in the same folder: each file is locked while it is in use, and the system
-releases the lock when the process ends. Files of other machines are left alone, as their locks may
-not be visible. Python's `tempfile` and libraries that write atomically leave such files for ever.
+Temporary files are removed after errors and signals. Files of a killed process are removed by the
+next process that writes in the same folder. Each file is locked while it is in use, and the system
+releases the lock when the process ends. Files of other computers are not touched, as their locks
+may not be visible. Python's `tempfile` and other libraries never remove files of killed processes.
 """
 
 import os
@@ -25,26 +25,24 @@ if sys.platform != "win32":
     import fcntl
 
 _PREFIX = f".abfm-{zlib.crc32(platform.node().encode()):08x}-"
-_SUFFIX_LENGTH_MAX = 20  # a longer one is nobody's format, and systems bound the length of names
-_DAY = 86400.0  # seconds; Windows cannot lock files that are to be renamed
+_SUFFIX_LENGTH_MAX = 20  # no format has a longer one, and systems limit the length of names
+_ABANDONED_AGE = 86400.0  # seconds; used on Windows, which cannot lock files to be renamed
 _in_use: set[Path] = set()
 
 
 @contextmanager
 def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary path in the same folder to write to; it takes the place of ``path`` when the
-    block ends well.
+    """Yield a temporary path in the same folder, which replaces ``path`` after the block succeeds.
 
-    The data is on the disk before the old file goes, so a crash or a full disk leaves the old file
-    whole. The temporary file is removed if the block fails. It ends as ``path`` does, for writers
-    that go by the suffix. A replaced file keeps its permissions, and a symbolic link keeps pointing
-    at the file that is replaced.
+    The data are on the disk before the old file is replaced, so a crash or a full disk does not
+    damage the old file. If the block fails, the temporary file is removed. It has the same suffix
+    as ``path``, for writers that depend on it. The permissions of a replaced file are preserved. If
+    ``path`` is a symbolic link, the file that it points to is replaced.
 
     Raises
     ------
     ResultError
-        If the operating system refuses to write, or the path is that of a folder, a device or a
-        pipe.
+        If the operating system refuses to write, or the path is a folder, a device or a pipe.
     """
     with _refused(path):
         target = _target(path)
@@ -55,7 +53,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             if target.exists():
                 shutil.copymode(target, temporary)
             temporary.replace(target)
-            if os.name == "posix":  # the rename outlives a power cut; Windows needs no such call
+            if os.name == "posix":  # so that the rename survives a power cut; not for Windows
                 descriptor = os.open(target.parent, os.O_RDONLY)
                 try:
                     os.fsync(descriptor)
@@ -63,37 +61,37 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
                     os.close(descriptor)
 
 
-def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
-    """Write a file of bytes, or of text in UTF-8, by `write_atomically`."""
+def write_file(path: str | os.PathLike[str], content: bytes | str) -> None:
+    """Write bytes, or text in UTF-8, to a file by `write_atomically`."""
     with write_atomically(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Refuse, before there is anything to write, a path that `write_atomically` would refuse.
+    """Check that `write_atomically` can write a path, before there is anything to write.
 
     Raises
     ------
     ResultError
-        As there, and if there is a file that may not be written.
+        If `write_atomically` would raise it, or if the file exists and may not be replaced.
     """
     with _refused(path):
         target = _target(path)
         with temporary_file(target.parent, target.suffix):
             pass
         if target.exists() and not os.access(target, os.W_OK):
-            raise PermissionError(None, "no permission to replace it")
+            raise PermissionError(None, "no permission to replace the file")
 
 
 @contextmanager
 def writing_in(folder: str | os.PathLike[str]) -> Iterator[None]:
-    """Raise a ResultError where the operating system refuses to write in a folder."""
+    """Convert errors of the operating system while writing in a folder to a ResultError."""
     try:
         yield
     except OSError as error:
         raise ResultError(
-            f"cannot write in {one_line(folder)}: {one_line(error)}; choose a folder that is "
-            "writable and has space left"
+            f"cannot write in {one_line(folder)}: {one_line(error)}. Choose a folder that is "
+            "writable and has free space"
         ) from error
 
 
@@ -102,13 +100,16 @@ def _refused(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = f"{error.strerror or error}; choose a place that exists, is writable"
-        raise ResultError(f"cannot write {path}: {reason} and has space left") from error
+        reason = error.strerror or error
+        raise ResultError(
+            f"cannot write {path}: {reason}. Choose a folder that exists, is writable and has free "
+            "space"
+        ) from error
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """Return the file that a path means; OSError if it has no place for one."""
-    # with NumPy, before which the command line needs the rest
+    """Return the file that a path refers to, or raise an OSError if it cannot be a file."""
+    # imported here because it loads NumPy, and the command line needs other functions before that
     from abfm.reading.regular_files import SPECIAL_FILES
 
     try:
@@ -117,22 +118,22 @@ def _target(path: str | os.PathLike[str]) -> Path:
     except FileNotFoundError:
         return target
     except ValueError:
-        raise OSError(None, "its name has a zero byte") from None
-    no_files = SPECIAL_FILES | {stat.S_IFDIR: "a folder"}
-    if kind in no_files:
-        raise OSError(None, f"it is {no_files[kind]}, no place for a file")
+        raise OSError(None, "the name has a zero byte") from None
+    other_kinds = SPECIAL_FILES | {stat.S_IFDIR: "a folder"}
+    if kind in other_kinds:
+        raise OSError(None, f"the path is {other_kinds[kind]}, not a file")
     return target
 
 
 @contextmanager
 def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> Iterator[Path]:
-    """Make a file with a name of its own; it is removed at the end, unless it was renamed."""
+    """Create a file with a unique name; it is removed at the end, unless it was renamed."""
     remove_abandoned(folder)
     path = folder / f"{_PREFIX}{secrets.token_hex(6)}{suffix[:_SUFFIX_LENGTH_MAX]}"
-    _in_use.add(path)  # before it is there: a signal may come in between
+    _in_use.add(path)  # before the file exists, as a signal may arrive in between
     descriptor = None
     try:
-        descriptor = _made(path, is_folder)
+        descriptor = _created(path, is_folder)
         yield path
     finally:
         _remove(path)
@@ -143,21 +144,23 @@ def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> I
 
 @contextmanager
 def temporary_folder(folder: Path | None = None) -> Iterator[Path]:
-    """Make a folder of the user's own in a folder, by default the system's for such ones; it is
-    removed at the end with all that is in it. OSError if it cannot be made.
+    """Create a private folder in a folder; it is removed at the end with all its contents.
+
+    The default is the folder of the system for temporary files. Raise an OSError if the folder
+    cannot be created.
     """
     with temporary_file(folder or Path(tempfile.gettempdir()), is_folder=True) as path:
         yield path
 
 
 def remove_temporary() -> None:
-    """Remove all that this process has in use: for one that ends at once."""
+    """Remove all temporary files of this process, before it ends immediately."""
     for path in list(_in_use):
         _remove(path)
 
 
-def _made(path: Path, is_folder: bool) -> int | None:
-    """Make it and return it open and locked; None where files cannot be locked."""
+def _created(path: Path, is_folder: bool) -> int | None:
+    """Create a file or folder; return its locked descriptor, or None if locks are unsupported."""
     while True:
         if is_folder:
             path.mkdir(0o700)
@@ -165,23 +168,26 @@ def _made(path: Path, is_folder: bool) -> int | None:
             path.touch(exist_ok=False)
         try:
             descriptor = _locked(path)
-        except FileNotFoundError:  # it was taken for abandoned, and removed, before it was locked
+        except FileNotFoundError:  # another process removed it as abandoned, before it was locked
             continue
         except OSError:  # a file system without locks, or Windows
             return None
         if os.fstat(descriptor).st_nlink:
             return descriptor
-        os.close(descriptor)  # as above, before it was locked, but after it was opened
+        os.close(descriptor)  # it was removed after it was opened, but before it was locked
 
 
-def _locked(path: Path, how: int = 0) -> int:
-    """Open a file or folder, and lock it when nobody else does; OSError if that cannot be."""
-    if sys.platform == "win32":  # which renames and removes no file that is open
-        raise OSError("Windows has other locks")
+def _locked(path: Path, flags: int = 0) -> int:
+    """Open a file or folder and lock it, or raise an OSError.
+
+    Wait for the lock of another process, unless ``flags`` has ``LOCK_NB``.
+    """
+    if sys.platform == "win32":  # Windows cannot rename or remove an open file
+        raise OSError("file locks are not supported on Windows")
     mode = os.O_RDONLY if path.is_dir() else os.O_RDWR
     descriptor = os.open(path, mode | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | how)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | flags)
     except OSError:
         os.close(descriptor)
         raise
@@ -189,7 +195,7 @@ def _locked(path: Path, how: int = 0) -> int:
 
 
 def _remove(path: Path) -> None:
-    """Remove it if that can be: what goes wrong here must not hide what did before."""
+    """Remove a file or folder if possible; errors are ignored so as not to hide earlier ones."""
     try:
         path.unlink()
     except OSError:
@@ -197,15 +203,14 @@ def _remove(path: Path) -> None:
 
 
 def remove_abandoned(folder: Path) -> None:
-    """Remove files that ended processes have left in a folder, as far as that can be known."""
+    """Remove temporary files of ended processes in a folder, if they can be identified."""
     with suppress(OSError):
         for path in list(folder.glob(f"{_PREFIX}*")):
-            with suppress(OSError):  # another process has it, or has removed it
+            with suppress(OSError):  # another process uses it, or has removed it
                 if sys.platform != "win32":
                     descriptor = _locked(path, fcntl.LOCK_NB)
-                    _remove(
-                        path
-                    )  # while it is locked: a maker that waits for the lock makes it again
+                    # removed while locked: a process that waits for the lock creates it again
+                    _remove(path)
                     os.close(descriptor)
-                elif time.time() - path.stat().st_mtime > _DAY:
+                elif time.time() - path.stat().st_mtime > _ABANDONED_AGE:
                     _remove(path)

@@ -1,7 +1,7 @@
-"""Names of brain imaging files: what they say, and names for what is made of them.
+"""Parsing of BIDS names of brain imaging files, and names for derived files.
 
-BIDS (https://bids-specification.readthedocs.io) calls files by entities in a fixed order, a suffix
-and an extension: ``sub-01_hemi-L_space-fsaverage_desc-abfm_sphere.surf.gii``.
+BIDS names (https://bids-specification.readthedocs.io) have entities in a fixed order, a suffix and
+an extension: ``sub-01_hemi-L_space-fsaverage_desc-abfm_sphere.surf.gii``.
 """
 
 import os
@@ -17,17 +17,17 @@ ENTITIES = (
     *("hemi", "space", "split", "recording", "chunk", "seg", "scale", "res", "den", "label"),
     *("from", "to", "mode", "desc"),
 )
-"""Keys of entities in their order, those of transforms before the description."""
+"""Keys of entities in their order; those of transforms precede the description."""
 _VALUE = re.compile(r"[0-9A-Za-z+]+")
 _ENTITY = re.compile(rf"([A-Za-z]+)-({_VALUE.pattern})")
 _WORD = re.compile(r"[0-9A-Za-z]+")
 _EXTENSION = re.compile(r"(\.[0-9A-Za-z]+)+")
 _FREESURFER = re.compile(r"[lr]h\.([0-9A-Za-z]+)")
-_EXTENSIONS = (".surf.gii", ".shape.gii", ".func.gii", ".label.gii")  # of names that are no BIDS
+_EXTENSIONS = (".surf.gii", ".shape.gii", ".func.gii", ".label.gii")  # of other names
 
 
 class BidsName(NamedTuple):
-    """What a name says: values of entities by their keys, in its order, suffix and extension."""
+    """Parts of a name: values of entities by key, in their order, the suffix and the extension."""
 
     entities: dict[str, str]
     suffix: str
@@ -35,7 +35,7 @@ class BidsName(NamedTuple):
 
 
 def parse_bids_name(path: str | os.PathLike[str]) -> BidsName | None:
-    """Return what a file's name says, or None if it is not made as BIDS has it."""
+    """Return the parts of a file name, or None if it is not a BIDS name."""
     stem, dot, rest = os.path.basename(path).partition(".")
     *pairs, suffix = stem.split("_")
     found = [_ENTITY.fullmatch(pair) for pair in pairs]
@@ -53,27 +53,27 @@ def bids_name(
     extension: str | None = None,
     **entities: str | int | None,
 ) -> str:
-    """Return a name, without a folder, for what is made of a file.
+    """Return a BIDS name, without a folder, for a file derived from another one.
 
-    It says what the name of the source says, but for what is given. Entities stand in the order of
-    BIDS; those of the source that BIDS does not know come before ``desc``. Of a source that is not
-    called as BIDS has it, the hemisphere is taken, and of FreeSurfer's ``lh.white`` the suffix.
+    Its parts are those of the name of the source, except for the arguments. Entities have the order
+    of BIDS; unknown ones of the source precede ``desc``. If the name of the source is not a BIDS
+    name, the hemisphere is used, and the suffix of a FreeSurfer name such as ``lh.white``.
 
     Parameters
     ----------
     source : path
-        It need not exist.
+        A file, which does not need to exist.
     suffix, extension : str, optional
         Such as ``sphere`` and ``.surf.gii``.
     **entities : str, int or None
-        Values by keys of `ENTITIES`, such as ``sub="01", hemi="L", desc="abfm"``; None leaves one
-        of the source's out.
+        Values by keys of `ENTITIES`, such as ``sub="01", hemi="L", desc="abfm"``; None removes an
+        entity of the source.
 
     Raises
     ------
     ParameterError
-        If a key or a value is none of BIDS, no entity is left, or neither the source nor the
-        arguments say the suffix or the extension.
+        If a key or a value is not valid in BIDS. Also if entities, suffix or extension are neither
+        in the source nor in the arguments.
 
     Examples
     --------
@@ -82,30 +82,30 @@ def bids_name(
     >>> bids_name("surf/rh.sulc", extension=".shape.gii", sub="01")
     'sub-01_hemi-R_sulc.shape.gii'
     """
-    known = parse_bids_name(source) or _other_name(source)
-    found = dict(known.entities)
+    parsed = parse_bids_name(source) or _other_name(source)
+    found = dict(parsed.entities)
     for key, value in entities.items():
         if key not in ENTITIES:
             raise ParameterError(
-                f"{brief(key)} is no entity of BIDS{did_you_mean(key, ENTITIES)}; there are "
-                f"{', '.join(ENTITIES)}"
+                f"{brief(key)} is not an entity of BIDS{did_you_mean(key, ENTITIES)}; expected one "
+                f"of {', '.join(ENTITIES)}"
             )
         found.pop(key, None)
         if value is not None:
             found[key] = _part(key, str(value), _VALUE, "01")
     if not found:
         raise ParameterError(
-            f"no entity is left for a name made of {brief(os.fspath(source))}: give one, such as "
-            "sub='01'"
+            f"a BIDS name needs an entity, but {brief(os.fspath(source))} has none. Use for "
+            "example sub='01'"
         )
-    word = _part("suffix", suffix or known.suffix, _WORD, "sphere")
-    end = _part("extension", extension or known.extension, _EXTENSION, ".surf.gii")
+    word = _part("suffix", suffix or parsed.suffix, _WORD, "sphere")
+    end = _part("extension", extension or parsed.extension, _EXTENSION, ".surf.gii")
     keys = sorted(found, key=_place)
     return "_".join([*(f"{key}-{found[key]}" for key in keys), word]) + end
 
 
 def _other_name(source: str | os.PathLike[str]) -> BidsName:
-    """Return what can be told of a name that is not as BIDS has it."""
+    """Return the parts that can be found in a name that is not a BIDS name."""
     name, side = os.path.basename(source), hemisphere(source)
     entities = {"hemi": side} if side else {}
     if freesurfer := _FREESURFER.fullmatch(name):
@@ -115,14 +115,14 @@ def _other_name(source: str | os.PathLike[str]) -> BidsName:
 
 
 def _place(key: str) -> tuple[float, str]:
-    """Return where a key stands; those that are not known just before the description."""
+    """Return the sorting key of an entity; unknown ones precede the description."""
     return ENTITIES.index(key) if key in ENTITIES else len(ENTITIES) - 1.5, key
 
 
 def _part(name: str, value: str, form: re.Pattern[str], example: str) -> str:
     if not form.fullmatch(value):
-        given = f"is {brief(value)}" if value else "is missing"
+        problem = f"is {brief(value)}" if value else "is missing"
         raise ParameterError(
-            f"{name} of a BIDS name {given}; give letters and digits, such as {example!r}"
+            f"{name} of a BIDS name {problem}; expected letters and digits, such as {example!r}"
         )
     return value

@@ -1,8 +1,8 @@
-"""Surfaces, values and labels as brain imaging has them: GIFTI, and the files of FreeSurfer.
+"""Writers of surfaces, values and labels for brain imaging: GIFTI, CIFTI and FreeSurfer.
 
-nibabel makes the bytes; it is imported when a file is written, as that takes time.
-GIFTI is as Connectome Workbench expects it: values of single precision, keys of 32 bits, the
-hemisphere as ``AnatomicalStructurePrimary``. The same data makes the same file every time.
+nibabel formats the data; it is imported when a file is written, as the import is slow. GIFTI files
+follow the conventions of Connectome Workbench: values in single precision, keys of 32 bits, and the
+hemisphere as ``AnatomicalStructurePrimary``. Equal data always give equal files.
 """
 
 import gzip
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import ResultError, brief, one_line
-from abfm.io.atomic import write_atomically, write_whole
+from abfm.io.atomic import write_atomically, write_file
 from abfm.io.cifti_files import (
     CIFTI_LABELS,
     CIFTI_VALUES,
@@ -41,7 +41,7 @@ from abfm.types import FloatArray, IntArray
 _PRIMARY_STRUCTURE_KEY = "AnatomicalStructurePrimary"
 _INTENTS = {".shape.gii": "NIFTI_INTENT_SHAPE", ".func.gii": "NIFTI_INTENT_NONE"}
 _TEXTS = {".csv": ",", ".txt": " "}
-# longer ones first, so that what is neither .surf.gii nor the like is plain GIFTI
+# longer endings first, so that .gii only matches other GIFTI files
 _GIFTI = (".surf.gii", ".shape.gii", ".func.gii", ".label.gii", ".gii")
 _SURFACES = (".surf.gii", ".gii", ".ply", *FREESURFER_SURFACES)
 _OVERLAYS = (".mgh", ".mgz")
@@ -50,34 +50,35 @@ _VALUES = (
     *(*_OVERLAYS, *CIFTI_VALUES, *FREESURFER_VALUES),
 )
 _LABELS = (".label.gii", ".gii", ".annot", CIFTI_LABELS, ".npy", *_TEXTS)
-_LARGEST_KEY = 2**31 - 1
+_KEY_MAX = 2**31 - 1
 _STAMP = "created by abfm"
 _BYTE_MAX = 255
-_COLOURS = 1 << 24
+_COLOR_COUNT = 1 << 24
 
 
 def write_surface(
     path: str | os.PathLike[str], mesh: TriangleMesh, structure: str | None = None
 ) -> None:
-    """Write a mesh: .surf.gii, .gii, .ply, or FreeSurfer's by what surfaces are called.
+    """Write a mesh as .surf.gii, .gii, .ply or a FreeSurfer surface.
 
-    GIFTI, which may also end in .gz, and FreeSurfer's (``lh.white``, ``lh.sphere.reg``) have single
-    precision, and coordinates as they are, without a transform. Vertices are those of the mesh:
-    what no face used in its file is not there.
+    GIFTI files, which may also end with .gz, and FreeSurfer files (``lh.white``,
+    ``lh.sphere.reg``) have single precision and coordinates without a transform. Vertices are those
+    of the mesh, without unused vertices of its file.
 
     Parameters
     ----------
     path : path
-        The ending of its name says the format.
+        The ending of the name determines the format.
     mesh : TriangleMesh
     structure : str, optional
-        What it is a surface of, as Connectome Workbench calls it; by default that of the mesh, or
-        else ``CortexLeft`` or ``CortexRight`` by the file's name (see `abfm.reading.hemisphere`).
+        Anatomical structure, in the words of Connectome Workbench. The default is that of the mesh,
+        or else ``CortexLeft`` or ``CortexRight`` from the file name (see
+        `abfm.reading.hemisphere`).
 
     Raises
     ------
     ResultError
-        If the ending is none of these, a number is too large for single precision, or the file
+        If the ending is not supported, a number is too large for single precision, or the file
         cannot be written.
     """
     ending = _ending(path, _SURFACES)
@@ -102,12 +103,12 @@ def write_surface(
 
 
 def check_surface_name(path: str | os.PathLike[str]) -> None:
-    """Refuse a name that `write_surface` would refuse, by the same ResultError."""
+    """Raise a ResultError if `write_surface` does not support the name."""
     _ending(path, _SURFACES)
 
 
 def check_values_name(path: str | os.PathLike[str]) -> None:
-    """Refuse a name that `write_values` would refuse, by the same ResultError."""
+    """Raise a ResultError if `write_values` does not support the name."""
     _ending(path, _VALUES)
 
 
@@ -118,26 +119,28 @@ def write_values(
     names: Sequence[str] = (),
     times: ArrayLike | None = None,
 ) -> None:
-    """Write values at vertices: GIFTI, CIFTI, .npy, .csv, .txt or FreeSurfer's.
+    """Write values at vertices as GIFTI, CIFTI, .npy, .csv, .txt or a FreeSurfer file.
 
-    GIFTI, which may also end in .gz and has an array a column, CIFTI (.dscalar.nii, .dtseries.nii),
-    which needs to know the hemisphere, and FreeSurfer's, .mgh, .mgz and for one column ``lh.sulc``
-    and the like, have single precision; all else keeps every digit.
+    The following formats have single precision; the others have all digits.
+
+    - GIFTI (.shape.gii, .func.gii, .gii, also with .gz), with an array for each column
+    - CIFTI (.dscalar.nii, .dtseries.nii), which requires the hemisphere
+    - FreeSurfer: .mgh and .mgz, or a name such as ``lh.sulc`` for one column
 
     Parameters
     ----------
     values : (n,) or (n, C) array
-        One row per vertex of the file that they belong to.
+        One row for each vertex of the mesh file.
     names : sequence of C str, optional
-        What the columns are called, in GIFTI and .csv; other formats have no names.
+        Names of the columns in GIFTI, .dscalar.nii and .csv; other formats have no names.
     times : (C,) array, optional
-        Seconds of the frames in .dtseries.nii, evenly spaced, by default 0, 1, 2, ...; other
-        formats have no times.
+        Times of the frames in .dtseries.nii in seconds, evenly spaced; by default 0, 1, 2, ...
+        Other formats have no times.
 
     Raises
     ------
     ResultError
-        As in `write_surface`, whose other parameters are the same, or if values are no such array.
+        As in `write_surface`, whose other parameters are the same, or if values have another shape.
     """
     ending = _ending(path, _VALUES)
     array = real_numbers(values, "values", ResultError)
@@ -145,36 +148,36 @@ def write_values(
         raise ResultError(f"values have shape {array.shape}; expected (n,) or (n, C)")
     count = array.size // len(array)
     if names and len(names) != count:
-        raise ResultError(f"{len(names)} names were given for {count} columns of values")
-    called = [_printable(name, "a name of values") for name in names]
+        raise ResultError(f"there are {len(names)} names for {count} columns of values")
+    column_names = [_printable(name, "a name of values") for name in names]
     if ending == ".npy" or ending in _TEXTS:
-        is_whole = isinstance(values, np.ndarray) and values.dtype.kind in "iu"
-        plain = array.astype(np.int64) if is_whole else array
-        _write_plain(path, ending, plain, called if ending == ".csv" else [])
+        is_integer = isinstance(values, np.ndarray) and values.dtype.kind in "iu"
+        numbers = array.astype(np.int64) if is_integer else array
+        _write_numbers(path, ending, numbers, column_names if ending == ".csv" else [])
         return
     columns = _single(array.reshape(len(array), count).T, "values")
     if ending in CIFTI_VALUES:
-        of = _structure(path, structure).get(_PRIMARY_STRUCTURE_KEY)
-        write_cifti_values(path, columns.T, called, of, times)
+        cortex = _structure(path, structure).get(_PRIMARY_STRUCTURE_KEY)
+        write_cifti_values(path, columns.T, column_names, cortex, times)
         return
     if ending in _OVERLAYS:
         image = import_module("nibabel.freesurfer").MGHImage
         shape = (len(array), 1, 1) + ((count,) if count > 1 else ())
         data = image(columns.T.reshape(shape), np.eye(4)).to_bytes()
-        write_whole(path, gzip.compress(data, mtime=0) if ending == ".mgz" else data)
+        write_file(path, gzip.compress(data, mtime=0) if ending == ".mgz" else data)
         return
     if ending in FREESURFER_VALUES:
         if count != 1:
             raise ResultError(
-                f"cannot write {path}: FreeSurfer's files hold one column, and {count} are given; "
-                "write them one by one, or .mgh"
+                f"cannot write {path}: this FreeSurfer format has one column, but there are "
+                f"{count}. Write .mgh, or a file for each column"
             )
         write = import_module("nibabel.freesurfer").write_morph_data
         with write_atomically(path) as temporary:
             write(temporary, columns[0])
         return
     intent = _INTENTS.get(ending, "NIFTI_INTENT_NONE")
-    metas = [{"Name": name} for name in called] or [{}] * count
+    metas = [{"Name": name} for name in column_names] or [{}] * count
     arrays = [_gifti_array(c, intent, meta) for c, meta in zip(columns, metas, strict=True)]
     _write_gifti(path, arrays, _structure(path, structure))
 
@@ -182,18 +185,19 @@ def write_values(
 def write_labels(
     path: str | os.PathLike[str], labels: Labels, structure: str | None = None
 ) -> None:
-    """Write labels: .label.gii, .gii, .annot, .dlabel.nii, and only their keys .npy, .csv, .txt.
+    """Write labels as GIFTI, .annot or .dlabel.nii, or only their keys as .npy, .csv or .txt.
 
-    GIFTI, which may also end in .gz, keeps keys, names and colours; vertices without a label, whose
-    key is -1, get the key called "???" or "unknown" there, which is added if it is missing. An
-    .annot file gives every vertex a colour, and has no keys: names come back numbered from 0 in
-    their order, and vertices whose key has no name with the key -1. Of names that have one colour,
-    black or none, all but the first get the next colour that is free.
+    GIFTI files (.label.gii, .gii, also with .gz) store keys, names and colours. Vertices without a
+    label, whose key is -1, get the key named "???" or "unknown", which is added if it is missing.
+
+    An .annot file stores a colour for each vertex, but no keys. When it is read, names are numbered
+    from 0, and vertices whose key has no name have the key -1. Each name needs its own colour: if a
+    colour is missing, black, or already used, the next free colour is stored instead.
 
     Parameters
     ----------
     labels : Labels
-        As `abfm.functions.read_labels` returns them.
+        As returned by `abfm.functions.read_labels`.
 
     Raises
     ------
@@ -204,25 +208,29 @@ def write_labels(
     ending = _ending(path, _LABELS)
     keys = _keys(labels)
     if ending == ".npy" or ending in _TEXTS:
-        _write_plain(path, ending, keys)
+        _write_numbers(path, ending, keys)
         return
     if ending == ".annot":
         _write_annotation(path, keys, labels)
         return
-    meta, known = _structure(path, structure), replace(labels, values=keys).with_unknown()
+    meta, complete = _structure(path, structure), replace(labels, values=keys).with_unknown()
     if ending == CIFTI_LABELS:
-        write_cifti_labels(path, known, meta.get(_PRIMARY_STRUCTURE_KEY))
+        write_cifti_labels(path, complete, meta.get(_PRIMARY_STRUCTURE_KEY))
     else:
-        _write_gifti(path, [_gifti_array(known.values.astype(np.int32), LABEL)], meta, known)
+        array = _gifti_array(complete.values.astype(np.int32), LABEL)
+        _write_gifti(path, [array], meta, complete)
 
 
-def _ending(path: str | os.PathLike[str], known: tuple[str, ...]) -> str:
-    """Return the one of the known endings that a file's name has, .gz left out."""
+def _ending(path: str | os.PathLike[str], endings: tuple[str, ...]) -> str:
+    """Return the ending of a file name, without .gz, or raise a ResultError for another one."""
     name = Path(path).name.lower()
-    plain = name.removesuffix(".gz") if name.endswith(".gii.gz") else name
-    ending = next((end for end in (*_GIFTI, *known) if plain.endswith(end)), None)
-    if ending not in known:
-        raise ResultError(f"cannot write {path}: its name must end in {', '.join(known)}")
+    uncompressed = name.removesuffix(".gz") if name.endswith(".gii.gz") else name
+    ending = next((end for end in (*_GIFTI, *endings) if uncompressed.endswith(end)), None)
+    if ending not in endings:
+        raise ResultError(
+            f"cannot write {path}: the ending of the name is not supported; expected "
+            f"{', '.join(endings)}"
+        )
     return ending
 
 
@@ -230,12 +238,12 @@ def _single(values: FloatArray, name: str) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):
         single = np.ascontiguousarray(values, dtype=np.float32)
     if (np.isinf(single) & np.isfinite(values)).any():
-        raise ResultError(f"{name} are too large for single precision: scale them")
+        raise ResultError(f"{name} are too large for single precision. Scale them")
     return single
 
 
-def _structure(path: str | os.PathLike[str], given: str | None) -> dict[str, str]:
-    structure = given or STRUCTURES.get(hemisphere(path) or "")
+def _structure(path: str | os.PathLike[str], structure: str | None) -> dict[str, str]:
+    structure = structure or STRUCTURES.get(hemisphere(path) or "")
     if not structure:
         return {}
     return {_PRIMARY_STRUCTURE_KEY: _printable(structure, "structure")}
@@ -243,7 +251,7 @@ def _structure(path: str | os.PathLike[str], given: str | None) -> dict[str, str
 
 def _printable(text: object, what: str) -> str:
     if not (isinstance(text, str) and text.isprintable()):
-        raise ResultError(f"{what} is {brief(text)}; expected a name that can be printed")
+        raise ResultError(f"{what} is {brief(text)}; expected a text of printable characters")
     return text
 
 
@@ -268,10 +276,10 @@ def _write_gifti(
             image.labeltable.labels.append(label)
     data = image.to_bytes()
     is_packed = os.fspath(path).lower().endswith(".gz")
-    write_whole(path, gzip.compress(data, mtime=0) if is_packed else data)
+    write_file(path, gzip.compress(data, mtime=0) if is_packed else data)
 
 
-def _write_plain(
+def _write_numbers(
     path: str | os.PathLike[str], ending: str, values: NDArray[Any], names: Sequence[str] = ()
 ) -> None:
     if names:
@@ -288,42 +296,44 @@ def _write_plain(
 def _write_annotation(path: str | os.PathLike[str], keys: IntArray, labels: Labels) -> None:
     write = import_module("nibabel.freesurfer").write_annot
     if not labels.names:
-        raise ResultError(f"cannot write {path}: its labels have no names; write them as .npy")
+        raise ResultError(f"cannot write {path}: the labels have no names. Write them as .npy")
     numbers = {int(key): number for number, key in enumerate(labels.names)}
-    known, place = np.unique(keys, return_inverse=True)
-    found = np.array([numbers.get(key, -1) for key in known.tolist()])[place]
+    unique, place = np.unique(keys, return_inverse=True)
+    found = np.array([numbers.get(key, -1) for key in unique.tolist()])[place]
     names = [name.encode("utf-8") for name in labels.names.values()]
     with write_atomically(path) as temporary:
         write(temporary, found, _table(labels), names)
 
 
 def _table(labels: Labels) -> IntArray:
-    """Return red, green, blue and transparency of each name, (n, 4), no two alike, none black."""
-    taken, rows = {0}, []
+    """Return red, green, blue and transparency of each name, (n, 4), all different, none black."""
+    used, rows = {0}, []
     for key in labels.names:
         color = _color(labels, key)
         code = (round(_BYTE_MAX * part) for part in color or (0.5, 0.5, 0.5, 1.0))
         red, green, blue, opacity = code
         packed = red | green << 8 | blue << 16
-        while packed in taken:
-            packed = (packed + 1) % _COLOURS
-        taken.add(packed)
+        while packed in used:
+            packed = (packed + 1) % _COLOR_COUNT
+        used.add(packed)
         rows.append([packed & 255, packed >> 8 & 255, packed >> 16, _BYTE_MAX - opacity])
     return np.array(rows, dtype=np.int64)
 
 
 def _keys(labels: Labels) -> IntArray:
-    """Return the keys of vertices, (n,), of labels that can be written."""
+    """Return the keys of vertices, (n,), or raise a ResultError if labels cannot be written."""
     if not isinstance(labels, Labels):
-        raise ResultError(f"labels are {brief(labels)}; expected what read_labels returns")
+        raise ResultError(
+            f"labels are {brief(labels)}; expected Labels, as returned by read_labels"
+        )
     values = real_numbers(labels.values, "keys of labels", ResultError)
     named = real_numbers([*labels.names], "keys of names", ResultError)
     if values.ndim != 1 or len(values) == 0:
         raise ResultError(f"keys of labels have shape {values.shape}; expected (n,)")
     for key in (*np.unique(values).tolist(), *named.tolist()):
-        if not (abs(key) <= _LARGEST_KEY and key == int(key)):
+        if not (abs(key) <= _KEY_MAX and key == int(key)):
             raise ResultError(
-                f"a label has the key {key:g}; expected a whole number of at most {_LARGEST_KEY}"
+                f"the key of a label is {key:g}; expected an integer of at most {_KEY_MAX}"
             )
     for key, name in labels.names.items():
         _printable(name, f"the name of label {key}")
@@ -332,7 +342,7 @@ def _keys(labels: Labels) -> IntArray:
 
 
 def _color(labels: Labels, key: int) -> tuple[float, ...]:
-    """Return red, green, blue and opacity of a label, or nothing where it has no colour."""
+    """Return red, green, blue and opacity of a label; empty if it has no colour."""
     if key not in labels.colors:
         return ()
     color = real_numbers(labels.colors[key], f"the colour of label {key}", ResultError)

@@ -1,4 +1,4 @@
-"""Meshes with data for other programs (ParaView, MeshLab), and the energy as a table."""
+"""Exports of meshes with data (PLY, VTU), and of the energy as a table."""
 
 import os
 import re
@@ -11,7 +11,7 @@ from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkTriangle
 
 from abfm.errors import ResultError
-from abfm.io.atomic import write_atomically, write_whole
+from abfm.io.atomic import write_atomically, write_file
 from abfm.io.tables import write_csv
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
@@ -23,11 +23,11 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 def export_ply(
     path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data
 ) -> None:
-    """Write a binary PLY file with the data as extra properties, everything in double precision.
+    """Write a binary PLY file with the data as additional properties, all in double precision.
 
-    What becomes of them is up to the reader: trimesh returns them all, MeshLab shows point data
-    named ``quality``, ParaView takes only the shape from a PLY file (for the data: `export_vtu`).
-    An array of C columns becomes the properties ``name_0`` to ``name_{C-1}``.
+    Programs use the properties differently. trimesh returns all, MeshLab shows point data named
+    ``quality``, and ParaView ignores them (use `export_vtu`). An array of C columns becomes the
+    properties ``name_0`` to ``name_{C-1}``.
 
     Parameters
     ----------
@@ -40,8 +40,8 @@ def export_ply(
         If a name or a shape does not fit, or the file cannot be written.
     """
     positions = dict(zip("xyz", mesh.vertices.T, strict=True))
-    vertex = positions | _columns(point_data, len(mesh.vertices), taken=list(positions))
-    face = _columns(cell_data, len(mesh.faces), taken=["vertex_indices"])
+    vertex = positions | _columns(point_data, len(mesh.vertices), reserved=list(positions))
+    face = _columns(cell_data, len(mesh.faces), reserved=["vertex_indices"])
     header = [
         "ply",
         "format binary_little_endian 1.0",
@@ -54,27 +54,27 @@ def export_ply(
     ]
     count, corners = np.full(len(mesh.faces), 3, dtype="u1"), mesh.faces.astype("<i4")
     body = _records(vertex) + _records({"count": count, "vertex_indices": corners} | face)
-    write_whole(path, "\n".join(header).encode("ascii") + body)
+    write_file(path, "\n".join(header).encode("ascii") + body)
 
 
 def export_vtu(
     path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data
 ) -> None:
-    """Write a binary VTK unstructured grid with point and cell data, everything in double
-    precision, but bytes (uint8) as they are.
+    """Write a binary VTK unstructured grid with point and cell data in double precision.
 
-    ParaView, VTK and PyVista read it, and know it by ``.vtu``, the path's end. An array of three
-    columns becomes a vector; all else, and the errors, are as in `export_ply`.
+    Bytes (uint8) keep their type. ParaView, VTK and PyVista can read the file; its name must end
+    with ``.vtu``. An array of three columns becomes a vector. Other parameters and errors are those
+    of `export_ply`.
     """
     if not str(path).endswith(".vtu"):
         raise ResultError(
-            f"cannot write {path}: the name of a VTK unstructured grid must end in .vtu; add it"
+            f"cannot write {path}: the name of a VTK unstructured grid must end with .vtu"
         )
     points = _columns(point_data, len(mesh.vertices), vectors=True)
     cells = _columns(cell_data, len(mesh.faces), vectors=True)
     with write_atomically(path) as temporary:
         unstructuredGridToVTK(
-            str(temporary).removesuffix(".vtu"),  # pyevtk adds it
+            str(temporary).removesuffix(".vtu"),  # pyevtk appends the suffix
             *np.ascontiguousarray(mesh.vertices.T),
             connectivity=mesh.faces.ravel(),
             offsets=3 * np.arange(1, len(mesh.faces) + 1),
@@ -87,8 +87,7 @@ def export_vtu(
 def export_energy_csv(
     path: str | os.PathLike[str], energy_history: ArrayLike, stages: ArrayLike
 ) -> None:
-    """Write one line per iteration: its number, its cooling stage, and the three energies in solver
-    units.
+    """Write a line for each iteration: its number, its stage, and the energies in solver units.
 
     Parameters
     ----------
@@ -107,35 +106,36 @@ def export_energy_csv(
 
 
 def _columns(
-    data: Data, count: int, taken: Sequence[str] = (), vectors: bool = False
+    data: Data, count: int, reserved: Sequence[str] = (), vectors: bool = False
 ) -> dict[str, Any]:
-    """Return the data as float64 columns (count,); vectors of three may stay tuples, and bytes
-    beside them bytes.
+    """Return the data as float64 columns (count,).
+
+    If ``vectors``, three columns become a tuple, and bytes keep their type.
     """
     columns: dict[str, Any] = {}
-    for name, given in data.items():
-        values = real_numbers(given, f"data {name!r}", ResultError)
+    for name, array in data.items():
+        values = real_numbers(array, f"data {name!r}", ResultError)
         if values.ndim not in (1, 2) or len(values) != count or values.size == 0:
             raise ResultError(
                 f"data {name!r} has shape {values.shape}; expected ({count},) or ({count}, C)"
             )
         split = np.ascontiguousarray(values.reshape(count, -1).T)
-        if vectors and np.asarray(given).dtype == np.uint8:
+        if vectors and np.asarray(array).dtype == np.uint8:
             split = split.astype(np.uint8)
         named: dict[str, Any] = {f"{name}_{k}": column for k, column in enumerate(split)}
         if values.ndim == 1 or (vectors and len(split) == 3):
             named = {name: split[0] if values.ndim == 1 else tuple(split)}
         for new in named:
-            if not _NAME.fullmatch(new) or new in columns or new in taken:
+            if not _NAME.fullmatch(new) or new in columns or new in reserved:
                 raise ResultError(
-                    f"data cannot be named {new!r} here; use letters, digits and _ . - for a name "
-                    "not taken"
+                    f"the name {new!r} of data is invalid or already used. Use another name of "
+                    "letters, digits and _ . -"
                 )
         columns |= named
     return columns
 
 
 def _records(columns: Mapping[str, NDArray[Any]]) -> bytes:
-    """Return columns (n,) or (n, k) row by row, packed, little endian."""
+    """Return columns (n,) or (n, k) as packed little-endian rows."""
     little = [(name, x.dtype.newbyteorder("<"), x.shape[1:]) for name, x in columns.items()]
     return np.rec.fromarrays(list(columns.values()), little).tobytes()

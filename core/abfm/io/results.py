@@ -1,5 +1,7 @@
-"""Result files, one ``.npz`` of plain arrays, no pickles; and what projects share with them: arrays
-in a zip, checked whole when written, and each when it is asked for.
+"""Result files: ``.npz`` files of plain arrays without pickles.
+
+The functions for arrays in a zip are also used by projects. All arrays are checked when they are
+written, and each one when it is read.
 """
 
 import math
@@ -22,19 +24,16 @@ from abfm.types import File
 from abfm.workers.control import CancelledError
 
 FORMAT_VERSION = 3
-"""Of result files and of projects."""
-MEND = "match again and save, or take another copy of the file"
+"""Version of the format of result files."""
+REMEDY = "Match again and save, or use another copy of the file"
 SIZE_MAX = 1e154
-"""Of functions and, in lengths of the mesh, of fields: squares of more overflow, so no match was
-made of them.
+"""Largest value of functions, and of fields in units of ``length_scale``; larger squares overflow.
 """
-# vertices of the mesh file that no face uses: maps to its vertices have a line for each
+# unused vertices of the mesh file; vertex maps of the file have a line for each vertex
 _DROPPED_VERTICES_MAX = 10_000_000
-# characters
-_REASON_MAX = 400
-_TEXT_LENGTH_MAX = 10_000
-# bytes of files of abfm's own: those of thousands of frames are larger than any that others make
-_LARGEST_FILE = 1 << 40
+_REASON_LENGTH_MAX = 400  # characters
+_TEXT_LENGTH_MAX = 10_000  # characters
+_FILE_BYTES_MAX = 1 << 40  # results of thousands of frames exceed the limit for other files
 _KINDS: dict[str, tuple[str, Any]] = {
     "real": ("fiu", np.float64),
     "single": ("fiu", np.float32),
@@ -43,15 +42,15 @@ _KINDS: dict[str, tuple[str, Any]] = {
     "text": ("U", np.str_),
 }
 
-Made = TypeVar("Made")
+Loaded = TypeVar("Loaded")
 Path = str | os.PathLike[str]
 Arrays = Mapping[str, NDArray[Any]]
 Parts = Mapping[str, Callable[[], Mapping[str, Any]]]
-"""What makes the arrays of a file, in parts that are of use without the others, by their names."""
+"""Functions that return the arrays of a file, by the names of parts, each usable on its own."""
 
 
 class Entry(NamedTuple):
-    """An array of a file; a word in its shape stands for a size that all agree on."""
+    """Description of an array of a file; a word in its shape is a size shared by several arrays."""
 
     kind: str
     shape: tuple[str | int, ...]
@@ -59,24 +58,27 @@ class Entry(NamedTuple):
     may_be_empty: bool = False
     low: float = -math.inf
     high: float = math.inf
-    allow_missing: bool = False  # NaN
-    is_mapped: bool = False  # it may be larger than the memory, and stays in the file
+    allow_missing: bool = False  # whether values may be NaN
+    is_mapped: bool = False  # whether it is memory-mapped, as it may be larger than the memory
 
     def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
-        """Return an array in its own type; ``sizes`` holds what was fixed before, and learns."""
+        """Return an array in the type of the entry, or raise a ValueError if it does not fit.
+
+        ``sizes`` are the shared sizes of earlier arrays; those of this array are added.
+        """
         kinds, dtype = _KINDS[self.kind]
         if array.dtype.kind not in kinds:
             raise ValueError(f"{name} has type {array.dtype}; expected {self.kind} values")
-        known = tuple(sizes.get(str(size), size) for size in self.shape)
-        agrees = array.ndim == len(known) and all(
-            isinstance(size, str) or size == given
-            for size, given in zip(known, array.shape, strict=True)
+        shape = tuple(sizes.get(str(size), size) for size in self.shape)
+        agrees = array.ndim == len(shape) and all(
+            isinstance(size, str) or size == count
+            for size, count in zip(shape, array.shape, strict=True)
         )
         if not agrees or (array.size == 0 and not self.may_be_empty):
-            expected = ", ".join(map(str, known))
+            expected = ", ".join(map(str, shape))
             raise ValueError(f"{name} has shape {array.shape}; expected ({expected})")
         named = zip(self.shape, array.shape, strict=True)
-        sizes |= {word: given for word, given in named if isinstance(word, str)}
+        sizes |= {word: count for word, count in named if isinstance(word, str)}
         if array.size:
             self._check_values(name, array)
         return array.astype(dtype, order="C", copy=False)
@@ -84,12 +86,12 @@ class Entry(NamedTuple):
     def _check_values(self, name: str, array: NDArray[Any]) -> None:
         if self.kind == "text":
             if not all(len(text) <= _TEXT_LENGTH_MAX and text.isprintable() for text in array.flat):
-                limit = f"more than {_TEXT_LENGTH_MAX} characters, or some that cannot be shown"
+                limit = f"more than {_TEXT_LENGTH_MAX} characters, or unprintable ones"
                 raise ValueError(f"{name} has {limit}")
             return
-        # without copies of arrays that may be larger than the memory
-        least, most = (np.fmin, np.fmax) if self.allow_missing else (np.minimum, np.maximum)
-        ends = [each.reduce(array, axis=None) for each in (least, most)]
+        # without copies, as arrays may be larger than the memory
+        smallest, largest = (np.fmin, np.fmax) if self.allow_missing else (np.minimum, np.maximum)
+        ends = [each.reduce(array, axis=None) for each in (smallest, largest)]
         if self.allow_missing and np.isnan(ends).all():
             return
         if self.kind in ("real", "single") and not np.isfinite(ends).all():
@@ -99,7 +101,7 @@ class Entry(NamedTuple):
                 bounds = f"{self.low:g} to {self.high:g}"
                 raise ValueError(f"{name} has the value {value:g}; expected {bounds}")
         if self.kind == "integer" and array.max() > np.iinfo(np.int64).max:
-            raise ValueError(f"{name} has values beyond those of 64 bits with a sign")
+            raise ValueError(f"{name} has values that do not fit in 64 bits with a sign")
 
 
 MESH_ENTRIES = {
@@ -107,7 +109,7 @@ MESH_ENTRIES = {
     "faces": Entry("integer", ("F", 3)),
     "vertex_ids": Entry("integer", ("V",)),
     "file_vertex_count": Entry("integer", (), low=1),
-    # vertices of the file that were merged, and what they became
+    # vertices of the mesh file that were merged, and the vertices that they were merged into
     "copies": Entry("integer", ("copied", 2), required=False, may_be_empty=True, low=0),
     "structure": Entry("text", (), required=False),
 }
@@ -115,10 +117,10 @@ _FUNCTION = Entry("real", ("V", "C"), low=-SIZE_MAX, high=SIZE_MAX)
 _FUNCTIONS = {"source": _FUNCTION, "target": _FUNCTION}
 _DATA = {
     "parameters": Entry("text", ()),
-    "channels_given": Entry("boolean", ()),  # False: f and g were (V,), and come back so
+    "channels_given": Entry("boolean", ()),  # False if f and g have shape (V,) instead of (V, C)
     "mask": Entry("real", ("V",), required=False, low=0),
-    "approximate": Entry("boolean", (), required=False),  # functions are only alike
-    # the last one is required: damage to a zip's directory can hide the last entry
+    "approximate": Entry("boolean", (), required=False),  # whether functions match only roughly
+    # the last one is required, as a damaged directory of a zip can hide the last entry
     "weights": Entry("real", ("C",), low=0),
 }
 _START = {"start": Entry("real", ("M", "S", 3), required=False)}
@@ -126,7 +128,7 @@ SPEC_ENTRIES = {
     name: Entry("text", ("C",), required=False) for name in ("source_specs", "target_specs")
 }
 LANDMARK_ENTRIES = {
-    # of each landmark, and of where it is wanted
+    # of each landmark and of its target
     "landmark_faces": Entry("integer", ("L", 2), required=False, low=0),
     "landmark_barycentric": Entry("real", ("L", 2, 3), required=False),
     "landmark_weights": Entry("real", ("L",), required=False, low=0),
@@ -146,55 +148,55 @@ _MATCH = {
     "landmark_errors": Entry("real", ("L",), required=False, low=0),  # of sqrt(area)
     "verdict": Entry("text", (4,)),  # outcome, cause, reason, advice
     "remedies": Entry("text", (), required=False),
-    # largest |log2 J| and |log2 R|, share of the faces within it, what 99% are within, folded faces
+    # bound of |log2 J| and |log2 R|, share of faces within it, 99th percentile, folded faces
     "bound": Entry("real", (4,), required=False, low=0),
     # the columns of `abfm.matching.path.COLUMNS`
     "path_steps": Entry("real", ("S", 13), required=False, low=0, allow_missing=True),
-    "path_step": Entry("integer", (), required=False, low=0),  # which of them the match is
+    "path_step": Entry("integer", (), required=False, low=0),  # index of the step of the match
     # the number of fields of each step, if these differ
     "path_fields": Entry("integer", ("S",), required=False, low=1, high=1e6),
-    # the others' fields in lengths of the mesh, side by side, (N, P, 3); one after another,
-    # (1, P, 3), if their numbers differ. Squares of larger values overflow
+    # Fields of the other steps in units of length_scale, concatenated along the second axis,
+    # (N, P, 3). If their numbers differ, all are in one row, (1, P, 3). Squares of larger values
+    # overflow.
     "path_velocity": Entry("single", ("R", "P", 3), required=False, low=-1e30, high=1e30),
 }
 MATCH_ENTRIES = _FUNCTIONS | _MATCH | SPEC_ENTRIES | LANDMARK_ENTRIES | _DATA
 
 
 class FileKind(NamedTuple):
-    """What a file is called, and which arrays it holds."""
+    """Name of a kind of file, and its arrays."""
 
     name: str
     entries: Mapping[str, Entry]
 
 
 RESULT = FileKind("result file", MESH_ENTRIES | MATCH_ENTRIES)
-_OTHER_MESH = {  # surface A of two; B has the names of the only one
+_OTHER_MESH = {  # surface A of two; surface B has the names of a single surface
     f"a_{name}": entry._replace(
         shape=tuple(f"{size}A" if isinstance(size, str) else size for size in entry.shape)
     )
     for name, entry in MESH_ENTRIES.items()
 }
 _CORRESPONDENCE = {
-    # the directions of the vertices, where both surfaces are laid out on one sphere
+    # the directions of the vertices, if both surfaces are embedded in one sphere
     "a_sphere": Entry("real", ("VA", 3), required=False),
     "sphere": Entry("real", ("V", 3), required=False),
-    # where on A the vertices of B lie, and those of A on B
+    # points of A for the vertices of B, and points of B for the vertices of A
     "image_faces": Entry("integer", ("V",), low=0),
     "image_barycentric": Entry("real", ("V", 3), low=-1e-9, high=1 + 1e-8),
     "back_faces": Entry("integer", ("VA",), low=0),
     "back_barycentric": Entry("real", ("VA", 3), low=-1e-9, high=1 + 1e-8),
-    # initial maps that were tried, the chosen one first
+    # candidates of the initial map, the chosen one first
     "candidates": Entry("text", ("Z",), required=False),
     "candidate_costs": Entry("real", ("Z",), required=False, allow_missing=True),
 }
 CORRESPONDENCE_ENTRIES = _OTHER_MESH | _CORRESPONDENCE
 CORRESPONDENCE = FileKind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)
-# the initial map, and the match on B
 _MAP_ENTRIES = {
     "notes": Entry("text", ("K",), required=False),
     "warnings": Entry("text", ("W",), required=False),
-    "registration_verdict": Entry("text", (4,), required=False),  # as `verdict`
-    "a_functions": Entry("real", ("VA", "C"), required=False),  # as they are compared
+    "registration_verdict": Entry("text", (4,), required=False),  # like `verdict`
+    "a_functions": Entry("real", ("VA", "C"), required=False),  # as compared with those of B
 }
 REGISTRATION = FileKind(
     "registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_MAP_ENTRIES}
@@ -218,62 +220,69 @@ _SEQUENCE = {
     "residual": Entry("real", ("I",), low=0, allow_missing=True),
     "verified_residual": Entry("real", ("I",), low=0, allow_missing=True),
     "folded": Entry("real", ("I",), low=0, high=1, allow_missing=True),
-    "verdicts": Entry("text", ("I", 4)),  # as of a match
+    "verdicts": Entry("text", ("I", 4)),  # like `verdict` of a match
     "weights": Entry("real", ("C",), low=0),
 }
 SEQUENCE = FileKind("sequence file", MESH_ENTRIES | _SEQUENCE)
 
 
 @contextmanager
-def open_archive(path: File, what: str, cure: str) -> Iterator[Archive]:
-    """Open a zip to read from; one line, with what to do, for all that goes wrong meanwhile."""
+def open_archive(path: File, what: str, remedy: str) -> Iterator[Archive]:
+    """Open a zip for reading; convert all errors to a ResultError with a remedy."""
     name = name_of(path)
     try:
-        with _opened(path, partial(open_regular, size_max=_LARGEST_FILE)) as file:
+        with _opened(path, partial(open_regular, size_max=_FILE_BYTES_MAX)) as file:
             yield Archive(file)
     except ResultError as error:
-        raise ResultError(f"{name}: {one_line(error, _REASON_MAX)}") from error
+        raise ResultError(f"{name}: {one_line(error, _REASON_LENGTH_MAX)}") from error
     except OSError as error:
-        reason = f"{one_line(error)}; check the path and its permissions"
-        raise ResultError(f"cannot read {name}: {reason}") from error
-    # damage makes anything of the readers of zips, of JSON and of what they hold
+        raise ResultError(
+            f"cannot read {name}: {one_line(error)}. Check the path and its permissions"
+        ) from error
+    # damaged files can cause any error in the readers of zips and JSON
     except Exception as error:
         is_of_python = isinstance(error, TypeError | AttributeError | IndexError | ArithmeticError)
-        reason = "its parts do not fit together" if is_of_python else one_line(error, _REASON_MAX)
+        reason = (
+            "its parts do not fit together" if is_of_python else one_line(error, _REASON_LENGTH_MAX)
+        )
         raise ResultError(
-            f"{name}: no {what} of abfm, or damaged or cut short ({reason}); {cure}"
+            f"{name} is not a {what} of abfm, or is damaged or cut off ({reason}). {remedy}"
         ) from error
 
 
 def _opened(
     path: File, of_path: Callable[[Path], AbstractContextManager[Any]]
 ) -> AbstractContextManager[Any]:
-    """Return a file that is open, or what a function makes of its path."""
+    """Return a context manager for a file that is open, or for a path."""
     return of_path(path) if isinstance(path, str | os.PathLike) else nullcontext(path)
 
 
 def name_of(path: File) -> str:
-    """Return how messages call a file."""
-    known = path if isinstance(path, str | os.PathLike) else getattr(path, "name", "the result")
-    return one_line(known)
+    """Return the name of a file for messages."""
+    name = path if isinstance(path, str | os.PathLike) else getattr(path, "name", "the result")
+    return one_line(name)
 
 
 def is_own(archive: Mapping[str, Any]) -> bool:
-    """Tell whether an archive is one of `save_arrays`, whatever arrays others give such names."""
+    """Return whether an archive was written by `save_arrays`."""
     return "format_version" in archive
 
 
 def check_version(version: object, current: int = FORMAT_VERSION) -> None:
-    """Refuse another format (ResultError), or what is no version (ValueError)."""
+    """Raise a ResultError for another format, or a ValueError if it is not a version."""
     if type(version) is not int or version < 1:
         raise ValueError(f"format_version is {brief(version)}; expected {current}")
     if version != current:
-        cure = "upgrade abfm" if version > current else "it is of an earlier version: solve again"
-        raise ResultError(f"written in format {version}; this abfm reads format {current}; {cure}")
+        is_newer = version > current
+        remedy = "Upgrade abfm" if is_newer else "Solve again, as formats before 0.1.0 are not read"
+        raise ResultError(
+            f"the file has format {version}, but this version of abfm reads format {current}. "
+            f"{remedy}"
+        )
 
 
 def pieces(arrays: Arrays) -> Iterator[bytes | memoryview]:
-    """Yield what names arrays by their content, the same in every process and on every machine."""
+    """Yield bytes for a digest of arrays, the same in every process and on every computer."""
     for name, value in sorted(arrays.items()):
         array = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
         yield f"{name} {array.dtype.str} {value.shape}\n".encode()
@@ -281,7 +290,7 @@ def pieces(arrays: Arrays) -> Iterator[bytes | memoryview]:
 
 
 def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
-    """Add a member ``name.npy`` for each; the same arrays give the same bytes."""
+    """Add a member ``name.npy`` for each array; equal arrays give equal bytes."""
     for name, array in arrays.items():
         with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
             np.save(file, array, allow_pickle=False)
@@ -290,13 +299,13 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
 def check_arrays(
     arrays: Mapping[str, Any], entries: Mapping[str, Entry], prefix: str = "", **sizes: int
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays that are listed, under the prefix, in their types; or a ValueError."""
+    """Return the arrays of the entries, with a prefix, in their types, or raise a ValueError."""
     places = {name: f"{prefix}{name}" for name in entries}
     missing = [
         place for name, place in places.items() if entries[name].required and place not in arrays
     ]
     if missing:
-        raise ValueError(f"it lacks {', '.join(missing)}")
+        raise ValueError(f"arrays are missing: {', '.join(missing)}")
     found = dict[str, NDArray[Any]]()
     for name, place in places.items():
         if place in arrays:
@@ -309,29 +318,31 @@ def check_arrays(
 
 
 def save_arrays(path: File, arrays: Mapping[str, Any], kind: FileKind = RESULT) -> None:
-    """Write the arrays of its kind and ``format_version``; the same give the same bytes.
+    """Write the arrays of a kind of file and ``format_version``; equal arrays give equal bytes.
 
     Raises
     ------
     ResultError
-        If the arrays would not load again, or the file cannot be written.
+        If the arrays could not be loaded again, or the file cannot be written.
     """
     unknown = sorted(arrays.keys() - kind.entries.keys())
     if unknown:
         raise ResultError(
-            f"{name_of(path)}: no place for {', '.join(unknown)} in a {kind.name}; expected "
+            f"{name_of(path)}: a {kind.name} has no array {', '.join(unknown)}; expected "
             f"{', '.join(kind.entries)}"
         )
     try:
         checked = _checked(arrays, kind)
     except ValueError as error:
-        reason = one_line(error, _REASON_MAX)
-        raise ResultError(f"{name_of(path)} not written: {reason}; {MEND}") from error
+        reason = one_line(error, _REASON_LENGTH_MAX)
+        raise ResultError(
+            f"{name_of(path)}: the file was not written: {reason}. {REMEDY}"
+        ) from error
     with _opened(path, write_atomically) as file, zipfile.ZipFile(file, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})
 
 
-def made(parts: Parts) -> dict[str, Any]:
+def all_arrays(parts: Parts) -> dict[str, Any]:
     """Return the arrays of all parts."""
     return {name: array for make in parts.values() for name, array in make().items()}
 
@@ -339,8 +350,10 @@ def made(parts: Parts) -> dict[str, Any]:
 def save_parts(
     path: Path, parts: Parts, substitutes: Mapping[str, Any], kind: FileKind = RESULT
 ) -> tuple[str, ...]:
-    """Write those parts that can be made and would load again, and substitutes for required arrays
-    that are in none of them; return what is missing and why, a line each.
+    """Write all parts that can be computed and loaded again; return a line for each missing part.
+
+    ``substitutes`` replace required arrays of missing parts. A line has the name of a part and the
+    reason.
 
     Raises
     ------
@@ -351,37 +364,38 @@ def save_parts(
     sizes: dict[str, int] = {}
     missing = []
     for part, make in parts.items():
-        known = dict(sizes)
+        new_sizes = dict(sizes)
         try:
-            own = {
-                name: kind.entries[name].check(name, np.asarray(array), known)
+            of_part = {
+                name: kind.entries[name].check(name, np.asarray(array), new_sizes)
                 for name, array in make().items()
             }
-        except Exception as error:  # whatever is wrong with a part, the others are kept
-            missing.append(f"{part} ({one_line(error, _REASON_MAX)})")
+        except Exception as error:  # the other parts are saved, whatever the error
+            missing.append(f"{part} ({one_line(error, _REASON_LENGTH_MAX)})")
         else:
-            arrays |= own
-            sizes = known
+            arrays |= of_part
+            sizes = new_sizes
     save_arrays(path, {**substitutes, **arrays}, kind)
     return tuple(missing)
 
 
 class Saved(Protocol):
-    """A result that has a file of its own."""
+    """A result that can be saved to a file."""
 
     def save(self, path: Path) -> None: ...
 
     def save_parts(self, path: Path) -> tuple[str, ...]: ...
 
 
-def save_what_can_be(path: Path, found: Saved) -> str:
-    """Save a result; if that fails, save those parts of it that can be saved, and return what is
-    missing and why, in a line.
+def save_with_fallback(path: Path, found: Saved) -> str:
+    """Save a result, or those parts of it that can be saved.
+
+    Return a line with the missing parts and the reasons; empty if nothing is missing.
 
     Raises
     ------
     Exception
-        As the result's ``save``, if nothing of use can be written there.
+        The error of the ``save`` of the result, if the required parts cannot be saved either.
     """
     try:
         found.save(path)
@@ -390,43 +404,44 @@ def save_what_can_be(path: Path, found: Saved) -> str:
     except Exception:
         with suppress(Exception):
             missing = "; ".join(found.save_parts(path))
-            return f"{one_line(path)} is without {missing}" if missing else ""
+            return f"{one_line(path)} was saved without {missing}" if missing else ""
         raise
     return ""
 
 
 def load_arrays(path: File, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
-    """Read the arrays of its kind, others left out: float64, int64, bool or unicode.
+    """Read the arrays of a kind of file as float64, float32, int64, bool or unicode.
 
     Raises
     ------
     ResultError
-        If the file is missing, damaged, no result, or from a newer version, or if an array is
-        missing, has the wrong shape or kind, or holds values that make no sense.
+        If the file is missing, damaged, not a result, or from another version. Also if an array is
+        missing, or has a wrong shape, type or value.
     """
-    with open_archive(path, kind.name, MEND) as archive:
+    with open_archive(path, kind.name, REMEDY) as archive:
         version = archive.get("format_version")
         check_version(version.item() if version is not None and version.ndim == 0 else version)
         others = {"frames", "subject_weights"} - kind.entries.keys()
         is_map = "a_vertices" in archive and "velocity" not in archive
         if others & archive.keys() or (is_map and "velocity" in kind.entries):
-            raise ResultError("it holds another kind of result, which `abfm info` describes")
+            raise ResultError("the file has another kind of result. `abfm info` describes it")
         return _checked(archive, kind)
 
 
-def loaded(path: File, kind: FileKind, make: Callable[[dict[str, NDArray[Any]]], Made]) -> Made:
-    """Return what is made of the arrays that a file of a kind holds.
+def loaded(path: File, kind: FileKind, make: Callable[[dict[str, NDArray[Any]]], Loaded]) -> Loaded:
+    """Load the arrays of a kind of file, and convert them by a function.
 
     Raises
     ------
     ResultError
-        As of `load_arrays`, or if they do not fit together.
+        As in `load_arrays`, or if the arrays do not fit together.
     """
     arrays = load_arrays(path, kind)
     try:
         return make(arrays)
-    except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{name_of(path)}: {one_line(error, _REASON_MAX)}; {MEND}") from error
+    except Exception as error:  # invalid texts, numbers or lists may cause any error
+        reason = one_line(error, _REASON_LENGTH_MAX)
+        raise ResultError(f"{name_of(path)}: {reason}. {REMEDY}") from error
 
 
 def _checked(arrays: Mapping[str, Any], kind: FileKind) -> dict[str, NDArray[Any]]:
@@ -440,7 +455,7 @@ def _checked(arrays: Mapping[str, Any], kind: FileKind) -> dict[str, NDArray[Any
 
 
 def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
-    """Return what files hold of a mesh."""
+    """Return the arrays of a mesh for a file."""
     arrays = {name: getattr(mesh, name) for name in MESH_ENTRIES}
     if not len(mesh.copies):
         del arrays["copies"]
@@ -450,12 +465,14 @@ def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def mesh_of(arrays: Arrays, prefix: str = "") -> TriangleMesh:
-    """Return the mesh of `mesh_arrays`, under a prefix; ValueError if it needs repairs."""
+    """Return the mesh of `mesh_arrays` with a prefix; raise a ValueError if it needs repairs."""
     _check_indices(arrays, prefix)
     vertices, faces, ids, total, copies = _of_mesh(arrays, prefix)
     count = int(total)
     if count - len(ids) > _DROPPED_VERTICES_MAX:
-        raise ValueError(f"the mesh file had {count} vertices, and {len(ids)} are used")
+        raise ValueError(
+            f"only {len(ids)} of the {count} vertices of the mesh file are used, which are too few"
+        )
     structure = arrays.get(f"{prefix}structure")
     mesh = TriangleMesh(
         vertices,
@@ -480,15 +497,17 @@ def _check_indices(arrays: Arrays, prefix: str = "") -> None:
         if numbers.min() < 0 or numbers.max() >= limit:
             raise ValueError(f"{prefix}{name} has an index outside 0 to {limit - 1}")
     if (np.diff(ids) <= 0).any():
-        raise ValueError(f"{prefix}vertex_ids do not ascend")
-    gone, became = copies.T
-    if (np.diff(gone) <= 0).any() or (gone >= total).any() or np.isin(gone, ids).any():
-        raise ValueError(f"{prefix}copies do not ascend, or name vertices that are there")
-    if not np.isin(became, ids).all():
-        raise ValueError(f"{prefix}copies became vertices that are not there")
+        raise ValueError(f"{prefix}vertex_ids are not in ascending order")
+    merged, targets = copies.T
+    if (np.diff(merged) <= 0).any() or (merged >= total).any() or np.isin(merged, ids).any():
+        raise ValueError(
+            f"{prefix}copies are not in ascending order, or have vertices that were not merged"
+        )
+    if not np.isin(targets, ids).all():
+        raise ValueError(f"{prefix}copies were merged into vertices that do not exist")
     unused = np.count_nonzero(np.bincount(faces.ravel(), minlength=count) == 0)
     if unused:
-        raise ValueError(f"the mesh needs repairs: {unused} of its {count} vertices are in no face")
+        raise ValueError(f"the mesh needs repairs: no face uses {unused} of its {count} vertices")
 
 
 def _check_parameters(text: str) -> None:
@@ -497,4 +516,4 @@ def _check_parameters(text: str) -> None:
     except ValueError as error:
         raise ValueError(f"parameters: {error}") from None
     if not isinstance(parameters, dict) or dict in map(type, parameters.values()):
-        raise ValueError("parameters are not one flat JSON object")
+        raise ValueError("the parameters are not a flat JSON object")

@@ -1,4 +1,4 @@
-"""A figure as data: which pictures and plots it consists of, for whoever can draw."""
+"""Figures as data: the pictures and plots of a figure, without drawing."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -7,13 +7,13 @@ from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
 Frame = Literal["source", "target", "result", "field", "other"]
-"""Blue, red, black and grey in the paper's figures; the others have a thin light frame."""
+"""Frame of a panel: blue, red, black and grey as in the paper; others have a thin light frame."""
 Up = Literal["x", "y", "z"]
 
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """A function (V,) or (F,); what has the same title of its colour bar shares one range."""
+    """A function (V,) or (F,); functions with the same title of the colour bar share a range."""
 
     values: FloatArray
     bar: str = "function"
@@ -21,21 +21,21 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """Places (V, 3) as colours: x, y, z of the mesh's bounding box as red, green, blue."""
+    """Positions (V, 3) as colours: x, y, z in the bounding box of the mesh as red, green, blue."""
 
     positions: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Checker:
-    """A checkerboard by texture coordinates (V, 2), of which one unit is the side of two fields."""
+    """A checkerboard by texture coordinates (V, 2); one unit is the width of two squares."""
 
     coordinates: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Streaks:
-    """Line integral convolution of a field (F, 3), in the colours of a function (V,) if given."""
+    """Line integral convolution of a field (F, 3), optionally coloured by a function (V,)."""
 
     velocity: FloatArray
     values: FloatArray | None = None
@@ -44,24 +44,23 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture of a surface; all of a sheet with the same mesh have one camera."""
+    """A picture of a surface; pictures of the same mesh in a sheet share a camera."""
 
     mesh: TriangleMesh
     paint: Values | Coordinates | Checker | Streaks
     label: str
     frame: Frame = "other"
-    points: FloatArray | None = None  # (P, 3), each marked in a colour, the same in all panels
-    lines: tuple[FloatArray, ...] = ()  # paths on the surface, (K, 3)
+    points: FloatArray | None = None  # (P, 3), each drawn in a colour, the same in all panels
+    lines: tuple[FloatArray, ...] = ()  # lines on the surface, (K, 3)
     arrows: FloatArray | None = None  # a field, (F, 3)
-    determined: FloatArray | None = None  # how well, (F,), from 0 to 1: opacities of arrows
-    tone: Literal["", "good", "warning", "failure", "muted"] = (
-        ""  # of the label, in another colour than the frame's
-    )
+    determined: FloatArray | None = None  # (F,) certainty from 0 to 1, the opacity of arrows
+    # colour of the label, independent of the frame
+    tone: Literal["", "good", "warning", "failure", "muted"] = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curve of a plot, its name for the legend; `faint` is what others are compared with."""
+    """A curve of a plot with its name for the legend; reference curves are `faint`."""
 
     name: str
     x: FloatArray
@@ -71,7 +70,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Curves over axes, so many panels wide; one that goes beyond the `top` leaves the plot."""
+    """Curves with axes; the width is in panels, and curves are cut off above `top`."""
 
     curves: tuple[Curve, ...]
     x_title: str
@@ -88,7 +87,8 @@ class Sheet:
 
     rows: tuple[tuple[Panel | Plot, ...], ...]
     up: Up | None = None
-    # functions (V,) on the first mesh for the camera to show; by default source and target panels'
-    seen: tuple[FloatArray, ...] = ()
-    one_view: bool = False  # all meshes from the direction of the first: poses of one body
-    notes: tuple[str, ...] = ()  # lines below the pictures, which must be said with them
+    # functions (V,) on the first mesh that the camera must show; by default those of the source and
+    # target panels
+    view_functions: tuple[FloatArray, ...] = ()
+    one_view: bool = False  # whether all meshes have the camera of the first (poses of one body)
+    notes: tuple[str, ...] = ()  # lines of text below the pictures

@@ -1,6 +1,6 @@
-"""Surface images of nilearn, meshes with values for the hemispheres, in and out.
+"""Conversion from and to surface images of nilearn (meshes and values of hemispheres).
 
-nilearn is installed by ``pip install 'abfm[brain]'``, and only needed to make one.
+nilearn (``pip install 'abfm[brain]'``) is only required for the conversion to a surface image.
 """
 
 from collections.abc import Mapping
@@ -18,15 +18,15 @@ from abfm.types import FloatArray
 
 
 def from_surface_image(image: Any) -> dict[str, tuple[TriangleMesh, FloatArray]]:
-    """Return mesh and values, (V,) or (V, T), of each part of nilearn's ``SurfaceImage``.
+    """Return the mesh and values, (V,) or (V, T), of each part of nilearn's ``SurfaceImage``.
 
-    Parts are called ``left`` and ``right``. Values are those of the mesh's vertices: rows of what
-    no face uses are left out, as the mesh leaves them out.
+    Parts are named ``left`` and ``right``. Vertices that no face uses are dropped, with their
+    values.
 
     Raises
     ------
     ResultError
-        If it is no such image, or has values that are no real numbers.
+        If it is not such an image, or its values are not real numbers.
     MeshError
         If a part has a mesh that the solver cannot use.
     """
@@ -40,10 +40,11 @@ def from_surface_image(image: Any) -> dict[str, tuple[TriangleMesh, FloatArray]]
     found = {}
     for part, (vertices, faces) in arrays.items():
         if part not in values:
-            raise ResultError(f"the image has a mesh, but no values for its part {brief(part)}")
+            raise ResultError(f"the part {brief(part)} of the image has a mesh but no values")
         try:
             mesh = TriangleMesh(vertices, faces)
-            found[part] = mesh, mesh.restrict(real_numbers(values[part], "its values", ResultError))
+            numbers = real_numbers(values[part], "its values", ResultError)
+            found[part] = mesh, mesh.restrict(numbers)
         except AbfmError as error:
             raise type(error)(f"part {brief(part)} of the image: {one_line(error)}") from error
     return found
@@ -60,16 +61,16 @@ def to_surface_image(parts: Mapping[str, tuple[TriangleMesh, ArrayLike]]) -> Any
     Raises
     ------
     ResultError
-        If nilearn is missing, or parts are called anything else or do not fit their mesh or one
-        another.
+        If nilearn is missing, a part has another name, or values do not fit their mesh or the other
+        part.
     """
     if not parts or not set(parts) <= {*HEMISPHERES.values()}:
         raise ResultError(
             f"the parts of a surface image are {brief(list(parts))}; expected left, right or both"
         )
     arrays = {}
-    for part, (mesh, given) in parts.items():
-        values = real_numbers(given, f"values of the part {part}", ResultError)
+    for part, (mesh, array) in parts.items():
+        values = real_numbers(array, f"values of the part {part}", ResultError)
         if values.ndim not in (1, 2) or len(values) != len(mesh.vertices):
             count = len(mesh.vertices)
             raise ResultError(
@@ -79,11 +80,15 @@ def to_surface_image(parts: Mapping[str, tuple[TriangleMesh, ArrayLike]]) -> Any
         arrays[part] = np.array(values)
     if len({values.shape[1:] for values in arrays.values()}) > 1:
         shapes = " and ".join(str(values.shape) for values in arrays.values())
-        raise ResultError(f"values of the parts have shapes {shapes}; expected as many columns")
+        raise ResultError(
+            f"values of the parts have shapes {shapes}; expected the same number of columns"
+        )
     try:
         surface = import_module("nilearn.surface")
     except ImportError:
-        raise ResultError("this needs nilearn; type: pip install 'abfm[brain]'") from None
+        raise ResultError(
+            "nilearn is not installed. Install it with: pip install 'abfm[brain]'"
+        ) from None
     meshes = {
         part: surface.InMemoryMesh(np.array(mesh.vertices), np.array(mesh.faces))
         for part, (mesh, _) in parts.items()

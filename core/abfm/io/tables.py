@@ -14,12 +14,12 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  
 
 
 def write_csv(path: str | os.PathLike[str], rows: Iterable[Iterable[object]]) -> None:
-    """Write a file of rows of cells, whole or not at all; None is an empty cell.
+    """Write rows of cells atomically; None is an empty cell.
 
-    Spreadsheets compute texts that start like a formula, and names may come from somebody else:
-    such a text gets a leading apostrophe, as OWASP recommends
-    (https://owasp.org/www-community/attacks/CSV_Injection). Numbers stay numbers, also as text. A
-    ResultError reports that the file cannot be written.
+    Spreadsheets evaluate texts that begin like a formula, and names may be malicious. Such a text
+    gets a leading apostrophe, as recommended by OWASP
+    (https://owasp.org/www-community/attacks/CSV_Injection). Numbers in texts are not changed. Raise
+    a ResultError if the file cannot be written.
     """
     with (
         write_atomically(path) as temporary,

@@ -1,7 +1,8 @@
-"""Surfaces with an image on them, for other programs: OBJ with its MTL and PNG, and binary glTF.
+"""Writers of textured surfaces: OBJ with MTL and PNG files, and binary glTF.
 
-trimesh writes both, but numbers the vertices of OBJ files anew, with eight digits, and gives glTF
-no sampler: the image would be filtered with mipmaps, which mix what is side by side in it.
+The writers of trimesh are not used. In OBJ files, trimesh renumbers the vertices and writes eight
+digits. In glTF files it writes no sampler, so that mipmaps would mix neighbouring parts of the
+image.
 """
 
 import json
@@ -14,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import ResultError
-from abfm.io.atomic import write_atomically, write_whole
+from abfm.io.atomic import write_atomically, write_file
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 TEXTURED_ENDINGS = (".obj", ".glb")
-"""Endings of names that `write_textured` knows."""
+"""Endings of names that `write_textured` supports."""
 _HEADER = b"glTF\x02\0\0\0"
 _JSON = b"JSON"
 _BINARY = b"BIN\0"
@@ -31,28 +32,26 @@ _FLOAT_COMPONENT = 5126
 _UNSIGNED_COMPONENT = 5125
 _POINT_TARGET = 34962
 _INDEX_TARGET = 34963
-_AT_A_TIME = 1 << 16  # lines of text
+_CHUNK_LINES = 1 << 16  # lines of text written together
 
 
 def textured_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return the files that `write_textured` makes for a path, or a ResultError for one that it
-    does not take.
-    """
-    whole = Path(path)
-    ending = whole.suffix.lower()
+    """Return the files that `write_textured` writes for a path, or raise a ResultError."""
+    main_file = Path(path)
+    ending = main_file.suffix.lower()
     if ending not in TEXTURED_ENDINGS:
         raise ResultError(
-            f"cannot write {path}: its name must end in {' or '.join(TEXTURED_ENDINGS)}"
+            f"cannot write {path}: the name must end with {' or '.join(TEXTURED_ENDINGS)}"
         )
     if ending == ".glb":
-        return (whole,)
-    name = whole.stem
+        return (main_file,)
+    name = main_file.stem
     if not name.isprintable() or "#" in name or name != " ".join(name.split()):
         raise ResultError(
-            f"cannot write {path}: an OBJ file names others beside it, for which its name must do "
-            "without #, line ends and several blanks; choose another"
+            f"cannot write {path}: the name of an OBJ file with a texture must not have #, line "
+            "breaks or consecutive blanks. Choose another name"
         )
-    return whole, whole.with_suffix(".mtl"), whole.with_suffix(".png")
+    return main_file, main_file.with_suffix(".mtl"), main_file.with_suffix(".png")
 
 
 def write_textured(
@@ -62,26 +61,26 @@ def write_textured(
     png: bytes,
     alpha_mode: str = "OPAQUE",
 ) -> None:
-    """Write a surface with an image on it as ``.obj``, beside which ``.mtl`` and ``.png`` of the
-    same name are written, or as ``.glb``, which holds all; whole or not at all.
+    """Write a textured surface atomically, as ``.obj`` or ``.glb``.
 
-    `abfm.load_mesh` reads the same vertices and faces back, in single precision from ``.glb``,
-    which also has vertices of their own for every face.
+    An ``.obj`` file is written together with ``.mtl`` and ``.png`` files of the same name; a
+    ``.glb`` file has all data. `abfm.load_mesh` reads the same vertices and faces. A ``.glb`` file
+    has single precision, and separate vertices for each face.
 
     Parameters
     ----------
     coordinates : (F, 3, 2) array
-        Where the corners of each face lie in the image: to the right and up from its lower left
-        corner, (0, 0), to the upper right one, (1, 1).
+        Texture coordinates of the corners of each face: (0, 0) is the lower left corner of the
+        image, and (1, 1) the upper right one.
     png : bytes
-        The image's file.
+        The image as a PNG file.
     alpha_mode : str
-        What its opacity means, as glTF has it: OPAQUE, MASK or BLEND.
+        Use of the opacity, as in glTF: OPAQUE, MASK or BLEND.
 
     Raises
     ------
     ResultError
-        If a shape does not fit, in single precision vertices would be one, or files cannot be
+        If a shape does not fit, vertices would coincide in single precision, or files cannot be
         written.
     """
     files = textured_files(path)
@@ -91,10 +90,10 @@ def write_textured(
             f"coordinates have shape {places.shape}; expected ({len(mesh.faces)}, 3, 2)"
         )
     if len(files) == 1:
-        write_whole(files[0], _glb(mesh, places, png, alpha_mode))
+        write_file(files[0], _glb(mesh, places, png, alpha_mode))
         return
     obj, mtl, image = files
-    # what names others takes its place after them
+    # files that are referred to are replaced first
     with (
         write_atomically(obj) as obj_file,
         write_atomically(mtl) as mtl_file,
@@ -108,9 +107,9 @@ def write_textured(
 
 
 def _write_obj(file: Path, mesh: TriangleMesh, places: FloatArray, materials: str) -> None:
-    """Write text with as many digits as doubles have, and texture coordinates for each corner."""
-    named = np.arange(1, 3 * len(mesh.faces) + 1).reshape(-1, 3)
-    corners = np.stack([mesh.faces + 1, named], axis=2).reshape(-1, 6)
+    """Write an OBJ file in full double precision, with texture coordinates for each corner."""
+    numbers = np.arange(1, 3 * len(mesh.faces) + 1).reshape(-1, 3)
+    corners = np.stack([mesh.faces + 1, numbers], axis=2).reshape(-1, 6)
     with file.open("w", encoding="utf-8", newline="\n") as text:
         text.write(f"mtllib {materials}\n")
         for form, rows in (
@@ -119,21 +118,23 @@ def _write_obj(file: Path, mesh: TriangleMesh, places: FloatArray, materials: st
             ("usemtl texture\n", np.zeros((1, 0))),
             ("f %d/%d %d/%d %d/%d\n", corners),
         ):
-            for start in range(0, len(rows), _AT_A_TIME):
-                some = rows[start : start + _AT_A_TIME]
+            for start in range(0, len(rows), _CHUNK_LINES):
+                some = rows[start : start + _CHUNK_LINES]
                 text.write((form * len(some)) % tuple(some.ravel().tolist()))
 
 
 def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) -> bytes:
-    """Return a file with a vertex for each corner, those of one vertex of the mesh together: what
-    merges them by position numbers them as the mesh does.
+    """Return the bytes of a .glb file, with a vertex for each corner.
+
+    Corners at one vertex of the mesh are consecutive. If a reader merges vertices by position, they
+    have the same numbers as in the mesh.
     """
     points = mesh.vertices.astype("<f4")
     lost = len(np.unique(mesh.vertices, axis=0)) - len(np.unique(points, axis=0))
     if lost or not np.isfinite(points).all():
         raise ResultError(
-            f"cannot write .glb: it has coordinates in single precision, in which {lost} vertices "
-            "come to lie on others; write .obj, or scale the surface and move it to the origin"
+            f"cannot write .glb: in its single precision, {lost} vertices would coincide with "
+            "others. Write .obj, or scale the surface and move it to the origin"
         )
     order = np.argsort(mesh.faces, axis=None, kind="stable")
     corners = np.empty(len(order), dtype="<u4")
@@ -150,9 +151,9 @@ def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) ->
         {"buffer": 0, "byteOffset": start, "byteLength": len(part)} | target
         for start, part, target in zip(starts, parts, targets, strict=True)
     ]
-    reach = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
+    bounds = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
     accessors = [
-        _accessor(0, _FLOAT_COMPONENT, len(order), "VEC3") | reach,
+        _accessor(0, _FLOAT_COMPONENT, len(order), "VEC3") | bounds,
         _accessor(1, _FLOAT_COMPONENT, len(order), "VEC2"),
         _accessor(2, _UNSIGNED_COMPONENT, len(order), "SCALAR"),
     ]
@@ -178,7 +179,7 @@ def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) ->
         ],
         "textures": [{"sampler": 0, "source": 0}],
         "images": [{"bufferView": 3, "mimeType": "image/png"}],
-        # no mipmaps, which would mix what lies side by side in the image alone
+        # without mipmaps, which would mix neighbouring parts of the image
         "samplers": [{"magFilter": _FILTER, "minFilter": _FILTER, "wrapS": _WRAP, "wrapT": _WRAP}],
         "accessors": accessors,
         "bufferViews": views,

@@ -415,7 +415,7 @@ class Match(Display):
 
         It contains the functions and landmarks, and no other data terms.
         """
-        results.save_arrays(path, results.made(self._parts()))
+        results.save_arrays(path, results.all_arrays(self._parts()))
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Write the valid parts of a match that `save` cannot write, at least its field.

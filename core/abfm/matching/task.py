@@ -77,7 +77,7 @@ def facts_of_file(path: Path) -> Facts:
         If the file is missing or damaged, or has values that no match can have.
     """
     entries = results.REGISTRATION.entries
-    with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
+    with results.open_archive(path, results.RESULT.name, results.REMEDY) as archive:
         found = results.check_arrays(archive, {name: entries[name] for name in _ENTRIES_OF_FACTS})
         # the verdict of a registration may be worse than that of its match
         verdict = Verdict.of_texts(found.get("registration_verdict", found["verdict"]).tolist())

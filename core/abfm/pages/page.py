@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import ParameterError
-from abfm.io import write_whole
+from abfm.io import write_file
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Tone
 from abfm.pages.colormaps import ColorRange, gradient, table
@@ -195,7 +195,7 @@ class Page:
         """Write the page, completely or not at all, or raise a `ResultError`."""
         with step("writing the page"):
             text = self.html()
-        write_whole(path, text)
+        write_file(path, text)
 
 
 class _PageData:

@@ -141,7 +141,7 @@ def displacement(found: Registration) -> FloatArray:
 
 def displacement_in(path: Path) -> FloatArray:
     """Read the `displacement` from the file of a registration, and nothing else."""
-    with results.open_archive(path, results.REGISTRATION.name, results.MEND) as archive:
+    with results.open_archive(path, results.REGISTRATION.name, results.REMEDY) as archive:
         fields, parameters = archive["velocity"], str(archive["parameters"])
     tau = float(from_json(parameters)["tau"])
     return np.asarray(tau * fields.mean(axis=0))

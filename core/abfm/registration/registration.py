@@ -189,7 +189,7 @@ class Registration(Correspondence):
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of a file: initial map, notes, A's functions, and the match."""
-        return results.made(self._parts())
+        return results.all_arrays(self._parts())
 
     def _parts(self) -> results.Parts:
         notes, warnings, functions = self.notes, self.warnings, self.functions

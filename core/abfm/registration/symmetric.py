@@ -134,7 +134,7 @@ def _facts(text: str) -> Facts:
 
 
 def _facts_of_file(path: Path) -> Facts:
-    with results.open_archive(path, SYMMETRIC_KIND.name, results.MEND) as archive:
+    with results.open_archive(path, SYMMETRIC_KIND.name, results.REMEDY) as archive:
         text = SYMMETRIC_KIND.entries["facts"].check("facts", archive["facts"], {})
     return _facts(str(text))
 

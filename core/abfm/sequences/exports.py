@@ -18,9 +18,9 @@ from abfm.io import (
     export_vtu,
     temporary_folder,
     write_csv,
+    write_file,
     write_stc,
     write_values,
-    write_whole,
 )
 from abfm.reading import read_collection
 from abfm.sequences.sequence import Sequence
@@ -126,7 +126,7 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
         "</Collection>",
         "</VTKFile>",
     ]
-    write_whole(path, "".join(f"{line}\n" for line in lines))
+    write_file(path, "".join(f"{line}\n" for line in lines))
     for name in old_frames.difference(written):
         with suppress(OSError):
             (folder / name).unlink()

@@ -123,7 +123,9 @@ class Solution:
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of the file."""
-        return {name: np.asarray(array) for name, array in results.made(self._parts()).items()}
+        return {
+            name: np.asarray(array) for name, array in results.all_arrays(self._parts()).items()
+        }
 
     def _parts(self) -> results.Parts:
         frames = self._frames

@@ -38,7 +38,7 @@ def preview_of(
     try:
         mesh = results.mesh_of(arrays)
     except ValueError as error:
-        raise ResultError(f"{one_line(path)}: {one_line(error)}; {results.MEND}") from error
+        raise ResultError(f"{one_line(path)}: {one_line(error)}. {results.REMEDY}") from error
     return Preview(mesh, functions(arrays))
 
 

@@ -295,28 +295,27 @@ def test_wrong_endings_are_refused_with_what_there_is(tmp_path, write, data, nam
 
 
 @pytest.mark.parametrize(
-    ("write", "data", "name", "words"),
+    ("write", "data", "name", "named"),
     [
-        (write_values, np.full(COUNT, 1e39), "a.func.gii", "values are too large for single"),
-        (write_values, np.ones((2, 3, 4)), "a.func.gii", r"shape \(2, 3, 4\)"),
-        (write_values, np.ones(0), "a.npy", r"shape \(0,\)"),
-        (write_values, ["a"], "a.txt", "expected real numbers"),
-        (write_labels, VALUES, "a.label.gii", "expected what read_labels returns"),
-        (write_labels, Labels(VALUES), "a.label.gii", "expected a whole number"),
-        (write_labels, Labels([2**31]), "a.label.gii", "key 2.14748e+09; expected a whole"),
-        (write_labels, Labels([[1]]), "a.label.gii", r"shape \(1, 1\); expected \(n,\)"),
-        (write_labels, Labels([np.nan]), "a.label.gii", "expected a whole number"),
-        (write_labels, Labels([1], {1: "a\nb"}), "a.label.gii", "name of label 1 is"),
-        (write_labels, Labels([1], {1: b"a"}), "a.label.gii", "name of label 1 is"),
-        (write_labels, Labels([1], {0.5: "a"}), "a.label.gii", "key 0.5; expected"),
-        (write_labels, Labels([1], {"a": "a"}), "a.label.gii", "keys of names has values of type"),
-        (write_labels, Labels([1], {1: "a"}, {1: (2, 0, 0, 1)}), "lh.annot", "four numbers from"),
-        (write_labels, Labels([1], {1: "a"}, {1: (0, 0, 1)}), "a.label.gii", "four numbers from"),
-        (write_labels, Labels([1]), "lh.annot", "its labels have no names"),
+        (write_values, np.full(COUNT, 1e39), "a.func.gii", ("single",)),
+        (write_values, np.ones((2, 3, 4)), "a.func.gii", ("(2, 3, 4)",)),
+        (write_values, np.ones(0), "a.npy", ("(0,)",)),
+        (write_values, ["a"], "a.txt", ("real",)),
+        (write_labels, VALUES, "a.label.gii", ("read_labels",)),
+        (write_labels, Labels(VALUES), "a.label.gii", ("key", "integer")),
+        (write_labels, Labels([2**31]), "a.label.gii", ("2.14748e+09", 2147483647)),
+        (write_labels, Labels([[1]]), "a.label.gii", ("(1, 1)", "(n,)")),
+        (write_labels, Labels([np.nan]), "a.label.gii", ("nan", "integer")),
+        (write_labels, Labels([1], {1: "a\nb"}), "a.label.gii", ("name of label 1",)),
+        (write_labels, Labels([1], {1: b"a"}), "a.label.gii", ("name of label 1",)),
+        (write_labels, Labels([1], {0.5: "a"}), "a.label.gii", ("0.5", "integer")),
+        (write_labels, Labels([1], {"a": "a"}), "a.label.gii", ("keys of names",)),
+        (write_labels, Labels([1], {1: "a"}, {1: (2, 0, 0, 1)}), "lh.annot", ("four", 0, 1)),
+        (write_labels, Labels([1], {1: "a"}, {1: (0, 0, 1)}), "a.label.gii", ("four", 0, 1)),
+        (write_labels, Labels([1]), "lh.annot", ("names", ".npy")),
     ],
 )
-def test_what_cannot_be_written_is_refused(tmp_path, write, data, name, words):
-    with pytest.raises(ResultError) as caught:
+def test_invalid_data_are_not_written(tmp_path, write, data, name, named):
+    with raises(ResultError, *named):
         write(tmp_path / name, data)
-    assert words.replace("\\", "") in str(caught.value)
     assert os.listdir(tmp_path) == []

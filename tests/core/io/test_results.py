@@ -4,6 +4,7 @@ import io
 import json
 import os
 import pickle
+import re
 import shutil
 import zipfile
 from dataclasses import replace
@@ -138,19 +139,19 @@ def test_other_number_types_are_converted_and_arrays_of_later_versions_ignored(p
 )
 def test_wrong_content_is_named(path, change, named):
     saved_by_numpy(path, **change)
-    told = error_line(path)
-    check_message(told, *named)
-    assert "; " in told
+    message = error_line(path)
+    check_message(message, *named)
+    assert re.search(r"\. [A-Z]", message)  # the advice
 
 
 def test_other_files_are_refused(tmp_path, path):
     for content in (b"", b"OFF\n4 4 0\n", b"\x80\x04N."):
         path.write_bytes(content)
         check_message(error_line(path))
-    for name, words in (("readme.txt", "no result file"), ("format_version.npy", "format_version")):
+    for name, word in (("readme.txt", "result file"), ("format_version.npy", "format_version")):
         with zipfile.ZipFile(path, "w") as file:
             file.writestr(name, "hello")
-        assert words in error_line(path)
+        check_message(error_line(path), word)
     check_message(error_line(tmp_path / "none.npz"))
     assert "directory" in error_line(tmp_path)
 
@@ -232,7 +233,7 @@ def parameters(more):
         ("residual", np.array(-1.0), ("residual", -1)),
         ("verified_residual", np.array(-1.0), ("verified_residual", -1)),
         ("mask", np.zeros(V), ("mask",)),
-        ("weights", np.zeros(1), ("weights", 0)),
+        ("weights", np.zeros(1), ("weights",)),
         ("source", 1e200 * ONES, ("source", "1e+200", "-1e+154", "1e+154")),
         ("target", -1e308 * ONES, ("target", "-1e+308")),
         ("advected", 1e155 * ONES, ("advected", "1e+155")),
@@ -268,8 +269,8 @@ def parameters(more):
         ("remedies", np.array('[{"label": [], "words": ""}]'), ("label",)),
         ("remedies", np.array('[{"label": "", "words": "", "parameters": 3}]'), ("remedies",)),
         ("remedies", np.array("[{}]"), ("label", "words", "parameters", "goes_on")),
-        ("remedies", np.array("{"), ("{", "remedies", "JSON")),
-        ("remedies", np.array("3"), (3, "remedies", "JSON")),
+        ("remedies", np.array("{"), ("{", "remedies")),
+        ("remedies", np.array("3"), (3, "remedies")),
         ("remedies", np.array(UNKNOWN), ("sigmma",)),
         ("verdict", np.array(["pink", "", "", ""]), ("pink",)),
         ("verdict", np.full((4,), "\ud800").astype("<U1"), ()),
