@@ -457,7 +457,7 @@ def _checked_start(start: ArrayLike | None, mesh: TriangleMesh) -> FloatArray | 
 def _require_weight(functions: FunctionTerm) -> None:
     if not functions.weights.any():
         raise ParameterError(
-            "all weights are zero; give at least one channel a positive weight, or give landmarks "
+            "all weights are zero; give at least one channel a weight above 0, or give landmarks "
             "to match these alone"
         )
 

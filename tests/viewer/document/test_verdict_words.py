@@ -59,10 +59,10 @@ def judged(match, kind, residual=0.0123, verified=0.03):
         ("registered", 0.41, 0.42, "42%", "good"),
         ("not reached", 0.05, 0.326, "33%", "failure"),
         ("not reached", 0.05, math.nan, "", "failure"),  # as faces are folded
-        ("not reached", 0.996, 1.3, "little gained", "failure"),
-        ("not reached", 1.05, math.nan, "little gained", "failure"),
-        ("not reached", 1.0, 1.42, "nothing gained", "failure"),
-        ("not reached", 1.6, 0.1, "nothing gained", "failure"),
+        ("not reached", 0.996, 1.3, "little improvement", "failure"),
+        ("not reached", 1.05, math.nan, "little improvement", "failure"),
+        ("not reached", 1.0, 1.42, "no improvement", "failure"),
+        ("not reached", 1.6, 0.1, "no improvement", "failure"),
         ("impossible", 0.01, 0.01, "", "failure"),
     ],
 )
@@ -129,9 +129,9 @@ def test_a_share_is_only_told_with_its_word_and_is_never_below_what_a_witness_le
 
 
 def shown_share(match):
-    """The share in a match's headline, in percent; endless where it says so in words."""
+    """Return the residual in the headline of a match, in percent; inf without improvement."""
     words = match.facts.headline
-    if words.endswith("gained"):
+    if "improvement" in words:
         return math.inf
     return float(re.findall(r"([0-9.]+)%", words)[0])
 
@@ -168,8 +168,8 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
     assert len(set(reasons.values())) == 3
     assert "12 iterations" in reasons[StopReason.ITERATION_LIMIT]
     for reason, start, words in (  # of what did not come to its end
-        (StopReason.CANCELLED, "cancelled: 1.3%", "best field so far"),
-        (StopReason.GIVEN, "field given", "Play"),
+        (StopReason.CANCELLED, "cancelled (residual 1.3%)", "best field so far"),
+        (StopReason.GIVEN, "given field", "Play"),
     ):
         facts = replace(found, stop_reason=reason).facts
         assert facts.headline.startswith(start)
@@ -178,10 +178,10 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
 
 
 def test_numbers_that_are_not_known_and_places_that_need_no_word_are_left_out(found, iterations):
-    assert residual_text(found) == "0.0123, 0.03 by flow lines, 0.1% folded"
+    assert residual_text(found) == "0.0123, 0.03 along flow lines, 0.1% folded"
     assert residual_text(replace(found, verified_residual=math.nan)) == "0.0123, 0.1% folded"
     two = replace(found, fine_velocity=np.concatenate([found.fine_velocity] * 2))
-    assert residual_text(two).endswith("0.1% folded, 2 fields in a row")
+    assert residual_text(two).endswith("0.1% folded, 2 consecutive fields")
     assert residual_text(replace(found, verified_residual=math.nan, folded=math.nan)) == "0.0123"
     assert stage_text(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
     assert stage_text(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
@@ -207,10 +207,10 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
 @pytest.mark.parametrize(
     ("kind", "left", "by_lines", "said"),
     [
-        ("matched", 0.014, 0.026, "matched to 2.6%"),
-        ("nearly", 0.049, 0.0501, "nearly: 5.1% left"),
-        ("nearly", 0.03, math.nan, "nearly"),  # as faces are folded
-        ("registered", 0.13, 0.12, "registered: 13% left"),
+        ("matched", 0.014, 0.026, "matched (residual 2.6%)"),
+        ("nearly", 0.049, 0.0501, "nearly matched (residual 5.1%)"),
+        ("nearly", 0.03, math.nan, "nearly matched"),  # as faces are folded
+        ("registered", 0.13, 0.12, "registered (residual 13%)"),
         ("not reached", 0.02, 0.03, "not reached"),  # as most of it is no motion
         ("not reached", 0.4, 0.5, "not reached"),
     ],

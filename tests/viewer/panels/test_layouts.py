@@ -49,7 +49,7 @@ def longest():
     """The longest sentences that there are, though not of one match."""
     return Facts(
         Outcome.REGISTERED,
-        "registered: less than 0.01% left, areas change by a factor of 1200",
+        "registered (residual less than 0.01%), areas change by a factor of 1200",
         max(SENTENCES.values(), key=len),
         max(ADVICE.values(), key=len),
         warnings=("5% of the surface changes its area by a factor of 1200 or more",),
@@ -267,7 +267,7 @@ def test_remedies_and_advice_are_in_view(layouts):
             below = widget["rect"][3] - widget["area"][3]
             scrolls = layout["hidden"]["panel"] > 0 and layout["scale"] > 1.5
             assert below <= _ROUNDING or scrolls, f"{widget['label']!r}: {where(layout)}"
-    whole = "To try: smooth the functions, refine the mesh, or expect a match in part."
+    whole = "To try: smooth the functions, refine the mesh, or expect a partial match."
     for layout in (layout for layout in layouts if layout["state"] == "advised"):
         (advice,) = [note for note in layout["notes"] if note["text"].startswith("To try: ")]
         (_, top, _, bottom), (_, first, _, last) = advice["rect"], advice["area"]

@@ -79,7 +79,7 @@ SENTENCES: dict[Cause, str] = {
     Cause.SQUEEZED: "the flow squeezed the source {to_nothing}instead of moving it{why}",
     Cause.STOOD_STILL: "the source hardly moved, as motion costs more smoothness than it gains",
     Cause.CANCELLED: "the run was cancelled",
-    Cause.OUT_OF_MEMORY: "memory ran out, and this is the best field so far",
+    Cause.OUT_OF_MEMORY: "memory ran out; this is the best field so far",
     Cause.STILL_FALLING: "{limit} while the energy still fell",
     Cause.LINE_SEARCH_FAILED: "no step lowers the energy further, often because of rounding",
     Cause.NEEDS_ROUGHER_FIELD: "the residual cannot be reduced further without a rougher field",

@@ -18,8 +18,8 @@ LOG2_AREA_GOOD = 1.0
 """Largest 95th percentile of ``|log2 J|`` without a warning; 1 is a factor of 2 in area."""
 _SHARE_COMPLETE = 0.995  # larger shares are printed as 100%
 _UNFINISHED_REASONS = {
-    StopReason.CANCELLED: "the run was cancelled, and this is the best field so far",
-    StopReason.OUT_OF_MEMORY: "memory ran out, and this is the best field so far",
+    StopReason.CANCELLED: "the run was cancelled; this is the best field so far",
+    StopReason.OUT_OF_MEMORY: "memory ran out; this is the best field so far",
     StopReason.GIVEN: (
         "no field was computed yet; Play shows the flow of the given field, Match computes another"
     ),
