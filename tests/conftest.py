@@ -14,7 +14,7 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # with pytest-xdist there is a process for each core
 _SLOW_TEST_NAMES = (
     "test_real_window",
-    "test_default_parameters_match",
+    "test_defaults_match",
     "end_to_end/",
     "core/registration/",
     "test_far_matches",
