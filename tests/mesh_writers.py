@@ -1,4 +1,4 @@
-"""Mesh files for tests, written independently of the readers."""
+"""Writers of mesh files for tests, independent of the readers."""
 
 import gzip
 import struct
@@ -20,7 +20,7 @@ def off_text(vertices, faces):
 
 
 def mni_obj(mesh, colors=0):
-    """Return a surface object of the Montreal Neurological Institute, with so many colours."""
+    """Return an MNI object file (Montreal Neurological Institute) with a kind of colours."""
     points = "\n".join(" ".join(map(repr, row)) for row in mesh.vertices.tolist())
     V, F = len(mesh.vertices), len(mesh.faces)
     some = "\n".join(["1 1 1 1"] * (1, F, V)[colors])
@@ -66,7 +66,7 @@ def exported(vertices, faces, kind):
     return data.encode() if isinstance(data, str) else data
 
 
-WRITERS = {  # name of the file: its bytes, relative precision of its numbers
+WRITERS = {  # writer and relative precision by file name
     "a.obj": (lambda v, f: obj_text(v, f).encode(), 0),
     "a.off": (lambda v, f: off_text(v, f).encode(), 0),
     "ascii.ply": (lambda v, f: ply_bytes(v, f.tolist()), 0),
@@ -85,7 +85,7 @@ STL_WRITERS = {"binary.stl": "stl", "ascii.stl": "stl_ascii"}
 
 
 def off_file(path, mesh):
-    """Write a mesh, and return where."""
+    """Write a mesh as OFF, and return the path."""
     return write(path.parent, path.name, off_text(mesh.vertices, mesh.faces))
 
 

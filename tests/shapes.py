@@ -1,4 +1,4 @@
-"""Generated meshes that all tests share, outward (or upward) oriented."""
+"""Generated meshes for all tests, oriented outward (or upward)."""
 
 import numpy as np
 import trimesh
@@ -7,24 +7,24 @@ from abfm.mesh import TriangleMesh
 
 
 def icosphere(subdivisions, radius=1.0):
-    """Sphere of 10 * 4**subdivisions + 2 vertices, nearly even triangles."""
+    """Return a sphere of 10 * 4**subdivisions + 2 vertices with nearly even triangles."""
     sphere = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
     return TriangleMesh(sphere.vertices, sphere.faces)
 
 
 def ellipsoid(subdivisions, a, b, c):
-    """Icosphere scaled to the half-axes a, b, c."""
+    """Return an icosphere scaled to the half-axes a, b, c."""
     sphere = icosphere(subdivisions)
     return TriangleMesh(sphere.vertices * [a, b, c], sphere.faces)
 
 
 def with_loose_vertex(mesh):
-    """The mesh as from a file that has one vertex more, vertex 5, which is in no face."""
+    """Return the mesh of a file with one additional vertex 5, which no face uses."""
     return TriangleMesh(np.insert(mesh.vertices, 5, 9.0, axis=0), mesh.faces + (mesh.faces >= 5))
 
 
 def with_thin_triangles(mesh):
-    """The mesh with a vertex in each face that is close to the middle of an edge."""
+    """Return the mesh with a vertex in each face, close to the middle of an edge."""
     weights = np.array([0.01, 0.495, 0.495])
     added = np.einsum("c,fcx->fx", weights, mesh.vertices[mesh.faces])
     first, second, third = mesh.faces.T
@@ -35,13 +35,16 @@ def with_thin_triangles(mesh):
 
 
 def tetrahedron():
-    """Regular tetrahedron with edge length 2 sqrt(2): the smallest closed mesh."""
+    """Return a regular tetrahedron with edge length 2 sqrt(2), the smallest closed mesh."""
     vertices = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
     return TriangleMesh(vertices, [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
 
 
 def torus(n, m, R=1.0, r=0.4):
-    """Torus about the z axis: n vertices around it at distance R, m around the tube of radius r."""
+    """Return a torus about the z axis.
+
+    n vertices lie on the circle of radius R, and m around the tube of radius r.
+    """
     u, v = np.meshgrid(2 * np.pi * np.arange(n) / n, 2 * np.pi * np.arange(m) / m, indexing="ij")
     ring = R + r * np.cos(v)
     vertices = np.stack([ring * np.cos(u), ring * np.sin(u), r * np.sin(v)], axis=-1)
@@ -49,10 +52,10 @@ def torus(n, m, R=1.0, r=0.4):
 
 
 def square(n):
-    """Unit square in the plane z = 0, n x n smoothly uneven cells with alternating diagonals.
+    """Return the unit square in the plane z = 0, with n x n cells of uneven size.
 
-    The unevenness leaves no symmetry; for even n no face has two boundary edges. Boundary vertices
-    stay on the sides.
+    Diagonals alternate. The unevenness is smooth and leaves no symmetry. For even n, no face has
+    two boundary edges. Boundary vertices lie on the sides.
     """
     x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
     x, y = (
@@ -64,24 +67,30 @@ def square(n):
 
 
 def disc(n):
-    """Flat unit disc in the plane z = 0: ring k of n has 6 k vertices; one boundary loop."""
+    """Return the unit disc in the plane z = 0; ring k of n has 6 k vertices."""
     return _capped_rings(n, lambda s: (s, np.zeros_like(s)))
 
 
 def hemisphere(n):
-    """Upper half of the unit sphere: ring k of n has 6 k vertices; the boundary is at z = 0."""
+    """Return the upper half of the unit sphere; ring k of n has 6 k vertices.
+
+    The boundary is at z = 0.
+    """
     return _capped_rings(n, lambda s: (np.sin(np.pi / 2 * s), np.cos(np.pi / 2 * s)))
 
 
 def open_cylinder(n, m, radius=1.0, height=2.0):
-    """Cylinder about the z axis without its caps: n vertices around, m + 1 rings."""
+    """Return a cylinder about the z axis without caps: n vertices around, m + 1 rings."""
     u, z = np.meshgrid(2 * np.pi * np.arange(n) / n, np.linspace(0, height, m + 1), indexing="ij")
     vertices = np.stack([radius * np.cos(u), radius * np.sin(u), z], axis=-1).reshape(-1, 3)
     return TriangleMesh(vertices, _grid_faces(n, m + 1, True))
 
 
 def moebius_arrays(n):
-    """Vertices (2n, 3) and faces (2n, 3) of a Moebius strip: no TriangleMesh, as not orientable."""
+    """Return the vertices (2n, 3) and faces (2n, 3) of a Moebius strip.
+
+    It cannot be a TriangleMesh, as it is not orientable.
+    """
     u = 2 * np.pi * np.arange(n) / n
     spokes = [np.cos(u / 2) * np.cos(u), np.cos(u / 2) * np.sin(u), np.sin(u / 2)]
     across = 0.3 * np.stack(spokes, axis=-1)
@@ -94,7 +103,10 @@ def moebius_arrays(n):
 
 
 def _grid_faces(n, m, wrap_first=False, wrap_second=False):
-    """Two triangles per cell of an n x m vertex grid (vertex i * m + j), diagonals alternating."""
+    """Return two triangles for each cell of an n x m vertex grid (vertex i * m + j).
+
+    Diagonals alternate.
+    """
     i, j = np.meshgrid(
         np.arange(n if wrap_first else n - 1), np.arange(m if wrap_second else m - 1), indexing="ij"
     )
@@ -107,8 +119,9 @@ def _grid_faces(n, m, wrap_first=False, wrap_second=False):
 
 
 def _capped_rings(n, profile):
-    """Surface of revolution about the z axis: ring k has 6 k vertices at ``profile(k / n)`` =
-    (distance, height).
+    """Return a surface of revolution about the z axis.
+
+    Ring k has 6 k vertices at ``profile(k / n)`` = (distance, height).
     """
     rings = np.repeat(np.arange(1, n + 1), 6 * np.arange(1, n + 1))
     angle = 2 * np.pi * np.concatenate([np.arange(6 * k) for k in range(1, n + 1)]) / (6 * rings)

@@ -1,4 +1,4 @@
-"""Fields and functions that the solver's tests share."""
+"""Fields and functions for tests of the solver."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from abfm.calculus.operators import face_normals
 
 
 def rotation_field(mesh, axis):
-    """Velocity (F, 3) of the rotation with angular velocity ``axis``, at face centres."""
+    """Return the velocity (F, 3) of a rotation with angular velocity ``axis``."""
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     return tangent(mesh, np.cross(np.asarray(axis, dtype=float), centres))
 
 
 def wavy_field(mesh, seed):
-    """A smooth tangent field (F, 3) without symmetry, of maximum norm ``length_scale``."""
+    """Return a smooth tangent field (F, 3) without symmetry, of norm at most ``length_scale``."""
     rng = np.random.default_rng(seed)
     centres = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
     field = tangent(mesh, np.sin(4 * centres @ rng.normal(size=(3, 3)) + rng.normal(size=3)))
@@ -20,12 +20,12 @@ def wavy_field(mesh, seed):
 
 
 def tangent(mesh, field):
-    """Tangential part of vectors at faces, (F, 3)."""
+    """Return the tangential part of vectors at faces, (F, 3)."""
     normals = face_normals(mesh)
     return field - np.einsum("fx,fx->f", field, normals)[:, None] * normals
 
 
 def bump(mesh, centre, width=0.1):
-    """Gaussian of the distance in space, ``width`` in units of ``length_scale``, (V,)."""
+    """Return a Gaussian of the Euclidean distance, (V,); ``width`` is over ``length_scale``."""
     squared = ((mesh.vertices - np.asarray(centre, dtype=float)) ** 2).sum(axis=1)
     return np.exp(-squared / (2 * (width * mesh.length_scale) ** 2))

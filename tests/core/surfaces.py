@@ -1,4 +1,4 @@
-"""Small meshes of each topology, and how functions, fields and meshes are compared and changed."""
+"""Small meshes of each topology; comparison of functions and fields, changes of meshes."""
 
 import numpy as np
 from scipy import sparse
@@ -27,7 +27,7 @@ SURFACES = {
     "triangle": TriangleMesh([[0, 0, 0], [1, 0, 0], [0.2, 0.7, 0]], [[0, 1, 2]]),
 }
 LOOPS = {"torus": 2, "genus two": 4, "cylinder": 1, "no inner vertices": 1}
-"""Independent loops of each surface (first Betti number), 0 where not listed."""
+"""Independent loops of each surface (first Betti number), 0 if not listed."""
 
 
 def random_function(mesh, seed=0):
@@ -42,29 +42,35 @@ def edge_divergence(mesh):
 
 
 def norm(mesh, values):
-    """L2 norm of a function on vertices (V,), or of values per face, (F,) or (F, n)."""
+    """Return the L2 norm of a function (V,), or of values of faces, (F,) or (F, n)."""
     areas = vertex_areas(mesh) if len(values) == len(mesh.vertices) else face_areas(mesh)
     return float(np.sqrt((areas * (values.reshape(len(values), -1) ** 2).sum(axis=1)).sum()))
 
 
 def relative_error(mesh, values, exact):
-    """L2 norm of the difference over that of ``exact``."""
+    """Return the L2 norm of the difference over that of ``exact``."""
     return norm(mesh, values - exact) / norm(mesh, exact)
 
 
 def last_order(errors):
-    """Exponents p in ``error ~ edge length^p`` between the two finest of ever halved meshes."""
+    """Return exponents p in ``error ~ edge length^p`` between the two finest meshes.
+
+    Each mesh has half the edge length of the previous one.
+    """
     coarse, fine = np.asarray(errors)[-2:]
     return np.asarray(np.log2(coarse / fine))
 
 
 def moved(mesh, rotation, scale=1.0):
-    """The mesh turned by a rotation (3, 3), scaled, and moved away."""
+    """Return the mesh rotated by a matrix (3, 3), scaled and translated."""
     return TriangleMesh(scale * mesh.vertices @ rotation.T + [3.0, -1.0, 2.0], mesh.faces)
 
 
 def renumbered(mesh, seed):
-    """The mesh in another order, with other first corners; the old number of each new one."""
+    """Return the mesh with another order of vertices, faces and corners.
+
+    The other results are the old numbers of vertices and faces.
+    """
     rng = np.random.default_rng(seed)
     vertices, faces = rng.permutation(len(mesh.vertices)), rng.permutation(len(mesh.faces))
     corners = (np.arange(3) + rng.integers(3, size=len(faces))[:, None]) % 3

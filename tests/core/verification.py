@@ -1,10 +1,13 @@
-"""How derivatives and convergence are verified."""
+"""Verification of derivatives and of orders of convergence."""
 
 import numpy as np
 
 
 def taylor_order(evaluate, x, direction):
-    """Smallest observed order of ``|E(x + e d) - E(x) - e <g, d>|`` for e = 1, 1/2, 1/4, 1/8."""
+    """Return the smallest observed order of the Taylor remainder of an energy.
+
+    The remainder is ``|E(x + e d) - E(x) - e <g, d>|`` for e = 1, 1/2, 1/4, 1/8.
+    """
     value, gradient = evaluate(x)
     slope = float((gradient * direction).sum())
     lengths = 0.5 ** np.arange(4)
@@ -13,10 +16,10 @@ def taylor_order(evaluate, x, direction):
 
 
 def observed_orders(sizes, errors):
-    """Exponents p in ``error ~ size^p`` between successive sizes."""
+    """Return exponents p in ``error ~ size^p`` between successive sizes."""
     return np.asarray(np.diff(np.log(errors)) / np.diff(np.log(sizes)))
 
 
 def near(found, expected, within):
-    """Assert that arrays differ nowhere by more."""
+    """Assert that arrays differ by at most ``within``."""
     np.testing.assert_allclose(found, expected, rtol=0, atol=within)

@@ -1,4 +1,4 @@
-"""Phases are compared by cosine and sine; without that, jumps by a period give a warning."""
+"""Circular functions are compared by cosine and sine; otherwise jumps cause a warning."""
 
 import warnings
 
@@ -16,12 +16,12 @@ from tests.shapes import icosphere, open_cylinder
 
 RING = open_cylinder(40, 6)
 AROUND = np.arctan2(RING.vertices[:, 1], RING.vertices[:, 0])
-TURN = 0.3  # radians a frame
+TURN = 0.3  # radians per frame
 PERIODS = {"radians": (2 * np.pi, -np.pi), "from 0": (2 * np.pi, 0.0), "degrees": (360.0, -180.0)}
 
 
 def phases(count, period=2 * np.pi, start=-np.pi):
-    """Return frames (count, V) that turn about the axis, with values from ``start`` on."""
+    """Return frames (count, V) that rotate about the axis, with values from ``start``."""
     turned = AROUND - TURN * np.arange(count)[:, None]
     return (period / (2 * np.pi) * turned - start) % period + start
 
@@ -35,7 +35,7 @@ def warnings_of(call, *given, **named):
 
 @pytest.mark.parametrize(("period", "start"), PERIODS.values(), ids=PERIODS)
 def test_rotating_phases_have_their_speed(period, start):
-    """All of 0.3 rad a frame; as numbers they are not matched, which a warning announces."""
+    """The speed is 0.3 rad a frame. As numbers they do not match, which causes a warning."""
     frames = phases(3, period, start)
     found, texts = warnings_of(abfm.sequence, RING, frames, circular=period)
     assert found.confirmed == 2
@@ -58,7 +58,7 @@ def test_match_of_phases_has_two_channels():
     assert len(warnings_of(abfm.match, RING, f, g, abfm.Parameters.of(iterations=1))[1]) == 1
 
 
-def test_texts_are_circular_by_themselves(tmp_path):
+def test_texts_may_be_circular(tmp_path):
     for name, values in zip("fg", phases(2, 360.0, 0.0), strict=True):
         np.save(tmp_path / f"{name}.npy", values)
     f, g = (f"circular:period=360.0(file:{tmp_path}/{name}.npy)" for name in "fg")
@@ -75,7 +75,7 @@ def test_texts_are_circular_by_themselves(tmp_path):
 @pytest.mark.parametrize(
     "text", ["circular:(coordinate:x)", "circular:period=360.0,part=sine(coordinate:x)"]
 )
-def test_text_form_comes_back(text):
+def test_circular_text_round_trip(text):
     assert str(parse(text)) == text
 
 
@@ -101,7 +101,7 @@ def test_periods_are_positive(circular):
         abfm.Problem(RING, AROUND, AROUND, circular=circular)
 
 
-def test_degrees_with_the_period_of_radians_give_a_warning(tmp_path):
+def test_wrong_period_causes_a_warning(tmp_path):
     degrees = phases(1, *PERIODS["degrees"])[0]
     np.save(tmp_path / "a.npy", degrees)
     ring = open_cylinder(40, 6)
@@ -113,8 +113,8 @@ def test_degrees_with_the_period_of_radians_give_a_warning(tmp_path):
     assert warnings_of(function, ring, right)[1] == []
 
 
-def test_only_phases_are_suspected():
-    """Neither smooth functions, steps, labels, noise nor other ranges are."""
+def test_only_phases_cause_a_warning():
+    """Smooth functions, steps, labels, noise and other ranges do not."""
     rng, sphere = np.random.default_rng(1), icosphere(3)
     z = sphere.vertices[:, 2]
     others = [

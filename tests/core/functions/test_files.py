@@ -1,4 +1,4 @@
-"""Values and vertex maps from files, counted as the mesh file counts, and files that lie."""
+"""Values and vertex maps from files, numbered like the mesh file, and invalid files."""
 
 import os
 
@@ -37,7 +37,7 @@ def save(path, array):
 
 
 def with_unused_vertices():
-    """MESH whose file had one more vertex in front and one behind number 9, used by no face."""
+    """Return MESH as from a file with two unused vertices, before vertex 0 and after 9."""
     vertices = np.insert(MESH.vertices, [0, 10], 0.0, axis=0)
     return TriangleMesh(vertices, np.where(MESH.faces < 10, MESH.faces + 1, MESH.faces + 2))
 
@@ -91,7 +91,7 @@ def test_columns_of_arrays_and_gifti(tmp_path):
         assert_array_equal(found, (2 * VALUES).astype(np.float32))
 
 
-def test_a_title_of_more_words_than_columns_names_none(tmp_path):
+def test_title_of_other_length_is_not_names(tmp_path):
     path = tmp_path / "v.csv"
     path.write_text("a,b,c\n1,2\n3,4\n")
     assert_allclose(read_column(path, "1"), [2, 4])
@@ -101,7 +101,8 @@ def test_a_title_of_more_words_than_columns_names_none(tmp_path):
     assert_allclose(read_column(str(path)), [1, 3])
 
 
-def test_files_count_as_the_mesh_file_does_after_repairs(tmp_path):
+def test_files_have_the_numbers_of_the_mesh_file(tmp_path):
+    """Also after repairs."""
     mesh = with_unused_vertices()
     in_file = np.insert(VALUES, [0, 10], np.nan)
     np.save(tmp_path / "a.npy", in_file)
@@ -112,7 +113,7 @@ def test_files_count_as_the_mesh_file_does_after_repairs(tmp_path):
         function(mesh, f"file:{tmp_path / 'a.npy'}")
 
 
-def test_files_may_have_unknown_values_where_that_is_asked(tmp_path):
+def test_missing_values_are_allowed_on_request(tmp_path):
     values = VALUES.copy()
     values[3] = np.nan
     text = f"file:{tmp_path / 'a.npy'}"
@@ -131,7 +132,7 @@ def test_files_may_have_unknown_values_where_that_is_asked(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["map.txt", "map.npy"])
-def test_a_map_composes_and_counts_from_0_where_both_ways_fit(tmp_path, name):
+def test_map_composes_and_counts_from_0_by_default(tmp_path, name):
     target = np.random.default_rng(0).integers(0, COUNT, COUNT)
     save(tmp_path / name, target)
     composed = function(MESH, f"permuted:{tmp_path / name}(coordinate:x + expression:y*(z+1))")
@@ -141,7 +142,7 @@ def test_a_map_composes_and_counts_from_0_where_both_ways_fit(tmp_path, name):
     assert_array_equal(through(tmp_path / name, MESH), x[np.clip(np.arange(COUNT), 1, COUNT - 1)])
 
 
-def test_an_unnamed_index_is_no_column_of_a_map(tmp_path):
+def test_unnamed_index_is_not_a_map_column(tmp_path):
     target = np.random.default_rng(0).permutation(COUNT)
     rows = "".join(f"{k},{target[k]}\n" for k in range(COUNT))
     (tmp_path / "map.csv").write_text(f",0\n{rows}")
@@ -149,7 +150,8 @@ def test_an_unnamed_index_is_no_column_of_a_map(tmp_path):
 
 
 @pytest.mark.parametrize("first", [0, 1])
-def test_a_map_counts_as_the_mesh_file_does_after_repairs(tmp_path, first):
+def test_map_has_the_numbers_of_the_mesh_file(tmp_path, first):
+    """Also after repairs."""
     mesh, path = with_unused_vertices(), tmp_path / "map.txt"
     target = np.random.default_rng(0).permutation(COUNT)
     in_file = np.full(COUNT + 2, -1)
@@ -164,7 +166,7 @@ def test_a_map_counts_as_the_mesh_file_does_after_repairs(tmp_path, first):
 
 
 @pytest.mark.parametrize("bad", [-1, COUNT, 0.5, np.nan, np.inf, 1e300])
-def test_wrong_map_entries_are_counted_with_an_example(tmp_path, bad):
+def test_wrong_map_entries_are_counted(tmp_path, bad):
     target = np.arange(COUNT, dtype=np.float64)
     target[[4, 6]] = bad
     np.save(tmp_path / "map.npy", target)
@@ -185,7 +187,7 @@ def test_permutations_may_count_from_0_or_1(tmp_path_factory, seed, first, suffi
     assert_array_equal(through(path, MESH), MESH.vertices[order, 0])
 
 
-def test_pairs_that_fit_both_ways_are_refused_as_text(tmp_path):
+def test_ambiguous_pairs_are_refused_as_text(tmp_path):
     pairs = np.arange(2, COUNT - COUNT % 2).reshape(-1, 2)
     save(tmp_path / "pairs.txt", pairs)
     save(tmp_path / "pairs.npy", pairs)
@@ -198,9 +200,9 @@ def test_pairs_that_fit_both_ways_are_refused_as_text(tmp_path):
 
 @pytest.mark.parametrize("first", [0, 1])
 @pytest.mark.parametrize("name", ["pairs.sym.vts", "pairs.txt"])
-def test_pairs_are_swapped_and_other_vertices_stay(tmp_path, name, first):
+def test_pairs_are_swapped(tmp_path, name, first):
     pairs = [(i, j) for i, j in enumerate(SWAP) if i < j]
-    assert len(pairs) < len(SWAP) / 2  # some lie on the plane
+    assert len(pairs) < len(SWAP) / 2  # some vertices lie on the plane of symmetry
     assert 0 in np.ravel(pairs)
     if first == 1 and len(SWAP) not in np.array(pairs) + 1:
         pairs.append((len(SWAP) - 1,) * 2)
@@ -208,7 +210,7 @@ def test_pairs_are_swapped_and_other_vertices_stay(tmp_path, name, first):
     assert_array_equal(through(tmp_path / name), SWAP_VALUES)
 
 
-def test_symmetries_by_way_of_a_template(tmp_path):
+def test_symmetry_of_a_template(tmp_path):
     points = np.random.default_rng(3).permutation(len(SWAP))[: len(SWAP) * 3 // 4]
     save(tmp_path / "a.vts", points + 1)
     save(tmp_path / "a.sym.vts", SWAP[points] + 1)
@@ -232,7 +234,7 @@ def test_symmetries_by_way_of_a_template(tmp_path):
         (np.zeros((COUNT, 3)), (3,)),
     ],
 )
-def test_what_is_no_map_is_refused(tmp_path, content, named):
+def test_invalid_maps_are_refused(tmp_path, content, named):
     save(tmp_path / "map.txt", content)
     with raises(FunctionError, *named):
         through(tmp_path / "map.txt")
@@ -247,7 +249,7 @@ def test_detected_symmetries_compose():
     assert_array_equal(twice, function(MIRRORED, "gaussian:vertex=5"))
 
 
-def test_symmetries_that_are_not_there_are_refused():
+def test_missing_symmetries_are_refused():
     x = MESH.vertices
     uneven = TriangleMesh(x * (1 + 0.3 * np.sin(3 * x[:, [1]] + x[:, [2, 0, 1]])), MESH.faces)
     with raises(FunctionError):
@@ -303,7 +305,7 @@ def error_line(path, form="file:{}"):
         ("a.mgz", b"\x1f\x8b\x08\x00", ()),
     ],
 )
-def test_what_is_wrong_fits_one_line(tmp_path, name, content, named):
+def test_invalid_files_are_refused_in_one_line(tmp_path, name, content, named):
     (tmp_path / name).write_bytes(content)
     line = error_line(tmp_path / name)
     check_message(line, *named)
@@ -315,7 +317,7 @@ def test_what_is_wrong_fits_one_line(tmp_path, name, content, named):
     "path",
     ["missing.npy", "~no_such_user/a.npy", "x" * 300 + ".npy", "missing/a.txt", "missing.gii"],
 )
-def test_files_that_cannot_be_read_say_why(tmp_path, monkeypatch, path):
+def test_unreadable_files_are_refused(tmp_path, monkeypatch, path):
     monkeypatch.chdir(tmp_path)
     with raises(FunctionError):
         function(MESH, f"file:{path}")
@@ -323,7 +325,7 @@ def test_files_that_cannot_be_read_say_why(tmp_path, monkeypatch, path):
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("suffix", [".npy", ".csv", ".txt", ".vts", ".sym.vts", ".gii", ".gii.gz"])
-def test_devices_pipes_and_folders_are_refused(tmp_path, suffix, form):
+def test_special_files_are_refused(tmp_path, suffix, form):
     os.mkfifo(tmp_path / f"pipe{suffix}")
     (tmp_path / f"zero{suffix}").symlink_to("/dev/zero")
     (tmp_path / f"folder{suffix}").mkdir()
@@ -331,7 +333,8 @@ def test_devices_pipes_and_folders_are_refused(tmp_path, suffix, form):
         check_message(error_line(tmp_path / f"{name}{suffix}", form), kind)
 
 
-def test_a_line_of_another_length_is_named_without_advice_and_names_are_made_printable(tmp_path):
+def test_line_of_other_length_is_named(tmp_path):
+    """NumPy's advice is removed, and names of files are printable."""
     (tmp_path / "a.csv").write_text("1,2\n3,4\n5,6,7\n")
     check_message(error_line(tmp_path / "a.csv"), 2, 3)
     for name in ("a\nb.csv", "\x1b[31m.csv", "x" * 200 + ".csv"):
@@ -339,21 +342,23 @@ def test_a_line_of_another_length_is_named_without_advice_and_names_are_made_pri
         check_message(error_line(tmp_path / name))
 
 
-def test_columns_are_asked_for_in_one_line(tmp_path):
+def test_column_errors_are_one_line(tmp_path):
     names = ",".join(f"name{number}" for number in range(5000))
     (tmp_path / "a.csv").write_text("\n".join([names, *[",".join(["1"] * 5000)] * COUNT]))
     check_message(error_line(tmp_path / "a.csv", "file:{},column=" + "9" * 5000))
     check_message(error_line(tmp_path / "a.csv", "file:{},column=nome12"), "name12")
 
 
-def test_likely_words_are_sought_among_few_and_short_ones():
+def test_did_you_mean_has_bounded_time():
     assert did_you_mean("sourc", ["x" * 1000, "source"]) == " (did you mean 'source'?)"
     assert did_you_mean("a" * 10_000, ["a" * 9999]) == ""
-    assert did_you_mean("wort", iter(lambda: "word", "")) == " (did you mean 'word'?)"  # for ever
+    assert (
+        did_you_mean("wort", iter(lambda: "word", "")) == " (did you mean 'word'?)"
+    )  # an endless iterator
 
 
 def check_outcomes(path):
-    """As values and as a map, the file gives finite values or one line that refuses it."""
+    """Check that a file has finite values or is refused, as values and as a map."""
     for form in FORMS:
         try:
             values = function(TINY, form.format(path))
@@ -395,15 +400,15 @@ assert (function(mesh, f"permuted:{path}(coordinate:x)") == vertices[::-1, 0]).a
 """
 
 
-def test_maps_to_meshes_of_files_with_many_more_vertices_need_no_room(tmp_path):
-    """The address space has room for few numbers per vertex of the file."""
+def test_map_memory_is_bounded_for_large_files(tmp_path):
+    """The address space only fits a few numbers for each vertex of the mesh file."""
     arrays = {"vertices": TINY.vertices, "faces": TINY.faces, "map": np.arange(FEW)[::-1] + 7}
     for name, array in arrays.items():
         np.save(tmp_path / f"{name}.npy", array)
     assert python(FAR_NUMBERS, *(tmp_path / f"{name}.npy" for name in arrays)).stderr == ""
 
 
-def test_a_mesh_may_come_with_the_numbers_of_its_vertices():
+def test_mesh_with_vertex_numbers():
     whole = with_loose_vertex(TINY)
     ids = np.delete(np.arange(FEW + 1), 5)
     again = TriangleMesh(TINY.vertices, TINY.faces, numbers=(ids, FEW + 1))
@@ -413,7 +418,7 @@ def test_a_mesh_may_come_with_the_numbers_of_its_vertices():
 
 
 def test_matlab_part_of_unknown_type_is_refused(tmp_path):
-    """SciPy crashes on it."""
+    """SciPy crashes on such a file."""
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, {"thickness": np.arange(42.0)})
     content = bytearray(path.read_bytes())

@@ -1,4 +1,4 @@
-"""Labels from files: what nibabel writes, and functions that are where one label is."""
+"""Labels from files written by nibabel, and functions that are 1 where a label is."""
 
 import nibabel
 import nibabel.freesurfer
@@ -22,7 +22,7 @@ VALUES = KEYS[np.random.default_rng(2).integers(0, 4, COUNT)]
 
 
 def write_gifti(path, columns, intent="NIFTI_INTENT_LABEL", names=NAMES, kind=np.int32):
-    """Columns are called ``map 0`` and so on."""
+    """Write columns with the names ``map 0``, ``map 1``, ..."""
     arrays = [
         nibabel.gifti.GiftiDataArray(c.astype(kind), intent, meta={"a": "b", "Name": f"map {k}"})
         for k, c in enumerate(columns)
@@ -44,7 +44,7 @@ def write_annotation(path, values):
 
 
 @pytest.mark.parametrize("name", ["a.label.gii", "a.gii.gz"])
-def test_labels_of_gifti_come_with_names_and_colours_by_their_keys(tmp_path, name):
+def test_gifti_labels_have_names_and_colors(tmp_path, name):
     labels = read_labels(write_gifti(tmp_path / name, [VALUES]))
     assert_array_equal(labels.values, VALUES, strict=True)
     assert labels.names == NAMES
@@ -59,7 +59,7 @@ def test_labels_of_gifti_come_with_names_and_colours_by_their_keys(tmp_path, nam
     )
 )
 @settings(max_examples=50)
-def test_any_table_comes_back(folder, table):
+def test_any_label_table_round_trips(folder, table):
     path = write_gifti(folder / "a.label.gii", [np.array([*table, 0])], names=table)
     assert read_labels(path).names == table
     for key, name in table.items():
@@ -69,10 +69,11 @@ def test_any_table_comes_back(folder, table):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
+    """Return a folder for all tests of this module."""
     return tmp_path_factory.mktemp("labels")
 
 
-def test_a_label_is_a_function_by_its_name_or_key(tmp_path):
+def test_label_function_by_name_or_key(tmp_path):
     path = write_gifti(tmp_path / "a.label.gii", [VALUES])
     for word, key in (("odd", -7), ("-7", -7), ('"pre central"', 3), ("3", 3), ("0", 0)):
         assert_array_equal(function(MESH, f"file:{path},label={word}"), key == VALUES)
@@ -82,7 +83,8 @@ def test_a_label_is_a_function_by_its_name_or_key(tmp_path):
         assert_array_equal(function(MESH, f"file:{path},label={word}"), np.arange(COUNT) % 3 == key)
 
 
-def test_a_name_that_is_a_number_is_a_name_and_two_keys_of_a_name_are_one_place(tmp_path):
+def test_label_names_have_priority_over_keys(tmp_path):
+    """Two keys with the same name are one label."""
     names = {1: "2", 2: "both", 3: "both"}
     values = np.arange(COUNT) % 4
     path = write_gifti(tmp_path / "a.label.gii", [values], names=names)
@@ -90,7 +92,7 @@ def test_a_name_that_is_a_number_is_a_name_and_two_keys_of_a_name_are_one_place(
     assert_array_equal(function(MESH, f"file:{path},label=both"), values >= 2)
 
 
-def test_labels_count_as_the_mesh_file_does(tmp_path):
+def test_labels_have_the_numbers_of_the_mesh_file(tmp_path):
     mesh = with_loose_vertex(MESH)
     path = write_gifti(tmp_path / "a.label.gii", [np.insert(VALUES, 5, 3)])
     assert_array_equal(function(mesh, f"file:{path},label=3"), VALUES == 3)
@@ -108,7 +110,7 @@ def test_columns_of_labels_are_chosen(tmp_path):
 LIST = "#!ascii label, from subject a\n3\n5 0 0 0 2.5\n0 1.5 0 0 -1\n7 0 0 0 1\n"
 
 
-def test_what_a_list_of_vertices_names_is_a_function(tmp_path):
+def test_label_file_is_a_function(tmp_path):
     path = tmp_path / "lh.V1.label"
     path.write_text(LIST)
     for mesh, offset in ((MESH, 0), (with_loose_vertex(MESH), 1)):
@@ -131,8 +133,8 @@ def test_what_a_list_of_vertices_names_is_a_function(tmp_path):
             function(MESH, f"file:{path}{asked}")
 
 
-def test_labels_are_no_values_and_no_map(tmp_path):
-    """They would be interpolated, or count vertices, without a word."""
+def test_labels_are_not_values_or_maps(tmp_path):
+    """They would be interpolated, or used as vertex numbers, without a warning."""
     for path in (
         write_gifti(tmp_path / "a.label.gii", [VALUES]),
         write_gifti(tmp_path / "b.gii.gz", [VALUES], names={}),
@@ -146,7 +148,7 @@ def test_labels_are_no_values_and_no_map(tmp_path):
             read_vertex_map(MESH, str(path))
 
 
-def test_columns_of_gifti_have_the_names_of_their_metadata(tmp_path):
+def test_gifti_columns_have_names_of_metadata(tmp_path):
     columns = [np.arange(COUNT), -np.arange(COUNT)]
     path = write_gifti(tmp_path / "a.func.gii", columns, "NIFTI_INTENT_NONE", {}, np.float32)
     assert read_values(path).names == ("map 0", "map 1")
@@ -166,7 +168,7 @@ def test_columns_of_gifti_have_the_names_of_their_metadata(tmp_path):
         ("e.label.gii", b"<GIFTI><Label>a</Label></GIFTI>", ()),
     ],
 )
-def test_what_holds_no_labels_says_so_in_one_line(tmp_path, name, content, named):
+def test_files_without_labels_are_refused(tmp_path, name, content, named):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with raises(FunctionError, *named) as caught:
@@ -175,7 +177,8 @@ def test_what_holds_no_labels_says_so_in_one_line(tmp_path, name, content, named
     assert str(caught.value).isprintable()
 
 
-def test_values_and_fractions_are_no_labels_and_unknown_labels_are_told(tmp_path):
+def test_values_are_not_labels(tmp_path):
+    """Errors for unknown labels suggest similar names."""
     path = write_gifti(tmp_path / "a.gii", [VALUES], "NIFTI_INTENT_SHAPE", kind=np.float32)
     with raises(FunctionError, "values"):
         read_labels(path)
@@ -197,7 +200,8 @@ def test_values_and_fractions_are_no_labels_and_unknown_labels_are_told(tmp_path
 @pytest.mark.parametrize(
     "colour", ['Red="2" Green="0" Blue="0"', 'Red="x" Green="0" Blue="0"', 'Red="0"', ""]
 )
-def test_a_colour_that_is_none_is_left_out_and_early_files_call_keys_index(tmp_path, colour):
+def test_invalid_label_colors_are_ignored(tmp_path, colour):
+    """Early files have ``Index`` instead of ``Key``."""
     array = (
         '<DataArray Intent="NIFTI_INTENT_LABEL" DataType="NIFTI_TYPE_INT32" Encoding="ASCII" '
         'Dimensionality="1" Dim0="2"><Data>4 4</Data></DataArray>'

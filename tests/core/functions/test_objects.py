@@ -1,4 +1,4 @@
-"""Values of other libraries at the vertices of a mesh."""
+"""Values at vertices from objects of other libraries."""
 
 from types import SimpleNamespace as Object
 
@@ -23,12 +23,12 @@ BALL = icosphere(1)
 COUNT = len(BALL.vertices)
 X, Y = BALL.vertices[:, 0], BALL.vertices[:, 1]
 ORDER = np.random.default_rng(3).permutation(COUNT)
-# a mesh whose file has a vertex in front that no face uses
+# a mesh whose file begins with an unused vertex
 GAP = abfm.TriangleMesh(np.vstack([[9.0, 9.0, 9.0], BALL.vertices]), BALL.faces + 1)
 
 
 class Tensor:
-    """What a tensor of PyTorch that requires a gradient does."""
+    """Object that behaves like a PyTorch tensor that requires a gradient."""
 
     def __init__(self, array, attached=True):
         self.array, self.attached = array, attached
@@ -46,7 +46,7 @@ class Tensor:
 
 
 class PolarsFrame(dict):
-    """What a DataFrame of Polars does."""
+    """Object that behaves like a DataFrame of Polars."""
 
     def __len__(self):
         return len(self.to_numpy())
@@ -60,7 +60,7 @@ class PolarsFrame(dict):
 
 
 def xarray_of(data):
-    """What a DataArray of xarray does; ``data`` is the same of pandas."""
+    """Return an object that behaves like an xarray DataArray of the same pandas object."""
     return Object(
         dims=(), coords={}, ndim=data.ndim, to_pandas=lambda: data, __array__=data.to_numpy
     )
@@ -77,7 +77,7 @@ def gifti(*arrays, indices=None, labels=False):
 
 
 def cifti(values):
-    """A .dscalar.nii of both hemispheres, of which 3 vertices on the left are left out."""
+    """Return a .dscalar.nii of both hemispheres, without 3 vertices on the left."""
     left = nibabel.cifti2.BrainModelAxis.from_mask(
         np.arange(COUNT) >= 3, name="CIFTI_STRUCTURE_CORTEX_LEFT"
     )
@@ -90,7 +90,7 @@ def cifti(values):
 
 
 def source_estimate(left=(), right=(), data=(), times=(0.0,)):
-    """What MNE's SourceEstimate has."""
+    """Return an object with the attributes of MNE's SourceEstimate."""
     vertices = [np.array(left, int), np.array(right, int)]
     return Object(
         vertices=vertices, data=np.array(data), times=np.array(times), tmin=times[0], tstep=0.1
@@ -142,22 +142,22 @@ PLACED = {
 
 
 @pytest.mark.parametrize(("given", "expected"), PLACED.values(), ids=PLACED)
-def test_values_are_placed(given, expected):
+def test_values_of_objects(given, expected):
     found = as_values(BALL, given)
     assert found.shape == np.shape(expected)
     assert_allclose(found, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["float64", "int64", "int16"])
-def test_types_beyond_the_standard_of_gifti_are_kept(kind):
-    """As nilearn and earlier versions of nibabel have them; nibabel refuses to write them."""
+def test_nonstandard_gifti_types_are_read(kind):
+    """Files of nilearn and early nibabel have such types; nibabel refuses to write them."""
     values = (1e4 * X).astype(kind)
     array = GiftiDataArray(values, datatype=f"NIFTI_TYPE_{kind.upper()}")
     assert_array_equal(as_values(BALL, GiftiImage(darrays=[array])), values)
 
 
 def test_texts_and_paths_are_values(tmp_path):
-    """As masks, too; frames may be named by a text, as it is no function."""
+    """Masks may also be texts and paths. A text for frames is a path, not a function."""
     np.savetxt(tmp_path / "a, b.txt", X)
     assert_array_equal(as_values(BALL, tmp_path / "a, b.txt"), X)
     assert_array_equal(as_values(BALL, "coordinate:y"), Y)
@@ -175,13 +175,13 @@ def test_texts_and_paths_are_values(tmp_path):
         assert_array_equal(found.frames[:, :, 0], FRAMES)
 
 
-def test_index_counts_vertices_of_the_file():
-    whole = np.append(0.0, X)
-    series = pandas.Series(whole[1:][ORDER], index=ORDER + 1)
+def test_index_has_vertex_numbers_of_the_file():
+    of_file = np.append(0.0, X)
+    series = pandas.Series(of_file[1:][ORDER], index=ORDER + 1)
     assert_array_equal(GAP.restrict(as_values(GAP, series)), X)
 
 
-def test_sources_between_are_interpolated():
+def test_values_between_sources_are_interpolated():
     known = np.arange(0, COUNT, 2)
     found = as_values(BALL, source_estimate(known, (), X[known][:, None]))
     assert_array_equal(found[known], X[known])
@@ -189,7 +189,7 @@ def test_sources_between_are_interpolated():
 
 
 @pytest.mark.parametrize("structure", ["CortexLeft", "CortexRight"])
-def test_mesh_of_a_hemisphere_takes_its_part(structure):
+def test_part_of_the_mesh_hemisphere_is_used(structure):
     side = abfm.TriangleMesh(BALL.vertices, BALL.faces, structure=structure)
     parts = Object(parts={"left": X, "right": Y})
     expected = X if structure == "CortexLeft" else Y
@@ -233,7 +233,7 @@ def test_values_that_do_not_fit_are_refused(given, named):
         as_values(BALL, given, "f")
 
 
-def test_entries_place_values_alike():
+def test_all_functions_accept_value_objects():
     f, g = pandas.Series(X[ORDER], index=ORDER), gifti(Y[ORDER], indices=ORDER)
     mask = pandas.Series(np.where(X > 0, 2.0, 1.0)[ORDER], index=ORDER)
     made = abfm.Problem(BALL, f, g, mask=mask)
@@ -257,7 +257,7 @@ FRAMES = np.stack([np.sin(3 * (X - 0.02 * t)) for t in range(3)])
 
 
 def image(kind, step=0, unit=None):
-    """Frames as columns of an image of nibabel, a step apart."""
+    """Return frames as columns of a nibabel image with a time step."""
     found = kind(np.float32(FRAMES.T)[:, None, None], np.eye(4))
     if step:
         found.header.set_zooms((1, 1, 1, step))
@@ -307,7 +307,7 @@ def test_time_step_replaces_times(tmp_path):
     assert abfm.load(tmp_path / "s.npz").notes == (note,)
 
 
-def test_masked_frames_of_a_list_have_no_value():
+def test_masked_frames_have_missing_values():
     given = [np.ma.array(frame, mask=frame > 0.5) for frame in FRAMES]
     found = frames_of(given, BALL)
     assert_array_equal(found.values, np.where(FRAMES > 0.5, np.nan, FRAMES))

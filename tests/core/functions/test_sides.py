@@ -1,4 +1,4 @@
-"""Files of two hemispheres that are used together give a warning that names both."""
+"""Files of different hemispheres cause a warning that names both."""
 
 import warnings
 
@@ -46,7 +46,7 @@ def warnings_of(call, *given):
         ("metadata.shape.gii", lambda mesh, path: function(mesh, f"file:{path}")),
     ],
 )
-def test_other_hemisphere_gives_one_warning(tmp_path, left, name, call):
+def test_other_hemisphere_causes_one_warning(tmp_path, left, name, call):
     path = tmp_path / name
     if name.endswith(".stc"):
         write_stc(path, [VALUES], np.arange(len(VALUES)), [0.0])
@@ -62,13 +62,13 @@ def test_other_hemisphere_gives_one_warning(tmp_path, left, name, call):
 
 
 @pytest.mark.parametrize("name", ["lh.sulc", "a_left.npy", "values.npy", "lh_to_rh.npy"])
-def test_same_hemisphere_gives_none(tmp_path, left, name):
+def test_same_hemisphere_causes_no_warning(tmp_path, left, name):
     write_values(tmp_path / name, VALUES)
     assert warnings_of(function, left, f"file:{tmp_path / name}") == []
 
 
-def test_gifti_surfaces_have_a_side_by_metadata(tmp_path):
-    """The metadata count more than the name."""
+def test_gifti_metadata_determine_the_hemisphere(tmp_path):
+    """The metadata have priority over the name."""
     write_surface(tmp_path / "lh.a.surf.gii", SPHERE, "CortexRight")
     mesh = abfm.load_mesh(tmp_path / "lh.a.surf.gii")
     assert mesh.structure == "CortexRight"
@@ -79,8 +79,8 @@ def test_gifti_surfaces_have_a_side_by_metadata(tmp_path):
     check_message(text, "lh.a.surf.gii", "right", "lh.sulc", "left")
 
 
-def test_files_of_two_hemispheres_disagree(tmp_path):
-    """Also if the surface has no side; A and B of a registration may be of two."""
+def test_files_of_two_hemispheres_cause_a_warning(tmp_path):
+    """Also if the surface has no hemisphere; A and B of a registration may differ."""
     for side in ("lh", "rh"):
         write_values(tmp_path / f"{side}.sulc", VALUES)
     specs = [f"file:{tmp_path}/{side}.sulc" for side in ("lh", "rh")]

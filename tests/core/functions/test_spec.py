@@ -1,4 +1,4 @@
-"""The text form of functions: its meaning, round trip and errors; and formulas, arithmetic only."""
+"""Text form of functions: meaning, round trips, errors, and formulas without code."""
 
 import numpy as np
 import pytest
@@ -140,7 +140,7 @@ def test_parse_errors_have_the_words_in_one_line(text):
     assert len(str(error.value)) < 300
 
 
-def test_name_of_a_file_alone_is_advised(tmp_path, monkeypatch):
+def test_file_name_alone_is_corrected(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, advised in (("lh.sulc", "file:lh.sulc"), ("a,b.txt", 'file:"a,b.txt"')):
         with raises(FunctionError, "unknown" if name == "lh.sulc" else ""):
@@ -150,13 +150,13 @@ def test_name_of_a_file_alone_is_advised(tmp_path, monkeypatch):
             parse(name)
 
 
-def test_specs_made_in_python_are_checked_like_text():
+def test_python_specs_are_checked_like_text():
     with raises(FunctionError, "width", 0):
         Gaussian(vertex=(1,), width=-1.0)
     assert Gaussian(vertex=3, width="0.5") == Gaussian(vertex=(3,), width=0.5)
 
 
-def test_families_describe_themselves():
+def test_families_have_summaries_and_parameters():
     described = {cls.family: cls for cls in families()}
     assert set(described) == {spec.family for spec in MEANINGS.values() if isinstance(spec, Family)}
     assert set(described) == {*TERMS, "permuted", "scaled", "circular"}
@@ -172,7 +172,7 @@ def test_families_describe_themselves():
     assert described["eigenfunction"].positional == "index"
 
 
-def test_a_function_that_is_scaled_twice_is_scaled_once():
+def test_two_scalings_are_combined():
     once = scaled(ALONG_X, 3.0, 1.0)
     twice = scaled(once, -2.0, 0.5)
     assert (twice.factor, twice.offset, twice.function) == (-6.0, -1.5, ALONG_X)
@@ -180,7 +180,7 @@ def test_a_function_that_is_scaled_twice_is_scaled_once():
     np.testing.assert_array_equal(function(MESH, str(twice)), twice.evaluate(MESH))
 
 
-def test_a_sum_adds_any_families():
+def test_sum_of_functions():
     mesh = icosphere(2)
     total = function(mesh, "coordinate:z + (expression:x*y) + eigenfunction:0")
     x, y, z = mesh.vertices.T
@@ -251,7 +251,7 @@ specs = st.recursive(
 
 @settings(deadline=None)
 @given(specs)
-def test_any_spec_survives_its_text_form(spec):
+def test_any_spec_round_trips(spec):
     assert parse(str(spec)) == spec
 
 
@@ -303,7 +303,7 @@ def test_values_of_formulas(formula):
 
 
 @pytest.mark.parametrize("formula", ATTACKS, ids=lambda formula: ascii(formula[:20]))
-def test_whatever_is_no_arithmetic_is_refused(formula):
+def test_formulas_other_than_arithmetic_are_refused(formula):
     before = MESH.vertices.copy()
     with pytest.raises(FunctionError) as error:
         function(MESH, f"expression:{formula}")
@@ -312,7 +312,7 @@ def test_whatever_is_no_arithmetic_is_refused(formula):
     assert np.array_equal(MESH.vertices, before)
 
 
-def test_values_that_are_not_finite_are_counted_with_an_example():
+def test_values_that_are_not_finite_are_counted():
     shifted = TriangleMesh(MESH.vertices - MESH.vertices[5], MESH.faces)
     count = np.sum(shifted.vertices[:, 0] == 0)
     with raises(FunctionError, count, len(X)):
@@ -321,7 +321,7 @@ def test_values_that_are_not_finite_are_counted_with_an_example():
 
 @settings(deadline=None)
 @given(st.text(alphabet="xyzsincoqrt0123456789.+-*/%()<>=!, e", max_size=40))
-def test_any_formula_gives_finite_values_or_function_error(formula):
+def test_any_formula_is_finite_or_refused(formula):
     try:
         f = function(MESH, f"expression:{formula}")
     except FunctionError:
@@ -339,12 +339,12 @@ def test_any_formula_gives_finite_values_or_function_error(formula):
         ("sin(x, y=1)", ()),
     ],
 )
-def test_what_is_wrong_is_told(formula, named):
+def test_invalid_formulas_are_refused(formula, named):
     with raises(FunctionError, *named):
         function(MESH, f"expression:{formula}")
 
 
 @pytest.mark.parametrize("spec", [3, None, ["gaussian"]])
-def test_what_is_no_text_is_no_function(spec):
+def test_function_must_be_text_or_spec(spec):
     with raises(FunctionError):
         function(MESH, spec)

@@ -1,4 +1,4 @@
-"""One reader of values: rows that name their vertex, rows and columns, and choices in a file."""
+"""Reader of values: vertex numbers, rows and columns, and choices in a file."""
 
 import io
 import warnings
@@ -39,7 +39,7 @@ NONE, NODES = "NIFTI_INTENT_NONE", "NIFTI_INTENT_NODE_INDEX"
 
 
 def gifti(path, arrays, labels=None, structure=""):
-    """Write arrays, given with their intents, and names of labels by their keys."""
+    """Write arrays with their intents, and names of labels by key."""
     found = []
     for intent, values in arrays:
         kind = np.float32 if np.asarray(values).dtype.kind == "f" else np.int32
@@ -71,8 +71,8 @@ def value_of(path, options="", mesh=MESH):
 
 
 @pytest.mark.parametrize("place", ["first", "last"])
-def test_node_indices_place_values(tmp_path, place):
-    """In values, frames, labels and maps, wherever the array of indices is in the file."""
+def test_node_indices_number_the_rows(tmp_path, place):
+    """In values, frames, labels and maps, wherever the indices are in the file."""
 
     def write(name, arrays, rows, **more):
         indices = [(NODES, rows)]
@@ -92,8 +92,8 @@ def test_node_indices_place_values(tmp_path, place):
     assert_array_equal(read_vertex_map(MESH, str(path))[ORDER], ORDER[::-1])
 
 
-def test_placed_values_count_as_the_mesh_file(tmp_path):
-    """A vertex that no face uses takes its value with it; the ones behind it keep theirs."""
+def test_vertex_numbers_are_those_of_the_mesh_file(tmp_path):
+    """An unused vertex has a value; those of later vertices are not shifted."""
     mesh = with_loose_vertex(MESH)
     values = np.insert(VALUES, 5, 9.0)
     path = gifti(tmp_path / "a.gii", [(NODES, np.arange(1, COUNT + 1)), (NONE, values[1:])])
@@ -114,18 +114,18 @@ def test_wrong_indices_are_refused(tmp_path, indices, named):
 
 @pytest.mark.parametrize("name", ["vertex", "Node", "INDEX", "vertex_id", "node index", "Point ID"])
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_column_of_vertices_places_the_others(tmp_path, name, separator):
+def test_vertex_column_numbers_the_rows(tmp_path, name, separator):
     text = f"{name},v,w\n" + rows(ORDER.tolist(), VALUES[ORDER].tolist(), ORDER.tolist())
     path = table(tmp_path / "a.csv", text.replace(",", separator))
     assert_array_equal(value_of(path, ",column=v"), VALUES)
-    assert_array_equal(value_of(path, ",column=2"), np.arange(COUNT))  # counted as in the file
+    assert_array_equal(value_of(path, ",column=2"), np.arange(COUNT))  # numbered as in the file
     assert_array_equal(read_frames(path, MESH).values, np.stack([VALUES, np.arange(COUNT)]))
     with raises(FunctionError, 2, "v", "w"):
         value_of(path)
 
 
 @pytest.mark.parametrize("ending", [".npz", ".mat"])
-def test_array_of_vertices_places_the_others(tmp_path, ending):
+def test_vertex_array_numbers_the_rows(tmp_path, ending):
     path = tmp_path / f"a{ending}"
 
     def write(**arrays):
@@ -145,11 +145,11 @@ def test_array_of_vertices_places_the_others(tmp_path, ending):
         value_of(path)
     write(vertex=ORDER)
     assert_array_equal(value_of(path), ORDER)
-    write(vertex=SOME, v=VALUES)  # of something else
+    write(vertex=SOME, v=VALUES)  # of another table
     assert_array_equal(value_of(path), VALUES)
 
 
-def test_lone_or_fractional_column_is_values(tmp_path):
+def test_single_or_fractional_column_is_values(tmp_path):
     path = table(tmp_path / "a.csv", "index\n" + rows(ORDER.tolist()))
     assert_array_equal(value_of(path), ORDER)
     path = table(tmp_path / "a.csv", "index,v\n" + rows(VALUES.tolist(), ORDER.tolist()))
@@ -158,8 +158,8 @@ def test_lone_or_fractional_column_is_values(tmp_path):
         value_of(table(tmp_path / "a.csv", "vertex,v\n" + rows(VALUES.tolist(), ORDER.tolist())))
 
 
-def test_unnamed_first_column_is_an_index_if_that_is_clear(tmp_path):
-    """Pandas counts rows from 0 and R from 1; of shuffled rows the lowest number says which."""
+def test_unnamed_first_column_is_an_index(tmp_path):
+    """R counts rows from 1 and pandas from 0. The smallest number decides for other orders."""
 
     def write(numbers):
         return table(tmp_path / "a.csv", ",v\n" + rows(numbers.tolist(), VALUES[ORDER].tolist()))
@@ -177,14 +177,14 @@ def test_comment_above_numbers_names_the_columns(tmp_path):
     assert_array_equal(value_of(tmp_path / "a.txt"), VALUES)
 
 
-def test_columns_are_placed_from_python():
-    """As a pandas Series with an index of its own is."""
+def test_columns_with_vertices_in_python():
+    """Like a pandas Series with an index."""
     found = Columns(VALUES[SOME], vertices=SOME).on(MESH)
     assert_array_equal(found.values[:, 0], SPARSE)
 
 
 @pytest.mark.parametrize("shape", [(1, COUNT), (COUNT, 1), (COUNT, 1, 1), (1, 1, COUNT)])
-def test_rows_are_columns(tmp_path, shape):
+def test_axes_of_length_one_are_removed(tmp_path, shape):
     array = VALUES.reshape(shape)
     np.save(tmp_path / "a.npy", array)
     np.savez(tmp_path / "a.npz", depth=array)
@@ -199,7 +199,7 @@ def test_rows_are_columns(tmp_path, shape):
 
 
 def test_any_axis_may_be_the_vertices(tmp_path):
-    """The same rule for functions and frames: the axis with as many entries as vertices."""
+    """The size of an axis decides, for functions and for frames."""
     film = RANDOM.standard_normal((3, COUNT))
     np.save(tmp_path / "a.npy", film)
     np.save(tmp_path / "b.npy", film.T)
@@ -248,7 +248,7 @@ def test_values_of_ply_files(tmp_path):
 
 
 def test_mesh_and_values_in_one_gifti(tmp_path):
-    """As CAT12 and SPM write them; arrays are counted as in the file."""
+    """As written by CAT12 and SPM; arrays are numbered as in the file."""
     mesh = [("NIFTI_INTENT_POINTSET", MESH.vertices), ("NIFTI_INTENT_TRIANGLE", MESH.faces)]
     normals = [("NIFTI_INTENT_VECTOR", MESH.vertices)]
     path = gifti(tmp_path / "a.gii", [*mesh, *normals, ("NIFTI_INTENT_SHAPE", VALUES)])
@@ -258,7 +258,7 @@ def test_mesh_and_values_in_one_gifti(tmp_path):
         value_of(gifti(tmp_path / "b.gii", mesh))
 
 
-def test_names_that_repeat_are_not_chosen(tmp_path):
+def test_repeated_names_are_refused(tmp_path):
     path = table(tmp_path / "a.csv", "v,v\n" + rows(VALUES.tolist(), ORDER.tolist()))
     with raises(FunctionError, 2, "v", "column=0", 1):
         value_of(path, ",column=v")
@@ -287,8 +287,8 @@ def test_names_that_repeat_are_not_chosen(tmp_path):
         value_of(tmp_path / "a.gii", ",column=thickness")
 
 
-def test_labels_are_recognised_without_their_intent(tmp_path):
-    """By names for their keys, or by the name of the file; a metric of Workbench names only 0."""
+def test_labels_are_recognized_without_intent(tmp_path):
+    """By names of keys, or by the file name. A metric of Workbench only names key 0."""
     keys = np.arange(COUNT) % 3
     named = {0: "???", 1: "one", 2: "two"}
     for name, labels in (("a.gii", named), ("a.label.gii", {}), ("a.label.gii.gz", None)):
@@ -306,7 +306,7 @@ def test_labels_are_recognised_without_their_intent(tmp_path):
         read_labels(gifti(tmp_path / "d.label.gii", [(NONE, VALUES)]))
 
 
-def test_tables_of_whole_numbers_are_labels(tmp_path):
+def test_integer_tables_are_labels(tmp_path):
     text = "vertex,key\n" + rows(SOME.tolist(), (SOME % 3).tolist())
     path = table(tmp_path / "a.csv", text)
     expected = np.where(np.isnan(SPARSE), NO_LABEL, np.arange(COUNT) % 3)
@@ -315,8 +315,8 @@ def test_tables_of_whole_numbers_are_labels(tmp_path):
         read_labels(path)
 
 
-def test_annotation_without_a_table_keeps_its_numbers(tmp_path):
-    """Each vertex keeps the number that the file gives it; nibabel cannot read such a file."""
+def test_annotation_without_table_keeps_its_numbers(tmp_path):
+    """Keys are the numbers in the file. nibabel cannot read such a file."""
     colors = np.where(np.arange(COUNT) % 2, 0x640519, 0x1405DC)
     pairs = np.column_stack([np.arange(COUNT), colors]).astype(">i4")
     (tmp_path / "lh.a.annot").write_bytes(np.array([COUNT], ">i4").tobytes() + pairs.tobytes())
@@ -339,14 +339,14 @@ def test_old_values_and_texts_of_freesurfer(tmp_path):
 
 
 @pytest.mark.parametrize("words", [("GIFTI_ENDIAN_LITTLE", "GIFTI_ENCODING_B64GZ"), ("2", "3")])
-def test_former_words_of_gifti(tmp_path, words):
+def test_early_gifti_words_are_read(tmp_path, words):
     path = gifti(tmp_path / "a.gii", [(NONE, VALUES)])
     text = path.read_text().replace("LittleEndian", words[0]).replace("GZipBase64Binary", words[1])
     path.write_text(text.replace("NIFTI_TYPE_FLOAT32", "16").replace(NONE, "0"))
     assert_array_equal(value_of(path), VALUES)
 
 
-def test_signalling_nan_warns_nobody(tmp_path):
+def test_signalling_nan_causes_no_warning(tmp_path):
     array = VALUES.astype(np.float32)
     array.view(np.uint32)[4] = 0x7F800001
     np.save(tmp_path / "a.npy", array)
@@ -356,14 +356,14 @@ def test_signalling_nan_warns_nobody(tmp_path):
     assert_array_equal(np.flatnonzero(np.isnan(found)), [4])
 
 
-def test_matlab_files_that_cannot_be_read(tmp_path):
+def test_unsupported_matlab_files_are_refused(tmp_path):
     (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512))
     with raises(FunctionError, "-v7"):
         value_of(tmp_path / "a.mat")
     content = io.BytesIO()
     scipy.io.savemat(content, {"a": np.zeros(20_000_000, np.uint8)}, do_compression=True)
     (tmp_path / "a.mat").write_bytes(content.getvalue())
-    with pytest.raises(FunctionError):  # more than a file of this size may hold
+    with pytest.raises(FunctionError):  # too large for a file of this size
         value_of(tmp_path / "a.mat")
     scipy.io.savemat(tmp_path / "a.mat", {"a": 1j * VALUES})
     with raises(FunctionError, "real"):
@@ -375,7 +375,7 @@ def test_matlab_files_that_cannot_be_read(tmp_path):
 
 @pytest.mark.parametrize("kind", ["f8", "f4", "i1", "u2", "i4", "u8", "?"])
 @pytest.mark.parametrize("packed", [True, False])
-def test_matlab_arrays_are_those_that_scipy_writes(tmp_path, kind, packed):
+def test_matlab_arrays_agree_with_scipy(tmp_path, kind, packed):
     arrays = {"one": np.arange(6).astype(kind).reshape(2, 3), "longer": np.zeros((2, 1, 2), kind)}
     scipy.io.savemat(tmp_path / "a.mat", arrays | {"x": "words"}, do_compression=packed)
     found = matlab_arrays((tmp_path / "a.mat").read_bytes())
@@ -384,7 +384,7 @@ def test_matlab_arrays_are_those_that_scipy_writes(tmp_path, kind, packed):
         assert_array_equal(found[name], array)
 
 
-def test_files_that_hold_no_values_say_what_they_are(tmp_path):
+def test_files_without_values_are_refused(tmp_path):
     (tmp_path / "a.off").write_text("OFF\n3 1 0\n")
     scipy.io.savemat(tmp_path / "a.mat", {"s": {"f": VALUES}})
     for name, named in (("a.off", "OFF mesh"), ("a.mat", "Structures")):
@@ -411,8 +411,8 @@ def test_values_in_images_of_freesurfer(tmp_path, kind, shape):
 @pytest.mark.parametrize(
     "shape", [(COUNT, 3), (3, COUNT), (COUNT, 1, 3), (3, 1, COUNT), (1, 3, COUNT), (1, 1, COUNT, 3)]
 )
-def test_any_axis_of_an_image_is_the_vertices(tmp_path, name, shape):
-    """As images that Python and MATLAB write have them, other than those of FreeSurfer."""
+def test_any_image_axis_may_be_the_vertices(tmp_path, name, shape):
+    """As written by Python and MATLAB, other than by FreeSurfer."""
     columns = np.float32(np.stack([VALUES, 2 * VALUES, VALUES + 1]))
     values = (columns.T if shape.index(COUNT) < shape.index(3) else columns).reshape(shape)
     kind = nibabel.Nifti1Image if name == "a.nii" else nibabel.MGHImage
@@ -424,8 +424,8 @@ def test_any_axis_of_an_image_is_the_vertices(tmp_path, name, shape):
 
 
 @pytest.mark.parametrize("shape", [(2 * COUNT,), (2 * COUNT, 3), (3, 2 * COUNT)])
-def test_values_of_both_hemispheres_are_named(tmp_path, shape):
-    """As BrainSpace and others have them, one after the other."""
+def test_values_of_both_hemispheres_are_refused(tmp_path, shape):
+    """BrainSpace and others concatenate the hemispheres."""
     np.save(tmp_path / "a.npy", np.ones(shape))
     with raises(FunctionError, 2 * COUNT, COUNT, "hemispheres"):
         read_values(tmp_path / "a.npy", MESH)
@@ -438,7 +438,7 @@ def test_label_without_vertices_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a.nii", "a.mgh"])
-def test_volume_is_no_values_at_vertices(tmp_path, name):
+def test_volume_is_refused(tmp_path, name):
     kind = nibabel.Nifti1Image if name == "a.nii" else nibabel.MGHImage
     nibabel.save(kind(np.zeros((3, 4, 5), np.float32), np.eye(4)), tmp_path / name)
     with raises(FunctionError, "3 x 4 x 5", COUNT, "Project"):
@@ -449,14 +449,14 @@ def test_volume_is_no_values_at_vertices(tmp_path, name):
 
 
 @pytest.mark.parametrize("is_rows", [False, True])
-def test_columns_that_pandas_numbers_are_names(tmp_path, is_rows):
+def test_column_numbers_of_pandas_are_names(tmp_path, is_rows):
     frames = np.stack([VALUES, 2 * VALUES, VALUES + 1])
     table = frames if is_rows else frames.T
     pandas.DataFrame(table).to_csv(tmp_path / "a.csv", index=False)
     assert_allclose(read_frames(tmp_path / "a.csv", MESH).values, frames)
 
 
-def test_unsorted_numbers_of_vertices_are_named_or_refused(tmp_path):
+def test_unnamed_vertex_numbers_are_refused(tmp_path):
     rows = "".join(f"{k},{VALUES[k]}\n" for k in ORDER)
     for head in ("", "id,value\n"):
         (tmp_path / "a.csv").write_text(head + rows)
@@ -466,8 +466,8 @@ def test_unsorted_numbers_of_vertices_are_named_or_refused(tmp_path):
     assert_allclose(value_of(tmp_path / "a.csv"), VALUES)
 
 
-def test_merged_vertices_take_the_first_value(tmp_path):
-    """A vertex that the file has twice gets the value of the copy with the lower number."""
+def test_merged_vertices_have_the_first_value(tmp_path):
+    """The value of the copy with the lower number is used."""
     vertices = np.concatenate([MESH.vertices, MESH.vertices[:1]])
     faces = MESH.faces.copy()
     one = int(np.flatnonzero((faces == 0).any(axis=1))[0])

@@ -1,4 +1,4 @@
-"""Values of the families, against surfaces and spectra where the answer is known."""
+"""Values of the function families compared with known surfaces and spectra."""
 
 import numpy as np
 import potpourri3d
@@ -30,7 +30,7 @@ def test_geodesic_distance_on_the_sphere(subdivisions, error):
 
 
 def test_geodesic_function_on_a_rhombus():
-    """Straight lines in the plane; heat gives 1.514 and 2.717."""
+    """Shortest paths are straight lines in the plane; the heat method gives 1.514 and 2.717."""
     corners = [[0.0, 1, 0], [3, 0, 0], [0, -1, 0], [-3, 0, 0]]
     rhombus = TriangleMesh(corners, [[0, 2, 1], [0, 3, 2]])
     d = function(rhombus, "geodesic:vertex=2")
@@ -38,7 +38,7 @@ def test_geodesic_function_on_a_rhombus():
 
 
 def test_geodesic_function_is_exact():
-    """Its error on the sphere is that of the polyhedron, of second order; it is symmetric."""
+    """It is symmetric, and its error on the sphere is of order 2, that of the polyhedron."""
     errors = []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions)
@@ -53,14 +53,14 @@ def test_geodesic_function_is_exact():
 
 
 def test_geodesic_function_by_heat():
-    """Large meshes, thin triangles (where the exact algorithm may not end) and pinched vertices."""
+    """For large meshes, thin triangles (where the exact method may not end), pinched vertices."""
     flat = square(24)
     thin = TriangleMesh(flat.vertices * [1, 1e-5, 1], flat.faces)
     for mesh in (icosphere(5), thin, pinched_sphere()[0]):
         assert_array_equal(function(mesh, "geodesic:vertex=7"), geodesic_distance(mesh, [7]))
 
 
-def test_geodesic_distance_on_an_uneven_mesh_is_near_the_shortest_paths():
+def test_geodesic_distance_approximates_shortest_paths():
     mesh = load_mesh(asset_path("human_A.off"))
     targets = np.arange(20, len(mesh.vertices), 60)
     paths = potpourri3d.EdgeFlipGeodesicSolver(mesh.vertices, mesh.faces)
@@ -69,26 +69,26 @@ def test_geodesic_distance_on_an_uneven_mesh_is_near_the_shortest_paths():
     assert_allclose(geodesic_distance(mesh, [10])[targets], lengths, atol=0.04 * mesh.length_scale)
 
 
-def test_geodesic_distance_to_the_nearest_of_several_and_to_a_point():
+def test_geodesic_distance_to_several_vertices():
     mesh = icosphere(3)
     apart = [function(mesh, f"geodesic:vertex={vertex}") for vertex in (3, 50, 200)]
     assert_allclose(function(mesh, "geodesic:vertex=3,50,200"), np.min(apart, axis=0), atol=1e-12)
     x, y, z = 1.2 * mesh.vertices[50]
     assert_array_equal(function(mesh, f"geodesic:x={x!s},y={y!s},z={z!s}"), apart[1])
-    # numbers as a file has them
+    # vertex numbers may be floats, as in files
     found = geodesic_distance(mesh, np.array([3.0, 7.0]))
     assert_array_equal(found, geodesic_distance(mesh, [3, 7]))
 
 
 @pytest.mark.parametrize("source", [-1, 42, 3.5, np.nan])
-def test_what_is_no_vertex_has_no_distances(source):
+def test_invalid_sources_are_refused(source):
     with raises(FunctionError, "sources", source, 0, 41):
         geodesic_distance(icosphere(1), [3, source])
     with raises(FunctionError, "sources"):
         geodesic_distance(icosphere(1), [])
 
 
-def test_geodesic_distance_with_a_boundary_and_at_a_pinched_vertex():
+def test_geodesic_distance_at_boundary_and_pinch():
     flat = square(24)
     corner = function(flat, "geodesic:vertex=0")
     assert_allclose(corner, np.linalg.norm(flat.vertices - flat.vertices[0], axis=1), atol=1e-12)
@@ -97,7 +97,7 @@ def test_geodesic_distance_with_a_boundary_and_at_a_pinched_vertex():
 
 
 def pinched_sphere():
-    """Sphere whose poles are glued together in the centre, and the vertex where they meet."""
+    """Return a sphere whose poles are glued in the centre, and the vertex where they meet."""
     sphere = icosphere(3)
     north, south = int(np.argmax(sphere.vertices[:, 2])), int(np.argmin(sphere.vertices[:, 2]))
     vertices = sphere.vertices.copy()
@@ -107,7 +107,7 @@ def pinched_sphere():
     return mesh, int(np.flatnonzero(mesh.vertex_ids == north)[0])
 
 
-def test_vertices_count_as_the_file_does():
+def test_vertex_numbers_are_those_of_the_file():
     mesh = shapes.with_loose_vertex(icosphere(2))
     expected = function(icosphere(2), "gaussian:vertex=9")
     assert_array_equal(function(mesh, "gaussian:vertex=10"), expected)
@@ -136,7 +136,7 @@ def test_extreme_widths_stay_finite(width):
     assert f.min() >= 0
 
 
-def test_indicator_of_a_disc_has_the_cap_s_area():
+def test_indicator_of_a_disc_has_the_area_of_the_cap():
     mesh = icosphere(5)
     f = function(mesh, "indicator:vertex=11,radius=0.2")
     angle = 0.2 * np.sqrt(4 * np.pi)
@@ -169,7 +169,7 @@ def test_curvature_of_the_torus():
     assert_allclose(function(mesh, "curvature:mean"), mean, atol=0.03)
 
 
-def test_curvature_at_a_boundary_is_carried_over_from_the_inside():
+def test_curvature_at_a_boundary_is_extended():
     cylinder = open_cylinder(40, 10, radius=2.0)
     assert_allclose(function(cylinder, "curvature:mean"), 1 / 4, rtol=1e-3)
     assert_allclose(function(cylinder, "curvature:gaussian"), 0, atol=1e-10)
@@ -179,7 +179,7 @@ def test_curvature_at_a_boundary_is_carried_over_from_the_inside():
 
 
 @pytest.mark.parametrize("name", ["eight", "human_A", "fandisk"])
-def test_gaussian_curvature_and_mixed_areas_have_the_right_totals(name):
+def test_gauss_bonnet_and_total_mixed_area(name):
     mesh = load_mesh(asset_path(f"{name}.off"))
     areas = mixed_areas(mesh)
     assert_allclose(areas.sum(), mesh.length_scale**2, rtol=1e-12)
@@ -189,7 +189,7 @@ def test_gaussian_curvature_and_mixed_areas_have_the_right_totals(name):
 
 
 def cone_mean(length, widest):
-    """Robust mean of Shapira et al. of rays of known lengths, without those beyond ``widest``."""
+    """Return the robust mean of Shapira et al. of rays up to an angle from the axis."""
     angles = np.arccos(1 - 0.5 * (np.arange(30) + 0.5) / 30)
     angles = angles[angles < widest]
     kept = np.abs(length(angles) - np.median(length(angles))) <= length(angles).std()
@@ -197,12 +197,12 @@ def cone_mean(length, widest):
 
 
 def test_shape_diameter_of_the_sphere_and_of_a_plate():
-    # beyond, normals are within 90 degrees
+    # beyond 45 degrees, hits are within 90 degrees of the normal
     exact = cone_mean(lambda angle: 2 * 3.0 * np.cos(angle), np.pi / 4)
     assert_allclose(exact / 3, 1.717, atol=1e-3)
     assert_allclose(function(icosphere(4, radius=3.0), "shape-diameter"), exact, rtol=0.02)
     box = trimesh.creation.box(extents=[4.0, 4.0, 0.2]).subdivide_to_size(0.3)
-    box.merge_vertices()  # which older versions leave to the caller
+    box.merge_vertices()  # older versions do not merge them
     mesh = TriangleMesh(box.vertices, box.faces)
     middle = np.abs(mesh.vertices[:, :2]).max(axis=1) < 1.5
     exact = cone_mean(lambda angle: 0.2 / np.cos(angle), np.pi)
@@ -210,7 +210,8 @@ def test_shape_diameter_of_the_sphere_and_of_a_plate():
     assert_allclose(function(mesh, "shape-diameter")[middle], exact, rtol=1e-5)
 
 
-def test_shape_diameter_fills_in_what_sees_nothing_and_refuses_flat_sheets():
+def test_shape_diameter_without_rays():
+    """Missing values are filled in, and flat sheets are refused."""
     f = function(open_cylinder(30, 10, height=1.0), "shape-diameter")
     assert f.min() > 1
     assert f.max() < 3
@@ -235,7 +236,8 @@ def test_extension_keeps_known_values_and_averages_the_rest():
 MODES = np.arange(12)  # of the interval [0, 1]: cos(pi n x)
 
 
-def test_eigenvalues_of_the_sphere_converge_to_l_l_plus_1_with_order_2():
+def test_eigenvalues_of_the_sphere_converge():
+    """They converge to l (l + 1) with order 2."""
     exact = np.repeat([0, 2, 6, 12], [1, 3, 5, 7])
     errors = [np.abs(eigenbasis(icosphere(s, radius=2.0), 16)[0] * 4 - exact).max() for s in (3, 4)]
     assert errors[1] < 0.1
@@ -256,7 +258,7 @@ def test_eigenbasis_solves_the_generalised_problem(mesh):
     assert np.abs(residual).max() < 1e-9 * values[-1]
 
 
-def test_eigenfunctions_are_scaled_signed_and_start_with_the_constant():
+def test_eigenfunctions_are_scaled_and_signed():
     mesh = TriangleMesh(square(20).vertices * [1.5, 1, 1], square(20).faces)
     assert_array_equal(function(mesh, "eigenfunction:0"), 1)
     f = function(mesh, "eigenfunction:1")
@@ -267,7 +269,8 @@ def test_eigenfunctions_are_scaled_signed_and_start_with_the_constant():
         assert vertex_areas(mesh) @ function(mesh, f"eigenfunction:{index}") ** 3 > -1e-6
 
 
-def test_the_sign_of_an_odd_eigenfunction_makes_the_first_large_vertex_positive():
+def test_sign_of_an_odd_eigenfunction():
+    """The value is positive at the first vertex with a large one."""
     x, y = np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-0.4, 0.4, 7), indexing="ij")
     corner = (np.arange(14)[:, None] * 7 + np.arange(6)).reshape(-1, 1)
     faces = np.concatenate([corner + np.array(steps) for steps in ([0, 7, 8], [0, 8, 1])])
@@ -276,7 +279,7 @@ def test_the_sign_of_an_odd_eigenfunction_makes_the_first_large_vertex_positive(
     assert_allclose(function(mesh, "eigenfunction:1"), exact, atol=0.05)
 
 
-def test_results_do_not_depend_on_what_was_computed_before():
+def test_results_do_not_depend_on_the_cache():
     fresh, used = torus(24, 12), torus(24, 12)
     eigenbasis(used.normalized(), 60)
     eigenbasis(used.normalized(), 3)
@@ -303,13 +306,13 @@ def test_signatures_are_one_on_the_sphere(spec):
 
 
 @pytest.mark.parametrize("spec", ["hks", "wks", "wks:energy=-50", "wks:energy=50,width=0.01"])
-def test_signatures_integrate_to_one_over_the_unit_area_surface(spec):
+def test_signatures_integrate_to_one(spec):
     mesh = torus(30, 15, R=10.0, r=4.0)
     assert_allclose(vertex_areas(mesh.normalized()) @ function(mesh, spec), 1, rtol=1e-9)
 
 
 def squared_modes(x):
-    """Squares of the orthonormal eigenfunctions of [0, 1] with zero slope at the ends, (12, n)."""
+    """Return squares of the orthonormal Neumann eigenfunctions of [0, 1], (12, n)."""
     return np.where(MODES > 0, 2, 1)[:, None] * np.cos(np.pi * MODES[:, None] * x) ** 2
 
 
@@ -326,6 +329,6 @@ def test_signatures_of_the_square():
     assert_allclose(function(mesh, "wks:energy=4,width=0.3"), exact, rtol=0.05)
 
 
-def test_signatures_use_at_most_the_pairs_there_are():
+def test_signatures_use_at_most_all_eigenpairs():
     for spec in ("hks:eigenpairs=1000", "wks:eigenpairs=1000"):
         assert_allclose(function(tetrahedron(), spec), 1, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Names of brain imaging files: what is put in comes out, in the order of BIDS."""
+"""BIDS names of brain imaging files: parsing, derived names, and the order of entities."""
 
 import pytest
 from hypothesis import given
@@ -16,7 +16,8 @@ extensions = st.sampled_from([".surf.gii", ".nii.gz", ".json", ".label.gii"])
 
 
 @given(entities=entities, suffix=words, extension=extensions, folder=words)
-def test_a_name_says_what_it_was_made_of_in_the_order_of_bids(entities, suffix, extension, folder):
+def test_bids_name_round_trip(entities, suffix, extension, folder):
+    """Entities have the order of BIDS."""
     name = bids_name("a", suffix=suffix, extension=extension, **entities)
     said = parse_bids_name(f"{folder}_b-c/{name}")
     assert said == (entities, suffix, extension)
@@ -26,7 +27,7 @@ def test_a_name_says_what_it_was_made_of_in_the_order_of_bids(entities, suffix, 
 
 
 @given(first=entities, second=entities, suffix=words)
-def test_what_is_given_takes_the_place_of_what_the_source_says(first, second, suffix):
+def test_arguments_replace_parts_of_the_source(first, second, suffix):
     source = bids_name("a", suffix=suffix, extension=".surf.gii", **first)
     name = bids_name(source, extension=".func.gii", **second)
     assert parse_bids_name(name) == (first | second, suffix, ".func.gii")
@@ -61,13 +62,13 @@ def test_any_name_is_parsed_or_none(name):
             {"sub": 100307, "den": "32k", "suffix": "midthickness"},
             "sub-100307_hemi-L_den-32k_midthickness.surf.gii",
         ),
-        # one that BIDS does not know stays before the description
+        # an unknown entity precedes the description
         ("sub-1_desc-a_atlas-b_x.label.gii", {"res": 2}, "sub-1_res-2_atlas-b_desc-a_x.label.gii"),
         ("tpl-fsaverage_hemi-R_sphere.surf.gii", {"hemi": None}, "tpl-fsaverage_sphere.surf.gii"),
         ("a.npy", {"sub": "a", "suffix": "x", "extension": ".tsv"}, "sub-a_x.tsv"),
     ],
 )
-def test_names_as_others_have_them(source, given, expected):
+def test_other_names_are_converted(source, given, expected):
     assert bids_name(source, **given) == expected
 
 
@@ -84,7 +85,7 @@ def test_names_as_others_have_them(source, given, expected):
         ("a.npy", {"sub": 1, "suffix": "a", "extension": "gii"}, ("gii",)),
     ],
 )
-def test_what_makes_no_name_is_refused(source, given, named):
+def test_invalid_names_are_refused(source, given, named):
     with raises(ParameterError, *named):
         bids_name(source, **given)
 
@@ -101,5 +102,5 @@ def test_what_makes_no_name_is_refused(source, given, named):
         *(("upright.off", None), ("hemi-X_L.gii", None)),
     ],
 )
-def test_names_say_the_hemisphere(name, side):
+def test_hemisphere_of_names(name, side):
     assert hemisphere(name) == side

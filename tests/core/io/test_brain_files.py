@@ -1,4 +1,4 @@
-"""Files of brain imaging that come out: as nibabel reads them, and as they are read here again."""
+"""Files for brain imaging, read by nibabel and by this library."""
 
 import getpass
 import os
@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
         *("a.surf.gii", "a.gii", "a.surf.gii.gz", "a.ply", "lh.white", "rh.sphere.reg", "LH.PIAL"),
     ],
 )
-def test_surfaces_come_back(tmp_path, name):
+def test_surfaces_round_trip(tmp_path, name):
     shape = torus(9, 7)
     write_surface(tmp_path / name, shape)
     mesh = load_mesh(tmp_path / name)
@@ -52,7 +52,7 @@ def test_surfaces_come_back(tmp_path, name):
     assert os.listdir(tmp_path) == [name]
 
 
-def test_surfaces_are_what_nibabel_expects(tmp_path):
+def test_surfaces_are_read_by_nibabel(tmp_path):
     write_surface(tmp_path / "lh.white.surf.gii", MESH)
     points, triangles = nibabel.load(tmp_path / "lh.white.surf.gii").darrays
     assert (points.intent, points.datatype) == (1008, 16)  # NIFTI_INTENT_POINTSET, FLOAT32
@@ -83,7 +83,7 @@ def test_surfaces_are_what_nibabel_expects(tmp_path):
     ],
 )
 @pytest.mark.parametrize("values", [VALUES, VALUES * 1e-30, np.stack([VALUES, np.cos(VALUES)], 1)])
-def test_values_come_back(tmp_path, name, values):
+def test_values_round_trip(tmp_path, name, values):
     write_values(tmp_path / name, values)
     found = read_values(tmp_path / name).table()
     is_single = name.lower().endswith((".gii", ".gz", ".mgh", ".mgz"))
@@ -104,7 +104,7 @@ def test_columns_keep_their_names(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["lh.sulc", "rh.thickness", "lh.abfm.area"])
-def test_values_of_freesurfer_come_back(tmp_path, name):
+def test_freesurfer_values_round_trip(tmp_path, name):
     write_values(tmp_path / name, VALUES[:, None])
     assert_array_equal(function(MESH, f"file:{tmp_path / name}"), VALUES.astype(np.float32))
     assert_array_equal(freesurfer.read_morph_data(tmp_path / name), VALUES.astype(np.float32))
@@ -112,7 +112,7 @@ def test_values_of_freesurfer_come_back(tmp_path, name):
         write_values(tmp_path / name, np.ones((COUNT, 2)))
 
 
-def test_values_may_be_none_at_vertices_without_any(tmp_path):
+def test_missing_values_round_trip(tmp_path):
     values = np.where(VALUES > 1, np.nan, VALUES)
     for name in ("a.func.gii", "lh.sulc", "a.txt"):
         write_values(tmp_path / name, values)
@@ -129,7 +129,7 @@ def test_values_may_be_none_at_vertices_without_any(tmp_path):
         ("a.func.gii", None, "NIFTI_INTENT_NONE", None),
     ],
 )
-def test_gifti_tells_intent_structure_and_single_precision(tmp_path, name, structure, intent, told):
+def test_gifti_intent_structure_and_precision(tmp_path, name, structure, intent, told):
     write_values(tmp_path / name, np.stack([VALUES, -VALUES], axis=1), structure)
     image = nibabel.load(tmp_path / name)
     expected = {"AnatomicalStructurePrimary": told} if told else {}
@@ -141,7 +141,7 @@ def test_gifti_tells_intent_structure_and_single_precision(tmp_path, name, struc
 
 
 @pytest.mark.parametrize("name", ["a.label.gii", "a.gii", "lh.a.label.gii.gz"])
-def test_labels_of_gifti_come_back(tmp_path, name):
+def test_gifti_labels_round_trip(tmp_path, name):
     write_labels(tmp_path / name, LABELS)
     found, keys = read_labels(tmp_path / name), np.maximum(LABELS.values, 0)
     assert_array_equal(found.values, keys)
@@ -164,8 +164,8 @@ colours = st.tuples(parts, parts, parts, parts)
     seed=st.integers(0, 99),
 )
 @settings(max_examples=60)
-def test_any_labels_come_back(folder, table, seed):
-    """From .annot files numbered anew, each vertex with the name that it had."""
+def test_any_labels_round_trip(folder, table, seed):
+    """Keys from .annot files are new numbers, but each vertex has the same name."""
     random = np.random.default_rng(seed)
     labels = Labels(
         random.choice(list(table), 9),
@@ -185,8 +185,8 @@ def test_any_labels_come_back(folder, table, seed):
     assert_array_equal(np.array(list(table))[found.values], labels.values)
 
 
-def test_annotations_keep_colours_that_tell_labels_apart(tmp_path):
-    """The others, black or alike, get the next ones; keys without a name get -1."""
+def test_annotations_keep_distinct_colors(tmp_path):
+    """Black or repeated colours become the next free ones; unnamed keys become -1."""
     red, blue = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.8)
     labels = Labels(
         np.array([7, 3, 9, 11, 12, 7]),
@@ -212,8 +212,8 @@ def test_annotations_keep_colours_that_tell_labels_apart(tmp_path):
         ("hand_left.ply", None),
     ],
 )
-def test_meshes_know_their_structure(tmp_path, name, structure):
-    """By the names of files of the field; results keep it, digests do not depend on it."""
+def test_meshes_have_a_structure(tmp_path, name, structure):
+    """It follows from the file name, and is stored in results. Digests do not depend on it."""
     sphere = icosphere(1)
     write_surface(tmp_path / name, sphere)
     mesh = load_mesh(tmp_path / name)
@@ -240,7 +240,7 @@ def test_meshes_know_their_structure(tmp_path, name, structure):
     ],
 )
 def test_gifti_names_missing_labels(tmp_path, keys, names, unknown, written):
-    """-1 is no label; GIFTI gives such vertices a key that is called unknown, never a real one."""
+    """Vertices without a label (-1) get a key named unknown, which has no other meaning."""
     write_labels(tmp_path / "a.label.gii", Labels(np.array(keys), names))
     found = read_labels(tmp_path / "a.label.gii")
     assert found.values.tolist() == [keys[0], unknown, keys[2]]
@@ -248,12 +248,13 @@ def test_gifti_names_missing_labels(tmp_path, keys, names, unknown, written):
 
 
 @pytest.mark.parametrize("name", ["a.npy", "a.csv", "a.txt"])
-def test_keys_alone_come_back(tmp_path, name):
+def test_label_keys_round_trip(tmp_path, name):
     write_labels(tmp_path / name, LABELS)
     assert_array_equal(read_column(tmp_path / name), LABELS.values)
 
 
-def test_the_same_data_makes_the_same_bytes_whenever_and_whoever_writes_them(tmp_path, monkeypatch):
+def test_equal_data_give_equal_files(tmp_path, monkeypatch):
+    """Files do not depend on the time or the user."""
     for name, write, data in (
         *((name, write_surface, MESH) for name in ("a.surf.gii", "a.surf.gii.gz", "lh.white")),
         *((name, write_values, VALUES) for name in ("lh.a.func.gii", "a.func.gii.gz", "lh.sulc")),
@@ -287,7 +288,7 @@ def test_the_same_data_makes_the_same_bytes_whenever_and_whoever_writes_them(tmp
         (write_labels, LABELS, "lh.annot.gz"),
     ],
 )
-def test_wrong_endings_are_refused_with_what_there_is(tmp_path, write, data, name):
+def test_unsupported_endings_are_refused(tmp_path, write, data, name):
     with raises(ResultError) as e:
         write(tmp_path / name, data)
     assert ".gii" in str(e.value)

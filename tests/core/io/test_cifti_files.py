@@ -1,4 +1,4 @@
-"""CIFTI files, as nibabel reads them."""
+"""CIFTI files, read by nibabel."""
 
 from pathlib import Path
 
@@ -16,10 +16,8 @@ VALUES = np.array([[0.25, 1.0], [np.nan, np.nan], [-2.0, 3.0], [np.nan, 5.0]])
 
 
 @pytest.mark.parametrize(("side", "structure"), [("L", "CORTEX_LEFT"), ("R", "CORTEX_RIGHT")])
-def test_scalars_leave_out_vertices_without_values(
-    tmp_path: Path, side: str, structure: str
-) -> None:
-    """The cortex of the file is where a column has a value; names, side and vertices are kept."""
+def test_scalars_omit_vertices_without_values(tmp_path: Path, side: str, structure: str) -> None:
+    """Vertices with a value in any column are stored, with names and hemisphere."""
     path = tmp_path / f"hemi-{side}_a.dscalar.nii"
     write_values(path, VALUES, names=["one", "two"])
     image = nibabel.load(path)
@@ -31,7 +29,7 @@ def test_scalars_leave_out_vertices_without_values(
     assert_array_equal(image.get_fdata(), VALUES[[0, 2, 3]].T)
 
 
-def test_series_has_a_frame_a_column(tmp_path: Path) -> None:
+def test_series_has_a_frame_for_each_column(tmp_path: Path) -> None:
     write_values(tmp_path / "a.dtseries.nii", VALUES, "CortexRight")
     image = nibabel.load(tmp_path / "a.dtseries.nii")
     assert len(image.header.get_axis(0)) == 2
@@ -49,8 +47,8 @@ def test_series_has_the_times_of_its_frames(tmp_path: Path) -> None:
         write_values(path, np.ones((4, 3)), "CortexLeft", times=[0, 1, 3])
 
 
-def test_labels_keep_keys_names_and_colours(tmp_path: Path) -> None:
-    """A key without a name is called by its number; no label, -1, is the one called "???"."""
+def test_labels_keep_keys_names_and_colors(tmp_path: Path) -> None:
+    """A key without a name has its number as name; -1 (no label) is named "???"."""
     labels = Labels(np.array([3, 0, -1, 7]), {0: "???", 3: "Ä & <b>"}, {3: (0.2, 0.4, 0.6, 0.8)})
     write_labels(tmp_path / "lh.a.dlabel.nii", labels)
     image = nibabel.load(tmp_path / "lh.a.dlabel.nii")

@@ -1,4 +1,4 @@
-"""Result files: what was saved comes back, also of matches, and files that lie are refused."""
+"""Result files: round trips, also of matches, and errors for invalid files."""
 
 import io
 import json
@@ -29,7 +29,7 @@ from tests.shapes import icosphere, square, with_loose_vertex
 
 
 def result_arrays():
-    """What a match of two channels with three fields on a square of 16 vertices leaves."""
+    """Return arrays of a match with two channels and three fields on a square."""
     mesh, random = square(3), np.random.default_rng(7)
     vertices, faces = len(mesh.vertices), len(mesh.faces)
     functions = {n: random.normal(size=(vertices, 2)) for n in ("source", "target", "advected")}
@@ -57,7 +57,7 @@ def path(tmp_path):
 
 
 def saved_by_numpy(path, **changes):
-    """A result file with some arrays changed, or left out where None, behind the writer's back."""
+    """Write a result file by NumPy, with some arrays changed, or omitted if None."""
     arrays = {"format_version": FORMAT_VERSION, **result_arrays(), **changes}
     np.savez(path, **{name: value for name, value in arrays.items() if value is not None})
 
@@ -65,9 +65,9 @@ def saved_by_numpy(path, **changes):
 error_line = partial(refusal, load_arrays)
 
 
-@pytest.mark.parametrize(("left_out", "is_open"), [((), False), (("mask",), True)])
-def test_everything_comes_back_exactly(path, left_out, is_open):
-    given = {name: value for name, value in result_arrays().items() if name not in left_out}
+@pytest.mark.parametrize(("omitted", "is_open"), [((), False), (("mask",), True)])
+def test_arrays_round_trip(path, omitted, is_open):
+    given = {name: value for name, value in result_arrays().items() if name not in omitted}
     file = io.BytesIO() if is_open else path
     save_arrays(file, given)
     loaded = load_arrays(file)
@@ -76,8 +76,9 @@ def test_everything_comes_back_exactly(path, left_out, is_open):
         assert_array_equal(loaded[name], value, err_msg=name, strict=True)
 
 
-def test_it_is_plain_numpy_with_the_parameters_as_json_text_and_always_the_same_bytes(path):
-    again = path.with_name("result")  # a name is kept without suffix
+def test_file_is_plain_numpy_and_reproducible(path):
+    """The parameters are a JSON text."""
+    again = path.with_name("result")  # no suffix is added to the name
     for each in (path, again):
         save_arrays(each, result_arrays())
     assert sorted(os.listdir(path.parent)) == ["m.npz", "result"]
@@ -91,7 +92,8 @@ def test_it_is_plain_numpy_with_the_parameters_as_json_text_and_always_the_same_
         assert file["velocity"].shape == (3, 18, 3)
 
 
-def test_other_number_types_are_converted_and_arrays_of_later_versions_ignored(path):
+def test_number_types_are_converted(path):
+    """Unknown arrays are ignored."""
     arrays = result_arrays()
     faces, velocity = arrays["faces"].astype(np.uint16), arrays["velocity"].astype(">f4")
     saved_by_numpy(path, faces=faces, velocity=velocity, residual=1, colour=np.ones(3))
@@ -137,7 +139,7 @@ def test_other_number_types_are_converted_and_arrays_of_later_versions_ignored(p
         ({"source": np.array([[{}]], dtype=object)}, ()),
     ],
 )
-def test_wrong_content_is_named(path, change, named):
+def test_invalid_arrays_are_named(path, change, named):
     saved_by_numpy(path, **change)
     message = error_line(path)
     check_message(message, *named)
@@ -156,7 +158,7 @@ def test_other_files_are_refused(tmp_path, path):
     assert "directory" in error_line(tmp_path)
 
 
-def test_damage_is_noticed(path):
+def test_damage_is_detected(path):
     given = result_arrays()
     save_arrays(path, given)
     whole = path.read_bytes()
@@ -172,7 +174,7 @@ def test_damage_is_noticed(path):
         check_message(error_line(path))
 
 
-def test_what_would_not_load_is_not_saved(path):
+def test_invalid_arrays_are_not_saved(path):
     nans = result_arrays() | {"velocity": np.full((1, 18, 3), np.nan)}
     with raises(
         ResultError,
@@ -203,11 +205,13 @@ def saved(path, result):
 
 
 def put(path, **arrays):
-    """Write a result anew with other arrays; bytes are put as they are."""
+    """Write a result again with other arrays; bytes are written unchanged."""
     hostile.rewrite(path, {f"{name}.npy": array for name, array in arrays.items()})
 
 
-def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved):
+def test_changed_header_byte_is_detected(saved):
+    """The zip itself is valid."""
+
     def same_shape(loaded):
         assert loaded.velocity.shape == (1, F, 3)
 
@@ -278,12 +282,12 @@ def parameters(more):
         ("channels_given", npy_of("()", "|b1", b"\x02"), (0, 1)),
     ],
 )
-def test_values_that_make_no_sense_are_named(saved, name, value, named):
+def test_invalid_values_are_named(saved, name, value, named):
     put(saved, **{name: value})
     check_message(match_error(saved), *named)
 
 
-def test_a_vertex_that_no_face_uses_is_refused(saved):
+def test_unused_vertex_is_refused(saved):
     arrays = load_arrays(saved)
     kept = ~(arrays["faces"] == V - 1).any(axis=1)
     put(saved, faces=arrays["faces"][kept], velocity=arrays["velocity"][:, kept])
@@ -291,7 +295,7 @@ def test_a_vertex_that_no_face_uses_is_refused(saved):
         check_message(refused(saved), 1, V)
 
 
-def test_vertices_that_the_mesh_file_had_besides_need_no_room(saved):
+def test_unused_file_vertices_need_no_memory(saved):
     assert load(saved).mesh.messages == SPHERE.messages
     sparse = saved.with_name("sparse.npz")
     shutil.copy(saved, sparse)
@@ -300,7 +304,7 @@ def test_vertices_that_the_mesh_file_had_besides_need_no_room(saved):
         "import sys, abfm; from tests import peak_memory\n"
         "abfm.load(sys.argv[1]); before = peak_memory.megabytes()\n"
         "mesh = abfm.load(sys.argv[2]).mesh; print(mesh.file_vertex_count, *mesh.messages)\n"
-        "print(peak_memory.megabytes() - before < 8)  # not a byte for each"
+        "print(peak_memory.megabytes() - before < 8)  # less than a byte for each vertex"
     )
     done = python(code, saved, sparse, check=True, cwd=ROOT)
     assert done.stdout == (
@@ -309,7 +313,8 @@ def test_vertices_that_the_mesh_file_had_besides_need_no_room(saved):
     )
 
 
-def test_extreme_values_load_and_members_that_are_not_listed_are_not_read(saved):
+def test_extreme_values_are_loaded(saved):
+    """Unknown members of the zip are not read."""
     put(saved, source=1e-160 * ONES, target=1e150 * ONES, velocity=1e140 * FIELD)
     assert load(saved).source.max() == 1e-160
     content = members(saved)
@@ -319,7 +324,7 @@ def test_extreme_values_load_and_members_that_are_not_listed_are_not_read(saved)
         assert load(saved).residual >= 0
 
 
-def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):
+def test_decompressed_size_is_limited(saved, tmp_path):
     content = members(saved)
     data = npy_of("(2, 40000000)", "|u1", bytes(80_000_000))
     saved.write_bytes(zipped(content | {"source.npy": data}, zipfile.ZIP_DEFLATED))
@@ -335,7 +340,8 @@ def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):
         assert all(archive.read(name) for name in names)
 
 
-def test_a_zip_that_lies_about_a_size_or_names_an_entry_in_no_text_is_refused(saved):
+def test_invalid_zip_headers_are_refused(saved):
+    """Sizes are wrong, or a name is not valid UTF-8."""
     packed, named = hostile.bomb(64 << 20), bytearray(saved.read_bytes())
     whole = zipped(members(saved) | {"mask.npy": packed})
     named[7] |= 8  # the name of the first entry is UTF-8
@@ -349,8 +355,8 @@ def test_a_zip_that_lies_about_a_size_or_names_an_entry_in_no_text_is_refused(sa
             match_error(saved)
 
 
-def test_own_files_may_be_larger_than_those_of_others(path, monkeypatch):
-    """As those of films with thousands of frames are."""
+def test_result_files_may_be_larger_than_others(path, monkeypatch):
+    """As those of sequences with thousands of frames."""
     save_arrays(path, result_arrays())
     size = path.stat().st_size
     monkeypatch.setattr(regular_files, "FILE_BYTES_MAX", size // 100)
@@ -360,7 +366,7 @@ def test_own_files_may_be_larger_than_those_of_others(path, monkeypatch):
     assert_array_equal(load_arrays(path)["velocity"], result_arrays()["velocity"])
     packed = result_arrays() | {"energy_history": np.zeros((size, 3))}
     np.savez_compressed(path, format_version=FORMAT_VERSION, **packed)
-    check_message(error_line(path))  # what is packed is bounded as before
+    check_message(error_line(path))  # the limit of compressed data does not change
 
 
 def test_devices_and_pipes_are_refused(tmp_path):
@@ -386,17 +392,17 @@ def file(whole, path):
     return path
 
 
-def test_a_match_goes_to_another_process_without_what_was_computed_from_it(whole):
-    prepare(whole.mesh, Parameters.of(levels=2))  # keeps a coarser mesh and a lock
+def test_match_is_pickled_without_caches(whole):
+    prepare(whole.mesh, Parameters.of(levels=2))  # caches a coarser mesh and a lock
     there = whole.advect([-0.5, 0.5, 1.0])
     sent = pickle.dumps(whole)
-    assert len(sent) < 200_000  # the memory that flows work in alone is larger
+    assert len(sent) < 200_000  # working memory of flows would be larger
     came = pickle.loads(sent)
     assert_array_equal(came.advect([-0.5, 0.5, 1.0]), there)
     assert not came.mesh.vertices.flags.writeable
 
 
-def test_what_is_not_known_stays_unknown(path):
+def test_unknown_values_round_trip(path):
     control, f = Control(), bump(MESH, [0, 0, 1], 0.2)
     control.cancel(skip_checks=True)
     whole = match(MESH, f, f[::-1].copy(), control=control)
@@ -406,7 +412,8 @@ def test_what_is_not_known_stays_unknown(path):
         assert one.stop_reason == "cancelled"
 
 
-def test_remedies_come_back_and_files_without_them_have_none(whole, file):
+def test_remedies_round_trip(whole, file):
+    """Files without remedies are loaded without any."""
     closer = Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1})
     remedies = Remedy("Continue", "go on", {}, True), closer
     judged = replace(whole, verdict=replace(whole.verdict, remedies=remedies))

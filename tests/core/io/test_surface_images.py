@@ -1,4 +1,4 @@
-"""Surface images of nilearn, in and out."""
+"""Conversion from and to surface images of nilearn."""
 
 import sys
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ RANDOM = np.random.default_rng(0)
 
 
 @pytest.mark.parametrize("columns", [(), (1,), (3,)])
-def test_parts_come_back(columns):
+def test_parts_round_trip(columns):
     parts = {
         name: (mesh, RANDOM.normal(size=(len(mesh.vertices), *columns)))
         for name, mesh in (("left", LEFT), ("right", RIGHT))
@@ -34,8 +34,8 @@ def test_parts_come_back(columns):
         assert_array_equal(found[name][1], values)
 
 
-def test_images_of_one_side_and_of_files_are_read(tmp_path):
-    """With values and vertices as the file counts them."""
+def test_images_of_one_hemisphere_are_read(tmp_path):
+    """Values and vertices are numbered as in the file."""
     values = np.arange(len(LEFT.vertices) + 1)
     loose = with_loose_vertex(LEFT)
     vertices = np.insert(LEFT.vertices, 5, 9.0, axis=0)
@@ -54,7 +54,7 @@ def test_images_of_one_side_and_of_files_are_read(tmp_path):
     assert_array_equal(found.ravel(), single[:, 0])
 
 
-def test_what_is_made_does_not_change_with_the_image():
+def test_result_is_independent_of_the_image():
     values = np.zeros(len(LEFT.vertices))
     image = to_surface_image({"left": (LEFT, values)})
     image.data.parts["left"][:] = 1
@@ -64,12 +64,12 @@ def test_what_is_made_does_not_change_with_the_image():
 
 
 @pytest.mark.parametrize("given", [None, 3, "image", SimpleNamespace(mesh=1, data=2)])
-def test_what_is_no_image_is_refused(given):
+def test_other_objects_are_refused(given):
     with raises(ResultError, "SurfaceImage"):
         from_surface_image(given)
 
 
-def test_parts_that_cannot_be_used_are_named():
+def test_invalid_parts_are_named():
     two = np.concatenate([LEFT.vertices, LEFT.vertices + 9])
     faces = np.concatenate([LEFT.faces, LEFT.faces + len(LEFT.vertices)])
     image = SurfaceImage(PolyMesh(left=InMemoryMesh(two, faces)), PolyData(left=two[:, 0]))
@@ -100,12 +100,12 @@ def test_parts_that_cannot_be_used_are_named():
         ),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(parts, named):
+def test_inconsistent_parts_are_refused(parts, named):
     with raises(ResultError, *named):
         to_surface_image(parts)
 
 
-def test_without_nilearn_it_is_said_what_to_install(monkeypatch):
+def test_missing_nilearn_is_reported(monkeypatch):
     monkeypatch.setitem(sys.modules, "nilearn.surface", None)
     with raises(ResultError, "abfm[brain]"):
         to_surface_image({"left": (LEFT, np.ones(42))})

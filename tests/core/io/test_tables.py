@@ -1,4 +1,4 @@
-"""Tables for spreadsheets: texts never become formulas or control characters."""
+"""Tables for spreadsheets, without formulas and control characters in texts."""
 
 import csv
 
@@ -28,7 +28,7 @@ from abfm.io import write_csv
         (True, "True"),
     ],
 )
-def test_cells_are_neutral(tmp_path, cell, expected):
+def test_cells_cannot_be_formulas(tmp_path, cell, expected):
     write_csv(tmp_path / "a.csv", [["first", cell]])
     with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as file:
         assert list(csv.reader(file)) == [["first", expected]]

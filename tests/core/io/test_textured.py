@@ -1,4 +1,4 @@
-"""Surfaces written with an image on them: read again by the library, and by trimesh."""
+"""Textured surfaces, read by this library and by trimesh."""
 
 import io
 
@@ -28,7 +28,7 @@ def png(pixels=PIXELS):
 
 @pytest.mark.parametrize("name", ["a.obj", "a b.OBJ", "a.glb"])
 @pytest.mark.parametrize("mesh", [MESH, open_cylinder(5, 2)])
-def test_what_is_written_is_read_again(tmp_path, name, mesh):
+def test_textured_surfaces_round_trip(tmp_path, name, mesh):
     places = np.random.default_rng(1).uniform(size=(len(mesh.faces), 3, 2))
     path = tmp_path / name
     write_textured(path, mesh, places, png(), "MASK")
@@ -44,24 +44,24 @@ def test_what_is_written_is_read_again(tmp_path, name, mesh):
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a.glb"])
-def test_trimesh_shows_the_same(tmp_path, name):
+def test_trimesh_reads_the_same_texture(tmp_path, name):
     write_textured(tmp_path / name, MESH, PLACES, png(), "BLEND")
-    theirs = trimesh.load(tmp_path / name, process=False, force="mesh")
-    corners = theirs.vertices[theirs.faces]
+    found = trimesh.load(tmp_path / name, process=False, force="mesh")
+    corners = found.vertices[found.faces]
     assert_allclose(corners, MESH.vertices[MESH.faces], atol=1e-7)
-    assert_allclose(theirs.visual.uv[theirs.faces], PLACES, atol=1e-6)
-    material = theirs.visual.material
+    assert_allclose(found.visual.uv[found.faces], PLACES, atol=1e-6)
+    material = found.visual.material
     image = material.image if name == "a.obj" else material.baseColorTexture
     assert_array_equal(np.asarray(image), PIXELS)
 
 
-def test_obj_keeps_every_digit(tmp_path):
+def test_obj_has_all_digits(tmp_path):
     moved = TriangleMesh(MESH.vertices / 3 + 1e6, MESH.faces)
     write_textured(tmp_path / "a.obj", moved, PLACES, png())
     assert_array_equal(load_mesh(tmp_path / "a.obj").vertices, moved.vertices)
 
 
-def test_what_was_there_stays_whole_if_one_file_cannot_be_written(tmp_path):
+def test_failed_write_keeps_existing_files(tmp_path):
     path = tmp_path / "a.obj"
     write_textured(path, MESH, PLACES, png())
     before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
@@ -83,13 +83,13 @@ def test_what_was_there_stays_whole_if_one_file_cannot_be_written(tmp_path):
         ("a  b.obj", ()),
     ],
 )
-def test_names_that_files_cannot_have_are_refused(tmp_path, name, named):
+def test_invalid_names_are_refused(tmp_path, name, named):
     with raises(ResultError, *named):
         write_textured(tmp_path / name, MESH, PLACES, png())
     assert not [*tmp_path.iterdir()]
 
 
-def test_what_single_precision_does_not_hold_is_refused(tmp_path):
+def test_lost_precision_is_refused(tmp_path):
     far = TriangleMesh(MESH.vertices + 1e8, MESH.faces)
     with raises(ResultError, ".obj"):
         write_textured(tmp_path / "a.glb", far, PLACES, png())

@@ -1,4 +1,4 @@
-"""Files that are replaced as a whole, temporary ones that do not stay, and exports."""
+"""Atomic replacement of files, removal of temporary files, and exports."""
 
 import csv
 import os
@@ -38,7 +38,7 @@ def written(path, text="new"):
 
 
 def refusal(path):
-    """The one line with which both the check and the writer refuse a path, and leave nothing."""
+    """Return the error of both the check and the writer, which leave no files."""
 
     def there():
         return sorted(path.parent.iterdir()) if path.parent.is_dir() else []
@@ -68,8 +68,8 @@ def make_socket(path):
         (lambda path: path.symlink_to("/dev/null"), "device"),
     ],
 )
-def test_what_is_no_file_is_not_replaced(tmp_path, monkeypatch, make, named):
-    monkeypatch.chdir(tmp_path)  # names of sockets are short
+def test_special_files_are_not_replaced(tmp_path, monkeypatch, make, named):
+    monkeypatch.chdir(tmp_path)  # as names of sockets must be short
     make(Path("m.npz"))
     kind = stat.S_IFMT(os.stat("m.npz").st_mode)
     check_message(refusal(tmp_path / "m.npz"), named)
@@ -77,7 +77,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path, monkeypatch, make, named):
 
 
 @pytest.mark.parametrize("name", ["a" * 256, "none/m.npz", "file/m.npz", "m\0.npz", "loop"])
-def test_places_without_room_for_a_file_are_refused(tmp_path, name):
+def test_invalid_paths_are_refused(tmp_path, name):
     (tmp_path / "file").touch()
     (tmp_path / "loop").symlink_to("loop")
     check_message(refusal(tmp_path / name))
@@ -86,15 +86,15 @@ def test_places_without_room_for_a_file_are_refused(tmp_path, name):
 @pytest.mark.parametrize(
     "name", ["a" * 251 + ".npz", "a." + "b" * 253, "ä" * 125 + ".npz", "." * 9]
 )
-def test_names_as_long_as_the_system_takes_are_written(tmp_path, name):
+def test_longest_names_are_written(tmp_path, name):
     check_writable(tmp_path / name)
     written(tmp_path / name)
     assert os.listdir(tmp_path) == [name]
 
 
 @pytest.mark.parametrize("raised", [OSError(28, "No space left on device"), None])
-def test_an_error_of_the_block_is_not_hidden_by_what_tidies_up(tmp_path, raised):
-    """Nor the folder's, which goes while it is written to."""
+def test_cleanup_does_not_hide_the_error(tmp_path, raised):
+    """The folder may also disappear while it is written to."""
 
     def write():
         with write_atomically(tmp_path / "folder" / "m.npz") as temporary:
@@ -112,15 +112,15 @@ def test_an_error_of_the_block_is_not_hidden_by_what_tidies_up(tmp_path, raised)
 
 @pytest.fixture
 def old(tmp_path):
-    """The path of a file that is there."""
+    """Return the path of an existing file."""
     path = tmp_path / "m.npz"
     written(path, "old")
     yield path
     assert os.listdir(tmp_path) == ["m.npz"]
 
 
-def test_a_full_disk_leaves_the_old_file_whole(old):
-    """The limit of a file's size stands for it."""
+def test_full_disk_keeps_the_old_file(old):
+    """A limit of the file size simulates the full disk."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
@@ -133,7 +133,7 @@ def test_a_full_disk_leaves_the_old_file_whole(old):
     assert old.read_text() == "old"
 
 
-def test_an_interrupt_leaves_the_old_file(old):
+def test_interrupt_keeps_the_old_file(old):
     def interrupted():
         with write_atomically(old) as temporary:
             temporary.write_text("half")
@@ -144,7 +144,7 @@ def test_an_interrupt_leaves_the_old_file(old):
     assert old.read_text() == "old"
 
 
-def test_the_data_is_on_the_disk_before_the_old_file_goes(old, monkeypatch):
+def test_data_are_synced_before_the_replacement(old, monkeypatch):
     flushed = []
     monkeypatch.setattr(os, "fsync", lambda _: flushed.append(old.read_text()))
     written(old)
@@ -152,13 +152,14 @@ def test_the_data_is_on_the_disk_before_the_old_file_goes(old, monkeypatch):
 
 
 @pytest.mark.parametrize("mode", [0o600, 0o644])
-def test_permissions_stay(old, mode):
+def test_permissions_are_preserved(old, mode):
     old.chmod(mode)
     written(old)
     assert stat.S_IMODE(old.stat().st_mode) == mode
 
 
-def test_a_new_file_gets_the_usual_permissions_and_a_link_keeps_pointing(tmp_path):
+def test_new_files_have_default_permissions(tmp_path):
+    """A symbolic link still points to the replaced file."""
     (tmp_path / "usual").touch()
     (tmp_path / "link").symlink_to(tmp_path / "new.gz")
     with write_atomically(tmp_path / "link") as temporary:
@@ -182,7 +183,8 @@ with temporary_file(place, ".npz") as file, temporary_folder(place) as folder:
 """
 
 
-def test_what_a_killed_process_left_goes_with_the_next_write_and_not_before_it_is_killed(tmp_path):
+def test_files_of_killed_processes_are_removed(tmp_path):
+    """The next write removes them, but not before the process is killed."""
     command = [sys.executable, "-c", KILLED, str(tmp_path)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
@@ -198,9 +200,8 @@ def test_what_a_killed_process_left_goes_with_the_next_write_and_not_before_it_i
     assert os.listdir(tmp_path) == ["m.npz"]
 
 
-def test_a_folder_that_is_taken_for_abandoned_as_soon_as_it_is_made_is_made_again(
-    tmp_path, monkeypatch
-):
+def test_removed_folder_is_created_again(tmp_path, monkeypatch):
+    """Another process may remove it before it is locked."""
     mkdir, made = Path.mkdir, []
 
     def removed_once(path, mode):
@@ -216,8 +217,8 @@ def test_a_folder_that_is_taken_for_abandoned_as_soon_as_it_is_made_is_made_agai
     assert os.listdir(tmp_path) == []
 
 
-def test_others_files_are_left_alone(tmp_path):
-    # of another machine, or of nobody
+def test_files_of_other_computers_are_kept(tmp_path):
+    # of another computer, or of no process
     names = [".abfm-00000000-0123456789ab.npz", ".m-0123456789ab.npz", ".abfm"]
     for name in names:
         (tmp_path / name).touch()
@@ -225,21 +226,21 @@ def test_others_files_are_left_alone(tmp_path):
     assert sorted(os.listdir(tmp_path)) == sorted([*names, "m.npz"])
 
 
-def test_many_writers_of_one_folder_do_not_disturb_one_another(tmp_path):
+def test_concurrent_writers_of_one_folder(tmp_path):
     def write(number):
         for _ in range(20):
             written(tmp_path / f"{number}.txt", str(number))
 
     with ThreadPoolExecutor(8) as pool:
-        list(pool.map(write, range(8)))  # raises what they raise
+        list(pool.map(write, range(8)))  # raises their errors
     found = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert found == {f"{n}.txt": str(n) for n in range(8)}
 
 
-def test_a_process_that_ends_at_once_can_remove_what_it_has_in_use(tmp_path):
+def test_temporary_files_can_be_removed_at_exit(tmp_path):
     with temporary_file(tmp_path), temporary_folder(tmp_path) as folder:
         (folder / "frame").touch()
-        assert stat.S_IMODE(folder.stat().st_mode) == 0o700  # the user's own
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700  # private
         assert len(os.listdir(tmp_path)) == 2
         remove_temporary()
         assert os.listdir(tmp_path) == []
@@ -255,7 +256,7 @@ AREA, VELOCITY = RANDOM.uniform(size=70), RANDOM.normal(size=(70, 3))
 
 
 def read_vtu(path):
-    """Every array of a VTU file with raw appended data, by name, as the format describes it."""
+    """Return all arrays of a VTU file with raw appended data, by name."""
     head, _, data = path.read_bytes().partition(b'<AppendedData encoding="raw">')
     data = data[data.index(b"_") + 1 :]
     root = ElementTree.fromstring(head + b"</VTKFile>")
@@ -277,7 +278,7 @@ def columns(arrays, name, count):
     return np.stack([np.ravel(arrays[f"{name}_{k}"]) for k in range(count)], axis=1)
 
 
-def test_vtu_keeps_every_digit(tmp_path):
+def test_vtu_has_all_digits(tmp_path):
     path = tmp_path / "a.b.vtu"
     points = {"f": F, "colours": COLOURS, "map": MAP}
     cells = {"area": AREA, "velocity": VELOCITY, "flipped": AREA > 0.5}
@@ -291,7 +292,8 @@ def test_vtu_keeps_every_digit(tmp_path):
         assert_array_equal(arrays[name], wanted)
 
 
-def test_ply_keeps_every_digit_and_without_data_is_a_plain_mesh(tmp_path):
+def test_ply_has_all_digits(tmp_path):
+    """Without data, the file is a simple mesh."""
     path = tmp_path / "a.ply"
     export_ply(path, MESH, {"f": F, "colours": COLOURS}, {"area": AREA, "velocity": VELOCITY})
     read = trimesh.load_mesh(path, process=False)
@@ -318,7 +320,7 @@ def test_ply_keeps_every_digit_and_without_data_is_a_plain_mesh(tmp_path):
         ({"f": np.ones((35, 2)), "f_1": np.ones(35)}, {}, ("f_1",)),
     ],
 )
-def test_data_that_does_not_fit_is_refused(tmp_path, points, cells, named):
+def test_invalid_data_are_refused(tmp_path, points, cells, named):
     for export, name in ((export_ply, "a.ply"), (export_vtu, "a.vtu")):
         with raises(ResultError, *named):
             export(tmp_path / name, MESH, points, cells)

@@ -1,4 +1,4 @@
-"""Mesh files that make their readers work and keep as much as files of their size can."""
+"""Mesh files that need as much time and memory as files of their size can."""
 
 import base64
 import gzip
@@ -11,7 +11,7 @@ import numpy as np
 
 
 def filled(beginning, piece, size, end=b""):
-    """The piece again and again, as often as the size allows."""
+    """Return the piece repeated as often as the size allows, with a beginning and an end."""
     return beginning + piece * ((size - len(beginning) - len(end)) // len(piece)) + end
 
 
@@ -26,7 +26,7 @@ BINARY = "binary_little_endian"
 
 
 def _ply(kind, vertices, faces, corners=CORNERS, xyz=XYZ):
-    """The header of a mesh of so many vertices and faces."""
+    """Return the header of a mesh with these numbers of vertices and faces."""
     counts = f"element vertex {vertices}", f"element face {faces}"
     return ply_header(kind, counts[0], *xyz, counts[1], corners)
 
@@ -43,7 +43,7 @@ def _view(length, offset=0):
 
 
 def gltf_header(**changes):
-    """Of a scene with one triangle in 48 bytes; anything can be replaced."""
+    """Return the header of a scene with one triangle in 48 bytes, with changes."""
     header = {
         "asset": {"version": "2.0"},
         "scene": 0,
@@ -70,7 +70,7 @@ def glb(header, data=TRIANGLE):
 
 
 def _grid(side):
-    """Vertices (side^2, 3) and faces of a bumpy square."""
+    """Return the vertices (side^2, 3) and faces of a bumpy square."""
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(side), np.arange(side), indexing="ij"))
     a = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
     lower, upper = (a, a + side, a + 1), (a + 1, a + side, a + side + 1)
@@ -128,7 +128,7 @@ def _off_rows(size, face, share):
 
 
 def _polygon(size, kind):
-    """A single polygon with as many corners as fit, a circle or a random jagged star."""
+    """Return one polygon with as many corners as fit: a circle or a random jagged star."""
     count = size // 52
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     radius = 1 + (0 if kind == "convex" else 0.5) * np.random.default_rng(0).random(count)
@@ -138,7 +138,7 @@ def _polygon(size, kind):
 
 
 def _polygons(size, corners, radius, kind):
-    """As many polygons of so many corners as fit, around one circle that goes up and down."""
+    """Return as many polygons as fit, all around one circle with alternating radii."""
     angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)
     rings = np.resize(radius, corners)
     points = np.stack([rings * np.cos(angle), rings * np.sin(angle)], axis=1)
@@ -154,7 +154,10 @@ def _polygons(size, corners, radius, kind):
 
 
 def _fans_of_all(size):
-    """Polygons of 255 corners among 65,536 vertices of a plane: two bytes for a triangle."""
+    """Return polygons of 255 corners among 65,536 vertices of a plane.
+
+    Each triangle needs two bytes.
+    """
     random, count = np.random.default_rng(0), size * 19 // 20 // 511
     x, y = random.integers(-30000, 30000, (2, 65536))
     x[0] = -32000
@@ -171,7 +174,7 @@ def _fans_of_all(size):
 
 
 def _deflated_zeros(size):
-    """What zlib makes of so many zeros, which are never all in memory."""
+    """Return zeros compressed by zlib, without creating all of them in memory."""
     stream, piece = zlib.compressobj(9), bytes(min(size, 10**6))
     return b"".join(stream.compress(piece) for _ in range(size // len(piece))) + stream.flush()
 
@@ -217,7 +220,7 @@ _REPEATED = {
     "one_label.gii": (b'<GIFTI><Label Key="1">', b"a", b"</Label></GIFTI>"),
     "lines.white": (b"\xff\xff\xfe", b"a", b""),
 }
-"""How a file begins, what is repeated in it, and how it ends."""
+"""Beginning, repeated piece, and end of each file."""
 _POINTS = (
     b'<GIFTI><DataArray Intent="NIFTI_INTENT_POINTSET" DataType="NIFTI_TYPE_FLOAT32" '
     b'Dimensionality="2" Dim0="%d" Dim1="3" %s><Data>'
@@ -247,7 +250,7 @@ _ROWS = {
     ),
     "length.ply": (lambda size: ply_header(BINARY, *_LONG_LIST), b"\x7f"),
 }
-"""A header that depends on the size, and the same row again and again."""
+"""Function of the size that returns the header, and the repeated row."""
 
 
 def _text_ply(size):
@@ -256,7 +259,7 @@ def _text_ply(size):
 
 
 def _many_nodes(size):
-    """A node for every few bytes, and a scene that names the first again and again."""
+    """Return a file with a node for every few bytes; the scene repeats the first node."""
     text = json.dumps(gltf_header(nodes=["NODES"], scenes=[{"nodes": ["SCENE"]}]))
     nodes = '{"mesh":0},' * (size // 15) + '{"mesh": 0}'
     text = text.replace('"NODES"', nodes).replace('"SCENE"', "0," * (size // 10) + "0")
@@ -343,4 +346,4 @@ HEAVY = {
     "ascii.gii": _ascii_gifti,
     "deflated.gii": _deflated_gifti,
 }
-"""Name of the file: its contents of about so many bytes, which make a reader work hard."""
+"""Functions of the size that return the contents of files which are expensive to read."""

@@ -1,4 +1,4 @@
-"""Meshes that come with the package."""
+"""Meshes included in the package."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from abfm.mesh import load_mesh
 from tests.messages import raises
 
 
-def test_names_lead_to_files_with_a_source_and_licence():
+def test_assets_have_source_and_licence():
     readme = (asset_path("eight.off").parent / "README.md").read_text(encoding="utf-8")
     assert "human_A.off" in asset_names()
     for name in asset_names():
@@ -16,7 +16,7 @@ def test_names_lead_to_files_with_a_source_and_licence():
         assert f"`{name}`" in readme
 
 
-def test_unknown_name_suggests_the_nearest():
+def test_unknown_asset_suggests_a_similar_name():
     with raises(MeshError, "human_a.off"):
         asset_path("human_a.off")
     with raises(MeshError, "eight.off"):
@@ -25,7 +25,8 @@ def test_unknown_name_suggests_the_nearest():
         asset_path("../pyproject.toml")
 
 
-def test_human_symmetry_is_an_involution_that_maps_faces_to_faces():
+def test_human_symmetry_maps_faces_to_faces():
+    """The symmetry is an involution."""
     opposite = np.loadtxt(asset_path("human.symperm.txt"), dtype=int)
     mesh = load_mesh(asset_path("human_A.off"))
     np.testing.assert_array_equal(opposite[opposite], np.arange(len(mesh.vertices)))

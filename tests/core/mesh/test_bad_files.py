@@ -1,4 +1,4 @@
-"""Mesh files that cannot be used: one line that says why, and no more work than they are worth."""
+"""Invalid mesh files raise a one-line error, with bounded time and memory."""
 
 import os
 import re
@@ -102,7 +102,8 @@ BAD_FILES = {
 
 
 @pytest.mark.parametrize("name", BAD_FILES)
-def test_bad_file_is_one_line_that_begins_with_its_name(tmp_path, name):
+def test_bad_file_error_begins_with_its_name(tmp_path, name):
+    """The error is one line, without messages of Python or NumPy."""
     content, named = BAD_FILES[name]
     path = write(tmp_path, name, content)
     with raises(MeshError, *named) as caught:
@@ -122,7 +123,7 @@ def test_missing_file_and_folder(tmp_path):
         load_mesh("bad\0name.obj")
 
 
-def test_gltf_without_its_buffer_names_it(tmp_path):
+def test_missing_gltf_buffer_is_named(tmp_path):
     files = trimesh.Scene([trimesh.creation.box()]).export(file_type="gltf")
     path = write(tmp_path, "a.gltf", files["model.gltf"])
     with raises(MeshError, "a.gltf"):
@@ -132,7 +133,7 @@ def test_gltf_without_its_buffer_names_it(tmp_path):
     assert load_mesh(path).is_closed
 
 
-def test_gifti_needs_no_further_package(tmp_path, monkeypatch):
+def test_gifti_is_read_without_nibabel(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "nibabel", None)
     content = WRITERS["a.surf.gii"][0](SPHERE.vertices, SPHERE.faces)
     assert load_mesh(write(tmp_path, "a.gii", content)).is_closed
@@ -142,35 +143,36 @@ ENDINGS = ["obj", "off", "ply", "stl", "glb", "gltf", "gii", "gii.gz", "white"]
 
 
 def mesh_or_reason(path):
+    """Return the mesh of a file, or the error message."""
     try:
         return load_mesh(path)
     except MeshError as error:
         return str(error)
 
 
-SIZE, LARGER = 20_000, 300_000  # the larger one for STL, whose blank lines took minutes
-# bytes; what is compressed may come to 64 MiB, which some Pythons hold twice for a moment
-MOST = 150_000_000
+SIZE, LARGER = 20_000, 300_000  # the larger one is for STL, in which blank lines took minutes
+# bytes; decompressed data may have 64 MiB, of which some versions of Python need two copies
+PEAK_BYTES_MAX = 150_000_000
 
 
 @pytest.mark.parametrize("name", HEAVY)
 def test_heavy_files_are_bounded(tmp_path, name):
-    """They end at all: each is one that once took minutes, or a neighbour of these."""
+    """Each of these files, or a similar one, once took minutes to read."""
     path = write(tmp_path, name, HEAVY[name](LARGER if name.endswith("stl") else SIZE))
     tracemalloc.start()
     try:
         outcome = str(mesh_or_reason(path))
-        _, most = tracemalloc.get_traced_memory()
+        _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert len(outcome.splitlines()) == 1
     assert len(outcome.replace(str(path), "")) <= 400
-    assert most < MOST
+    assert peak < PEAK_BYTES_MAX
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_pipes_sockets_and_devices_are_refused_unread(tmp_path, monkeypatch, ending):
-    monkeypatch.chdir(tmp_path)  # names of sockets are short
+def test_special_files_are_refused(tmp_path, monkeypatch, ending):
+    monkeypatch.chdir(tmp_path)  # as names of sockets must be short
     os.mkfifo(f"pipe.{ending}")
     os.symlink("/dev/zero", f"device.{ending}")
     with socket.socket(socket.AF_UNIX) as listener:
@@ -183,7 +185,7 @@ def test_pipes_sockets_and_devices_are_refused_unread(tmp_path, monkeypatch, end
 @pytest.mark.parametrize(
     "name", ["a\nb.obj", "a\x1b[31m.off", "a\u2028b.ply", "b" * 250 + ".stl", "\udcff.obj"]
 )
-def test_names_of_files_stay_on_one_bounded_line(tmp_path, name):
+def test_file_names_in_errors_are_bounded(tmp_path, name):
     for path in (tmp_path / name, tmp_path / "x" / ("y" * 5000) / name):
         with pytest.raises(MeshError) as caught:
             load_mesh(path)
@@ -192,7 +194,7 @@ def test_names_of_files_stay_on_one_bounded_line(tmp_path, name):
         assert len(str(caught.value)) < 400
 
 
-def test_what_does_not_fit_into_memory_says_so(tmp_path, monkeypatch):
+def test_memory_error_is_reported(tmp_path, monkeypatch):
     def check(*_):
         raise MemoryError
 
@@ -201,7 +203,7 @@ def test_what_does_not_fit_into_memory_says_so(tmp_path, monkeypatch):
         load_mesh(write(tmp_path, "a.off", "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"))
 
 
-def test_text_stl_coordinates_may_go_on_after_a_line_end(tmp_path):
+def test_text_stl_coordinates_may_span_lines(tmp_path):
     corners = "vertex 0 0 0\n\n  vertex\n1 0\t0\nVertex 0 1\n0\n"
     mesh = load_mesh(write(tmp_path, "a.stl", f"solid\n{corners}endsolid\n"))
     np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])

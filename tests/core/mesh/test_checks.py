@@ -1,4 +1,4 @@
-"""What a mesh must be, every defect told with an example and advice; and its topology."""
+"""Checks of meshes, their error messages with examples and advice, and topology."""
 
 import re
 
@@ -22,7 +22,7 @@ SPHERE = icosphere(1)
 
 
 def side_by_side(*meshes):
-    """Vertices and faces of several meshes, moved apart along x."""
+    """Return the vertices and faces of several meshes, placed next to each other along x."""
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     vertices = [mesh.vertices + np.array([10.0 * k, 0, 0]) for k, mesh in enumerate(meshes)]
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]
@@ -30,7 +30,7 @@ def side_by_side(*meshes):
 
 
 def glued(first, second, vertices):
-    """Two meshes with their vertices 0 in common, the second one at other vertices."""
+    """Return two meshes with a common vertex 0; the second one has the given vertices."""
     faces = np.where(second.faces == 0, 0, second.faces + len(first.vertices) - 1)
     return np.concatenate([first.vertices, vertices[1:]]), np.concatenate([first.faces, faces])
 
@@ -46,7 +46,7 @@ def with_faces(*rows):
 
 
 def klein_bottle(n):
-    """A grid on the Klein bottle, anywhere: sides are glued, one of them turned round."""
+    """Return a grid on the Klein bottle at random positions; one pair of sides is reversed."""
     index = [[*range(i * n, i * n + n), i * n] for i in range(n)]
     index.append([index[0][(n - j) % n] for j in range(n + 1)])
     index = np.array(index)
@@ -89,7 +89,7 @@ REFUSED = {
     "point": (np.ones((3, 3)), ONE, ()),
     "line far away": (TRIANGLE * [1, 1e-12, 1] + 1e6, ONE, ()),
     "same face": (*with_faces(SPHERE.faces[5]), (1, 5, 80)),
-    "same face turned": (
+    "same face flipped": (
         *(SHEET, [[0, 1, 2], [3, 2, 1], [1, 0, 2]]),
         (0, 2, 1),
     ),
@@ -111,7 +111,8 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("vertices", "faces", "named"), REFUSED.values(), ids=REFUSED)
-def test_refused(vertices, faces, named):
+def test_invalid_mesh_is_refused(vertices, faces, named):
+    """The advised options make the mesh usable."""
     with raises(MeshError, *named) as caught:
         TriangleMesh(vertices, faces)
     assert "\n" not in str(caught.value)
@@ -126,8 +127,8 @@ def test_indices_from_1_are_named():
         TriangleMesh(SPHERE.vertices, SPHERE.faces + 1)
 
 
-def test_examples_count_as_the_input_does():
-    """Neither dropped vertices nor a dropped component shift the indices that an error names."""
+def test_errors_use_numbers_of_the_input():
+    """Dropped vertices or components do not change the numbers in errors."""
     vertices, faces = side_by_side(tetrahedron(), icosphere(1, radius=3))
     faces = np.concatenate([faces, [[9, 9, 9]]]) + 2
     vertices = np.concatenate([np.zeros((2, 3)), vertices])
@@ -135,18 +136,19 @@ def test_examples_count_as_the_input_does():
         TriangleMesh(vertices, faces, largest_component=True)
 
 
-def test_largest_component_is_largest_by_area():
+def test_largest_component_has_largest_area():
     many_small_faces = TriangleMesh(icosphere(2).vertices * 0.1, icosphere(2).faces)
     vertices, faces = side_by_side(many_small_faces, icosphere(0), tetrahedron())
     mesh = TriangleMesh(vertices, faces, largest_component=True)
     assert mesh.vertices.tolist() == vertices[-4:].tolist()
     assert mesh.vertex_ids.tolist() == [174, 175, 176, 177]
     assert mesh.face_ids.tolist() == [340, 341, 342, 343]
-    (told,) = mesh.messages
-    check_message(told, 3, 4, 178, 344)
+    (message,) = mesh.messages
+    check_message(message, 3, 4, 178, 344)
 
 
-def test_unreferenced_vertices_are_dropped_even_if_not_finite():
+def test_unused_vertices_are_dropped():
+    """Unused vertices may have coordinates that are not finite."""
     unused = [[np.nan, 0, 0], [1e300, 0, 0], [7, 7, 7]]
     kept = np.delete(np.arange(45), [0, 6, 44])
     mesh = TriangleMesh(np.insert(SPHERE.vertices, [0, 5, 42], unused, axis=0), kept[SPHERE.faces])
@@ -154,11 +156,11 @@ def test_unreferenced_vertices_are_dropped_even_if_not_finite():
     assert mesh.faces.tolist() == SPHERE.faces.tolist()
     assert mesh.vertex_ids.tolist() == kept.tolist()
     assert mesh.file_vertex_count == 45
-    (told,) = mesh.messages
-    check_message(told, 3, 0)
+    (message,) = mesh.messages
+    check_message(message, 3, 0)
 
 
-def test_local_vertex_and_restrict_count_as_the_file_does():
+def test_vertices_are_numbered_as_in_the_file():
     mesh = shapes.with_loose_vertex(SPHERE)
     assert [mesh.local_vertex(index) for index in (0, 4, 6, 42)] == [0, 4, 5, 41]
     with raises(FunctionError, 5):
@@ -176,7 +178,7 @@ def test_local_vertex_and_restrict_count_as_the_file_does():
 
 
 def test_pinched_vertices_are_reported():
-    """Two discs that share their centre; two tetrahedra, and tori, are one surface, too."""
+    """Two discs, tetrahedra or tori with a common vertex are also one surface."""
     mesh = TriangleMesh(*glued(disc(2), disc(2), disc(2).vertices - [0, 0, 1]))
     check_message(mesh.messages[0], 1, 0)
     assert len(mesh.boundary_loops) == 2
@@ -188,7 +190,7 @@ def test_pinched_vertices_are_reported():
     assert TriangleMesh(*glued(one, one, one.vertices + np.array([0, 0, 3]))).genus == 2
 
 
-def test_arrays_are_copied_and_locked():
+def test_arrays_are_copied_and_read_only():
     vertices, faces = TRIANGLE.copy(), np.array(ONE)
     mesh = TriangleMesh(vertices, faces)
     vertices[:], faces[:] = 0, 0
@@ -203,13 +205,13 @@ def test_arrays_are_copied_and_locked():
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.int32, np.uint64, np.float32, list])
-def test_index_types(kind):
-    given = SPHERE.faces.tolist() if kind is list else SPHERE.faces.astype(kind)
-    mesh = TriangleMesh(SPHERE.vertices.astype(np.float32), given)
+def test_faces_may_have_any_integer_type(kind):
+    faces = SPHERE.faces.tolist() if kind is list else SPHERE.faces.astype(kind)
+    mesh = TriangleMesh(SPHERE.vertices.astype(np.float32), faces)
     assert mesh.faces.tolist() == SPHERE.faces.tolist()
 
 
-def test_normalized_keeps_everything_but_the_size():
+def test_normalized_mesh_differs_only_in_scale():
     vertices, faces = side_by_side(square(4), tetrahedron())
     mesh = TriangleMesh(vertices, faces, largest_component=True, messages=["read from a file"])
     unit = mesh.normalized()
@@ -229,8 +231,8 @@ def test_normalized_keeps_everything_but_the_size():
 
 
 @given(power=st.integers(-55, 55))
-def test_acceptance_does_not_depend_on_the_unit(power):
-    """A needle of aspect 1e-9 is accepted, one of 1e-13 is refused, in any unit of length."""
+def test_sliver_check_is_scale_invariant(power):
+    """A triangle of aspect ratio 1e-9 is accepted, and one of 1e-13 is refused."""
     needle, flat = (TRIANGLE * [1, height, 1] * 10.0**power for height in (1e-9, 1e-13))
     assert TriangleMesh(needle, ONE).messages == ()
     with raises(MeshError):
@@ -238,8 +240,8 @@ def test_acceptance_does_not_depend_on_the_unit(power):
 
 
 @given(power=st.integers(-12, 12), seed=st.integers(0, 2**32 - 1))
-def test_what_is_flat_depends_on_neither_unit_nor_direction(power, seed):
-    """Heights of 1e-11 and 1e-13 of the longest edge, with a short edge or without."""
+def test_flat_faces_are_scale_and_rotation_invariant(power, seed):
+    """Heights are 1e-11 and 1e-13 of the longest edge, also with a short edge."""
     frame, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     for height, usable in ((1e-11, True), (1e-13, False)):
         for place in (0.3, 1.0 + 1e-5):
@@ -248,8 +250,8 @@ def test_what_is_flat_depends_on_neither_unit_nor_direction(power, seed):
 
 
 @given(power=st.integers(-12, 12), reach=st.floats(0, 1e6), seed=st.integers(0, 2**32 - 1))
-def test_what_is_flat_does_not_depend_on_the_place_up_to_rounding(power, reach, seed):
-    """A face with an edge of 1e-5 is no flat one as long as rounding leaves it its shape."""
+def test_flat_faces_are_translation_invariant(power, reach, seed):
+    """A face with an edge of 1e-5 has area at offsets that do not exceed rounding."""
     random = np.random.default_rng(seed)
     triangle = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1e-5, 0]]) + reach * random.uniform(-1, 1, 3)
     assert not flat_faces(triangle * 10.0**power, np.array(ONE)).any()
@@ -257,7 +259,7 @@ def test_what_is_flat_does_not_depend_on_the_place_up_to_rounding(power, reach, 
 
 
 @pytest.mark.parametrize("power", [-12, -5, 0, 5, 12])
-def test_a_mesh_far_away_is_used_with_a_warning(power):
+def test_large_offset_causes_a_warning(power):
     vertices, faces = icosphere(2).vertices, icosphere(2).faces
     near, far = (TriangleMesh((vertices + shift) * 10.0**power, faces) for shift in (1e6, 1e9))
     assert near.messages == ()
@@ -265,7 +267,8 @@ def test_a_mesh_far_away_is_used_with_a_warning(power):
     assert re.match(warning, far.messages[0])
 
 
-def test_more_faces_than_pairs_of_vertices_are_refused_before_edges_are_looked_for(monkeypatch):
+def test_too_many_faces_are_refused_early(monkeypatch):
+    """More faces than pairs of vertices are refused before edges are built."""
     mesh = tetrahedron()
     monkeypatch.setattr("abfm.mesh.checks.edges_of_faces", None)
     monkeypatch.setattr("abfm.mesh.checks.FACES_MAX", 0)
@@ -273,12 +276,13 @@ def test_more_faces_than_pairs_of_vertices_are_refused_before_edges_are_looked_f
         TriangleMesh(mesh.vertices, [*mesh.faces, [0, 1, 2]])
 
 
-def turned(faces, which):
+def flipped(faces, which):
+    """Return faces of which some are flipped."""
     return np.where(np.asarray(which)[:, None], faces[:, ::-1], faces)
 
 
 def same_up_to_rotation(faces, others):
-    """Whether corresponding faces have the same cyclic order of vertices."""
+    """Return whether corresponding faces have the same cyclic order of vertices."""
     pairs = zip(faces, others, strict=True)
     return all(any(np.array_equal(np.roll(a, k), b) for k in range(3)) for a, b in pairs)
 
@@ -295,9 +299,9 @@ def drawn_flips(data, shape):
 
 @pytest.mark.parametrize("shape", [SPHERE, torus(6, 5)], ids=str)
 @given(data=st.data())
-def test_closed_surfaces_end_outward(shape, data):
+def test_closed_surfaces_become_outward(shape, data):
     flips = drawn_flips(data, shape)
-    mesh = TriangleMesh(shape.vertices, turned(shape.faces, flips))
+    mesh = TriangleMesh(shape.vertices, flipped(shape.faces, flips))
     if all(flips):
         assert mesh.messages == ()
         assert same_up_to_rotation(mesh.faces, shape.faces[:, ::-1])
@@ -308,9 +312,9 @@ def test_closed_surfaces_end_outward(shape, data):
 
 @pytest.mark.parametrize("shape", [disc(3), square(4), open_cylinder(6, 3)], ids=str)
 @given(data=st.data())
-def test_open_surfaces_keep_the_side_of_most_faces(shape, data):
+def test_open_surfaces_keep_the_majority_orientation(shape, data):
     flips = drawn_flips(data, shape)
-    mesh = TriangleMesh(shape.vertices, turned(shape.faces, flips))
+    mesh = TriangleMesh(shape.vertices, flipped(shape.faces, flips))
     count = flips.sum()
     if 2 * count != len(flips):
         majority = shape.faces if 2 * count < len(flips) else shape.faces[:, ::-1]
@@ -320,35 +324,37 @@ def test_open_surfaces_keep_the_side_of_most_faces(shape, data):
     assert all(message.startswith(f"{count} face") for message in mesh.messages)
 
 
-def test_inward_is_left_as_it_is_where_consistent_and_ends_outward_where_not():
+def test_consistent_inward_faces_are_kept():
+    """Inconsistent faces become outward instead."""
     mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces[:, ::-1])
     assert mesh.messages == ()
     assert volume(mesh) < 0
-    mesh = TriangleMesh(SPHERE.vertices + 100, turned(SPHERE.faces, np.arange(80) != 3))
+    mesh = TriangleMesh(SPHERE.vertices + 100, flipped(SPHERE.faces, np.arange(80) != 3))
     (message,) = mesh.messages
     check_message(message, 79, 0)
     assert volume(mesh) > 0
 
 
-def test_pieces_joined_at_a_vertex_are_settled_one_by_one():
-    """A sphere pinched to a disc: the sphere goes outward, the disc keeps its own majority."""
+def test_pinched_pieces_are_oriented_separately():
+    """A sphere pinched to a disc becomes outward, and the disc keeps its majority."""
     flat = disc(2)
     vertices, faces = glued(SPHERE, flat, flat.vertices - flat.vertices[0] + SPHERE.vertices[0])
     which = np.concatenate([np.arange(80) > 2, np.arange(24) == 5])
-    mesh = TriangleMesh(vertices, turned(faces, which))
+    mesh = TriangleMesh(vertices, flipped(faces, which))
     assert same_up_to_rotation(mesh.faces, faces)
     check_message(mesh.messages[0], 78)
     assert "pinched" in mesh.messages[1]
 
 
 @given(flips=st.lists(st.booleans(), min_size=30, max_size=30))
-def test_moebius_strip_is_refused_however_its_faces_are_turned(flips):
+def test_moebius_strip_is_refused_for_any_orientation(flips):
     vertices, faces = shapes.moebius_arrays(15)
     with raises(MeshError):
-        TriangleMesh(vertices, turned(faces, flips))
+        TriangleMesh(vertices, flipped(faces, flips))
 
 
-def test_what_encloses_space_may_be_inside_out_and_what_is_flat_is_not():
+def test_inside_out_is_detected():
+    """Flat surfaces are never inside out."""
     for mesh in (icosphere(2), torus(12, 8), open_cylinder(12, 4)):
         vertices = mesh.vertices + np.array([7.0, -3.0, 2.0])
         sides = [TriangleMesh(vertices, faces) for faces in (mesh.faces, mesh.faces[:, ::-1])]
@@ -389,8 +395,10 @@ SMALL = [mesh for mesh, *_ in SHAPES.values() if mesh.file_vertex_count < 500]
 
 
 @pytest.mark.parametrize("mesh", SMALL, ids=str)
-def test_edges_lie_opposite_their_corners_and_between_their_faces(mesh):
-    found, opposite = edges_of_faces(mesh.faces, 2**31)  # too many to be sorted with their places
+def test_edges_match_corners_and_faces(mesh):
+    found, opposite = edges_of_faces(
+        mesh.faces, 2**31
+    )  # keys too large to be sorted with their places
     np.testing.assert_array_equal(found, mesh.edges)
     np.testing.assert_array_equal(opposite, mesh.face_edges)
     assert np.all(mesh.edges[:, 0] < mesh.edges[:, 1])
@@ -402,7 +410,7 @@ def test_edges_lie_opposite_their_corners_and_between_their_faces(mesh):
         assert faces.tolist() == [*owners, -1][:2]
 
 
-def test_area_of_shapes_tends_to_the_exact_one():
+def test_area_of_shapes_converges():
     assert square(7).length_scale == pytest.approx(1, rel=1e-14)
     errors = [abs(hemisphere(n).length_scale ** 2 / (2 * np.pi) - 1) for n in (8, 16)]
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)

@@ -1,4 +1,4 @@
-"""Coarser meshes: of the same topology and side, near the surface, even; and finer ones, too."""
+"""Coarse meshes preserve topology and orientation, and approximate the surface; subdivision."""
 
 import numpy as np
 import pytest
@@ -30,10 +30,11 @@ EACH_SURFACE = pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)
 
 @pytest.mark.parametrize("share", [0.6, 0.25, 0.12])
 @EACH_FINE
-def test_topology_stays_and_the_count_is_near_what_was_asked(fine, share):
-    asked = int(share * len(fine.vertices))
-    coarse = coarsened(fine, asked)
-    assert asked * 0.95 <= len(coarse.vertices) <= 1.2 * asked
+def test_coarsening_preserves_topology(fine, share):
+    """The number of vertices is close to the requested one."""
+    requested = int(share * len(fine.vertices))
+    coarse = coarsened(fine, requested)
+    assert requested * 0.95 <= len(coarse.vertices) <= 1.2 * requested
     for name in ("euler_characteristic", "genus"):
         assert getattr(coarse, name) == getattr(fine, name)
     assert len(coarse.boundary_loops) == len(fine.boundary_loops)
@@ -41,7 +42,8 @@ def test_topology_stays_and_the_count_is_near_what_was_asked(fine, share):
 
 
 @EACH_FINE
-def test_it_lies_near_the_surface_and_looks_to_the_same_side(fine):
+def test_coarse_mesh_approximates_the_surface(fine):
+    """Its normals have the same orientation."""
     coarse = coarsened(fine, len(fine.vertices) // 4)
     edge = fine.length_scale / np.sqrt(len(coarse.faces))
     middles = coarse.vertices[coarse.faces].mean(axis=1)
@@ -50,12 +52,12 @@ def test_it_lies_near_the_surface_and_looks_to_the_same_side(fine):
     cosines = (face_normals(coarse) * face_normals(fine)[near.faces]).sum(axis=1)
     assert np.average(cosines, weights=face_areas(coarse)) > 0.85
     back = project_onto_surface(coarse, fine.vertices).distances_from(fine.vertices)
-    assert back.max() < 3 * edge  # ends of limbs, and corners, are cut
+    assert back.max() < 3 * edge  # ends of limbs and corners are cut off
 
 
 @pytest.mark.parametrize("make", [icosphere, lambda k: torus(15 * 2 ** (k - 2), 7 * 2 ** (k - 2))])
 def test_area_converges_with_the_count(make):
-    """A quarter of the vertices: what is missing falls like the square of the edge length."""
+    """With a quarter of the vertices, the missing area has order 2 in the edge length."""
     missing = []
     for k in (3, 4, 5):
         fine = make(k)
@@ -65,24 +67,25 @@ def test_area_converges_with_the_count(make):
     assert missing[-1] < 0.005
 
 
-def median_over_least_height(mesh):
+def median_over_smallest_height(mesh):
     corners = mesh.vertices[mesh.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     heights = 2 * face_areas(mesh) / longest
     return np.median(heights) / heights.min()
 
 
-def test_needles_are_the_first_to_go():
-    """A cylinder with two rings of vertices a hundredth of an edge apart."""
+def test_slivers_collapse_first():
+    """The cylinder has two rings of vertices at a hundredth of the edge length."""
     even = open_cylinder(40, 20)
     height = even.vertices[:, 2]
     ring = np.isclose(height, np.unique(height.round(9))[10])
     fine = TriangleMesh(even.vertices - np.outer(ring, [0, 0, 0.099]), even.faces)
     coarse = coarsened(fine, int(0.7 * len(fine.vertices)))
-    assert median_over_least_height(coarse) < 0.1 * median_over_least_height(fine)
+    assert median_over_smallest_height(coarse) < 0.1 * median_over_smallest_height(fine)
 
 
-def test_same_input_same_bits_in_any_power_of_two_as_unit_and_made_once():
+def test_coarsening_is_reproducible_and_cached():
+    """Scaling by powers of two does not change the result."""
     mesh, one = FINE["body"], coarsened(FINE["body"], 300)
     for unit in (1.0, 2.0**20, 2.0**-20):
         other = coarsened(TriangleMesh(unit * mesh.vertices, mesh.faces), 300)
@@ -101,12 +104,13 @@ def test_same_input_same_bits_in_any_power_of_two_as_unit_and_made_once():
         *((icosphere(2), count) for count in (1, 3, 162, 1000)),
     ],
 )
-def test_what_cannot_shrink_so_far_or_at_all_has_no_coarser_mesh(mesh, count):
+def test_impossible_coarsening_returns_none(mesh, count):
     assert coarsened(mesh, count) is None
 
 
 @EACH_SURFACE
-def test_four_children_cover_their_parent_and_the_topology_stays(mesh):
+def test_children_cover_their_parent(mesh):
+    """Subdivision preserves the topology."""
     fine = subdivided(mesh)
     assert_allclose(face_areas(fine), np.repeat(face_areas(mesh) / 4, 4))
     normals = np.repeat(face_normals(mesh), 4, axis=0)
@@ -117,7 +121,7 @@ def test_four_children_cover_their_parent_and_the_topology_stays(mesh):
         assert_array_equal(corners[:, c, c], parents[:, c])
         middle = (parents[:, (c + 1) % 3] + parents[:, (c + 2) % 3]) / 2
         assert_allclose(corners[:, 3, c], middle, rtol=0, atol=1e-15)
-    # children at corners are the parent, half as large
+    # children at corners are scaled copies of the parent
     halves = (parents[:, None] + parents[:, :, None]) / 2
     assert_allclose(corners[:, :3], halves, rtol=0, atol=1e-15)
     count = len(mesh.vertices)
@@ -132,7 +136,7 @@ def test_four_children_cover_their_parent_and_the_topology_stays(mesh):
 
 
 @EACH_SURFACE
-def test_functions_stay_what_they_are(mesh):
+def test_subdivision_preserves_functions(mesh):
     fine, f = subdivided(mesh), np.random.default_rng(0).normal(size=(len(mesh.vertices), 2))
     g = interpolated(mesh, f)
     assert_allclose(project_onto_surface(mesh, fine.vertices).pull_back(f), g, rtol=0, atol=1e-9)

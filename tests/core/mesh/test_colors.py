@@ -1,4 +1,4 @@
-"""Textures and colours of files: OBJ, glTF and PLY, matched to surfaces face by face."""
+"""Textures and colours of OBJ, glTF and PLY files are assigned to the faces of surfaces."""
 
 import io
 import json
@@ -28,11 +28,11 @@ PIXELS = np.random.default_rng(0).integers(0, 256, (4, 5, 3)).astype(np.uint8)
 
 
 def coordinates(mesh, seed=1):
-    """Of the corners of each face: a face of its own for all, or the same at a vertex."""
-    own = np.random.default_rng(seed).uniform(-0.5, 1.5, (len(mesh.faces), 3, 2))
+    """Return texture coordinates of corners, shared at vertices except at a seam."""
+    separate = np.random.default_rng(seed).uniform(-0.5, 1.5, (len(mesh.faces), 3, 2))
     shared = np.random.default_rng(seed).uniform(0, 1, (len(mesh.vertices), 2))[mesh.faces]
     has_seam = np.arange(len(mesh.faces)) % 3 == 0
-    return np.where(has_seam[:, None, None], own, shared)
+    return np.where(has_seam[:, None, None], separate, shared)
 
 
 def image():
@@ -60,7 +60,7 @@ def as_obj(folder, mesh, places):
 
 
 def as_trimesh(mesh, places, kind):
-    """Split where texture coordinates differ, as exporters do."""
+    """Return a trimesh mesh, split where texture coordinates differ, like exporters do."""
     rows = np.column_stack([mesh.faces.ravel(), places.reshape(-1, 2)])
     kept, numbers = np.unique(rows, axis=0, return_inverse=True)
     picture = Image.fromarray(PIXELS)
@@ -90,9 +90,8 @@ WRITERS = [as_obj, as_trimesh_obj, as_trimesh_glb]
 @pytest.mark.parametrize("writer", WRITERS)
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=15)
-def test_coordinates_are_those_of_the_corners_however_files_split_and_number_them(
-    folder, writer, seed
-):
+def test_texture_coordinates_of_renumbered_meshes(folder, writer, seed):
+    """Files may split and number vertices differently."""
     places = coordinates(MESH)
     path = writer(folder, MESH, places)
     mesh, _, faces = renumbered(MESH, seed)
@@ -110,18 +109,18 @@ def test_coordinates_are_those_of_the_corners_however_files_split_and_number_the
 
 
 @pytest.mark.parametrize("writer", [as_obj, as_trimesh_glb])
-def test_a_file_colours_the_surface_that_is_read_from_it(tmp_path, writer):
+def test_colors_fit_the_surface_of_the_file(tmp_path, writer):
     path = writer(tmp_path, MESH, coordinates(MESH))
-    own = load_mesh(path)
-    assert len(own.vertices) == len(MESH.vertices)
-    found, expected = load_colors(path, own), load_colors(path, MESH)
-    assert found.coordinates.shape == (len(own.faces), 3, 2)
+    mesh = load_mesh(path)
+    assert len(mesh.vertices) == len(MESH.vertices)
+    found, expected = load_colors(path, mesh), load_colors(path, MESH)
+    assert found.coordinates.shape == (len(mesh.faces), 3, 2)
     assert_allclose(np.sort(found.coordinates, axis=None), np.sort(expected.coordinates, axis=None))
 
 
 @pytest.mark.parametrize("moved", [1.0, 2.0])
-def test_texture_coordinates_of_a_seam_are_right_after_merging(tmp_path, moved):
-    """A vertex of the file for each corner; also where faces are known by numbers alone."""
+def test_texture_coordinates_after_merging(tmp_path, moved):
+    """The file has a vertex for each corner. Faces may be identified by numbers alone."""
     corners = SimpleNamespace(
         vertices=MESH.vertices[MESH.faces.ravel()], faces=np.arange(MESH.faces.size).reshape(-1, 3)
     )
@@ -131,17 +130,18 @@ def test_texture_coordinates_of_a_seam_are_right_after_merging(tmp_path, moved):
     assert_array_equal(load_colors(path, mesh).coordinates, coordinates(MESH))
 
 
-def test_surfaces_elsewhere_in_space_are_known_by_numbers(tmp_path):
-    """Also if a vertex of the file, here vertex 5, is in no face."""
-    whole = SimpleNamespace(
+def test_moved_surfaces_are_identified_by_numbers(tmp_path):
+    """Vertex 5 of the file belongs to no face."""
+    with_unused = SimpleNamespace(
         vertices=np.insert(MESH.vertices, 5, 9.0, axis=0), faces=MESH.faces + (MESH.faces >= 5)
     )
-    path = as_obj(tmp_path, whole, coordinates(MESH))
-    bent = TriangleMesh(whole.vertices * [3, 1, 2], whole.faces)
+    path = as_obj(tmp_path, with_unused, coordinates(MESH))
+    bent = TriangleMesh(with_unused.vertices * [3, 1, 2], with_unused.faces)
     assert_array_equal(load_colors(path, bent).coordinates, coordinates(MESH))
 
 
-def test_faces_that_were_turned_over_and_parts_that_were_left_out_are_known(tmp_path):
+def test_colors_after_repairs(tmp_path):
+    """Faces were flipped, and a component was removed."""
     two = np.concatenate([MESH.vertices, 0.2 * MESH.vertices + 5])
     faces = np.concatenate([MESH.faces, MESH.faces + len(MESH.vertices)])
     faces[::2] = faces[::2, [1, 0, 2]]
@@ -150,7 +150,7 @@ def test_faces_that_were_turned_over_and_parts_that_were_left_out_are_known(tmp_
     mesh = load_mesh(path, largest_component=True)
     found = load_colors(path, mesh).coordinates
     assert_array_equal(np.sort(found, axis=1), np.sort(places[: len(MESH.faces)], axis=1))
-    x = two[faces[: len(MESH.faces)]][..., 0]  # with corners in the order of the coordinates
+    x = two[faces[: len(MESH.faces)]][..., 0]  # in the order of corners of the coordinates
     assert_array_equal(
         np.sort(mesh.vertices[mesh.faces][..., 0] + 10 * found[..., 0], axis=1),
         np.sort(x + 10 * places[: len(MESH.faces), :, 0], axis=1),
@@ -164,7 +164,7 @@ def square():
     return TriangleMesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
 
 
-def test_polygons_relative_numbers_and_remarks(tmp_path):
+def test_obj_polygons_and_relative_numbers_are_read(tmp_path):
     write(tmp_path, "i.png", image())
     text = (
         f"# a square\n{SQUARE}vt 0 0\nvt 1 0\nvt 1 1 # third\nvt 0.5\nf 1/1 -3/-3 \\\n 3/3 4/-1\n"
@@ -174,7 +174,7 @@ def test_polygons_relative_numbers_and_remarks(tmp_path):
     assert found.coordinates.tolist() == [[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0.5, 0]]]
 
 
-def test_materials_of_mtl_files(tmp_path):
+def test_mtl_materials_are_read(tmp_path):
     write(tmp_path, "i.png", image())
     mtl = "newmtl a\nKd 0.5 0.25 1\nd 0.5\nnewmtl b\nKd 0 0 0\nTr 0.25\nmap_Kd sub\\..\\i.png\n"
     (tmp_path / "sub").mkdir()
@@ -187,8 +187,8 @@ def test_materials_of_mtl_files(tmp_path):
     assert np.isnan(found.coordinates[1]).all()
 
 
-def test_colours_of_vertices(tmp_path):
-    """As PLY, OBJ and glTF have them, the last one's linear."""
+def test_vertex_colors_are_read(tmp_path):
+    """PLY, OBJ and glTF have vertex colours; those of glTF are linear."""
     mesh = tetrahedron()
     colors = np.array([[255, 0, 51, 255], [0, 102, 255, 51], [204, 204, 204, 255], [1, 2, 3, 4]])
     expected = (colors / 255)[mesh.faces]
@@ -212,7 +212,7 @@ def test_colours_of_vertices(tmp_path):
 
 
 def triangle(tmp_path, material=None, texture=None, attributes=None, **changes):
-    """A glTF file of a triangle with a texture, whose parts can be replaced."""
+    """Return the colours of a glTF triangle with a texture, whose parts can be replaced."""
     places = np.array([[0, 0], [1, 0], [0.25, 0.75]], dtype="<f4").tobytes()
     data = TRIANGLE + places + image()
     accessor = {"bufferView": 2, "componentType": 5126, "count": 3, "type": "VEC2"}
@@ -235,7 +235,7 @@ def triangle(tmp_path, material=None, texture=None, attributes=None, **changes):
     return load_colors(path, TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
 
 
-def test_gltf_coordinates_go_up_and_samplers_and_modes_are_kept(tmp_path):
+def test_gltf_texture_coordinates_and_samplers(tmp_path):
     found = triangle(
         tmp_path,
         {"alphaMode": "MASK"},
@@ -247,7 +247,8 @@ def test_gltf_coordinates_go_up_and_samplers_and_modes_are_kept(tmp_path):
     assert material == (image(), (1, 1, 1, 1), ("clamp", "mirror"), "MASK")
 
 
-def test_gltf_transforms_factors_and_images_beside_the_file(tmp_path):
+def test_gltf_texture_transforms_and_factors(tmp_path):
+    """The image is a separate file."""
     write(tmp_path, "i i.png", image())
     transform = {"KHR_texture_transform": {"scale": [2, 0.5], "offset": [0.25, 0]}}
     base = {"baseColorTexture": {"index": 0, "extensions": transform}}
@@ -261,7 +262,7 @@ def test_gltf_transforms_factors_and_images_beside_the_file(tmp_path):
     assert found.materials[0].image == image()
 
 
-def test_a_mirrored_gltf_node_keeps_corners_with_their_coordinates(tmp_path):
+def test_mirrored_gltf_node_keeps_coordinates(tmp_path):
     header = {"nodes": [{"mesh": 0, "scale": [1, 1, -1]}]}
     assert triangle(tmp_path, **header).coordinates.tolist() == [[[0, 1], [1, 1], [0.25, 0.25]]]
 
@@ -298,7 +299,7 @@ def test_a_mirrored_gltf_node_keeps_corners_with_their_coordinates(tmp_path):
         ({"materials": 3}, ()),
     ],
 )
-def test_gltf_that_is_wrong_is_refused(tmp_path, changes, named):
+def test_invalid_gltf_colors_are_refused(tmp_path, changes, named):
     with raises(MeshError, *named) as refused:
         triangle(tmp_path, **changes)
     assert str(refused.value).startswith(f"{tmp_path}/a.glb: ")
@@ -321,7 +322,8 @@ def test_gltf_that_is_wrong_is_refused(tmp_path, changes, named):
         ("", ()),
     ],
 )
-def test_obj_that_is_wrong_or_of_another_surface_is_refused(tmp_path, text, named):
+def test_invalid_obj_colors_are_refused(tmp_path, text, named):
+    """OBJ files of another surface are also refused."""
     write(tmp_path, "i.png", image())
     write(tmp_path, "o.mtl", b"newmtl a\nmap_Kd -s 2 2 2 i.png\n")
     write(tmp_path, "d.mtl", b"newmtl a\nmap_Kd i.png\n")
@@ -345,7 +347,7 @@ def test_other_formats_and_missing_files_are_refused(tmp_path):
 
 @given(data=st.data(), kind=st.sampled_from(["obj", "glb", "mtl", "ply"]))
 @settings(max_examples=80)
-def test_damaged_files_are_read_or_refused_in_a_line(folder, data, kind):
+def test_damaged_color_files_do_not_crash(folder, data, kind):
     mesh = tetrahedron()
     path = as_obj(folder, mesh, coordinates(mesh))
     damaged = path if kind == "obj" else folder / "skin.mtl"
@@ -372,7 +374,7 @@ def test_damaged_files_are_read_or_refused_in_a_line(folder, data, kind):
 
 
 def _obj_of(folder, name, mtl):
-    """A surface whose material is in a file of the folder, and names an image."""
+    """Write a surface whose material is in another file and refers to an image."""
     write(folder, "skin.mtl", mtl)
     write(folder, "my skin.png", image())
     return write(folder, "a.obj", obj(MESH, coordinates(MESH)).replace("skin.mtl", name))
@@ -390,7 +392,8 @@ NAMES = [
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_images_of_other_machines_are_found_by_name_beside_the_file(tmp_path, name):
+def test_images_are_found_by_name(tmp_path, name):
+    """Paths of other computers refer to files of the same folder."""
     folder = tmp_path / "inner"
     folder.mkdir()
     write(tmp_path, "my skin.png", b"another one")
@@ -415,7 +418,7 @@ def test_files_outside_the_folder_are_not_read(tmp_path, name):
             load_colors(path, MESH)
 
 
-def test_files_and_materials_are_read_once(tmp_path, monkeypatch):
+def test_referenced_files_are_read_once(tmp_path, monkeypatch):
     read = []
 
     def read_bytes(path, most):
@@ -433,7 +436,7 @@ def test_files_and_materials_are_read_once(tmp_path, monkeypatch):
     assert read == ["skin.mtl", "my skin.png"]
 
 
-def test_everything_that_a_file_refers_to_has_one_budget(tmp_path, monkeypatch):
+def test_size_of_referenced_files_is_limited(tmp_path, monkeypatch):
     path = as_obj(tmp_path, MESH, coordinates(MESH))
     size = len((tmp_path / "skin.mtl").read_bytes() + image())
     monkeypatch.setattr(references, "BYTES_MAX", size)
@@ -443,7 +446,7 @@ def test_everything_that_a_file_refers_to_has_one_budget(tmp_path, monkeypatch):
         load_colors(path, MESH)
 
 
-def test_images_of_glb_are_taken_once_and_within_the_budget(tmp_path, monkeypatch):
+def test_glb_images_are_shared_and_limited(tmp_path, monkeypatch):
     path = as_trimesh_glb(tmp_path, MESH, coordinates(MESH))
     data = path.read_bytes()
     length = int.from_bytes(data[12:16], "little")

@@ -1,4 +1,4 @@
-"""Reading mesh files: what is in them comes out in their own order, and polygons as triangles."""
+"""Mesh files are read in the order of the file, and polygons are split into triangles."""
 
 import struct
 
@@ -30,7 +30,7 @@ shapes = st.sampled_from([icosphere(1), torus(6, 5), square(3), open_cylinder(5,
 @pytest.mark.parametrize("name", WRITERS)
 @given(shape=shapes, seed=st.integers(0, 2**32 - 1), scale=st.floats(1, 1e3))
 @settings(max_examples=15)
-def test_vertices_and_faces_come_back_in_order(folder, name, shape, seed, scale):
+def test_vertices_and_faces_have_the_order_of_the_file(folder, name, shape, seed, scale):
     noise = np.random.default_rng(seed).normal(size=shape.vertices.shape)
     vertices = scale * (shape.vertices + 0.01 * noise)
     content, precision = WRITERS[name]
@@ -52,20 +52,20 @@ def test_stl_is_merged_in_order_of_first_appearance(folder, name, shape, scale):
     np.testing.assert_allclose(mesh.vertices, expected, rtol=0, atol=4e-7 * scale)
     np.testing.assert_array_equal(order[mesh.faces], shape.faces)
     assert mesh.file_vertex_count == len(shape.vertices)
-    (told,) = mesh.messages
-    check_message(told, 3 * len(shape.faces), len(shape.vertices))
+    (message,) = mesh.messages
+    check_message(message, 3 * len(shape.faces), len(shape.vertices))
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith("glb")])
-def test_unused_vertices_still_count(tmp_path, name):
+def test_unused_vertices_are_numbered(tmp_path, name):
     shape = tetrahedron()
     vertices = np.insert(shape.vertices, [1, 4], 9.0, axis=0)
     faces = np.array([0, 2, 3, 4])[shape.faces]
     mesh = load_mesh(write(tmp_path, name, WRITERS[name][0](vertices, faces)))
     assert mesh.vertex_ids.tolist() == [0, 2, 3, 4]
     assert mesh.file_vertex_count == 6
-    (told,) = mesh.messages
-    check_message(told, 2, 1)
+    (message,) = mesh.messages
+    check_message(message, 2, 1)
 
 
 HAND_MADE = {
@@ -148,7 +148,7 @@ end_header
 
 
 @pytest.mark.parametrize("name", HAND_MADE)
-def test_what_else_a_file_may_have_leaves_vertices_and_faces_alone(tmp_path, name):
+def test_other_contents_are_ignored(tmp_path, name):
     mesh = load_mesh(write(tmp_path, name, HAND_MADE[name]))
     assert mesh.vertex_ids.tolist() == ([1, 2, 3, 4] if name == "a.obj" else [0, 1, 2, 3])
     assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
@@ -168,17 +168,17 @@ def test_polygons_are_split_in_the_order_of_the_file(tmp_path, kind):
     content = "\n".join(lines) if len(kind) == 3 else ply_bytes(points, polygons, kind)
     mesh = load_mesh(write(tmp_path, f"a.{kind if len(kind) == 3 else 'ply'}", content))
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2]]
-    (told,) = mesh.messages
-    check_message(told, 1)
+    (message,) = mesh.messages
+    check_message(message, 1)
 
 
-def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
-    """Two halves of a sphere, one moved by its node, with every vertex repeated for every face."""
+def test_gltf_seams_are_closed(tmp_path):
+    """Two halves of a sphere, one moved by its node; every face has its own vertices."""
     sphere = icosphere(1)
     scene = trimesh.Scene()
     for half, shift in ((sphere.faces[:37], 0.0), (sphere.faces[37:], 8.0)):
         corners = sphere.vertices[half].reshape(-1, 3) - [shift, 0, 0]
-        # on a grid that single precision holds exactly: shifted positions agree up to rounding only
+        # rounded to a grid that is exact in single precision, as shifted positions would differ
         corners = np.round(corners.astype(np.float32) * 2**10) / 2**10
         part = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
         placed = trimesh.transformations.translation_matrix([shift, 0, 0])
@@ -191,7 +191,7 @@ def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
     np.testing.assert_allclose(mesh.vertices.max(axis=0), sphere.vertices.max(axis=0), atol=1e-3)
 
 
-def test_a_hemisphere_is_not_taken_for_the_other_one(tmp_path):
+def test_other_hemisphere_is_refused(tmp_path):
     path = write(
         tmp_path, "rh.white", freesurfer_bytes(tetrahedron().vertices, tetrahedron().faces)
     )
@@ -231,7 +231,7 @@ def ply_text(old, new):
 
 
 def binary(end, order="little", name=b"end_header"):
-    """The first byte of what follows the header is that of a line feed."""
+    """Return a binary file whose data begins with the byte of a line feed."""
     header = HEADER.replace(b"ascii", f"binary_{order}_endian".encode()).replace(b"\n", end)
     header = header.replace(b"end_header", name).replace(b"float", b"double")
     sign = "<" if order == "little" else ">"
@@ -263,7 +263,7 @@ ACCEPTED_PLY = {
 
 
 @pytest.mark.parametrize("content", ACCEPTED_PLY.values(), ids=ACCEPTED_PLY)
-def test_ply_in_all_spellings_is_read(tmp_path, content):
+def test_ply_variants_are_read(tmp_path, content):
     mesh = load_mesh(write(tmp_path, "a.ply", content))
     assert mesh.faces.tolist() == [[0, 1, 2]]
     assert mesh.vertices[1:].tolist() == [[1, 0, 0], [0, 1, 0]]
@@ -301,7 +301,7 @@ REFUSED_PLY = {
 
 
 @pytest.mark.parametrize(("content", "named"), REFUSED_PLY.values(), ids=REFUSED_PLY)
-def test_ply_of_what_is_no_number_or_not_there_is_refused(tmp_path, content, named):
+def test_invalid_ply_is_refused(tmp_path, content, named):
     with raises(MeshError, *named) as caught:
         load_mesh(write(tmp_path, "a.ply", content))
     assert "\n" not in str(caught.value)
@@ -323,7 +323,7 @@ def area_vectors(points, faces):
 
 
 def star(random, count):
-    """A jagged polygon (n, 2) around the origin, counterclockwise, that begins anywhere."""
+    """Return a jagged polygon (n, 2) around the origin, counterclockwise from any corner."""
     angle = 2 * np.pi / count * (np.arange(count) + random.uniform(0, 0.9, count))
     radius = random.uniform(0.1, 1, count)
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
@@ -331,7 +331,7 @@ def star(random, count):
 
 
 def untangled(random, count):
-    """A simple polygon (n, 2) through random points: sides are exchanged until none cross."""
+    """Return a simple polygon (n, 2) through random points; crossing sides are exchanged."""
     points = random.uniform(-1, 1, (count, 2))
     changed = True
     while changed:
@@ -348,8 +348,8 @@ def untangled(random, count):
     return points if x @ np.roll(y, -1) > y @ np.roll(x, -1) else points[::-1].copy()
 
 
-def turned(random, plane):
-    """A plane polygon anywhere in space."""
+def in_space(random, plane):
+    """Return a plane polygon with a random position and rotation."""
     frame, _ = np.linalg.qr(random.normal(size=(3, 3)))
     return plane @ frame[:2] + random.normal(size=3)
 
@@ -357,10 +357,10 @@ def turned(random, plane):
 @pytest.mark.parametrize("make", [star, untangled])
 @given(seed=seeds, count=st.integers(4, 25))
 def test_triangles_cover_a_simple_polygon_once(make, seed, count):
-    """None looks away, and areas add up to its own: they neither overlap nor leave anything out."""
+    """All normals agree, and the areas add up to that of the polygon."""
     random = np.random.default_rng(seed)
     plane = make(random, count)
-    points = turned(random, plane)
+    points = in_space(random, plane)
     contents = split(points, np.arange(count))
     areas = area_vectors(points, contents.faces)
     area = np.linalg.norm(areas.sum(axis=0))
@@ -377,13 +377,13 @@ def test_convex_polygons_are_fans(seed, count):
     random = np.random.default_rng(seed)
     angle = np.cumsum(random.uniform(0.2, 1, count))
     angle *= 2 * np.pi / (angle[-1] + 0.2)
-    points = turned(random, np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    points = in_space(random, np.stack([np.cos(angle), np.sin(angle)], axis=1))
     fan = [[0, k, k + 1] for k in range(1, count - 1)]
     assert split(points, np.arange(count)).faces.tolist() == fan
 
 
 @pytest.mark.parametrize("shift", range(4))
-def test_a_concave_quad_is_cut_through_its_dent(shift):
+def test_concave_quad_is_split_at_its_dent(shift):
     dart = np.array([[0.0, 0, 0], [3, -1, 0], [1, 0, 0], [3, 1, 0]])  # the dent is corner 2
     row = np.roll(np.arange(4), shift)
     faces = split(dart, row).faces
@@ -391,7 +391,7 @@ def test_a_concave_quad_is_cut_through_its_dent(shift):
     assert np.linalg.norm(area_vectors(dart, faces), axis=1).sum() == pytest.approx(1)
 
 
-def test_a_corner_on_a_straight_side_makes_no_flat_triangle():
+def test_straight_corner_makes_no_flat_triangle():
     """The fan around corner 0 would have one: 0, 1 and 2 lie on a line."""
     points = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
     areas = np.linalg.norm(area_vectors(np.array(points), split(points, range(5)).faces), axis=1)
@@ -399,7 +399,7 @@ def test_a_corner_on_a_straight_side_makes_no_flat_triangle():
     assert areas.sum() == pytest.approx(4)
 
 
-def test_the_others_keep_their_fans_and_places():
+def test_other_polygons_keep_their_fans():
     points = [[0.0, 0, 0], [3, -1, 0], [1, 0, 0], [3, 1, 0], [4, 0, 0], [4, 4, 0]]
     contents = split(points, [0, 4, 5], [1, 2, 3, 0], [2, 1, 4, 3], [3, 4, 5])
     assert contents.faces[0].tolist() == [0, 4, 5]
@@ -407,8 +407,8 @@ def test_the_others_keep_their_fans_and_places():
     assert contents.faces[3:].tolist() == [[2, 1, 4], [2, 4, 3], [3, 4, 5]]
 
 
-def test_what_crosses_itself_is_a_fan_with_a_warning():
-    """Winds twice around its middle: a pentagram."""
+def test_self_intersecting_polygon_is_a_fan():
+    """The pentagram winds twice around its centre. There is a warning."""
     angle = 4 * np.pi * np.arange(5) / 5 + 0.1
     points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     contents = split(points, range(5))
@@ -418,7 +418,7 @@ def test_what_crosses_itself_is_a_fan_with_a_warning():
 
 
 @pytest.mark.parametrize("bound", ["_CORNERS_MAX", "_WORK_MAX"])
-def test_polygons_that_would_take_for_ever_are_refused(tmp_path, monkeypatch, bound):
+def test_expensive_polygons_are_refused(tmp_path, monkeypatch, bound):
     monkeypatch.setattr(readers, bound, 9)
     monkeypatch.setattr(readers, "_WORK_PER_CORNER", 1)
     points = star(np.random.default_rng(0), 10).tolist()

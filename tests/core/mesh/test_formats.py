@@ -1,4 +1,4 @@
-"""Meshes of further formats and spellings: the shape that was written comes back."""
+"""Further mesh formats and variants are read as the shape that was written."""
 
 import gzip
 import struct
@@ -20,7 +20,7 @@ TEXTS = [name for name, (make, _) in WRITERS.items() if name.endswith(("obj", "o
 
 @pytest.mark.parametrize("name", TEXTS)
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be"])
-def test_texts_in_other_encodings(tmp_path, name, encoding):
+def test_text_encodings_are_detected(tmp_path, name, encoding):
     text = WRITERS[name][0](SHAPE.vertices, SHAPE.faces).decode()
     mesh = load_mesh(write(tmp_path, name, text.encode(encoding)))
     np.testing.assert_array_equal(mesh.faces, SHAPE.faces)
@@ -29,7 +29,7 @@ def test_texts_in_other_encodings(tmp_path, name, encoding):
 @pytest.mark.parametrize(
     "name", [name for name in (*WRITERS, *STL_WRITERS) if not name.endswith("gz")]
 )
-def test_compressed_meshes(tmp_path, name):
+def test_compressed_meshes_are_read(tmp_path, name):
     make = WRITERS[name][0] if name in WRITERS else lambda v, f: exported(v, f, STL_WRITERS[name])
     content = make(SHAPE.vertices, SHAPE.faces)
     mesh = load_mesh(write(tmp_path, f"{name}.gz", gzip.compress(content)))
@@ -47,7 +47,7 @@ STL_LENGTHS = {
 
 
 @pytest.mark.parametrize(("content", "named"), STL_LENGTHS.values(), ids=STL_LENGTHS)
-def test_binary_stl_of_another_length_than_announced(tmp_path, content, named):
+def test_binary_stl_with_wrong_length_is_read(tmp_path, content, named):
     mesh = load_mesh(write(tmp_path, "a.stl", content))
     assert len(mesh.faces) == 20
     assert mesh.is_closed
@@ -59,7 +59,8 @@ def test_binary_stl_of_another_length_than_announced(tmp_path, content, named):
 TEXT_STL = exported(SPHERE.vertices, SPHERE.faces, "stl_ascii")
 
 
-def test_text_stl_with_a_mark_and_without_its_end(tmp_path):
+def test_text_stl_without_end_is_read(tmp_path):
+    """A byte order mark is ignored."""
     mesh = load_mesh(write(tmp_path, "a.stl", b"\xef\xbb\xbf" + TEXT_STL))
     assert mesh.is_closed
     end = TEXT_STL.rindex(b"endsolid")
@@ -80,13 +81,13 @@ PLY_NAMES["X Y Z"] = PLY_NAMES["X Y Z"].replace(b"double z", b"double Z")
 
 
 @pytest.mark.parametrize("content", PLY_NAMES.values(), ids=PLY_NAMES)
-def test_names_in_ply(tmp_path, content):
+def test_ply_property_names_are_read(tmp_path, content):
     mesh = load_mesh(write(tmp_path, "a.ply", content))
     np.testing.assert_array_equal(mesh.faces, SHAPE.faces)
 
 
-def test_rows_of_ply_may_have_more_words_than_they_announce(tmp_path):
-    """As MeshLab wrote colours of corners; and lines may end anywhere where they have no more."""
+def test_ply_rows_may_have_more_words(tmp_path):
+    """MeshLab wrote colours of corners in this way. Lines may also break anywhere."""
     header, rows = PLY.split(b"end_header\n")
     for more in (b" 9 1 1 1", b" 7"):
         text = header + b"end_header\n" + rows.replace(b" 0.5", b" 0.5" + more)
@@ -97,14 +98,14 @@ def test_rows_of_ply_may_have_more_words_than_they_announce(tmp_path):
     assert len(load_mesh(write(tmp_path, "a.ply", one_line)).faces) == 4
 
 
-def test_ply_with_two_coordinates_of_one_name_is_refused(tmp_path):
+def test_ply_with_repeated_name_is_refused(tmp_path):
     with raises(MeshError, "x", 2):
         load_mesh(write(tmp_path, "a.ply", PLY.replace(b"double y", b"double x")))
 
 
 @pytest.mark.parametrize("kind", ["ascii", "binary_big_endian"])
-def test_strips_of_ply_keep_one_side(tmp_path, kind):
-    """Two strips in one list, as Stanford's files have them, and one in a list of its own."""
+def test_ply_strips_have_one_orientation(tmp_path, kind):
+    """Two strips share a list, as in Stanford files, and one has its own list."""
     points = np.array([[x, y, 0] for x in range(4) for y in range(2)], dtype=float)
     rows = [[0, 2, 1, 3, -1, 2, 4, 3, 5, -1], [4, 6, 5, 7]]
     content = ply_bytes(points, rows, kind).replace(b"element face", b"element tristrips")
@@ -117,7 +118,7 @@ def test_strips_of_ply_keep_one_side(tmp_path, kind):
     assert np.cross(b - a, c - a)[:, 2].tolist() == [1] * 6
 
 
-def test_strips_of_ply_may_be_unsigned(tmp_path):
+def test_ply_strips_may_be_unsigned(tmp_path):
     content = ply_bytes(SHAPE.vertices, [], "binary_little_endian").replace(
         b"face 0", b"tristrips 1"
     )
@@ -129,7 +130,7 @@ def test_strips_of_ply_may_be_unsigned(tmp_path):
 
 
 def _quads(kind):
-    """A cube of FreeSurfer's old formats, with coordinates of two decimals."""
+    """Return a cube in an old FreeSurfer format, with coordinates of two decimals."""
     corners = np.array([[x, y, z] for x in (0, 1.25) for y in (0, 1) for z in (0, 1)])
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     counts = b"".join(n.to_bytes(3, "big") for n in (8, 6))
@@ -140,7 +141,7 @@ def _quads(kind):
 
 
 @pytest.mark.parametrize("kind", ["old", "new"])
-def test_quadrangles_of_freesurfer_are_as_nibabel_splits_them(tmp_path, kind):
+def test_freesurfer_quadrangles_agree_with_nibabel(tmp_path, kind):
     path = write(tmp_path, "lh.orig", _quads(kind))
     vertices, faces = nibabel.freesurfer.read_geometry(path)
     mesh = load_mesh(path)
@@ -152,7 +153,7 @@ def test_quadrangles_of_freesurfer_are_as_nibabel_splits_them(tmp_path, kind):
             load_mesh(write(tmp_path, "lh.orig", _quads(kind)[:end]))
 
 
-def test_text_of_freesurfer(tmp_path):
+def test_freesurfer_text_surface_is_read(tmp_path):
     rows = [[*row, 0] for row in SHAPE.vertices.tolist()] + [
         [*row, 0] for row in SHAPE.faces.tolist()
     ]
@@ -166,7 +167,7 @@ def test_text_of_freesurfer(tmp_path):
 
 
 @pytest.mark.parametrize("colors", [0, 1, 2])
-def test_objects_of_mni(tmp_path, colors):
+def test_mni_object_is_read(tmp_path, colors):
     text = mni_obj(SHAPE, colors)
     mesh = load_mesh(write(tmp_path, "a.obj", text))
     np.testing.assert_array_equal(mesh.vertices, SHAPE.vertices)
@@ -178,7 +179,7 @@ def test_objects_of_mni(tmp_path, colors):
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 
-def test_old_and_large_keywords_of_obj(tmp_path):
+def test_obj_keyword_variants_are_read(tmp_path):
     for text in (OBJ + "fo 1 2 3\n", (OBJ + "f 1 2 3\n").upper()):
         assert load_mesh(write(tmp_path, "a.obj", text)).faces.tolist() == [[0, 1, 2]]
     with_comment = f"# C:\\models\\\n{OBJ}f 1 2 \\\n3 # end \\\n"
@@ -191,7 +192,7 @@ def test_old_and_large_keywords_of_obj(tmp_path):
         load_mesh(write(tmp_path, "a.obj", OBJ.replace("1 0 0", "0,5 0 0")))
 
 
-def test_our_own_vtu_is_a_mesh(tmp_path):
+def test_exported_vtu_is_a_mesh(tmp_path):
     export_vtu(tmp_path / "a.vtu", SPHERE, {"f": SPHERE.vertices[:, 0]}, {})
     mesh = load_mesh(tmp_path / "a.vtu")
     np.testing.assert_array_equal(mesh.vertices, SPHERE.vertices)

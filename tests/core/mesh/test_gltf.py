@@ -1,4 +1,4 @@
-"""glTF scenes: what trimesh makes of those that are right, and why the others are refused."""
+"""glTF scenes agree with trimesh, and invalid ones are refused with the reason."""
 
 import json
 
@@ -20,7 +20,7 @@ from tests.shapes import icosphere
 
 
 def random_nodes(random, count):
-    """Nodes of a forest that all show mesh 0, placed in all ways; and its roots."""
+    """Return nodes of a forest with mesh 0 and random transformations, and its roots."""
     parents = [-1, *(int(random.integers(-1, k)) for k in range(1, count))]
     nodes = []
     for k in range(count):
@@ -37,17 +37,17 @@ def random_nodes(random, count):
 
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 6))
 @settings(max_examples=25)
-def test_scenes_are_as_trimesh_reads_them(folder, seed, count):
+def test_scenes_agree_with_trimesh(folder, seed, count):
     nodes, roots = random_nodes(np.random.default_rng(seed), count)
     path = write(folder, "a.glb", glb(gltf_header(nodes=nodes, scenes=[{"nodes": roots}])))
-    theirs = trimesh.load_mesh(path, process=False)
-    ours = gltf.read_gltf(open_file(path))
-    np.testing.assert_array_equal(ours.faces, theirs.faces)
-    np.testing.assert_allclose(ours.vertices, theirs.vertices, rtol=1e-12, atol=1e-12)
+    expected = trimesh.load_mesh(path, process=False)
+    found = gltf.read_gltf(open_file(path))
+    np.testing.assert_array_equal(found.faces, expected.faces)
+    np.testing.assert_allclose(found.vertices, expected.vertices, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("scenes", [{}, {"scenes": []}])
-def test_without_scenes_all_nodes_are_shown(tmp_path, scenes):
+def test_all_nodes_are_read_without_scenes(tmp_path, scenes):
     header = gltf_header()
     header["nodes"] = [{"mesh": 0}, {"children": [0], "translation": [5, 0, 0]}]
     del header["scenes"]
@@ -56,7 +56,7 @@ def test_without_scenes_all_nodes_are_shown(tmp_path, scenes):
 
 
 @pytest.mark.parametrize(("mode", "order"), [(STRIP, [0, 1, 2, 3]), (FAN, [0, 1, 3, 2])])
-def test_strips_and_fans_keep_one_side(tmp_path, mode, order):
+def test_strips_and_fans_have_one_orientation(tmp_path, mode, order):
     corners = np.arange(4, dtype="<u4")
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="<f4")[order]
     places, indices = ({**part, "count": 4} for part in gltf_header()["accessors"])
@@ -75,7 +75,7 @@ def test_strips_and_fans_keep_one_side(tmp_path, mode, order):
     assert np.cross(b - a, c - a)[:, 2].tolist() == [1, 1]
 
 
-def test_one_buffer_for_several_is_read_once(tmp_path, monkeypatch):
+def test_shared_buffer_is_read_once(tmp_path, monkeypatch):
     write(tmp_path, "a.bin", TRIANGLE)
     buffers = [{"byteLength": 48, "uri": uri} for uri in ("a.bin", "./a.bin", "%61.bin")]
     views = gltf_header()["bufferViews"]
@@ -154,13 +154,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("changes", "named"), REFUSED.values(), ids=REFUSED)
-def test_refused(tmp_path, changes, named):
+def test_invalid_gltf_is_refused(tmp_path, changes, named):
     with raises(MeshError, *named) as caught:
         load_mesh(write(tmp_path, "a.glb", glb(gltf_header(**changes))))
     assert "\n" not in str(caught.value)
 
 
-def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch):
+def test_too_many_copies_of_a_mesh_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(gltf_document, "_ENTRIES_MIN", 100)
     sphere, nodes = icosphere(1), [{"mesh": 0, "translation": [3 * k, 0, 0]} for k in range(20)]
     path = tmp_path / "a.glb"
@@ -173,7 +173,7 @@ def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch
         load_mesh(write(tmp_path, "b.glb", glb(header, data)))
 
 
-def test_endless_scenes_and_deep_json_are_refused(tmp_path, monkeypatch):
+def test_deep_scenes_and_json_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(gltf_document, "PARTS_MAX", 50)
     nodes = [*({"children": [k + 1]} for k in range(60)), {"mesh": 0}]
     with raises(MeshError, 51, 50):
@@ -183,7 +183,7 @@ def test_endless_scenes_and_deep_json_are_refused(tmp_path, monkeypatch):
 
 
 def _with_arrays(arrays, **changes):
-    """A scene of a sphere, with accessors 2, 3, ... of further arrays, and changes of its JSON."""
+    """Return a sphere and a scene of it, with further arrays as accessors 2, 3, ..."""
     sphere = icosphere(1)
     arrays = [sphere.vertices.astype("<f4"), sphere.faces.astype("<u4").reshape(-1, 1), *arrays]
     shapes = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -218,7 +218,7 @@ MORPHED = _primitive(targets=[{"POSITION": 2}, {"NORMAL": 2}, {"POSITION": 3}])
     ],
 )
 def test_morph_weights_move_vertices(tmp_path, of_mesh, of_node, weights):
-    """Those of the node come before those of the mesh, and the node then scales."""
+    """Weights of the node replace those of the mesh, and the node scales the result."""
     rng = np.random.default_rng(0)
     shifts = rng.uniform(-0.1, 0.1, (2, 42, 3)).astype("<f4")
     nodes = [{"mesh": 0, "scale": [2, 2, 2], **of_node}]
@@ -231,7 +231,7 @@ def test_morph_weights_move_vertices(tmp_path, of_mesh, of_node, weights):
 
 
 def test_quantized_morph_targets_are_lengths(tmp_path):
-    """Whole numbers that are not normalized are shifts in the unit of the mesh."""
+    """Integers that are not normalized are shifts in the unit of the mesh."""
     shifts = np.random.default_rng(0).integers(-3, 4, (42, 3)).astype("<i2")
     meshes = [{"primitives": [_primitive(targets=[{"POSITION": 2}])], "weights": [0.1]}]
     sphere, content = _with_arrays([shifts], meshes=meshes)
@@ -242,7 +242,10 @@ def test_quantized_morph_targets_are_lengths(tmp_path):
 @pytest.mark.parametrize("kind", ["<f4", "<u1", "<u2"])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_skins_place_vertices_by_their_joints(tmp_path, kind, mirrored):
-    """Vertices above the equator follow joint 1, below joint 0, on it both; the node does not."""
+    """Joint 1 moves vertices above the equator, joint 0 those below, both those on it.
+
+    The node does not move them.
+    """
     sphere = icosphere(1)
     share = np.clip(np.round(sphere.vertices[:, 2] * 4) / 8 + 0.5, 0, 1)
     weights = np.stack([1 - share, share, 0 * share, 0 * share], axis=1)
@@ -265,12 +268,12 @@ def test_skins_place_vertices_by_their_joints(tmp_path, kind, mirrored):
         meshes=[{"primitives": [_primitive({"JOINTS_0": 2, "WEIGHTS_0": 3})]}],
     )
     mesh = load_mesh(write(tmp_path, "a.glb", content))
-    own = stored.astype(float) / stored.sum(axis=1, keepdims=True)
+    normalized = stored.astype(float) / stored.sum(axis=1, keepdims=True)
     placed = np.stack([sphere.vertices, sphere.vertices + np.array([0, 0, 2 * 1 + 3])])
-    expected = np.einsum("vk,kvx->vx", own[:, :2], placed) * [sign, 1, 1]
+    expected = np.einsum("vk,kvx->vx", normalized[:, :2], placed) * [sign, 1, 1]
     np.testing.assert_allclose(mesh.vertices, expected, atol=1e-5)
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
-    assert np.einsum("fx,fx->", a, np.cross(b, c)) > 0  # the volume: the outer side is kept
+    assert np.einsum("fx,fx->", a, np.cross(b, c)) > 0  # the volume is positive
 
 
 SKINNED = {
@@ -302,7 +305,7 @@ UNSHAPED = {
 
 
 @pytest.mark.parametrize(("changes", "named"), UNSHAPED.values(), ids=UNSHAPED)
-def test_what_cannot_be_applied_is_refused_by_name(tmp_path, changes, named):
+def test_invalid_morph_or_skin_is_refused(tmp_path, changes, named):
     weights = np.tile(np.array([[1, 0, 0, 0]], dtype="<f4"), (42, 1))
     arrays = [np.zeros((42, 4), "<u1"), weights, np.zeros((3, 3), "<f4"), np.zeros((2, 16), "<f4")]
     _, content = _with_arrays(arrays, **changes)
@@ -310,8 +313,8 @@ def test_what_cannot_be_applied_is_refused_by_name(tmp_path, changes, named):
         load_mesh(write(tmp_path, "a.glb", content))
 
 
-def test_sparse_targets_shift_some_vertices(tmp_path):
-    """As Blender writes them: without other data, or in place of some."""
+def test_sparse_targets_move_some_vertices(tmp_path):
+    """As written by Blender: without other data, or in place of some of them."""
     places, shifts = np.array([[3], [7]], "<u2"), np.array([[0, 0, 1], [0, 2, 0]], "<f4")
     sphere, content = _with_arrays(
         [places, shifts],
@@ -345,8 +348,8 @@ def test_animations_are_reported(tmp_path):
     assert "animations" in load_mesh(write(tmp_path, "a.glb", content)).messages[0]
 
 
-def test_primitives_that_share_vertices_have_them_once(tmp_path):
-    """However many there are, unlike those that are placed again."""
+def test_primitives_share_their_vertices(tmp_path):
+    """The number of primitives is not limited, unlike that of placed copies."""
     parts = [_primitive() for _ in range(3000)]
     _, content = _with_arrays([], meshes=[{"primitives": parts}])
     found = gltf.read_gltf(open_file(write(tmp_path, "a.glb", content)))

@@ -18,7 +18,7 @@ from tests.shapes import icosphere
 
 SPHERE = icosphere(1)
 V, F = SPHERE.vertices, SPHERE.faces
-# a cube: corners by x, y, z, with quadrilaterals that look outward
+# a cube of quadrilaterals with outward normals
 CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 QUADS = np.array(
     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -26,17 +26,17 @@ QUADS = np.array(
 
 
 def padded(rows):
-    """Connectivity as VTK has it: the number of corners before the corners."""
+    """Return connectivity in the format of VTK, with the number of corners before them."""
     return np.concatenate([[len(row), *row] for row in rows]) if len(rows) else np.zeros(0, int)
 
 
 def poly_data(points, faces=(), strips=()):
-    """What PyVista's PolyData has."""
+    """Return an object with the attributes of PyVista's PolyData."""
     return Object(points=points, faces=padded(faces), strips=padded(strips), lines=np.zeros(0, int))
 
 
 def meshio_mesh(points, **cells):
-    """What meshio's Mesh has."""
+    """Return an object with the attributes of meshio's Mesh."""
     blocks = [Object(type=kind, data=np.array(rows)) for kind, rows in cells.items()]
     return Object(points=points, cells=blocks, point_data={})
 
@@ -58,7 +58,7 @@ def poly_mesh(**parts):
 
 
 def ico_strip():
-    """The faces of the sphere, the first two as one strip."""
+    """Return the faces of the sphere, the first two as one strip."""
     first, other = F[0], next(face for face in F[1:] if len({*face} & {*F[0]}) == 2)
     single = next(v for v in first if v not in other)
     a, b = (first[(list(first).index(single) + k) % 3] for k in (1, 2))
@@ -68,17 +68,17 @@ def ico_strip():
 
 
 def grid(kind):
-    """What PyVista's UnstructuredGrid has."""
+    """Return an object with the attributes of PyVista's UnstructuredGrid."""
     return Object(points=V, cells=padded(F), celltypes=np.full(len(F), kind, np.uint8))
 
 
 def open3d_mesh():
-    """What Open3D's TriangleMesh has."""
+    """Return an object with the attributes of Open3D's TriangleMesh."""
     return Object(vertices=V, triangles=F)
 
 
 class Adapter:
-    """The attributes of a BrainSpace surface, which raises a KeyError for others."""
+    """Object with the attributes of a BrainSpace surface; others raise a KeyError."""
 
     Points, Polygons = V, padded(F)
 
@@ -107,13 +107,13 @@ OBJECTS = {
 
 
 @pytest.mark.parametrize("given", OBJECTS.values(), ids=OBJECTS)
-def test_objects_keep_vertices_and_faces(given):
+def test_objects_are_converted(given):
     mesh = load_mesh(given)
     assert_array_equal(mesh.vertices, V)
     assert_array_equal(mesh.faces, F)
 
 
-def test_gifti_image_is_a_mesh():
+def test_gifti_image_is_converted():
     mesh = load_mesh(gifti(V, F))
     assert_array_equal(mesh.vertices, np.float32(V))
     assert_array_equal(mesh.faces, F)
@@ -136,16 +136,16 @@ def test_quadrilaterals_are_split(given):
     assert mesh.length_scale == pytest.approx(np.sqrt(6))
 
 
-def test_strips_become_triangles_of_one_side():
+def test_strips_become_oriented_triangles():
     strips, rest = ico_strip()
     mesh = load_mesh(poly_data(V, rest, strips))
     assert mesh.is_closed
     assert len(mesh.faces) == len(F)
-    assert not mesh.messages  # no face was turned over
+    assert not mesh.messages  # no face was flipped
     assert mesh.length_scale == pytest.approx(SPHERE.length_scale)
 
 
-def test_types_beyond_the_standard_of_gifti_are_kept():
+def test_nonstandard_gifti_types_are_read():
     mesh = load_mesh(gifti(V, F, "float64", "int64"))
     assert_array_equal(mesh.vertices, V)
     assert_array_equal(mesh.faces, F)
@@ -192,17 +192,17 @@ UNSUITABLE = {
 
 
 @pytest.mark.parametrize("given", UNSUITABLE.values(), ids=UNSUITABLE)
-def test_unsuitable_objects_are_refused_in_one_line(given):
+def test_unsuitable_objects_are_refused(given):
     with raises(MeshError):
         load_mesh(given)
 
 
-def test_refusal_names_what_is_accepted():
+def test_error_lists_accepted_types():
     with raises(MeshError, "int", "trimesh", "PyVista", "meshio", "nilearn", "nibabel"):
         abfm.match(3, V[:, 0], V[:, 1])
 
 
-def test_every_entry_takes_objects(tmp_path):
+def test_all_functions_accept_mesh_objects(tmp_path):
     given = trimesh.Trimesh(V, F, process=False)
     parameters = abfm.Parameters.of(iterations=1, refine=0)
     f, g = (abfm.function(given, f"gaussian:vertex={i},width=0.5") for i in (0, 1))
@@ -226,16 +226,16 @@ def test_same_object_becomes_one_mesh():
     assert a is not b
 
 
-def test_trimesh_keeps_order():
+def test_trimesh_has_the_same_order():
     found = SPHERE.to_trimesh()
     assert isinstance(found, trimesh.Trimesh)
     assert_array_equal(found.vertices, V)
     assert_array_equal(found.faces, F)
-    found.vertices += 1.0  # the mesh stays
+    found.vertices += 1.0  # the mesh does not change
     assert_array_equal(SPHERE.vertices, V)
 
 
-def test_pyvista_is_made_of_regular_faces(monkeypatch):
+def test_pyvista_mesh_is_converted(monkeypatch):
     kind = Object(from_regular_faces=lambda points, faces: poly_data(points, faces))
     monkeypatch.setitem(sys.modules, "pyvista", Object(PolyData=kind))
     mesh = load_mesh(SPHERE.to_pyvista())

@@ -1,4 +1,4 @@
-"""OFF in all spellings that programs write, and refused with the reason."""
+"""OFF files as written by different programs, and errors for invalid ones."""
 
 import struct
 
@@ -16,7 +16,7 @@ NORMAL, COLOR, RGB, TEXTURE = "0 0 1", "255 0 0 255", "0.5 0 0", "0.25 0.75"
 
 
 def off(prefix="", more="", counts="5 5 8", face_end="", scale=1, joint="\n"):
-    """Lines of a pyramid; each vertex and face has something behind it."""
+    """Return the lines of a pyramid with additional columns of vertices and faces."""
     points = [f"{x * scale} {y * scale} {z * scale} {more}".strip() for x, y, z in POINTS]
     faces = [" ".join(map(str, [len(polygon), *polygon])) + face_end for polygon in POLYGONS]
     return joint.join([f"{prefix}OFF", counts, *points, *faces]) + "\n"
@@ -72,14 +72,15 @@ SPELLINGS = {
 
 
 @pytest.mark.parametrize("content", SPELLINGS.values(), ids=SPELLINGS)
-def test_all_spellings_are_one_mesh(tmp_path, content):
+def test_off_variants_give_the_same_mesh(tmp_path, content):
     mesh = load_mesh(write(tmp_path, "a.off", content))
     assert mesh.vertices.tolist() == POINTS
     assert mesh.faces.tolist() == TRIANGLES
 
 
 @pytest.mark.parametrize(("prefix", "more"), [("", 0), ("N", 3), ("C", 4), ("STCN", 9), ("4", 1)])
-def test_binary(tmp_path, prefix, more):
+def test_binary_off_is_read(tmp_path, prefix, more):
+    """Truncated binary files are refused."""
     content = f"{prefix}OFF BINARY\n".encode() + struct.pack(">3i", 5, 5, 8)
     content += b"".join(struct.pack(f">{3 + more}f", *point, *[1] * more) for point in POINTS)
     for number, polygon in enumerate(POLYGONS):
@@ -105,6 +106,6 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("content", "named"), REFUSED.values(), ids=REFUSED)
-def test_refused_with_the_reason(tmp_path, content, named):
+def test_invalid_off_is_refused(tmp_path, content, named):
     with raises(MeshError, *named):
         load_mesh(write(tmp_path, "a.off", content))

@@ -1,4 +1,4 @@
-"""Merging vertices, cleaning faces, choosing a component: what they keep, and what they report."""
+"""Merging of vertices, cleaning of faces, and the choice of components, with their messages."""
 
 from itertools import pairwise
 
@@ -23,8 +23,9 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def split(mesh, rng, jitter=0.0):
-    """Vertices and faces with up to three copies of each vertex, in any order, and the vertex of
-    the mesh that each was.
+    """Return vertices and faces with up to three copies of each vertex, in random order.
+
+    The third result is the vertex of the mesh of each copy.
     """
     corners = np.stack([mesh.faces.ravel(), rng.integers(0, 3, mesh.faces.size)], axis=1)
     pairs, faces = np.unique(corners, axis=0, return_inverse=True)
@@ -46,7 +47,7 @@ def same_topology(mesh, other):
 
 @given(shape=shapes, seed=seeds, jitter=st.sampled_from([0.0, 1e-7]), power=st.integers(-9, 9))
 def test_merging_undoes_splitting(shape, seed, jitter, power):
-    """In any unit of length; the first vertex of the file stands for its copies."""
+    """In any unit of length, the first vertex of the file replaces its copies."""
     vertices, faces, was = split(shape, np.random.default_rng(seed), jitter)
     mesh = TriangleMesh(vertices * 10.0**power, faces, merge=True)
     assert len(mesh.vertices) == len(shape.vertices)
@@ -67,13 +68,14 @@ def test_merging_undoes_splitting(shape, seed, jitter, power):
 
 
 @given(shape=shapes)
-def test_nothing_is_changed_in_a_mesh_in_order(shape):
+def test_valid_mesh_is_not_changed(shape):
     mesh = TriangleMesh(shape.vertices, shape.faces, merge=True, clean=True, largest_component=True)
     assert mesh.messages == ()
     assert mesh.digest == TriangleMesh(shape.vertices, shape.faces).digest
 
 
-def test_merging_is_reported_and_vertices_without_faces_stay_apart():
+def test_merging_is_reported():
+    """Vertices that no face uses are not merged."""
     vertices = np.concatenate([SPHERE.vertices[:1], SPHERE.vertices, SPHERE.vertices[[3]]])
     faces = SPHERE.faces + 1
     faces[np.argwhere(faces == 4)[0][0], np.argwhere(faces == 4)[0][1]] = 43
@@ -86,7 +88,7 @@ def test_merging_is_reported_and_vertices_without_faces_stay_apart():
     )
 
 
-def test_a_distance_as_long_as_an_edge_is_refused():
+def test_large_merge_distance_is_refused():
     shortest = float(np.linalg.norm(np.diff(SPHERE.vertices[SPHERE.edges], axis=1), axis=2).min())
     with raises(MeshError, 0.6):
         TriangleMesh(SPHERE.vertices, SPHERE.faces, merge=0.6)
@@ -102,7 +104,7 @@ def test_a_distance_as_long_as_an_edge_is_refused():
 
 
 def test_short_edges_are_not_merged_by_default():
-    """An edge of 1e-7 is an edge; with `clean` it may collapse."""
+    """An edge of length 1e-7 collapses only with `clean`."""
     vertices = disc(2).vertices.copy()
     vertices[1] = [1e-7, 0, 0]
     assert len(TriangleMesh(vertices, disc(2).faces, merge=True).copies) == 0
@@ -111,7 +113,7 @@ def test_short_edges_are_not_merged_by_default():
     assert len(cleaned.boundary_loops) == 1
 
 
-def test_crowds_of_vertices_are_refused_in_little_time():
+def test_dense_vertices_are_refused_early():
     rng = np.random.default_rng(0)
     vertices = np.concatenate([rng.uniform(size=(20_000, 3)) * 1e-8, [[1, 0, 0], [0, 1, 0]]])
     faces = [[k, 20_000, 20_001] for k in range(20_000)]
@@ -132,7 +134,8 @@ def test_values_that_differ_between_copies_are_reported():
     assert np.isnan(mesh.restrict(values)).all()  # without a warning
 
 
-def test_copies_are_kept_in_files_and_finer_meshes():
+def test_copies_are_stored_in_files():
+    """Subdivision also preserves them."""
     vertices, faces, _ = split(SPHERE, np.random.default_rng(1))
     mesh = TriangleMesh(vertices, faces, merge=True)
     read = results.mesh_of(results.mesh_arrays(mesh))
@@ -145,7 +148,7 @@ def test_copies_are_kept_in_files_and_finer_meshes():
 
 
 def with_repeated(mesh, rng):
-    """Faces with some repeated, turned over or not, and some with a vertex twice."""
+    """Return faces of which some repeat, flipped or not, and some have a vertex twice."""
     repeats = mesh.faces[rng.integers(0, len(mesh.faces), 4)]
     repeats[::2] = repeats[::2, ::-1]
     twice = mesh.faces[:2][:, [0, 1, 0]]
@@ -153,7 +156,7 @@ def with_repeated(mesh, rng):
 
 
 @given(shape=shapes, seed=seeds)
-def test_repeated_faces_and_those_with_a_vertex_twice_are_removed(shape, seed):
+def test_repeated_and_degenerate_faces_are_removed(shape, seed):
     faces = with_repeated(shape, np.random.default_rng(seed))
     mesh = TriangleMesh(shape.vertices, faces, clean=True)
     assert len(mesh.faces) == len(shape.faces)
@@ -166,8 +169,9 @@ def test_repeated_faces_and_those_with_a_vertex_twice_are_removed(shape, seed):
 
 @given(shape=shapes, seed=seeds, count=st.integers(1, 3))
 def test_faces_without_area_leave_no_hole(shape, seed, count):
-    """Vertices in the middle of an edge that only one of its faces has, joined to the other one by
-    faces without area.
+    """New vertices in the middle of an edge belong to only one of its faces.
+
+    Faces without area connect them to the other one.
     """
     rng = np.random.default_rng(seed)
     inner = np.flatnonzero(~shape.is_boundary_edge)
@@ -203,7 +207,7 @@ def test_faces_without_area_are_reported():
     assert len(mesh.boundary_loops) == 1
 
 
-def test_a_pole_of_many_vertices_becomes_one():
+def test_pole_of_many_vertices_is_merged():
     cylinder = open_cylinder(8, 3)
     vertices = cylinder.vertices.copy()
     top = vertices[:, 2] == vertices[:, 2].max()
@@ -220,7 +224,7 @@ def test_a_pole_of_many_vertices_becomes_one():
 
 
 def fin(mesh, doubled):
-    """The mesh with a small face that stands on an edge, or two that look away from each other."""
+    """Return the mesh with a small face attached to an edge, or with two opposite ones."""
     a, b = mesh.edges[0]
     tip = len(mesh.vertices)
     vertices = np.concatenate([mesh.vertices, [1.2 * mesh.vertices[[a, b]].mean(axis=0)]])
@@ -229,7 +233,7 @@ def fin(mesh, doubled):
 
 
 @pytest.mark.parametrize("doubled", [False, True])
-def test_sheets_that_hang_on_a_surface_are_removed(doubled):
+def test_attached_sheets_are_removed(doubled):
     vertices, faces = fin(SPHERE, doubled)
     with raises(MeshError, "--clean"):
         TriangleMesh(vertices, faces)
@@ -239,8 +243,8 @@ def test_sheets_that_hang_on_a_surface_are_removed(doubled):
     check_message(mesh.messages[0], 1 + doubled, 0)
 
 
-def test_what_cannot_be_cleaned_safely_is_refused():
-    """A wall inside a surface, which may belong to either side; a doubled sheet keeps one side."""
+def test_unsafe_cleaning_is_refused():
+    """A wall inside a surface may belong to either side. A doubled sheet keeps one side."""
     half, wall = hemisphere(4), disc(4)
     parts = [half.vertices, half.vertices * [1, 1, -1], wall.vertices]
     starts = np.cumsum([0, *map(len, parts)])
@@ -255,7 +259,7 @@ def test_what_cannot_be_cleaned_safely_is_refused():
 
 
 def hemispheres(swapped, axis=0):
-    """Two bumpy spheres next to each other, and values that tell their vertices apart."""
+    """Return the vertices and faces of two bumpy spheres next to each other."""
     left = SPHERE.vertices * (1 + 0.1 * SPHERE.vertices[:, [2]])
     two = [left - 1.1 * np.eye(3)[axis], left * [-1, 1, 1] + 1.1 * np.eye(3)[axis]]
     vertices = np.concatenate(two[::-1] if swapped else two)
@@ -263,7 +267,7 @@ def hemispheres(swapped, axis=0):
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_a_hemisphere_of_two(swapped):
+def test_hemisphere_is_chosen_by_x(swapped):
     vertices, faces = hemispheres(swapped)
     with raises(MeshError, 2, "--hemisphere") as caught:
         TriangleMesh(vertices, faces)
@@ -282,8 +286,8 @@ def test_a_hemisphere_of_two(swapped):
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.05])
-def test_hemispheres_at_one_place_are_in_order(scale):
-    """The spheres of both hemispheres in one file."""
+def test_hemispheres_at_one_place_have_the_file_order(scale):
+    """As for the spheres of both hemispheres in one file."""
     both = SPHERE.vertices, scale * SPHERE.vertices
     vertices, faces = np.concatenate(both), np.concatenate([SPHERE.faces, SPHERE.faces + 42])
     with raises(MeshError, 2, "--hemisphere L", "first", "--hemisphere R", "second") as caught:
@@ -296,8 +300,8 @@ def test_hemispheres_at_one_place_are_in_order(scale):
 
 
 @pytest.mark.parametrize("shift", [0.0, 3.0])
-def test_hemispheres_with_specks_are_both_offered(shift):
-    """Each is followed by a speck, near the middle of the left one."""
+def test_specks_belong_to_a_hemisphere(shift):
+    """A small component near the middle of the left hemisphere follows each of both."""
     speck, right = 0.02 * SPHERE.vertices, 1.05 * SPHERE.vertices + [shift, 0, 0]
     vertices = np.concatenate([SPHERE.vertices, speck, right, speck + 0.1])
     faces = np.concatenate([SPHERE.faces + 42 * number for number in range(4)])
@@ -309,7 +313,7 @@ def test_hemispheres_with_specks_are_both_offered(shift):
         assert_array_equal(TriangleMesh(vertices, faces, **remedy.options).vertices, own)
 
 
-def test_mixed_components_at_one_place_have_no_order():
+def test_interleaved_components_are_not_hemispheres():
     """Every second vertex belongs to the other component."""
     vertices = np.repeat(SPHERE.vertices, 2, axis=0)
     faces = np.concatenate([2 * SPHERE.faces, 2 * SPHERE.faces + 1])
@@ -321,13 +325,13 @@ def test_mixed_components_at_one_place_have_no_order():
 
 
 def test_surface_without_extent_has_no_hemispheres():
-    """As a file of FreeSurfer whose vertices all lie at one place."""
+    """As in a FreeSurfer file whose vertices all have the same position."""
     with raises(MeshError, 2):
         TriangleMesh(np.full((5, 3), 0.3), [[0, 1, 3], [1, 3, 4], [2, 2, 2]])
 
 
-def test_what_remains_wrong_is_named():
-    """Two components of which the larger one has an edge with four faces."""
+def test_remaining_defect_is_reported():
+    """The larger of two components has an edge with four faces."""
     one = tetrahedron()
     other = TriangleMesh(one.vertices * [1, 1, -1] + [0, 0, 4], one.faces[:, ::-1])
     vertices = np.concatenate([one.vertices, one.vertices + np.array([0, 0, 9])])
@@ -338,8 +342,8 @@ def test_what_remains_wrong_is_named():
         TriangleMesh(vertices, np.concatenate([edge, other.faces + 8]))
 
 
-def test_a_seam_in_a_connected_surface_is_reported():
-    """A closed cylinder whose sides only look joined, but for one vertex."""
+def test_seam_of_a_connected_surface_is_reported():
+    """The sides of the cylinder have equal positions, but only one vertex in common."""
     mesh = open_cylinder(6, 4)
     ring = np.flatnonzero(np.isclose(mesh.vertices[:, 1], 0) & (mesh.vertices[:, 0] > 0))[:-1]
     copies = len(mesh.vertices) + np.arange(len(ring))

@@ -1,4 +1,4 @@
-"""Makers of files that say they hold more than there is, and what their refusal must be like."""
+"""Files that announce more data than they have, and checks of the errors for them."""
 
 import io
 import zipfile
@@ -13,19 +13,19 @@ from abfm.errors import ResultError
 
 
 def npy(header, data=b"", version=1):
-    """An array file with a header of our own."""
+    """Return a .npy file with a custom header."""
     content = header.ljust(117).encode() + b"\n"
     length = len(content).to_bytes(2 if version == 1 else 4, "little")
     return b"\x93NUMPY" + bytes([version, 0]) + length + content + data
 
 
 def npy_of(shape, descr="<f8", data=b""):
-    """An array file whose header gives a shape and a type."""
+    """Return a .npy file whose header has this shape and type."""
     return npy(f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}", data)
 
 
 def gifti(text, dims='Dimensionality="1" Dim0="3"', encoding="ASCII", more=""):
-    """A GIFTI file of one array of 32 bit floats."""
+    """Return a GIFTI file with one array of float32."""
     return (
         '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray '
         'Intent="NIFTI_INTENT_SHAPE" DataType="NIFTI_TYPE_FLOAT32" Endian="LittleEndian" '
@@ -35,13 +35,13 @@ def gifti(text, dims='Dimensionality="1" Dim0="3"', encoding="ASCII", more=""):
 
 
 def bomb(size):
-    """So many zeros in a thousandth of their size, by zlib."""
+    """Return zeros compressed by zlib to a thousandth of their size."""
     packer, zeros = zlib.compressobj(1), bytes(1 << 20)
     return b"".join(packer.compress(zeros) for _ in range(size >> 20)) + packer.flush()
 
 
 def overlapping_zip(path, names, content):
-    """A zip each of whose members holds the next one: together much more than the file."""
+    """Write a zip whose members overlap, so that they are much larger than the file."""
     found = []
     for name in reversed(names):
         member = zipfile.ZipInfo(name)
@@ -59,7 +59,7 @@ def overlapping_zip(path, names, content):
 
 
 def zipped(members, compression=zipfile.ZIP_STORED):
-    """A zip of some members."""
+    """Return a zip with these members."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", compression) as archive:
         for name, data in members.items():
@@ -68,13 +68,13 @@ def zipped(members, compression=zipfile.ZIP_STORED):
 
 
 def members(path):
-    """What a zip has: the content of each member by its name."""
+    """Return the content of each member of a zip, by name."""
     with zipfile.ZipFile(path) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
 def rewrite(path, changes, compression=zipfile.ZIP_STORED):
-    """Write a zip anew with other members, arrays or bytes; None leaves one out."""
+    """Write a zip again with other members, arrays or bytes; None removes a member."""
     content = members(path) | changes
     for name, value in changes.items():
         if isinstance(value, np.ndarray | np.generic):
@@ -86,7 +86,7 @@ def rewrite(path, changes, compression=zipfile.ZIP_STORED):
 
 
 def refusal(load, path):
-    """Why a result or project cannot be loaded: one bounded line that names the file."""
+    """Return the error of loading a result or project, a short line with the file name."""
     with pytest.raises(ResultError) as caught:
         load(path)
     message = str(caught.value)
@@ -97,7 +97,7 @@ def refusal(load, path):
 
 
 def one_byte_changed(content, places):
-    """The content with one of its bytes changed, for each of some places."""
+    """Yield the content with one byte changed, at each of some places."""
     for place in places:
         changed = bytearray(content)
         changed[place] ^= (0x01, 0x20, 0x80)[place % 3]
@@ -105,13 +105,13 @@ def one_byte_changed(content, places):
 
 
 def with_flipped_bits(path, load, check):
-    """Load a file with a byte changed: it is refused in one line, or comes as it was."""
-    whole = path.read_bytes()
+    """Load a file with one byte changed: it must be refused, or have the same contents."""
+    content_before = path.read_bytes()
 
     @settings(deadline=None, max_examples=150, derandomize=True)
-    @given(position=st.integers(0, len(whole) - 1), value=st.integers(1, 255))
+    @given(position=st.integers(0, len(content_before) - 1), value=st.integers(1, 255))
     def flip(position, value):
-        content = bytearray(whole)
+        content = bytearray(content_before)
         content[position] ^= value
         path.write_bytes(content)
         load_or_refuse(path, load, check)
@@ -120,7 +120,7 @@ def with_flipped_bits(path, load, check):
 
 
 def load_or_refuse(path, load, check):
-    """Check what is loaded, unless it is refused in one line."""
+    """Check a loaded file, unless it is refused in one line."""
     try:
         loaded = load(path)
     except ResultError as error:

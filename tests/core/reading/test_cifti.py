@@ -1,4 +1,4 @@
-"""CIFTI files that nibabel writes: one hemisphere of them, and files that are damaged."""
+"""CIFTI files written by nibabel: the choice of a hemisphere, and damaged files."""
 
 import nibabel
 import numpy as np
@@ -15,18 +15,18 @@ from tests.shapes import icosphere
 
 LEFT, RIGHT = icosphere(1), icosphere(2)
 COUNT = len(LEFT.vertices)
-WALL = np.arange(COUNT) % 5 == 0  # without values
+WALL = np.arange(COUNT) % 5 == 0  # medial wall, without values
 RANDOM = np.random.default_rng(0)
 VALUES = RANDOM.standard_normal((3, COUNT)).astype(np.float32)
 EXPECTED = np.where(WALL, np.nan, VALUES)
 
 
 def models(right=RIGHT):
-    """Both hemispheres, the left one without its wall, and some voxels between them."""
+    """Return both hemispheres, the left one without its medial wall, and some voxels."""
     left = cifti2.BrainModelAxis.from_mask(~WALL, "CortexLeft")
     volume = cifti2.BrainModelAxis.from_mask(np.ones((2, 1, 1), bool), "thalamus_left", np.eye(4))
-    whole = np.ones(len(right.vertices), bool)
-    return left + volume + cifti2.BrainModelAxis.from_mask(whole, "CortexRight")
+    every_vertex = np.ones(len(right.vertices), bool)
+    return left + volume + cifti2.BrainModelAxis.from_mask(every_vertex, "CortexRight")
 
 
 def write(path, rows, values=VALUES, right=RIGHT, dtype=np.float32):
@@ -44,8 +44,8 @@ def scalars(tmp_path_factory):
     return write(folder / "a.dscalar.nii", cifti2.ScalarAxis(["sulc", "curv", "area"]))
 
 
-def test_scalars_of_the_hemisphere_that_fits(scalars):
-    """Its medial wall has no value, which leaves the cortex as mask."""
+def test_scalars_of_the_fitting_hemisphere(scalars):
+    """The medial wall has no values, so the cortex becomes the mask."""
     found = read_values(scalars, LEFT)
     assert_array_equal(found.values, EXPECTED.T)
     assert (found.names, found.structure) == (("sulc", "curv", "area"), "L")
@@ -58,7 +58,7 @@ def test_scalars_of_the_hemisphere_that_fits(scalars):
         function(icosphere(0), f"file:{scalars},column=0,hemisphere=L")
 
 
-def test_hemispheres_of_one_size_are_chosen(tmp_path):
+def test_hemisphere_of_equal_sizes_is_chosen(tmp_path):
     path = write(tmp_path / "a.dscalar.nii", cifti2.ScalarAxis(["sulc"]), VALUES[:1], LEFT)
     for side, expected in (("L", EXPECTED[0]), ("R", np.arange(COUNT))):
         text = f"file:{path},hemisphere={side}"
@@ -81,7 +81,7 @@ def test_series_are_frames_with_their_times(tmp_path):
     assert_allclose(found.times, 0.5 + 0.72 * np.arange(3))
 
 
-def test_labels_of_each_map_have_their_own_names(tmp_path):
+def test_each_map_has_its_label_names(tmp_path):
     tables = [{0: ("???", (0, 0, 0, 0)), k: (f"area {k}", (1, 0.5, 0, 1))} for k in (1, 2)]
     keys = np.where(np.arange(COUNT) % 2, [[1], [2]], 0)
     path = write(tmp_path / "a.dlabel.nii", cifti2.LabelAxis(["one", "two"], tables), keys)
@@ -97,22 +97,22 @@ def test_labels_of_each_map_have_their_own_names(tmp_path):
             read(path, LEFT)
 
 
-def test_other_files_of_cifti_are_refused(tmp_path):
+def test_other_cifti_files_are_refused(tmp_path):
     axis = cifti2.BrainModelAxis.from_mask(np.ones(3, bool), "CortexLeft")
     nibabel.save(cifti2.Cifti2Image(np.eye(3), (axis, axis)), tmp_path / "a.dconn.nii")
     with raises(FunctionError, "brain_models"):
         read_values(tmp_path / "a.dconn.nii", LEFT)
 
 
-def test_first_version_of_cifti_is_named(scalars, tmp_path):
-    """Such as the RSN-networks of the Human Connectome Project."""
+def test_cifti_1_is_refused(scalars, tmp_path):
+    """For example the RSN networks of the Human Connectome Project."""
     data = scalars.read_bytes().replace(b'CIFTI Version="2', b'CIFTI Version="1')
     (tmp_path / "a.dscalar.nii").write_bytes(data)
     with raises(FunctionError, "CIFTI-1", "-cifti-version-convert"):
         read_values(tmp_path / "a.dscalar.nii", LEFT)
 
 
-def test_scaled_integers_are_read_as_nibabel_reads_them(scalars, tmp_path):
+def test_scaled_integers_agree_with_nibabel(scalars, tmp_path):
     image = nibabel.load(scalars)
     data = bytearray(scalars.read_bytes())
     header = image.nifti_header
@@ -125,7 +125,7 @@ def test_scaled_integers_are_read_as_nibabel_reads_them(scalars, tmp_path):
     assert_allclose(read_values(tmp_path / "a.dscalar.nii", LEFT).values[~WALL], expected.T)
 
 
-def test_sizes_are_compared_with_the_file_and_xml_has_no_dtd(scalars, tmp_path):
+def test_wrong_sizes_and_dtd_are_refused(scalars, tmp_path):
     path, content = tmp_path / "a.dscalar.nii", scalars.read_bytes()
     begin, changes = content.index(b"<CIFTI"), []
     for number in (b"99999999", b"-1", b"x"):
@@ -134,7 +134,7 @@ def test_sizes_are_compared_with_the_file_and_xml_has_no_dtd(scalars, tmp_path):
     dtd = b"<!DOCTYPE CIFTI [<!ENTITY a 'aaaa'>]>"
     inserted = content[:begin] + dtd + content[begin:]
     size = int(np.frombuffer(content[544:548], "<i4")[0])
-    changes.append(content[:548] + bytes(4) + content[552:])  # of an extension of another kind
+    changes.append(content[:548] + bytes(4) + content[552:])  # code of another extension
     changes.append(inserted[:544] + np.array([size], "<i4").tobytes() + inserted[548:])
     for change in changes:
         path.write_bytes(change)

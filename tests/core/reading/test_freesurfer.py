@@ -1,4 +1,4 @@
-"""FreeSurfer's files: as nibabel reads them, and refused where they are not whole."""
+"""FreeSurfer files agree with nibabel, and damaged ones are refused."""
 
 import struct
 
@@ -40,7 +40,7 @@ def text(word):
 
 
 def annotation(colours, version, numbers=(0, 1, 2, 3), order=None):
-    """A .annot file by hand: vertices in an order, with the numbers of their colours."""
+    """Return an .annot file with vertices in an order, and numbers of their colours."""
     order = range(len(colours)) if order is None else order
     packs = [red | green << 8 | blue << 16 for red, green, blue, _ in COLOURS]
     rows = [(k, packs[colours[k]] if colours[k] >= 0 else 0) for k in order]
@@ -54,7 +54,7 @@ def annotation(colours, version, numbers=(0, 1, 2, 3), order=None):
 
 @given(seed=seeds, count=st.integers(0, 30))
 @settings(max_examples=30)
-def test_values_are_those_that_nibabel_writes(folder, seed, count):
+def test_values_agree_with_nibabel(folder, seed, count):
     values = np.random.default_rng(seed).normal(size=count).astype(np.float32)
     freesurfer.write_morph_data(folder / "lh.sulc", values, fnum=7)
     assert_array_equal(freesurfer_values((folder / "lh.sulc").read_bytes()), values)
@@ -63,7 +63,7 @@ def test_values_are_those_that_nibabel_writes(folder, seed, count):
 @pytest.mark.parametrize("kind", ["u1", "i2", "i4", "f4"])
 @pytest.mark.parametrize("shape", [(7, 1, 1), (7, 1, 1, 3), (1, 3, 2, 2)])
 @pytest.mark.parametrize("name", ["a.mgh", "a.mgz"])
-def test_overlays_are_those_that_nibabel_writes(tmp_path, kind, shape, name):
+def test_overlays_agree_with_nibabel(tmp_path, kind, shape, name):
     values = (100 * np.random.default_rng(0).random(shape)).astype(kind)
     freesurfer.MGHImage(values, np.eye(4)).to_filename(tmp_path / name)
     found = freesurfer_frames(open_file(tmp_path / name).data)[0].astype(np.float64)
@@ -71,7 +71,7 @@ def test_overlays_are_those_that_nibabel_writes(tmp_path, kind, shape, name):
     assert_array_equal(found, expected, strict=True)
 
 
-def test_surfaces_are_as_nibabel_writes_and_reads_them(tmp_path):
+def test_surfaces_agree_with_nibabel(tmp_path):
     mesh = icosphere(2)
     volume = {
         "head": [2, 0, 20],
@@ -93,7 +93,7 @@ def test_surfaces_are_as_nibabel_writes_and_reads_them(tmp_path):
 
 
 def test_second_line_of_a_surface_may_be_missing():
-    """FreeSurfer's development version of 2019 wrote one line; its own reader accepts both."""
+    """FreeSurfer's development version of 2019 wrote one line; its reader accepts both."""
     vertices, faces = freesurfer_surface(SURFACE.replace(b"\n\n", b"\n", 1))
     assert_array_equal(vertices, tetrahedron().vertices)
     assert_array_equal(faces, tetrahedron().faces)
@@ -101,7 +101,7 @@ def test_second_line_of_a_surface_may_be_missing():
 
 @given(seed=seeds, count=st.integers(1, 30))
 @settings(max_examples=30)
-def test_annotations_are_those_that_nibabel_writes(folder, seed, count):
+def test_annotations_agree_with_nibabel(folder, seed, count):
     values = np.random.default_rng(seed).integers(-1, 4, count)
     table = np.array(COLOURS)
     path = folder / "lh.annot"
@@ -123,21 +123,21 @@ def test_annotations_of_both_versions_in_any_order(tmp_path, version):
     found = freesurfer_annotation(path.read_bytes())
     assert_array_equal(found.values, colours)
     assert found.names == dict(enumerate(NAMES))
-    if version == 2:  # whose colours have numbers of their own
+    if version == 2:  # its colours have explicit numbers
         path.write_bytes(annotation(colours, version, numbers=(7, 0, 3, 40)))
         found = freesurfer_annotation(path.read_bytes())
         assert found.values.tolist() == [3, -1, 7, 40, 0, 0]
         assert found.names == dict(zip((7, 0, 3, 40), NAMES, strict=True))
 
 
-def test_without_a_table_keys_are_the_colours():
-    """As numbers of red, green and blue; a table without the colours is refused."""
-    whole = annotation([1, 2], 2)
+def test_annotation_without_table_has_colors_as_keys():
+    """Keys are numbers of red, green and blue. A table without the colours is refused."""
+    content_with_table = annotation([1, 2], 2)
     keys = [red + 256 * green + 65536 * blue for red, green, blue, _ in COLOURS[1:3]]
-    for data in (whole[:20], whole[:20] + packed(0)):
+    for data in (content_with_table[:20], content_with_table[:20] + packed(0)):
         found = freesurfer_annotation(data)
         assert (found.values.tolist(), found.names, found.colors) == (keys, {}, {})
-    other = packed(2, 0, 1, 1, 1) + whole[20:]
+    other = packed(2, 0, 1, 1, 1) + content_with_table[20:]
     with raises(ValueError, 4):
         freesurfer_annotation(other)
 
@@ -145,7 +145,7 @@ def test_without_a_table_keys_are_the_colours():
 LABEL = "#!ascii label  , from subject a vox2ras=TkReg\n{}\n5  1.0 -2.5 3.0 0.25\n0 0 0 0 1e-3\n"
 
 
-def test_labels_list_vertices_with_values(tmp_path):
+def test_label_files_list_vertices_with_values(tmp_path):
     path = tmp_path / "lh.V1.label"
     path.write_text(LABEL.format(2))
     found = freesurfer_label(path.read_bytes())
@@ -205,7 +205,7 @@ LARGE = packed(2**31 - 1)
         (freesurfer_label, b"#\n1\n1 0 0 0 " + b"x" * 10**5, ()),
     ],
 )
-def test_files_that_lie_are_refused(tmp_path, reader, content, named):
+def test_inconsistent_files_are_refused(tmp_path, reader, content, named):
     with raises(ValueError, *named) as caught:
         reader(content)
     assert len(str(caught.value)) < 300

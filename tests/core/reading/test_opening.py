@@ -1,4 +1,4 @@
-"""Files are opened by what they hold; what is no data file is named."""
+"""Detection of file formats by contents, and errors for files without data."""
 
 import gzip
 import struct
@@ -58,13 +58,13 @@ def old_quads(vertices: int, quads: int) -> bytes:
     ],
 )
 def test_format_of_files(tmp_path: Path, name: str, data: bytes, expected: Format) -> None:
-    """Signatures decide before endings, also below gzip."""
+    """Signatures have priority over endings, also in compressed files."""
     path = tmp_path / name
     path.write_bytes(data)
     assert open_file(path).format is expected
 
 
-def test_compressed_bytes_are_returned_decompressed(tmp_path: Path) -> None:
+def test_compressed_files_are_decompressed(tmp_path: Path) -> None:
     (tmp_path / "a.off.gz").write_bytes(gzip.compress(OFF, mtime=0))
     assert open_file(tmp_path / "a.off.gz").data == OFF
 
@@ -85,7 +85,7 @@ def test_compressed_bytes_are_returned_decompressed(tmp_path: Path) -> None:
     ],
 )
 def test_other_contents_are_named(tmp_path: Path, name: str, data: bytes, reason: str) -> None:
-    """Under every name, what is not the data itself is refused as what it is."""
+    """Files that are not the data, such as web pages, are named, whatever their ending."""
     path = tmp_path / name
     path.write_bytes(data)
     with pytest.raises(ValueError, match=reason):
@@ -99,6 +99,6 @@ def test_spreadsheet_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
-def test_text_is_decoded_alike_in_every_encoding(encoding: str) -> None:
-    """Line ends of every system become line feeds."""
+def test_text_encodings_are_detected(encoding: str) -> None:
+    """Line ends of all systems become line feeds."""
     assert decoded("v 1 2\r\né\rx\n".encode(encoding)) == "v 1 2\né\nx\n"

@@ -1,4 +1,4 @@
-"""Plain files, bounded decompression, and arrays of NumPy and GIFTI."""
+"""Regular files, bounded decompression, and arrays of NumPy and GIFTI."""
 
 import base64
 import errno
@@ -23,7 +23,7 @@ from tests.core.reading.hostile import bomb, gifti, npy, npy_of
 from tests.messages import raises
 
 
-def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path, monkeypatch):
+def test_special_files_are_refused_without_waiting(tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "pipe")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "link").symlink_to("pipe")
@@ -40,7 +40,7 @@ def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path, monkeypatc
             assert kind in caught.value.strerror
 
 
-def test_a_file_that_becomes_a_pipe_before_it_is_opened_is_refused(tmp_path, monkeypatch):
+def test_file_replaced_by_a_pipe_is_refused(tmp_path, monkeypatch):
     (tmp_path / "a").touch()
     os.mkfifo(tmp_path / "pipe")
     plain = os.stat(tmp_path / "a")
@@ -49,7 +49,7 @@ def test_a_file_that_becomes_a_pipe_before_it_is_opened_is_refused(tmp_path, mon
         read_bytes(tmp_path / "pipe")
 
 
-def test_a_file_comes_whole_and_no_more_than_there_was_and_than_is_allowed(tmp_path):
+def test_files_are_read_up_to_a_size(tmp_path):
     (tmp_path / "a").write_bytes(b"\r\n\0whole")
     (tmp_path / "link").symlink_to("a")
     assert read_bytes(tmp_path / "a") == read_bytes(tmp_path / "link") == b"\r\n\0whole"
@@ -62,7 +62,7 @@ def test_a_file_comes_whole_and_no_more_than_there_was_and_than_is_allowed(tmp_p
 
 
 @pytest.mark.parametrize("packed", [gzip.compress, zlib.compress])
-def test_compressed_data_comes_back_up_to_a_bound(packed):
+def test_data_are_decompressed_up_to_a_size(packed):
     content = os.urandom(1000) + bytes(9000)
     data = packed(content)
     assert inflated(data) == inflated(data, size_max=10_000) == content
@@ -75,7 +75,7 @@ def test_compressed_data_comes_back_up_to_a_bound(packed):
             inflated(bad)
 
 
-def test_a_bomb_is_refused_when_it_has_given_its_bound():
+def test_decompression_bomb_is_refused():
     with raises(ValueError, 67108864):
         inflated(gzip.compress(bytes(80 << 20), 1))
 
@@ -91,7 +91,7 @@ def test_a_bomb_is_refused_when_it_has_given_its_bound():
         ("y" * 200, "y" * 200),
     ],
 )
-def test_whatever_is_told_fits_one_line(given, line):
+def test_one_line_shortens_messages(given, line):
     assert one_line(given) == line
 
 
@@ -111,7 +111,7 @@ kinds |= arrays.boolean_dtypes() | arrays.complex_number_dtypes() | arrays.unico
     version=st.sampled_from([1, 2, 3]),
     turned=st.booleans(),
 )
-def test_what_numpy_writes_comes_back(array, version, turned):
+def test_numpy_arrays_round_trip(array, version, turned):
     array = np.asfortranarray(array) if turned else array
     found = array_from(saved(array, version))
     assert_array_equal(found, array, strict=True)
@@ -168,8 +168,8 @@ def described(**changes):
         (npy_of("(2,)", "|b1", b"\x01\x02"), ("boolean", 0, 1)),
     ],
 )
-def test_headers_that_do_not_fit_are_refused(content, named):
-    with raises(ValueError, *named, recorded=False) as caught:  # some are worded by NumPy
+def test_invalid_npy_headers_are_refused(content, named):
+    with raises(ValueError, *named, recorded=False) as caught:  # some messages are those of NumPy
         array_from(content)
     assert len(str(caught.value)) < 300
 
@@ -181,7 +181,7 @@ NINE = np.arange(9, dtype="<f4")
 @pytest.mark.parametrize("endian", ["little", "big"])
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("kind", ["float32", "int32", "uint8"])
-def test_what_nibabel_writes_is_read_as_nibabel_reads_it(tmp_path, encoding, endian, order, kind):
+def test_gifti_agrees_with_nibabel(tmp_path, encoding, endian, order, kind):
     random = np.random.default_rng(0)
     arrays = [
         nibabel.gifti.GiftiDataArray(
@@ -203,7 +203,7 @@ def test_what_nibabel_writes_is_read_as_nibabel_reads_it(tmp_path, encoding, end
         assert_array_equal(array.values, other.data)
 
 
-def test_values_from_a_file_beside_it(tmp_path):
+def test_gifti_external_file_is_read(tmp_path):
     def beside(name, offset="4"):
         more = f'ExternalFileName="{name}" ExternalFileOffset="{offset}"'
         (tmp_path / "a.gii").write_bytes(gifti("", encoding="ExternalFileBinary", more=more))
@@ -232,7 +232,7 @@ def test_values_from_a_file_beside_it(tmp_path):
 OUTSIDE = b'<!DOCTYPE GIFTI SYSTEM "http://www.nitrc.org/frs/download.php/115/gifti.dtd">'
 
 
-def test_gifti_doctype_outside_file_is_accepted(tmp_path):
+def test_gifti_external_doctype_is_accepted(tmp_path):
     start, rest = gifti("1 2 3").split(b"?>")
     (tmp_path / "a.gii").write_bytes(start + b"?>" + OUTSIDE + rest)
     [array] = read_gifti(tmp_path / "a.gii").arrays
@@ -276,7 +276,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (b'<?xml version="1.0" encoding="utf-7"?><GIFTI/>', ("encodings",)),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(tmp_path, content, named):
+def test_invalid_gifti_arrays_are_refused(tmp_path, content, named):
     (tmp_path / "a.gii").write_bytes(content)
     with raises(ValueError, *named) as caught:
         read_gifti(tmp_path / "a.gii")

@@ -1,4 +1,4 @@
-"""MNE's .stc files: what is written comes back, and what is not whole is refused."""
+"""MNE source estimates (.stc): round trips, and errors for damaged files."""
 
 import struct
 
@@ -17,7 +17,7 @@ BIG = 2**32 - 1
 
 
 def by_hand(tmin, tstep, vertices, values):
-    """The bytes of a file as MNE's manual has them."""
+    """Return the bytes of a file in the format of the MNE manual."""
     head = struct.pack(f">ffI{len(vertices)}I", tmin, tstep, len(vertices), *vertices)
     return head + struct.pack(f">I{values.size}f", len(values), *values.ravel())
 
@@ -30,7 +30,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("stc")
 
 
-def test_a_file_made_by_hand_is_read(folder):
+def test_file_of_the_manual_is_read(folder):
     (folder / "a-lh.stc").write_bytes(WHOLE)
     found = read_stc((folder / "a-lh.stc").read_bytes())
     assert_array_equal(found.values.T, np.arange(6.0).reshape(2, 3), strict=True)
@@ -42,7 +42,7 @@ def test_a_file_made_by_hand_is_read(folder):
 
 @given(seed=st.integers(0, 2**32 - 1), samples=st.integers(1, 5), count=st.integers(1, 9))
 @settings(max_examples=30)
-def test_what_is_written_comes_back(folder, seed, samples, count):
+def test_source_estimates_round_trip(folder, seed, samples, count):
     random = np.random.default_rng(seed)
     values = random.normal(size=(samples, count)).astype(np.float32).astype(np.float64)
     vertices = np.sort(random.choice(10_000, count, replace=False))
@@ -68,13 +68,13 @@ def test_what_is_written_comes_back(folder, seed, samples, count):
         (WHOLE + b"\0", (24, 25)),
     ],
 )
-def test_files_that_lie_are_refused(folder, content, named):
+def test_inconsistent_files_are_refused(folder, content, named):
     (folder / "d.stc").write_bytes(content)
     with raises(ValueError, *named):
         read_stc((folder / "d.stc").read_bytes())
 
 
-def test_what_mne_could_not_read_is_not_written(folder):
+def test_unreadable_files_are_not_written(folder):
     values, vertices = np.zeros((3, 2)), np.arange(2)
     with raises(ResultError, "-lh.stc", "-rh.stc"):
         write_stc(folder / "x.stc", values, vertices, [0, 1, 2])

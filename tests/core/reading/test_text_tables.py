@@ -1,4 +1,4 @@
-"""Tables of text: separators, decimal commas, and what can be read in two ways."""
+"""Text tables: separators, decimal commas, and ambiguous files."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def written(separator, decimal=",", quote=""):
 
 @pytest.mark.parametrize("separator", [";", "\t", " ", "  ", "; "])
 @pytest.mark.parametrize("head", ["", "depth{}area\n"])
-def test_decimal_commas_are_read_if_something_else_separates(separator, head):
+def test_decimal_commas_with_other_separators(separator, head):
     names, found, _ = read_numbers(head.format(separator) + written(separator))
     assert_array_equal(found, NUMBERS)
     assert [name.strip() for name in names] == (["depth", "area"] if head else [])
@@ -33,11 +33,11 @@ def test_decimal_commas_in_quotes_are_read():
     assert_array_equal(read_numbers('"0,369"\n"1,5"\n')[1], [[0.369], [1.5]])
 
 
-def test_line_of_excel_that_names_the_separator_is_skipped():
+def test_separator_line_of_excel_is_skipped():
     assert read_numbers("sep=;\na;b\n1;2\n")[1].tolist() == [[1, 2]]
 
 
-def test_one_name_above_decimal_commas_is_one_column():
+def test_one_name_makes_one_column_of_decimal_commas():
     names, found, _ = read_numbers("mean depth\n0,369\n-1,25\n")
     assert found.tolist() == [[0.369], [-1.25]]
     assert names == ["mean depth"]
@@ -59,12 +59,13 @@ def test_one_name_above_decimal_commas_is_one_column():
         ("a;b\n1,234.5;2\n", ("'1,234.5'", "thousands")),
     ],
 )
-def test_what_can_be_read_in_two_ways_is_refused(text, named):
+def test_ambiguous_tables_are_refused(text, named):
     with raises(ValueError, *named):
         read_numbers(text)
 
 
-def test_pairs_of_whole_numbers_are_two_columns_where_these_are_expected():
+def test_pairs_of_integers_are_two_columns():
+    """Also without names, if integers are expected."""
     assert read_numbers("0,369\n1,25\n", integers=True)[1].tolist() == [[0, 369], [1, 25]]
     assert read_numbers("a,b\n0,369\n1,25\n")[1].tolist() == [[0, 369], [1, 25]]
     assert read_numbers("0, 369\n1, 25.5\n")[1].tolist() == [[0, 369], [1, 25.5]]
@@ -76,7 +77,7 @@ def test_pairs_of_whole_numbers_are_two_columns_where_these_are_expected():
     mark=st.booleans(),
     encoding=st.sampled_from(["utf-8-sig", "utf-16", "utf-16-le"]),
 )
-def test_numbers_come_back_from_any_table(rows, separator, mark, encoding):
+def test_numbers_round_trip(rows, separator, mark, encoding):
     decimal = "," if mark and separator != "," else "."
     cells = [[f"{x:.4f}".replace(".", decimal) for x in row] for row in rows]
     text = "\r\n".join([f"one{separator}two", *(separator.join(row) for row in cells)])
@@ -85,7 +86,7 @@ def test_numbers_come_back_from_any_table(rows, separator, mark, encoding):
     assert_array_equal(found, [[float(f"{x:.4f}") for x in row] for row in rows])
 
 
-def test_rows_of_words_and_the_numbers_in_them():
+def test_rows_of_words_and_numbers():
     table = rows_of('name;place\n"a;b";1,5\n\n', comments="#")
     assert [*table.cells] == [["name", "place"], ["a;b", "1,5"]]
     assert table.number("1,5") == table.number("1.5") == 1.5
@@ -111,18 +112,18 @@ def test_first_line_may_lack_a_number():
     assert_array_equal(read_numbers("NA\n2\n").table, [[np.nan], [2]])
     assert_array_equal(read_numbers("#VALUE!\n2\n").table, [[np.nan], [2]])
     assert_array_equal(read_numbers("FALSE\nTRUE\n").table, [[0], [1]])
-    assert read_numbers(",0\n5,1\n").names == ["", "0"]  # as pandas names a Series
+    assert read_numbers(",0\n5,1\n").names == ["", "0"]  # written by pandas for a Series
 
 
-def test_names_of_rows_in_tables_of_r_have_no_name():
-    """As R's write.table writes them; other words are a title."""
+def test_r_row_names_have_no_column_name():
+    """As written by write.table of R; other words are a title."""
     found = read_numbers('"depth" "mean depth"\n"1" 0.5 NA\n"2" 1 3\n')
     assert found.names == ["", "depth", "mean depth"]
     assert_array_equal(found.table, [[1, 0.5, np.nan], [2, 1, 3]])
     assert not read_numbers("depth of 2\n1 0.5 2 1\n3 1 3 1\n").names
 
 
-def test_exponents_of_fortran_are_read():
+def test_fortran_exponents_are_read():
     assert_array_equal(read_numbers("1.5D+01, 2d-1\n-1, 3\n").table, [[15, 0.2], [-1, 3]])
     for separator in ("; ", "\t", " "):
         found = read_numbers(f"1,5D+01{separator}2,5d-1\n-1{separator}3,0D0\n")
@@ -131,7 +132,7 @@ def test_exponents_of_fortran_are_read():
         read_numbers("-6,25D+02\n2,5D+00\n")
 
 
-def test_columns_of_words_are_left_out():
+def test_columns_of_words_are_omitted():
     found = read_numbers('a,area,b\n1,"V1, left",\n2.5,V2,4\n')
     assert found.names == ["a", "b"]
     assert found.places == [0, 2]
@@ -140,24 +141,24 @@ def test_columns_of_words_are_left_out():
         read_numbers("a,b\n1,V1\n2,3\n")
 
 
-def test_separator_at_the_end_of_lines_makes_no_column():
+def test_trailing_separator_makes_no_column():
     found = read_numbers("0.5,1,\n2,3,\n")
     assert_array_equal(found.table, [[0.5, 1], [2, 3]])
     assert read_numbers("a,b\n0.5,1,\n2,3,\n").names == ["a", "b"]
 
 
-def test_truths_are_one_and_zero_and_minus_signs_are_read():
+def test_booleans_and_unicode_minus_are_read():
     assert_array_equal(read_numbers("a,m\n1,True\n\u22122,FALSE\n").table, [[1, 1], [-2, 0]])
 
 
-def test_line_under_commented_names_is_skipped():
-    """As AFNI's 3dVol2Surf writes them."""
+def test_line_below_commented_names_is_skipped():
+    """As written by 3dVol2Surf of AFNI."""
     found = read_numbers(b"# ---------\n# surface 'a' :\n#\n#  node   v0\n# -----  ----\n 3  0.5\n")
     assert found.names == ["node", "v0"]
     assert_array_equal(found.table, [[3, 0.5]])
 
 
-def test_names_may_be_in_the_encoding_of_excel():
+def test_names_in_the_encoding_of_excel():
     names, found, _ = read_numbers("Größe;n\r\n0,5;1\r\n".encode("cp1252"))
     assert names == ["Größe", "n"]
     assert_array_equal(found, [[0.5, 1]])

@@ -1,4 +1,4 @@
-"""Grids of VTK as surfaces: cells of legacy and XML files, and data of legacy files."""
+"""VTK grids as surfaces: cells of legacy and XML files, and data of legacy files."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ TRIANGLE, QUAD, PIXEL, STRIPS, POLY_LINE, TETRAHEDRON = 5, 9, 8, 6, 4, 10
 
 
 class Legacy:
-    """Writes a file of text or big-endian numbers, with cells as old or new versions have them."""
+    """Writer of a legacy file, text or big-endian, with old or new cells."""
 
     def __init__(self, kind, is_text, is_new):
         self.is_text, self.is_new = is_text, is_new
@@ -39,7 +39,7 @@ class Legacy:
             self.content += values.astype(f">{code}").tobytes() + b"\n"
 
     def strings(self, texts):
-        """A line each, or a length of 1, 2 or 4 bytes whose highest bits are its kind."""
+        """Write texts as lines, or after lengths of 1, 2 or 4 bytes, depending on two bits."""
         for text in texts:
             size = len(text)
             kind, width = (3, 1) if size < 1 << 6 else (2, 2) if size < 1 << 14 else (1, 4)
@@ -59,7 +59,7 @@ class Legacy:
 
 
 def legacy(kind="POLYDATA", is_text=True, is_new=False):
-    """A surface with all kinds of cells, data of points and cells, a time and metadata."""
+    """Return a surface with all kinds of cells, point and cell data, a time and metadata."""
     file = Legacy(kind, is_text, is_new)
     file.line("FIELD FieldData 1\nTimeValue 1 1 double")
     file.numbers([2.5], "f8")
@@ -101,7 +101,7 @@ FORMS = [
 
 
 @pytest.mark.parametrize(("kind", "is_text", "is_new"), FORMS)
-def test_legacy_files(tmp_path, kind, is_text, is_new):
+def test_legacy_files_are_read(tmp_path, kind, is_text, is_new):
     path = write(tmp_path, "a.vtk", legacy(kind, is_text, is_new))
     mesh = load_mesh(path)
     assert_array_equal(mesh.vertices, POINTS)
@@ -145,7 +145,7 @@ REFUSED_LEGACY = {
 
 
 @pytest.mark.parametrize(("content", "named"), REFUSED_LEGACY.values(), ids=REFUSED_LEGACY)
-def test_refused_legacy_files(tmp_path, content, named):
+def test_invalid_legacy_files_are_refused(tmp_path, content, named):
     with raises(MeshError, *named) as caught:
         load_mesh(write(tmp_path, "a.vtk", content))
     assert "\n" not in str(caught.value)
@@ -177,7 +177,7 @@ def _cells(place, cells, types=()):
 
 
 def xml(kind="PolyData", data="", types=(POLY_LINE, TRIANGLE, TRIANGLE, QUAD, STRIPS)):
-    """The same surface."""
+    """Return the same surface as an XML file."""
     counts = 'NumberOfCells="5"'
     cells = _cells("Cells", [LINE, *POLYGONS, STRIP], types)
     if kind == "PolyData":
@@ -190,13 +190,13 @@ def xml(kind="PolyData", data="", types=(POLY_LINE, TRIANGLE, TRIANGLE, QUAD, ST
 
 
 @pytest.mark.parametrize(("kind", "ending"), [("PolyData", "vtp"), ("UnstructuredGrid", "vtu")])
-def test_xml_files(tmp_path, kind, ending):
+def test_xml_files_are_read(tmp_path, kind, ending):
     mesh = load_mesh(write(tmp_path, f"a.{ending}", xml(kind)))
     assert_array_equal(mesh.vertices, POINTS)
     assert mesh.faces.tolist() == FACES
 
 
-def test_two_arrays_of_one_name_are_refused_when_they_are_read(tmp_path):
+def test_repeated_array_name_is_refused_on_access(tmp_path):
     data = _array("f", DATA) + _array("f", 2 * DATA) + _array("g", DATA)
     path = write(tmp_path, "a.vtp", xml(data=data))
     assert len(load_mesh(path).faces) == 6
@@ -218,6 +218,6 @@ REFUSED_XML = {
 
 
 @pytest.mark.parametrize(("content", "named"), REFUSED_XML.values(), ids=REFUSED_XML)
-def test_refused_xml_files(tmp_path, content, named):
+def test_invalid_xml_files_are_refused(tmp_path, content, named):
     with raises(MeshError, *named):
         load_mesh(write(tmp_path, "a.vtu", content))

@@ -1,4 +1,4 @@
-"""VTK's XML files in all forms that ParaView writes, and refused where they are not whole."""
+"""VTK XML files in all forms that ParaView writes, and errors for damaged ones."""
 
 import re
 from base64 import b64decode
@@ -42,7 +42,7 @@ def test_all_forms_of_arrays_are_read(folder, form, compressor):
     kinds = ("UnstructuredGrid", "PolyData")
     for head, order, kind, together in product(("u4", "u8"), "<>", kinds, (False, True)):
         if together and compressor:
-            continue  # no program does
+            continue  # no program writes it
         content = vtk_bytes(POINTS, DATA, form, compressor, head, order, kind, together, 2.5)
         path = written(folder, content)
         for name, values in DATA.items():
@@ -54,7 +54,7 @@ def test_all_forms_of_arrays_are_read(folder, form, compressor):
 
 
 def test_only_last_time_is_decoded(folder, monkeypatch):
-    """As each decoding may copy the whole file."""
+    """Each decoding may copy the entire file."""
     decoded = []
     monkeypatch.setattr(vtk_xml, "_unpacked", lambda text: decoded.append(1) or b64decode(text))
     field = [vtk_bytes(POINTS, DATA, "base64", time=k) for k in (1.0, 2.0)]
@@ -67,7 +67,7 @@ def test_only_last_time_is_decoded(folder, monkeypatch):
     assert len(decoded) == 2 * count
 
 
-def test_what_pyevtk_writes_is_read(folder):
+def test_pyevtk_files_are_read(folder):
     mesh, values = tetrahedron(), np.arange(4.0)
     export_vtu(folder / "b.vtu", mesh, {"only": values}, {"cells": np.zeros(4)})
     file = vtk_contents(open_file(folder / "b.vtu"))
@@ -77,7 +77,7 @@ def test_what_pyevtk_writes_is_read(folder):
     assert np.isnan(file.time)
 
 
-def test_collections_say_times_and_files(folder):
+def test_collections_have_times_and_files(folder):
     text = (
         '<VTKFile type="Collection"><Collection><DataSet timestep="1e-1" part="0" file="a/b.vtu"/>'
         '<DataSet timestep="2" group="" file="c.vtu"/></Collection></VTKFile>'
@@ -131,7 +131,7 @@ BOMB = (
         (ASCII.replace(b"\n-", b"\nx-").replace(b"\n0", b"\nx0"), ()),
     ],
 )
-def test_files_that_lie_are_refused(folder, content, named):
+def test_inconsistent_files_are_refused(folder, content, named):
     with raises(ValueError, *named) as caught:
         point_data(written(folder, content), "a")
     assert len(str(caught.value)) < 300
@@ -146,12 +146,12 @@ def test_files_that_lie_are_refused(folder, content, named):
         ('<VTKFile type="Collection"><DataSet timestep="1"/></VTKFile>', ""),
     ],
 )
-def test_collections_that_lie_are_refused(folder, text, named):
+def test_invalid_collections_are_refused(folder, text, named):
     with raises(ValueError, named):
         read_collection(written(folder, text.encode(), "a.pvd"))
 
 
-def test_an_unknown_array_is_told_with_those_there_are(folder):
+def test_unknown_array_error_lists_the_arrays(folder):
     path = written(folder, vtk_bytes(POINTS, DATA))
     with raises(FunctionError, "sped", "speed"):
         read_values(path, column="sped")

@@ -1,4 +1,4 @@
-"""Writes VTK's XML files in all the forms that ParaView has, by hand."""
+"""Independent writer of VTK XML files in all forms of ParaView."""
 
 import base64
 import lzma
@@ -13,11 +13,11 @@ COMPRESSORS = {
     "vtkZLibDataCompressor": zlib.compress,
     "vtkLZMADataCompressor": lzma.compress,
 }
-_BLOCK = 64  # bytes, so that small arrays have several
+_BLOCK = 64  # bytes, so that small arrays have several blocks
 
 
 def _packed(values, order, head, compress):
-    """The header and the bytes of an array."""
+    """Return the header and the bytes of an array."""
     data = values.astype(values.dtype.newbyteorder(order)).tobytes()
     kind = np.dtype(order + head)
     if compress is None:
@@ -39,7 +39,10 @@ def vtk_bytes(
     together=False,
     time=None,
 ):
-    """A file of points and point data; ``form`` is ascii, binary, base64 (appended) or raw."""
+    """Return a file of points and point data.
+
+    ``form`` is ascii, binary, base64 (appended) or raw.
+    """
     appended, texts = b"", []
 
     def declared(name, values):
@@ -82,5 +85,5 @@ def vtk_bytes(
 
 
 def point_data(path, name):
-    """An array of point data of a file."""
+    """Return an array of point data of a file."""
     return vtk_contents(open_file(path)).point_data[name]
