@@ -1,4 +1,4 @@
-"""Linear optical flow: orders of convergence, exact cases, invariances, and where it fails."""
+"""Linear optical flow: orders of convergence, exact cases, invariances and limits."""
 
 import numpy as np
 import pytest
@@ -21,14 +21,14 @@ from tests.shapes import icosphere, square
     ("wave", "smoothness", "order", "largest"),
     [(coordinates, 1e-4, 0.95, 0.003), (None, 1e-2, 0.65, 0.1)],
 )
-def test_errors_of_a_rotation_fall_with_the_mesh(wave, smoothness, order, largest):
-    """Three channels determine the field; one leaves the part along contours to smoothness."""
+def test_errors_of_a_rotation_converge(wave, smoothness, order, largest):
+    """With one channel, smoothness determines the component along contours."""
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
-        frames, wanted = rotating_pattern(mesh, 0.01, 2, wave)
+        frames, expected = rotating_pattern(mesh, 0.01, 2, wave)
         field = horn_schunck(mesh, *frames, smoothness=smoothness)
-        errors.append(relative_field_error(mesh, field, wanted, frames[0]))
+        errors.append(relative_field_error(mesh, field, expected, frames[0]))
     assert last_order(errors) > order
     assert errors[2] < largest
 
@@ -43,7 +43,7 @@ def test_constant_field_on_a_flat_patch_is_exact():
 
 
 def test_smooth_fields_cross_an_edge_of_a_fold():
-    """Transport unfolds faces: a fold changes nothing for a field along the folded sheet."""
+    """Transport unfolds faces, so a fold does not change a field along the folded sheet."""
     x, y = np.mgrid[:9, :9].reshape(2, -1) / 8
     f = np.stack([x, y], axis=1)
     g = f - [0.02, -0.03]
@@ -73,18 +73,18 @@ def test_renumbering_vertices_changes_nothing():
 
 
 def test_large_rotations_are_not_found():
-    near, far = (
+    small, large = (
         relative_field_error(
-            SPHERE, horn_schunck(SPHERE, *frames, smoothness=1e-6), wanted, frames[0]
+            SPHERE, horn_schunck(SPHERE, *frames, smoothness=1e-6), expected, frames[0]
         )
-        for frames, wanted in (
+        for frames, expected in (
             rotating_pattern(SPHERE, angle, 2, coordinates) for angle in (0.05, 1.2)
         )
     )
-    assert far > 2 * near
+    assert large > 2 * small
 
 
-def test_units_and_constants_change_nothing():
+def test_units_and_constants_have_no_influence():
     frames, _ = rotating_pattern(SPHERE, 0.02, 2)
     usual = horn_schunck(SPHERE, *frames)
     large = TriangleMesh(50 * SPHERE.vertices, SPHERE.faces)

@@ -1,4 +1,4 @@
-"""Blending without a flow, and optimal transport: kernel, marginals, mass, midpoints."""
+"""Linear blend and optimal transport: kernel, marginals, mass and midpoints."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from tests.messages import raises
 from tests.shapes import icosphere, open_cylinder
 
 
-def test_linear_blend_goes_straight_from_source_to_target():
+def test_linear_blend():
     f, g = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([[5.0, 2.0], [0.0, -4.0]])
     assert_array_equal(linear_blend(f, g, 0.0, 2.0), f)
     assert_array_equal(linear_blend(f, g, 2.0, 2.0), g)
@@ -25,24 +25,24 @@ MIDDLE = (P + Q) / np.sqrt(2)
 
 
 def angle(x):
-    """From each vertex of the sphere to a point."""
+    """Return the angle between each vertex of the sphere and a point."""
     return np.arccos(np.clip(SPHERE.vertices @ x, -1, 1))
 
 
 def bump(x, width=0.35):
-    """A Gaussian on the sphere, its width in radians."""
+    """Return a Gaussian on the sphere with a width in radians."""
     return np.exp(-0.5 * (angle(x) / width) ** 2)
 
 
 def strip(n, length=4.0):
-    """Open cylinder, in effect a flat strip: intrinsically there is nothing but the height."""
+    """Return a thin open cylinder, in effect a flat strip, and the heights of its vertices."""
     mesh = open_cylinder(8, n, radius=0.1, height=length)
     return mesh, mesh.vertices[:, 2]
 
 
 @pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES.keys())
 @pytest.mark.parametrize("steps", [1, 3])
-def test_the_kernel_is_positive_symmetric_and_keeps_constants_and_integrals(mesh, steps):
+def test_kernel_is_positive_symmetric_and_conservative(mesh, steps):
     heat = HeatKernel(mesh, 0.3, steps)
     matrix = np.stack([heat(column) for column in np.eye(len(mesh.vertices))], axis=1)
     assert (matrix > 0).all()
@@ -54,7 +54,7 @@ def test_the_kernel_is_positive_symmetric_and_keeps_constants_and_integrals(mesh
     assert np.linalg.eigvalsh(root[:, None] * density * root).min() > 0
 
 
-def test_more_steps_come_closer_to_the_flat_heat_kernel():
+def test_more_steps_approximate_the_flat_heat_kernel():
     mesh, z = strip(400)
     start, total = np.exp(-0.5 * ((z - 2) / 0.3) ** 2), np.hypot(0.3, 0.2 * mesh.length_scale)
     exact = 0.3 / total * np.exp(-0.5 * ((z - 2) / total) ** 2)  # variances add up
@@ -62,7 +62,8 @@ def test_more_steps_come_closer_to_the_flat_heat_kernel():
     assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 1, atol=0.25)
 
 
-def test_the_ends_are_source_and_target_blurred_by_the_kernel_and_nearer_with_order_two():
+def test_ends_are_blurred_source_and_target():
+    """The blur decreases with second order in the width."""
     f, g = bump(P), bump(Q) + 0.5 * bump(-P)
     heat = HeatKernel(SPHERE, 0.1, 16)
     ends = optimal_transport(SPHERE, f, g, [0, 1])
@@ -72,7 +73,7 @@ def test_the_ends_are_source_and_target_blurred_by_the_kernel_and_nearer_with_or
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
 
 
-def test_mass_goes_evenly_from_the_source_s_to_the_target_s():
+def test_mass_is_linear_in_time():
     f, g = bump(P), 3 * bump(Q, 0.5)
     areas, times = vertex_areas(SPHERE), np.array([0, 0.2, 0.7, 1])
     for sharpen in (False, True):
@@ -81,18 +82,18 @@ def test_mass_goes_evenly_from_the_source_s_to_the_target_s():
         assert_allclose(found @ areas, (1 - times) * (areas @ f) + times * (areas @ g), rtol=1e-10)
 
 
-def test_heights_scale_the_answer_and_the_way_back_is_the_way_there_reversed():
+def test_scaling_and_reversal():
     f, g, times = bump(P), 2 * bump(Q, 0.5), [0.25, 0.6]
-    there = optimal_transport(SPHERE, f, g, times)
-    assert_allclose(optimal_transport(SPHERE, g, f, [0.75, 0.4]), there, rtol=1e-10)
-    assert_allclose(optimal_transport(SPHERE, 1e6 * f, 1e6 * g, times), 1e6 * there, rtol=1e-9)
+    forward = optimal_transport(SPHERE, f, g, times)
+    assert_allclose(optimal_transport(SPHERE, g, f, [0.75, 0.4]), forward, rtol=1e-10)
+    assert_allclose(optimal_transport(SPHERE, 1e6 * f, 1e6 * g, times), 1e6 * forward, rtol=1e-9)
     one = optimal_transport(SPHERE, f, g, 0.25)
     assert one.shape == f.shape
-    assert_allclose(one, there[0])
+    assert_allclose(one, forward[0])
 
 
 @pytest.mark.parametrize("sharpen", [False, True])
-def test_on_a_sphere_a_gaussian_is_halfway_at_the_middle_of_the_geodesic(sharpen):
+def test_midpoint_on_a_sphere_is_on_the_geodesic(sharpen):
     areas = vertex_areas(SPHERE)
     middle = optimal_transport(SPHERE, bump(P), bump(Q), 0.5, sharpen=sharpen)
     centre = (areas * middle) @ SPHERE.vertices
@@ -102,7 +103,8 @@ def test_on_a_sphere_a_gaussian_is_halfway_at_the_middle_of_the_geodesic(sharpen
         assert areas @ abs(middle - bump(MIDDLE)) < 0.15 * (areas @ bump(MIDDLE))
 
 
-def test_on_a_strip_the_mean_moves_evenly_and_more_so_in_more_steps_and_the_shape_stays():
+def test_mean_on_a_strip_moves_evenly():
+    """It does so better with more steps, and the width hardly changes."""
     mesh, z = strip(160)
     f, g = (np.exp(-0.5 * ((z - centre) / 0.3) ** 2) for centre in (1.2, 2.8))
     areas, times, errors = vertex_areas(mesh), np.linspace(0, 1, 5), []
@@ -120,7 +122,7 @@ def test_on_a_strip_the_mean_moves_evenly_and_more_so_in_more_steps_and_the_shap
     assert deviations.max() < 1.4 * blurred
 
 
-def test_sharpened_interpolations_have_no_more_entropy_than_the_ends():
+def test_sharpening_limits_the_entropy():
     areas = vertex_areas(SPHERE)
 
     def entropy(function):
@@ -135,7 +137,7 @@ def test_sharpened_interpolations_have_no_more_entropy_than_the_ends():
     assert entropy(sharp) <= entropy(f) + 1e-4
 
 
-def test_what_is_negative_by_rounding_counts_as_nothing():
+def test_small_negative_values_count_as_0():
     dips = np.where(bump(P) < 1e-3, -1e-3, bump(P))
     found, expected = (
         optimal_transport(SPHERE, f, bump(Q), 0.5) for f in (dips, np.maximum(dips, 0))
@@ -158,6 +160,6 @@ def test_what_is_negative_by_rounding_counts_as_nothing():
         ({"f": 1.0 * (angle(P) < 0.3), "blur": 1e-5}, ()),
     ],
 )
-def test_what_cannot_be_transported_is_refused(change, named):
+def test_invalid_arguments_are_refused(change, named):
     with raises(AbfmError, *named):
         optimal_transport(SPHERE, **{"f": bump(P), "g": bump(Q), "times": 0.5} | change)

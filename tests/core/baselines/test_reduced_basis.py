@@ -1,4 +1,4 @@
-"""The reduced basis, against full operators, Taylor's formula, rotations of the sphere."""
+"""The reduced basis, compared with full operators, Taylor series and rotations of the sphere."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_fields_are_orthonormal(mesh):
     ("mesh", "fields"), [(icosphere(3), slice(None)), (hemisphere(16), slice(3, None))]
 )
 def test_fields_are_eigenfields_of_the_hodge_laplacian(mesh, fields):
-    """On a boundary the divergence-free ones; gradients of hats have some flux through it."""
+    """On a boundary only divergence-free fields are; gradients of hat functions have some flux."""
     values, basis = (part[..., fields] for part in hodge_basis(mesh, 3))
     assert_allclose(np.einsum("xm,xm->m", basis, hodge_laplacian(mesh) @ basis), values, rtol=0.03)
 
@@ -45,7 +45,7 @@ def problem():
     return energy, generator.normal(size=(2, 8))
 
 
-def test_operators_are_the_full_ones_between_eigenfunctions():
+def test_operators_are_projections_of_full_ones():
     energy, (a, _) = problem()
     mesh = energy.mesh
     basis = eigenbasis(mesh, 8)[1]
@@ -54,7 +54,8 @@ def test_operators_are_the_full_ones_between_eigenfunctions():
     assert_allclose(np.tensordot(a, energy.operators, 1), expected, atol=1e-12)
 
 
-def test_energy_is_its_definition_infinite_at_overflow_and_its_gradient_passes_the_taylor_test():
+def test_energy_and_gradient():
+    """They agree with the definition and a Taylor test; the energy is infinite on overflow."""
     energy, (a, direction) = problem()
     difference = expm(-0.7 * np.tensordot(a, energy.operators, 1)) @ energy.start - energy.target
     laplacian = hodge_basis(energy.mesh, 4)[0]
@@ -65,11 +66,12 @@ def test_energy_is_its_definition_infinite_at_overflow_and_its_gradient_passes_t
     assert not slope.any()
     value, slope = energy(a)
     steps = 0.1 * 0.5 ** np.arange(4, 10)
-    rest = [abs(energy(a + h * direction)[0] - value - h * slope @ direction) for h in steps]
-    assert_allclose(np.log2(np.divide(rest[:-1], rest[1:])), 2, atol=0.1)
+    remainders = [abs(energy(a + h * direction)[0] - value - h * slope @ direction) for h in steps]
+    assert_allclose(np.log2(np.divide(remainders[:-1], remainders[1:])), 2, atol=0.1)
 
 
-def test_a_rotation_of_the_sphere_is_found_and_nothing_moves_where_nothing_is_wrong():
+def test_rotation_of_the_sphere_is_found():
+    """The field is 0 if the start is the target."""
     sphere, axis, p = icosphere(3), np.array([0.0, 0.18, 0.24]), Parameters(alpha=1e-3, sigma=1e-2)
     back = sphere.vertices @ Rotation.from_rotvec(axis).as_matrix()
     target = functional_map(PointMap.project(sphere, sphere, back), 16)
@@ -92,7 +94,7 @@ def test_a_rotation_of_the_sphere_is_found_and_nothing_moves_where_nothing_is_wr
         ({"fields": 10_000}, (10001,)),
     ],
 )
-def test_what_does_not_fit_is_refused(change, named):
+def test_invalid_arguments_are_refused(change, named):
     given = {"start": np.eye(6), "target": np.eye(6), "fields": 3}
     with raises(AbfmError, *named):
         ReducedEnergy(icosphere(1), parameters=Parameters(), **(given | change))

@@ -1,4 +1,4 @@
-"""Meshes moved, scaled and renumbered, with what is on them."""
+"""Transformations of meshes: motions, scalings and renumberings, with functions and fields."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from tests.shapes import icosphere, square, torus
 
 
 def potato(subdivisions):
-    """A closed surface without any symmetry."""
+    """Return a closed surface without symmetry."""
     sphere = icosphere(subdivisions)
     x, y, z = sphere.vertices.T
     radius = 1 + 0.3 * np.sin(2 * x + 0.4) * np.cos(3 * y - 1) + 0.2 * z * x + 0.15 * y
@@ -20,7 +20,7 @@ def potato(subdivisions):
 
 
 def face(subdivisions):
-    """A closed surface with one mirror plane, x = 0."""
+    """Return a closed surface with one mirror plane, x = 0."""
     sphere = icosphere(subdivisions)
     x, y, z = sphere.vertices.T
     radius = 1 + 0.3 * z + 0.2 * y * z - 0.2 * x**2
@@ -31,29 +31,29 @@ MESHES = {"potato": potato(2), "torus": torus(14, 9), "square": square(6)}
 
 
 def examples(count):
-    """So many cases, the same in every run; none is made simpler by hundreds of matches."""
+    """Return settings with ``count`` deterministic cases and without shrinking, which is slow."""
     return settings(max_examples=count, phases=(Phase.explicit, Phase.generate), derandomize=True)
 
 
 @dataclass(frozen=True)
 class Move:
-    """A rotation, a scaling, a translation in sqrt(area), and new numbers of all parts."""
+    """A rotation, a scaling, a translation in sqrt(area), and a renumbering."""
 
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scale: float = 1.0
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    seed: int | None = None  # of the numbers; None keeps them
+    seed: int | None = None  # of the renumbering; None for none
 
     @property
     def rotation(self):
         return Rotation.from_rotvec(self.turn).as_matrix()
 
     def places(self, mesh, points):
-        """Points in space (..., 3)."""
+        """Return points in space (..., 3) after the move."""
         return self.scale * (points @ self.rotation.T + mesh.length_scale * np.asarray(self.shift))
 
     def numbers(self, mesh):
-        """The old number of each new vertex and of each new face."""
+        """Return the old number of each new vertex and of each new face."""
         if self.seed is None:
             return np.arange(len(mesh.vertices)), np.arange(len(mesh.faces))
         rng = np.random.default_rng(self.seed)
@@ -69,15 +69,15 @@ class Move:
         return TriangleMesh(self.places(mesh, mesh.vertices[vertices]), corners)
 
     def function(self, mesh, f, power=0):
-        """A function on vertices (V, ...), in a unit of length to some power."""
+        """Return a function on vertices (V, ...) whose unit is a power of the length."""
         return self.scale**power * f[self.numbers(mesh)[0]]
 
     def on_faces(self, mesh, f, power=0):
-        """A value per face (F,)."""
+        """Return values on faces (F,) whose unit is a power of the length."""
         return self.scale**power * f[self.numbers(mesh)[1]]
 
     def field(self, mesh, v, power=1):
-        """A vector per face (F, 3)."""
+        """Return vectors on faces (F, 3) whose unit is a power of the length."""
         return self.scale**power * (v @ self.rotation.T)[self.numbers(mesh)[1]]
 
 

@@ -1,4 +1,4 @@
-"""Whatever users may give, up to its ends: a right result or a reason in one line, no warning."""
+"""Extreme and invalid inputs: a correct result or an error in one line, and no warning."""
 
 import numpy as np
 import pytest
@@ -25,23 +25,23 @@ START = maps.vertex_points(MESH, [3])
 
 SAME = {
     "read-only": lambda x: np.broadcast_to(x, x.shape),
-    "column after column": np.asfortranarray,
-    "every second row": lambda x: np.repeat(x, 2, axis=0)[::2],
-    "backwards": lambda x: x[::-1].copy()[::-1],
-    "other bytes first": lambda x: x.astype(">f8"),
-    "long": lambda x: x.astype(np.longdouble),
+    "column-major": np.asfortranarray,
+    "strided": lambda x: np.repeat(x, 2, axis=0)[::2],
+    "negative stride": lambda x: x[::-1].copy()[::-1],
+    "big-endian": lambda x: x.astype(">f8"),
+    "long double": lambda x: x.astype(np.longdouble),
     "list": lambda x: x.tolist(),
 }
 OTHER = {
     "single": lambda x: x.astype(np.float32),
     "half": lambda x: x.astype(np.float16),
-    "truth": lambda x: x > 0,
-    "whole": lambda x: np.round(x).astype(int),
-    "small whole": lambda x: np.round(abs(x)).astype(np.uint8),
-    "minus nothing": lambda x: -0.0 * x,
+    "boolean": lambda x: x > 0,
+    "integer": lambda x: np.round(x).astype(int),
+    "unsigned": lambda x: np.round(abs(x)).astype(np.uint8),
+    "negative zero": lambda x: -0.0 * x,
     "huge": lambda x: np.full(x.shape, 1.7e308),
     "tiny": lambda x: np.full(x.shape, 5e-324),
-    "huge whole numbers": lambda x: [10**400] * len(x),
+    "huge integers": lambda x: [10**400] * len(x),
     "objects": lambda x: np.array([None] * len(x)),
     "text": lambda x: "abc",
     "texts": lambda x: ["a"] * len(x),
@@ -50,7 +50,7 @@ OTHER = {
     "generator": iter,
     "ragged": lambda x: [[1, 2], [3]],
     "one number": lambda x: np.array(1.0),
-    "nothing": lambda x: None,
+    "none": lambda x: None,
     "empty": lambda x: [],
     "complex": lambda x: x * 1j,
     "not finite": lambda x: x * np.nan,
@@ -59,8 +59,8 @@ OTHER = {
     "too long": lambda x: np.concatenate([x, x]),
     "too deep": lambda x: x[None, None],
 }
-TAKEN = {"single", "half", "truth", "whole", "small whole", "minus nothing", "huge", "tiny"}
-TAKEN |= {"nothing"}  # where it is optional
+ACCEPTED = {"single", "half", "boolean", "integer", "unsigned", "negative zero", "huge", "tiny"}
+ACCEPTED |= {"none"}  # if the argument is optional
 OF_FUNCTIONS = {
     "match": lambda f: abfm.match(MESH, f, G, PARAMETERS).velocity,
     "target": lambda f: abfm.match(MESH, F, f, PARAMETERS).velocity,
@@ -120,7 +120,7 @@ OF_NUMBERS = {
 
 
 def refused(call, given):
-    """Whether it is refused in one short line, and not taken."""
+    """Return whether a call refuses an argument, with a message of one short line."""
     try:
         found = call(given)
     except abfm.AbfmError as error:
@@ -136,7 +136,7 @@ def refused(call, given):
 @pytest.mark.parametrize(
     ("calls", "array"), [(OF_FUNCTIONS, F), (OF_FIELDS, V)], ids=["functions", "fields"]
 )
-def test_the_same_numbers_in_another_form_are_the_same(calls, array):
+def test_memory_layouts_have_no_influence(calls, array):
     for name, call in calls.items():
         expected = call(array)
         for what, same in SAME.items():
@@ -144,15 +144,15 @@ def test_the_same_numbers_in_another_form_are_the_same(calls, array):
 
 
 @pytest.mark.parametrize("what", OTHER)
-def test_other_arrays_are_taken_or_refused(what):
+def test_other_arrays_are_accepted_or_refused(what):
     for calls, array in ((OF_FUNCTIONS, F), (OF_FIELDS, V)):
         for call in calls.values():
             is_refused = refused(call, OTHER[what](array))
-            assert is_refused or what in TAKEN or call is OF_FUNCTIONS["blend"]
+            assert is_refused or what in ACCEPTED or call is OF_FUNCTIONS["blend"]
 
 
 @pytest.mark.parametrize("what", OF_NUMBERS)
-def test_other_numbers_are_taken_or_refused(what):
+def test_other_numbers_are_accepted_or_refused(what):
     for number in NUMBERS:
         refused(OF_NUMBERS[what], number)
     assert all(refused(OF_NUMBERS[what], wrong) for wrong in NO_NUMBERS)
@@ -160,7 +160,7 @@ def test_other_numbers_are_taken_or_refused(what):
 
 FLAT = np.zeros(len(MESH.vertices))
 POINTS = np.eye(len(MESH.vertices))
-COURSES = [
+OPTIONS = [
     {},
     {"method": "linearised"},
     {"preconditioner": "none"},
@@ -182,45 +182,45 @@ def matched(f, g, start=None, **changes):
 
 
 def outcome_of(call):
-    """Return the residual, or why there is none."""
+    """Return the residual, or the message of the error."""
     try:
         return str(call().residual)
     except abfm.AbfmError as error:
         return str(error)
 
 
-@pytest.mark.parametrize("course", COURSES, ids=str)
-def test_alike_constant_or_far_apart(course):
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_equal_constant_and_distant_functions(options):
     for f, kind in ((F, "matched"), *((f, "impossible") for f in (FLAT, FLAT + 3, -0.0 * F))):
-        match = matched(f, f, **course)
+        match = matched(f, f, **options)
         assert (match.residual, match.verdict.kind, match.velocity.any()) == (0, kind, False)
-    check_message(matched(FLAT, G, **course).verdict.reason)
-    check_message(matched(F, FLAT + 1, **course).verdict.reason)
-    assert matched(FLAT + 1, FLAT + 2, **course).verdict.kind == "impossible"
-    assert matched(-F, F, **course).verdict.kind == "impossible"
-    far = matched(POINTS[3], POINTS[80], **course).verdict
+    check_message(matched(FLAT, G, **options).verdict.reason)
+    check_message(matched(F, FLAT + 1, **options).verdict.reason)
+    assert matched(FLAT + 1, FLAT + 2, **options).verdict.kind == "impossible"
+    assert matched(-F, F, **options).verdict.kind == "impossible"
+    far = matched(POINTS[3], POINTS[80], **options).verdict
     assert far.kind in ("not reached", "nearly", "matched")
 
 
 @examples(5)
-@given(exponent=st.integers(-300, 300), course=st.sampled_from(COURSES[:5]))
-def test_the_unit_of_functions_does_not_matter(exponent, course):
-    """With a relative sigma, to the last bit for powers of two."""
-    expected = matched(F, G, **course)
-    match = matched(2.0**exponent * F, 2.0**exponent * G, **course)
+@given(exponent=st.integers(-300, 300), options=st.sampled_from(OPTIONS[:5]))
+def test_powers_of_two_have_no_influence(exponent, options):
+    """With a relative sigma, scaling both functions by one changes no bit."""
+    expected = matched(F, G, **options)
+    match = matched(2.0**exponent * F, 2.0**exponent * G, **options)
     for name in ("velocity", "energy_history", "residual", "verified_residual"):
         assert np.array_equal(getattr(match, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e12, 2 * VALUE_MIN, VALUE_MAX / 2])
-def test_any_unit_does_up_to_rounding(size):
+def test_units_of_functions_change_only_rounding(size):
     match, expected = matched(size * F, size * G), matched(F, G)
     assert np.abs(match.velocity - expected.velocity).max() < 1e-9 * np.abs(expected.velocity).max()
 
 
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
 @pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-162, 1e-101, 1e101, 1e200, 1e300, 1.7e308])
-def test_functions_whose_squares_leave_the_numbers_are_refused(size, unit):
+def test_functions_with_overflowing_squares_are_refused(size, unit):
     with raises(abfm.FunctionError):
         matched(size * F, size * G, sigma_unit=unit)
     with raises(abfm.FunctionError):
@@ -229,20 +229,20 @@ def test_functions_whose_squares_leave_the_numbers_are_refused(size, unit):
 
 @pytest.mark.parametrize("reach", [0.0, 1.0])
 @pytest.mark.parametrize("speed", [10.0, 100.0, 1e4, 1e8, 1e200, 1e308])
-def test_a_start_that_is_too_fast_is_refused_or_left(speed, reach):
+def test_fast_starts_are_refused_or_corrected(speed, reach):
     start = speed * np.random.default_rng(0).normal(size=(len(MESH.faces), 3)).clip(-1, 1)
     outcome = outcome_of(lambda: matched(F, G, start=start, reach=reach))
     assert outcome.startswith("start: the ") or float(outcome) < 2
 
 
-def test_a_start_that_lets_values_grow_a_hundredfold_is_calmed():
+def test_starts_with_growing_values_are_corrected():
     start = 3 * np.random.default_rng(0).normal(size=(len(MESH.faces), 3)).clip(-1, 1)
     assert abfm.Flow(MESH, start).push(F, 1.0).max() > 100 * F.max()
     assert matched(F, G, start=start, reach=0, iterations=40).residual < 0.7
 
 
 def ends():
-    """Every parameter at the ends of its range."""
+    """Return every parameter at the ends of its range."""
     found = []
     for entry in FIELDS.values():
         if entry.name in CHOICES:
@@ -261,13 +261,13 @@ def ends():
 def test_every_parameter_at_its_bounds(name, value):
     bounded = {"gradient": "adjoint"} if name in ("substeps", "quadrature", "segments") else {}
     if (name, value) == ("segments", 1000):
-        value = 20  # flow lines of all of them take seconds
+        value = 20  # flow lines of 1000 segments take seconds
     outcome = outcome_of(lambda: matched(F, G, **{"iterations": 2, **bounded, name: value}))
     assert name in outcome or float(outcome) < 2
 
 
 @pytest.mark.parametrize(("name", "value"), ends(), ids=str)
-def test_beyond_its_bounds_no_parameter_is_taken(name, value):
+def test_parameters_out_of_range_are_refused(name, value):
     if name in CHOICES:
         wrong = [value + "s", None, 1, ["hodge"], np.arange(1000), "\n" * 100]
     else:
@@ -276,7 +276,7 @@ def test_beyond_its_bounds_no_parameter_is_taken(name, value):
         wrong = [np.nan, np.inf, 10**400, -(10**400), 10**5000, "1", None, 1j, [1]]
         wrong += [-1e-9 if least == 0 else least - 1, most + 1 if most < 1e30 else 1e31]
         wrong += [1.5] if is_whole(entry) else [1e-31]
-        if entry.default is None:  # which may be None
+        if entry.default is None:  # None is allowed
             wrong.remove(None)
     for refused in wrong:
         with pytest.raises(abfm.ParameterError) as error:
@@ -290,7 +290,7 @@ def test_beyond_its_bounds_no_parameter_is_taken(name, value):
 @pytest.mark.parametrize("weight", [1e-30, 1e30])
 @pytest.mark.parametrize("size", [VALUE_MIN, VALUE_MAX])
 @pytest.mark.parametrize("sigma", [1e-30, 1e30])
-def test_ends_of_all_units_together(sigma, size, weight, unit):
+def test_extreme_units_together(sigma, size, weight, unit):
     f, g = (0.99 * size * h / F.max() if size == VALUE_MAX else 2 * size * h for h in (F, G))
     p = Parameters.of(iterations=2, sigma=sigma, sigma_unit=unit)
     mask = np.full(len(FLAT), weight)
@@ -299,7 +299,7 @@ def test_ends_of_all_units_together(sigma, size, weight, unit):
 
 
 @pytest.mark.parametrize("name", ["mask", "weights"])
-def test_masks_and_weights_of_no_usual_size_are_refused(name):
+def test_extreme_masks_and_weights_are_refused(name):
     count = len(FLAT) if name == "mask" else 1
     for value in (1e-31, 1e31, 5e-324, 1e308):
         with raises(abfm.ParameterError, name):

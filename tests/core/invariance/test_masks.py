@@ -1,4 +1,4 @@
-"""Nothing at vertices whose mask is 0 changes a bit of any result."""
+"""Values at vertices with mask 0 do not change a bit of any result."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def noise(size, seed=0):
     return size * np.random.default_rng(seed).normal(size=COUNT)
 
 
-JUNK = {
+REPLACEMENTS = {
     "NaN": np.full(COUNT, np.nan),
     "infinite": np.full(COUNT, -np.inf),
     "huge": np.full(COUNT, 1e300),
@@ -33,8 +33,8 @@ JUNK = {
 
 
 def spoiled(values, kind):
-    """The same values where they count, and others where the mask is 0."""
-    return np.where(HIDDEN, JUNK[kind], values)
+    """Return values with other values where the mask is 0."""
+    return np.where(HIDDEN, REPLACEMENTS[kind], values)
 
 
 def assert_same(one, other):
@@ -49,12 +49,12 @@ def matched():
     return abfm.match(MESH, F, G, BRIEF, mask=MASK)
 
 
-@pytest.mark.parametrize("kind", JUNK)
+@pytest.mark.parametrize("kind", REPLACEMENTS)
 def test_match(matched, kind):
     assert_same(matched, abfm.match(MESH, spoiled(F, kind), spoiled(G, kind), BRIEF, mask=MASK))
 
 
-def test_match_by_default_with_coarser_and_finer_meshes():
+def test_default_match_with_coarse_and_fine_meshes():
     one, other = (
         abfm.match(MESH, *pair, Parameters.of(iterations=60), mask=MASK)
         for pair in ((F, G), (spoiled(F, "noise"), spoiled(G, "large noise")))
@@ -68,14 +68,15 @@ def test_hidden_values_of_files_may_be_unknown(matched, tmp_path):
     assert_same(matched, abfm.match(MESH, spec, G, BRIEF, mask=MASK))
 
 
-def test_values_that_count_must_not_be_infinite():
+def test_visible_values_must_be_finite():
     f = F.copy()
     f[np.flatnonzero(~HIDDEN)[0]] = np.inf
     with pytest.raises(abfm.FunctionError):
         abfm.match(MESH, f, G, BRIEF, mask=MASK)
 
 
-def test_hidden_values_are_harmonic_and_have_no_peaks_of_their_own():
+def test_hidden_values_are_harmonic():
+    """So they add no peaks."""
     problem = abfm.Problem(MESH, spoiled(F, "noise"), G, mask=MASK)
     filled = problem.source[:, 0]
     assert_array_equal(filled[~HIDDEN], F[~HIDDEN])
@@ -87,7 +88,7 @@ def test_hidden_values_are_harmonic_and_have_no_peaks_of_their_own():
 
 @pytest.mark.parametrize("kind", ["NaN", "noise", "huge"])
 def test_register(kind):
-    """Junk on A, then on B, under masks of both."""
+    """Values are replaced on A, then on B, with masks on both."""
     rough = F + noise(0.1, 1), G + noise(0.1, 2)
     given = {"parameters": BRIEF, "initial": "connectivity", "mask_a": MASK, "mask_b": MASK}
     clean, on_a, on_b = (

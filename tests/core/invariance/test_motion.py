@@ -1,4 +1,4 @@
-"""What does not depend on place, unit and numbering of meshes; tolerances are relative."""
+"""Invariance under motion, scaling and renumbering of meshes, with relative tolerances."""
 
 import numpy as np
 import pytest
@@ -18,10 +18,10 @@ from tests.shapes import disc, icosphere, open_cylinder, square
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-# of differences of coordinates: eps times 10 sqrt(area), over edges of 0.05 sqrt(area), is 5e-14
+# for differences of coordinates: eps times 10 sqrt(area), over edges of 0.05 sqrt(area), is 5e-14
 ROUNDING = 1e-11
-SOLVES = 1e-9  # of linear systems, whose condition is below 1e4 on these meshes
-SPECTRAL = 1e-7  # of eigenfunctions: rounding over gaps between eigenvalues
+SOLVES = 1e-9  # for linear systems, with a condition below 1e4 on these meshes
+SPECTRAL = 1e-7  # for eigenfunctions: rounding divided by gaps between eigenvalues
 BY_NAME = st.sampled_from(sorted(MESHES))
 
 
@@ -59,14 +59,14 @@ def test_operators_and_fields(name, move):
                 op.to_ambient(m, x.reshape(-1, 2)) for m, x in ((mesh, before), (other, after))
             )
         assert_alike(after, moved_by(mesh, before, power), ROUNDING)
-    bracket, carried = op.lie_bracket_of(mesh, v, u), op.pushforward(mesh, v, u, 0.1)
+    bracket, pushed = op.lie_bracket_of(mesh, v, u), op.pushforward(mesh, v, u, 0.1)
     assert_alike(op.lie_bracket_of(other, w, q), move.field(mesh, bracket), ROUNDING)
-    assert_alike(op.pushforward(other, w, q, 0.1), move.field(mesh, carried), SOLVES)
-    whole = np.abs(w).max()  # parts may be rounding
+    assert_alike(op.pushforward(other, w, q, 0.1), move.field(mesh, pushed), SOLVES)
+    largest = np.abs(w).max()  # a part may consist of rounding errors
     for part, expected in zip(
         op.helmholtz_hodge(other, w), op.helmholtz_hodge(mesh, v), strict=True
     ):
-        assert np.abs(part - move.field(mesh, expected)).max() <= SOLVES * whole
+        assert np.abs(part - move.field(mesh, expected)).max() <= SOLVES * largest
 
 
 @examples(8)
@@ -84,18 +84,18 @@ def test_flows(name, move):
         assert_alike(after, before[:, old], SOLVES)
 
     def check(walk):
-        """The places where a walk ends, on both meshes, before and after the move."""
+        """Assert that a walk ends at corresponding points of both meshes."""
         before, after = walk(mesh, v), walk(other, w)
         assert np.abs(after - move.places(mesh, before)[old]).max() <= SOLVES * size
 
     check(lambda m, x: ContinuousFlow(m, x, 1.0).destinations().positions)
     check(lambda m, x: ContinuousFlow(m, x, 1.0).origins().positions)
     check(lambda m, x: ends_of(flow_lines(m, x, vertex_points(m), 1.0)))
-    witnesses = [
+    checks = [
         abfm.matching.verify(abfm.Problem(m, x, x), y) for m, x, y in ((mesh, f, v), (other, h, w))
     ]
     for which in ("flow_lines", "subdivided", "resolution", "folded", "overturned"):
-        one, other_one = (getattr(each, which) for each in witnesses)
+        one, other_one = (getattr(each, which) for each in checks)
         assert other_one == pytest.approx(one, rel=SOLVES, abs=SOLVES)
     ends = [
         ends_of(flow_lines(m, x, SurfacePoints(m, faces, np.full((1, 3), 1 / 3)), 1.0))
@@ -120,13 +120,13 @@ def test_distances_heat_and_eigenfunctions(name, move):
     heated = [HeatKernel(m, 0.2, 4)(x) for m, x in ((mesh, f), (other, move.function(mesh, f)))]
     assert_alike(heated[1], move.function(mesh, heated[0]), SOLVES)
     moved = optimal_transport(other, move.function(mesh, f), move.function(mesh, g), 0.4)
-    # where its iteration stops
+    # the tolerance of the iteration
     assert_alike(moved, move.function(mesh, optimal_transport(mesh, f, g, 0.4)), 1e-4)
     values, functions = op.eigenbasis(mesh, 12)
     again, others = op.eigenbasis(other, 12)
     assert_alike(again, values / move.scale**2, SPECTRAL)
-    apart = np.diff(values) > 1e-3 * values[-1]
-    for k in np.flatnonzero(np.append(True, apart) & np.append(apart, False)):
+    is_separate = np.diff(values) > 1e-3 * values[-1]
+    for k in np.flatnonzero(np.append(True, is_separate) & np.append(is_separate, False)):
         phi, areas = functions[:, k], op.vertex_areas(mesh)
         sign = np.sign(others[:, k] @ move.function(mesh, phi))
         skewed = abs(areas @ phi**3) > 1e-3 * (areas @ abs(phi) ** 3)
@@ -137,7 +137,7 @@ def test_distances_heat_and_eigenfunctions(name, move):
 @given(move=MOVES)
 @examples(3)
 def test_eigenspaces_of_several_dimensions(move):
-    """The first three eigenfunctions of a sphere are any; the sum of their squares is not."""
+    """The first three eigenfunctions of a sphere are arbitrary; the sum of squares is not."""
     mesh = icosphere(2)
     spanned = [(op.eigenbasis(m, 4)[1][:, 1:] ** 2).sum(axis=1) for m in (mesh, move.mesh(mesh))]
     assert_alike(spanned[1], move.function(mesh, spanned[0], -2), SPECTRAL)
@@ -159,17 +159,18 @@ POWERS = {
     "circular:part=sine(gaussian:vertex={a},width=0.2)": (0, SPECTRAL),
 }
 FACE = face(1)
-IN_SPACE = {"coordinate", "expression", "file"}  # follow the axes of space, or rows of a file
+# these depend on the axes of space or the rows of a file
+IN_SPACE = {"coordinate", "expression", "file"}
 
 
-def test_every_family_is_moved():
+def test_every_family_is_tested():
     assert {spec.partition(":")[0] for spec in POWERS} | IN_SPACE == {
         family.family for family in families()
     }
 
 
 @pytest.mark.parametrize("spec", POWERS)
-def test_the_same_mesh_gives_the_same_bits(spec):
+def test_functions_are_deterministic(spec):
     found, again = (abfm.function(face(1), spec.format(a=12, b=31)) for _ in range(2))
     assert np.array_equal(found, again)
 
@@ -190,8 +191,8 @@ def test_functions(spec, move):
 )
 @examples(8)
 @given(move=MOVES, far=st.sampled_from([1.0, 1e3, 1e6]))
-def test_what_is_flat_up_to_rounding_has_no_curvature(mesh, move, far):
-    """However far from the origin, whose distance sets the rounding of the coordinates."""
+def test_flat_surfaces_have_curvature_0(mesh, move, far):
+    """The distance from the origin determines the rounding of coordinates."""
     shift = tuple(far * x for x in move.shift)
     other = Move(move.turn, move.scale, shift, move.seed).mesh(mesh)
     assert not abfm.function(other, "curvature:gaussian").any()
@@ -204,7 +205,7 @@ def test_what_is_flat_up_to_rounding_has_no_curvature(mesh, move, far):
 )
 @examples(4)
 @given(move=MOVES)
-def test_shape_diameter_where_edges_are_equally_long(mesh, move):
+def test_shape_diameter_with_equal_edges(mesh, move):
     found, expected = (abfm.function(m, "shape-diameter") for m in (move.mesh(mesh), mesh))
     assert_alike(found, move.function(mesh, expected, 1), SOLVES)
 
@@ -217,7 +218,7 @@ def test_shape_diameter_where_edges_are_equally_long(mesh, move):
 @examples(3)
 @given(name=BY_NAME, move=MOVES)
 def test_matches(changes, name, move):
-    """Rounding grows from iteration to iteration: so few are compared."""
+    """Rounding grows with every iteration, so only a few are compared."""
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     f, g = bump(mesh, mesh.vertices[3], 0.3), bump(mesh, mesh.vertices[20], 0.3)
     parameters = abfm.Parameters.of(iterations=4, **changes)

@@ -1,4 +1,4 @@
-"""Homeomorphisms from torn maps: no face turned over, and nearer to the truth than these."""
+"""Homeomorphisms from discontinuous maps, without flipped faces."""
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ def layouts(points):
     return SphereLayout(points.codomain, sphere_a), SphereLayout(points.domain, sphere_b)
 
 
-def torn(domain, codomain, edges, seed=0):
-    """The map by vertex numbers, each image moved to a vertex near it at random."""
+def noisy_map(domain, codomain, edges, seed=0):
+    """Return the map by vertex numbers with each image moved to a random nearby vertex."""
     length = np.linalg.norm(np.diff(codomain.vertices[codomain.edges], axis=1), axis=2).mean()
     near = KDTree(codomain.vertices).query_ball_point(codomain.vertices, edges * length)
     rng = np.random.default_rng(seed)
@@ -30,29 +30,30 @@ def torn(domain, codomain, edges, seed=0):
 
 
 def errors(points):
-    """Distances in space to the images by vertex numbers, in sqrt(area)."""
+    """Return distances in space to the images by vertex numbers, in sqrt(area)."""
     gaps = points.positions - points.codomain.vertices
     return np.linalg.norm(gaps, axis=1) / points.codomain.length_scale
 
 
 @pytest.fixture(scope="module")
 def bent():
-    """Two surfaces with the same faces, one of them bent and thicker."""
+    """Return two surfaces with the same faces, one of them bent and thicker."""
     a = two_armed(2)
     x, y, z = a.vertices.T
     return a, TriangleMesh(np.stack([x, y + 0.15 * x**2, 1.2 * z], axis=1), a.faces)
 
 
 @pytest.fixture(scope="module")
-def mended(bent):
-    """A torn map between them, and the layouts that mend it, of A and of B."""
+def repaired(bent):
+    """Return a noisy map between them, and the layouts of A and of B that repair it."""
     a, b = bent
-    start = torn(b, a, edges=1.6)
+    start = noisy_map(b, a, edges=1.6)
     return start, *layouts(start)
 
 
-def test_a_torn_map_becomes_a_homeomorphism_nearer_to_the_truth(mended):
-    start, on_a, on_b = mended
+def test_noisy_map_becomes_a_homeomorphism(repaired):
+    """It also becomes more accurate."""
+    start, on_a, on_b = repaired
     found = map_through_sphere(on_b, on_a)
     assert start.distortion().flipped.mean() > 0.2
     assert len(on_a.folded) == len(on_b.folded) == 0
@@ -60,14 +61,14 @@ def test_a_torn_map_becomes_a_homeomorphism_nearer_to_the_truth(mended):
     assert errors(found).mean() < 0.6 * errors(start).mean()
 
 
-def test_there_and_back_is_the_identity(mended):
-    _, on_a, on_b = mended
-    there, back = map_through_sphere(on_b, on_a), map_through_sphere(on_a, on_b)
-    assert_allclose(back.at(there.points).positions, on_b.mesh.vertices, atol=1e-9)
+def test_round_trip_is_the_identity(repaired):
+    _, on_a, on_b = repaired
+    to_a, to_b = map_through_sphere(on_b, on_a), map_through_sphere(on_a, on_b)
+    assert_allclose(to_b.at(to_a.points).positions, on_b.mesh.vertices, atol=1e-9)
 
 
-def test_units_do_not_matter(mended):
-    start, on_a, on_b = mended
+def test_units_have_no_influence(repaired):
+    start, on_a, on_b = repaired
     a, b = (
         TriangleMesh(factor * mesh.vertices, mesh.faces)
         for factor, mesh in ((8, start.codomain), (0.25, start.domain))
@@ -77,7 +78,7 @@ def test_units_do_not_matter(mended):
     assert_allclose(sphere_b, on_b.directions, atol=1e-6)
 
 
-def test_a_continuous_map_stays_nearly_as_it_is(bent):
+def test_continuous_maps_hardly_change(bent):
     a, b = bent
     on_a, on_b = layouts(PointMap.of_vertices(b, a))
     found = map_through_sphere(on_b, on_a)
@@ -85,7 +86,7 @@ def test_a_continuous_map_stays_nearly_as_it_is(bent):
     assert found.distortion().log2_area.mean < 0.3
 
 
-def test_a_map_of_eigenfunctions_between_two_poses_becomes_continuous():
+def test_map_by_eigenfunctions_becomes_continuous():
     a, b = (load_mesh(asset_path(f"human_{pose}.off")) for pose in "AB")
     C = zoom_out(a, b, functional_map(PointMap.of_vertices(b, a), 20), 32, step=4)
     start = point_map(a, b, C)
@@ -97,8 +98,8 @@ def test_a_map_of_eigenfunctions_between_two_poses_becomes_continuous():
     assert errors(found).mean() < 0.015
 
 
-def test_a_map_that_tells_no_front_from_back_becomes_continuous(bent):
-    """As those of few eigenfunctions, which do not go around the surface at all."""
+def test_map_without_front_and_back_becomes_continuous(bent):
+    """Maps by few eigenfunctions may not cover both sides of a surface."""
     a, b = bent
     flat = KDTree(a.vertices[:, :2]).query(b.vertices[:, :2] + 1e-9)[1]
     on_a, on_b = layouts(PointMap.of_vertices(b, a, flat))
@@ -106,11 +107,11 @@ def test_a_map_that_tells_no_front_from_back_becomes_continuous(bent):
     assert map_through_sphere(on_b, on_a).distortion().flipped.mean() == 0
 
 
-def test_holes_are_kept():
+def test_holes_are_preserved():
     ball, egg = icosphere(2), ellipsoid(2, 1, 1.2, 1.1)
-    kept = ball.vertices[ball.faces].mean(axis=1)[:, 0] < 0.85
-    a, b = (TriangleMesh(mesh.vertices, mesh.faces[kept]) for mesh in (ball, egg))
-    start = torn(b, a, edges=1.2)
+    remaining = ball.vertices[ball.faces].mean(axis=1)[:, 0] < 0.85
+    a, b = (TriangleMesh(mesh.vertices, mesh.faces[remaining]) for mesh in (ball, egg))
+    start = noisy_map(b, a, edges=1.2)
     sphere_a, sphere_b = continuous_map(start)
     off = start.pull_back(sphere_a) - sphere_a
     assert len(a.boundary_loops) == 1
@@ -120,7 +121,7 @@ def test_holes_are_kept():
 
 
 def test_maps_onto_the_mirror_image(bent):
-    """A mirrored map is one that keeps the side onto the mirrored surface."""
+    """A mirrored map preserves the orientation as a map onto the mirrored surface."""
     a, _ = bent
     mirrored = TriangleMesh(a.vertices * [1, 1, -1], a.faces[:, ::-1])
     same = PointMap.of_vertices(mirrored, a)

@@ -1,4 +1,4 @@
-"""Functional maps, against known isometries, the definition, and characters of rotations."""
+"""Functional maps, compared with isometries, the definition, and rotation characters."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from tests.shapes import ellipsoid, icosphere
 
 
 def subdivided(mesh):
-    """The same surface with every face cut into four; the old vertices come first."""
+    """Return the surface with every face divided into four; the old vertices come first."""
     return TriangleMesh(*trimesh.remesh.subdivide(mesh.vertices, mesh.faces))
 
 
@@ -30,7 +30,7 @@ def basis(mesh, k):
 
 @pytest.fixture(scope="module")
 def isometric():
-    """A mesh, its copy renumbered, turned, shifted and scaled, and the map from that to it."""
+    """Return a mesh, a moved, scaled and renumbered copy, and the map from the copy to the mesh."""
     plain = ellipsoid(3, 1.0, 1.4, 2.1)
     bumps = 1 + 0.1 * np.sin(plain.vertices[:, :1] + plain.vertices[:, 1:2])
     a = TriangleMesh(plain.vertices * bumps, plain.faces)
@@ -42,27 +42,27 @@ def isometric():
     return a, b, PointMap.of_vertices(b, a, old)
 
 
-def test_an_isometry_is_diagonal_whatever_size_and_numbering(isometric):
+def test_isometries_have_diagonal_maps(isometric):
     assert_allclose(np.abs(functional_map(isometric[2], 15)), np.eye(15), atol=1e-6)
 
 
 @pytest.mark.parametrize("rows", [25, 12])
-def test_point_map_of_an_isometry_is_recovered_also_from_a_cut_off_map(isometric, rows):
-    """Missing rows leave less to compare by; the adjoint would lead to wrong places."""
+def test_point_map_of_an_isometry_is_recovered(isometric, rows):
+    """It is also recovered with fewer rows; the adjoint would lead to wrong vertices."""
     a, b, truth = isometric
     found = point_map(a, b, functional_map(truth, 25)[:rows])
     assert_array_equal(found.positions, truth.positions)
 
 
-def test_delta_functions_are_carried_by_the_functional_map_itself():
-    """Not back by its adjoint, which only an orthogonal map has as its inverse."""
+def test_delta_functions_are_transferred_by_the_map():
+    """The adjoint is the inverse of orthogonal maps only."""
     a, b = icosphere(1), ellipsoid(1, 1, 1.5, 2)
     C = np.random.default_rng(6).normal(size=(5, 8))
     gaps = np.linalg.norm(basis(b, 5)[:, None] - basis(a, 8) @ C.T, axis=2)
     assert_array_equal(point_map(a, b, C).positions, a.vertices[gaps.argmin(axis=1)])
 
 
-def test_zoom_out_reaches_an_isometry_from_few_eigenfunctions(isometric):
+def test_zoom_out_finds_an_isometry_from_few_functions(isometric):
     a, b, truth = isometric
     start = functional_map(truth, 4) + 0.05 * np.random.default_rng(0).normal(size=(4, 4))
     assert (point_map(a, b, start).positions != truth.positions).any()
@@ -72,7 +72,7 @@ def test_zoom_out_reaches_an_isometry_from_few_eigenfunctions(isometric):
 
 
 def refined_errors(truth, few):
-    """Mean error of a map cut off at a few eigenfunctions and refined to 100, in sqrt(area)."""
+    """Return mean errors, in sqrt(area), with few eigenfunctions and after refinement to 100."""
     a, b, start = truth.codomain, truth.domain, functional_map(truth, few)
     found = (point_map(a, b, C).positions for C in (start, zoom_out(a, b, start, 100, 8)))
     return [np.linalg.norm(x - truth.positions, axis=1).mean() / a.length_scale for x in found]
@@ -82,15 +82,15 @@ POSES = [load_mesh(asset_path(f"human_{pose}.off")) for pose in "AB"]
 
 
 @pytest.mark.parametrize("few", [8, 20])
-def test_zoom_out_finds_the_map_between_two_poses(few):
-    """By the adjoint 0.0105 and 0.0086 are left of 0.0288 and 0.0126."""
+def test_zoom_out_finds_the_map_between_poses(few):
+    """The adjoint would reduce 0.0288 and 0.0126 to 0.0105 and 0.0086 only."""
     a, b = POSES
     assert refined_errors(PointMap.of_vertices(b, a), few)[1] < 0.002
 
 
 @pytest.mark.parametrize(("finer", "expected"), [("source", 0.012), ("target", 0.02)])
-def test_zoom_out_improves_a_map_between_different_triangulations(finer, expected):
-    """By the adjoint 0.0303 and 0.0270 are left; the coarse source's vertices miss by 0.0117."""
+def test_zoom_out_between_different_triangulations(finer, expected):
+    """The adjoint has errors of 0.0303 and 0.0270; the coarse source has at least 0.0117."""
     a, b = POSES
     if finer == "source":
         truth = PointMap.of_vertices(b, subdivided(a), np.arange(len(a.vertices)))
@@ -101,7 +101,7 @@ def test_zoom_out_improves_a_map_between_different_triangulations(finer, expecte
     assert after < 0.5 * before
 
 
-def test_definition_with_the_pseudoinverse_as_oracle():
+def test_definition_by_the_pseudoinverse():
     a, b = icosphere(2), ellipsoid(2, 1, 1.5, 2)
     points = PointMap.project(b, a, np.random.default_rng(1).normal(size=b.vertices.shape))
     root = np.sqrt(vertex_areas(b))[:, None]
@@ -109,7 +109,7 @@ def test_definition_with_the_pseudoinverse_as_oracle():
     assert_allclose(functional_map(points, 7), expected, atol=1e-10)
 
 
-def test_carried_functions_are_those_of_the_point_map_and_coefficients_the_weights(isometric):
+def test_transfer_agrees_with_the_point_map(isometric):
     a, b, truth = isometric
     smooth = basis(a, 12) @ np.random.default_rng(2).normal(size=(12, 2))
     for h in (smooth, smooth[:, 0]):
@@ -119,18 +119,18 @@ def test_carried_functions_are_those_of_the_point_map_and_coefficients_the_weigh
     assert_allclose(spectral_coefficients(mesh, basis(mesh, 5) @ weights, 5), weights)
 
 
-def test_refining_by_some_points_of_a_surface_finds_the_map_of_all_its_vertices(isometric):
-    """Points by area are enough, inside faces, too: their eigenfunctions are not orthonormal."""
+def test_refinement_by_points_of_the_surface(isometric):
+    """Eigenfunctions at points spread by area are not orthonormal, but sufficient."""
     a, b, truth = isometric
     some = points_by_area(a, 500)
-    there = SurfacePoints(b, some.faces, some.barycentric)  # faces keep their places
+    same = SurfacePoints(b, some.faces, some.barycentric)  # corresponding points
     start = functional_map(truth, 6) + 0.03 * np.random.default_rng(0).normal(size=(6, 6))
-    at = some.pull_back(basis(a, 25)), there.pull_back(basis(b, 25))
+    at = some.pull_back(basis(a, 25)), same.pull_back(basis(b, 25))
     found = refined(*at, np.full(500, 1 / 500), start, range(7, 26))
     assert_allclose(found, functional_map(truth, 25), atol=1e-6)
 
 
-def test_zoom_out_is_what_going_to_points_and_back_by_hand_gives():
+def test_zoom_out_alternates_with_point_maps():
     a, b = POSES
     C = start = functional_map(PointMap.of_vertices(b, a), 9)
     for size in (12, 15, 16):
@@ -143,7 +143,7 @@ def match_of(mesh, axis, tau):
     return abfm.match(mesh, f, f, abfm.Parameters.of(tau=tau, iterations=0), start=velocity)
 
 
-def test_flow_of_a_rotation_has_the_characters_of_the_rotation_group():
+def test_rotation_flow_has_the_characters_of_rotations():
     angle = 0.7
     C = match_of(icosphere(4), [0.0, 0.6, 0.8], angle).functional_map(9)
     assert_allclose(C @ C.T, np.eye(9), atol=0.01)
@@ -152,12 +152,12 @@ def test_flow_of_a_rotation_has_the_characters_of_the_rotation_group():
     assert_allclose(C[1:4, 4:], 0, atol=0.01)
 
 
-def test_functional_map_of_a_match_carries_coefficients():
+def test_functional_map_of_a_match():
     mesh, weights = ellipsoid(2, 1, 1.3, 1.7), np.random.default_rng(5).normal(size=10)
     found = match_of(mesh, [-1.0, -0.5, 0.0], 1.0)
     assert_allclose(found.functional_map(10, 0.0), np.eye(10), atol=1e-9)
-    carried = spectral_coefficients(mesh, found.push(basis(mesh, 10) @ weights, 0.4), 10)
-    assert_allclose(found.functional_map(10, 0.4) @ weights, carried, atol=1e-8)
+    transferred = spectral_coefficients(mesh, found.push(basis(mesh, 10) @ weights, 0.4), 10)
+    assert_allclose(found.functional_map(10, 0.4) @ weights, transferred, atol=1e-8)
 
 
 BALL = icosphere(1)
@@ -165,7 +165,7 @@ COUNT = len(BALL.vertices)
 
 
 @pytest.mark.parametrize("bad", [np.full((3, 3), np.nan), np.zeros(3), np.zeros((0, 3))])
-def test_what_is_no_functional_map_is_refused(bad):
+def test_invalid_functional_maps_are_refused(bad):
     for use, more in ((point_map, ()), (transfer, (BALL.vertices,)), (zoom_out, (5,))):
         with raises(ParameterError):
             use(BALL, BALL, bad, *more)

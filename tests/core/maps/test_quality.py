@@ -1,4 +1,4 @@
-"""How good maps are: errors against known ones, distances from the surface, folds."""
+"""Quality of maps: geodesic errors, distances from the surface, and folded faces."""
 
 import igl
 import numpy as np
@@ -30,7 +30,7 @@ def errors_of(mesh, target=None, *truth, **options):
     return map_accuracy(PointMap.of_vertices(mesh, mesh, target), *truth, **options).errors
 
 
-def test_distances_in_the_plane_are_straight_and_those_to_the_truth_zero():
+def test_errors_in_the_plane_are_euclidean():
     mesh = square(8)
     target = np.random.default_rng(0).permutation(len(mesh.vertices))
     expected = np.linalg.norm(mesh.vertices[target] - mesh.vertices, axis=1)
@@ -39,7 +39,7 @@ def test_distances_in_the_plane_are_straight_and_those_to_the_truth_zero():
     assert_array_equal(errors_of(mesh, target, target), 0)
 
 
-def test_points_inside_faces_are_measured_to_a_share_of_an_edge():
+def test_errors_of_points_inside_faces():
     mesh = square(8)
     places = np.random.default_rng(1).uniform(0, 1, (len(mesh.vertices), 3)) * [1, 1, 0]
     points = PointMap.project(mesh, mesh, places)
@@ -49,7 +49,7 @@ def test_points_inside_faces_are_measured_to_a_share_of_an_edge():
     assert off.mean() < 0.03 / 8
 
 
-def test_a_turned_sphere_is_off_by_the_arc():
+def test_errors_of_a_rotated_sphere_are_arcs():
     sphere, c, s = icosphere(4), np.cos(0.5), np.sin(0.5)
     turned = sphere.vertices @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     found = map_accuracy(PointMap.project(sphere, sphere, turned), most=200)
@@ -57,19 +57,19 @@ def test_a_turned_sphere_is_off_by_the_arc():
     assert_allclose(found.errors, arcs / np.sqrt(4 * np.pi), atol=0.003)
 
 
-def test_distances_on_an_uneven_mesh_against_exact_ones():
+def test_errors_agree_with_exact_geodesics():
     human = load_mesh(asset_path("human_A.off")).normalized()
     count, none = len(human.vertices), np.array([], dtype=np.int64)
     to = np.arange(count)
     exact = igl.exact_geodesic(human.vertices, human.faces, np.array([100]), none, to, none)
-    near = np.flatnonzero(exact < 0.3)
-    off = errors_of(human, None, np.full(count, 100), most=count)[near] - exact[near]
+    close = np.flatnonzero(exact < 0.3)
+    off = errors_of(human, None, np.full(count, 100), most=count)[close] - exact[close]
     assert off.min() >= -1e-9
     assert off.max() < 0.02
     assert off.mean() < 0.002
 
 
-def test_of_many_vertices_the_same_ones_are_measured():
+def test_sampled_vertices_are_deterministic():
     identity = PointMap.of_vertices(RING, RING)
     first, again = (map_accuracy(identity, most=30).vertices for _ in range(2))
     assert_array_equal(first, again)
@@ -80,7 +80,7 @@ def test_of_many_vertices_the_same_ones_are_measured():
     st.lists(st.floats(0, 2), min_size=1, max_size=30),
     st.lists(st.floats(-1, 3), min_size=1, max_size=9),
 )
-def test_share_under_a_bound_counts(errors, bounds):
+def test_share_under_a_bound(errors, bounds):
     accuracy = MapAccuracy(np.arange(len(errors)), np.array(errors))
     expected = [np.mean(np.array(errors) <= bound) for bound in bounds]
     assert_array_equal(accuracy.share_under(bounds), expected)
@@ -88,7 +88,7 @@ def test_share_under_a_bound_counts(errors, bounds):
     assert accuracy.median <= accuracy.maximum
 
 
-def test_reports_have_the_numbers_and_every_bound_warns_alone():
+def test_reports_and_faults():
     accuracy = MapAccuracy(np.arange(4), np.array([0.0, 0.01, 0.06, 0.3]))
     errors, bounds = ("0.0925", "0.0350", "0.3000"), ("0.05", "0.1", "0.25")
     check_message(accuracy.report(), *errors, "50.0", "75.0", *bounds)
@@ -98,7 +98,7 @@ def test_reports_have_the_numbers_and_every_bound_warns_alone():
     assert not MapQuality(LARGEST, RMS, FOLDED_SHARE_MAX).faults
 
 
-def test_what_does_not_fit_is_refused():
+def test_invalid_arguments_are_refused():
     count = len(RING.vertices)
     for truth, options, named in (
         (np.arange(3), {}, "truth"),
@@ -111,14 +111,14 @@ def test_what_does_not_fit_is_refused():
         PointMap.of_vertices(RING, RING, np.arange(5))
 
 
-def test_the_identity_and_an_isometry_are_perfect():
+def test_isometries_have_no_faults():
     for codomain in (RING, TriangleMesh(7 * RING.vertices[:, [1, 2, 0]], RING.faces)):
         found = map_quality(PointMap.of_vertices(RING, codomain))
         assert (found, found.faults) == (MapQuality(0.0, 0.0, 0.0), "")
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 50.0])
-def test_distances_are_those_that_were_given_in_any_unit(unit):
+def test_distances_from_the_surface_in_any_unit(unit):
     flat = square(8)
     mesh, off = TriangleMesh(2 * unit * flat.vertices, flat.faces), np.linspace(0, 0.3, 81)
     moved = mesh.vertices + 2 * unit * np.outer(off, [0, 0, 1])
@@ -130,7 +130,7 @@ def test_distances_are_those_that_were_given_in_any_unit(unit):
     assert "folded" not in found.faults
 
 
-def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces():
+def test_folds_of_reflections_and_moved_vertices():
     mirrored = map_quality(PointMap.project(RING, RING, RING.vertices * [1, 1, -1]))
     assert mirrored.folded == 1
     assert mirrored.largest_distance < 1e-12
@@ -144,8 +144,8 @@ def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces():
     assert not few.faults
 
 
-def test_folds_are_judged_on_the_surface_that_the_map_leads_to():
-    """A half-turned copy: on the mesh itself half of the normals would look the other way."""
+def test_folds_refer_to_normals_of_the_codomain():
+    """Half of the rotated copy's normals are opposite to those of the mesh itself."""
     mesh = icosphere(2)
     turned = TriangleMesh(mesh.vertices * [-1, -1, 1], mesh.faces)
     assert map_quality(PointMap.of_vertices(mesh, turned)).folded == 0
@@ -163,7 +163,7 @@ SURFACES = {
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("modes", [{1: 1.0, 2: 1.0}, {5: 1.0, 8: 1.0}])
 @pytest.mark.parametrize("speed", [0.1, 0.3, 0.6])
-def test_maps_without_faults_are_near_exact_flow_lines(name, modes, speed):
+def test_maps_without_faults_agree_with_flow_lines(name, modes, speed):
     mesh = SURFACES[name]
     field = stream_field(mesh, modes, speed)
     points = Flow(mesh, field).coordinate_map()
@@ -178,60 +178,62 @@ def test_maps_without_faults_are_near_exact_flow_lines(name, modes, speed):
 
 
 def by_positions(mesh, move):
-    """A map of the surface from one of space."""
+    """Return a map of the surface from a map of space."""
     return lambda points: project_onto_surface(mesh, move(points.positions))
 
 
-def shares(mesh, carried, most=CUT_FACES_MAX):
-    places = carried(vertex_points(mesh)).positions
-    return folded_shares(mesh, carried, np.arange(len(mesh.faces)), places[mesh.faces], most)
+def shares(mesh, point_map, most=CUT_FACES_MAX):
+    images = point_map(vertex_points(mesh)).positions
+    return folded_shares(mesh, point_map, np.arange(len(mesh.faces)), images[mesh.faces], most)
 
 
 def folded_over(x):
-    """Half of the unit square goes onto the other half."""
+    """Fold half of the unit square onto the other half."""
     return np.abs(x * [2, 1, 1] - [1, 0, 0])
 
 
-def test_a_reflection_folds_every_face_a_collapsed_surface_none_and_folding_half_over_half():
+def test_folded_shares_of_known_maps():
+    """A reflection folds all faces, a collapse none, and folding the square one half."""
     mesh, ball = square(6), icosphere(3)
     assert shares(mesh, by_positions(mesh, lambda x: x * [-1, 1, 1] + [1, 0, 0])) == (1, 1)
     assert shares(ball, by_positions(ball, lambda x: x * [-1, 1, 1])) == (1, 1)
     assert shares(mesh, by_positions(mesh, lambda x: x * [0, 1, 1] + [0.3, 0, 0]))[0] == 0
     mesh = square(40)
-    folded, overturned = shares(mesh, by_positions(mesh, folded_over))
+    folded, flipped = shares(mesh, by_positions(mesh, folded_over))
     left = (mesh.vertices[mesh.faces].mean(axis=1)[:, 0] < 0.5).mean()
     assert abs(folded - left) < 0.02
-    assert folded <= overturned
+    assert folded <= flipped
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
-def test_smooth_flows_fold_nothing_even_where_they_overturn_stretched_faces(seed):
+def test_smooth_flows_fold_nothing(seed):
+    """This includes stretched faces that seem flipped."""
     mesh = icosphere(3)
     turn, field = rotation_field(mesh, [1, 0, 0]), 5 * wavy_field(mesh, seed)
     assert shares(mesh, ContinuousFlow(mesh, turn, 1.0).destinations) == (0, 0)
-    folded, overturned = shares(mesh, ContinuousFlow(mesh, field, 0.2).destinations)
-    assert overturned > 0.02
-    assert folded < 0.05 * overturned
+    folded, flipped = shares(mesh, ContinuousFlow(mesh, field, 0.2).destinations)
+    assert flipped > 0.02
+    assert folded < 0.05 * flipped
 
 
-def test_of_very_many_faces_some_stand_for_all():
-    mesh, asked = square(30), []
-    carried = by_positions(mesh, folded_over)
+def test_folded_share_of_sampled_faces():
+    mesh, sizes = square(30), []
+    point_map = by_positions(mesh, folded_over)
 
     def counted(start):
-        asked.append(len(start.faces))
-        return carried(start)
+        sizes.append(len(start.faces))
+        return point_map(start)
 
-    assert abs(shares(mesh, counted, 50)[0] - shares(mesh, carried)[0]) < 0.05
-    assert asked == [len(mesh.vertices), 50 * 45]
+    assert abs(shares(mesh, counted, 50)[0] - shares(mesh, point_map)[0]) < 0.05
+    assert sizes == [len(mesh.vertices), 50 * 45]
 
 
 def test_parts_cover_a_face():
     mesh = square(3)
     half = by_positions(mesh, lambda x: np.abs(x - [0.5, 0, 0]) + np.array([0.25, 0, 0]))
-    turned, _ = stretches_by_parts(mesh, half, np.arange(len(mesh.faces)))
+    flipped, _ = stretches_by_parts(mesh, half, np.arange(len(mesh.faces)))
     left = (mesh.vertices[mesh.faces][..., 0] < 0.5).sum(axis=1)
-    assert (turned[left == 3] == 1).all()
-    assert (turned[left == 0] == 0).all()
-    mixed = turned[(left > 0) & (left < 3)]
+    assert (flipped[left == 3] == 1).all()
+    assert (flipped[left == 0] == 0).all()
+    mixed = flipped[(left > 0) & (left < 3)]
     assert ((mixed > 0) & (mixed < 1)).all()

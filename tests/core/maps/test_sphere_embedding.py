@@ -1,4 +1,4 @@
-"""Embeddings in the sphere: no face turned over, and what is round stays as it is."""
+"""Embeddings in the sphere: orientation, areas, invariance and refused meshes."""
 
 import numpy as np
 import pytest
@@ -16,14 +16,14 @@ from tests.shapes import ellipsoid, icosphere, square, tetrahedron
 
 
 def solid_angles(sphere, faces):
-    """Signed ones [Van Oosterom, Strackee 1983], of faces up to a half-sphere."""
+    """Return signed solid angles [Van Oosterom, Strackee 1983] of faces within a half-sphere."""
     a, b, c = np.moveaxis(sphere[faces], 1, 0)
     over = 1 + (a * b).sum(axis=1) + (b * c).sum(axis=1) + (c * a).sum(axis=1)
     return 2 * np.arctan2(np.linalg.det(sphere[faces]), over)
 
 
 def assert_embedded(mesh, sphere):
-    """Faces that all look outward and cover the sphere once overlap nowhere."""
+    """Assert that no face is flipped and that the faces cover the sphere once."""
     angles = solid_angles(sphere, mesh.faces)
     assert_allclose(np.linalg.norm(sphere, axis=1), 1, atol=1e-14)
     assert angles.min() > 0
@@ -43,14 +43,14 @@ def spiked():
     return TriangleMesh(ball.vertices * radius[:, None], ball.faces)
 
 
-def needles():
-    """A cylinder whose ends are fans of 100 faces."""
+def fans():
+    """Return a cylinder whose ends are fans of 100 slivers."""
     solid = trimesh.creation.cylinder(radius=1, height=20, sections=100)
     return TriangleMesh(solid.vertices, solid.faces)
 
 
 def nested(times):
-    """A ball one of whose faces has smaller ones in it, down to a fifth to the power of times."""
+    """Return a ball with nested faces in one face, down to a size of 0.2 to the power of times."""
     vertices, faces = list(icosphere(2).vertices), icosphere(2).faces.tolist()
     for _ in range(times):
         a, b, c = faces[0]
@@ -73,18 +73,18 @@ SHAPES = {
     "leaf": lambda: ellipsoid(3, 1, 1, 1e-4),
     "noise": noisy,
     "spikes": spiked,
-    "fans": needles,
+    "fans": fans,
     "tiny faces": lambda: nested(10),
 }
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_no_face_is_turned_over(shape):
+def test_no_face_is_flipped(shape):
     mesh = SHAPES[shape]()
     assert_embedded(mesh, sphere_embedding(mesh))
 
 
-def test_a_sphere_stays_as_it_is_up_to_a_turn():
+def test_spheres_are_preserved_up_to_a_rotation():
     ball = geodesic_sphere(12)
     sphere = sphere_embedding(ball)
     u, _, v = np.linalg.svd(sphere.T @ ball.vertices)
@@ -101,12 +101,12 @@ def test_areas_of_limbs_change_little():
 
 
 def gaps(mesh, first, second):
-    """Distances between two embeddings after the turn that brings them together best."""
+    """Return distances between two embeddings after the best rotation."""
     u, _, v = np.linalg.svd(first.T @ second)
     return np.linalg.norm(first @ u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v - second, axis=1)
 
 
-def test_units_places_and_turns_of_the_mesh_matter_little():
+def test_similarities_have_little_influence():
     mesh = two_armed(3)
     turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
@@ -114,7 +114,7 @@ def test_units_places_and_turns_of_the_mesh_matter_little():
     assert gaps(mesh, sphere_embedding(mesh), sphere_embedding(other)).mean() < 0.05
 
 
-def test_renumbered_vertices_come_to_the_same_places_nearly():
+def test_renumbering_has_little_influence():
     mesh = five_limbs(1000)
     old = np.random.default_rng(5).permutation(len(mesh.vertices))
     other = TriangleMesh(mesh.vertices[old], np.argsort(old)[mesh.faces])
@@ -123,7 +123,7 @@ def test_renumbered_vertices_come_to_the_same_places_nearly():
     assert gaps(mesh, sphere_embedding(mesh)[old], sphere).mean() < 0.05
 
 
-def test_the_same_mesh_has_the_same_embedding():
+def test_embedding_is_deterministic():
     mesh = two_armed(3)
     assert (sphere_embedding(mesh) == sphere_embedding(mesh)).all()
 
@@ -131,9 +131,9 @@ def test_the_same_mesh_has_the_same_embedding():
 @pytest.mark.parametrize("holes", [1, 3])
 def test_holes_stay_uncovered(holes):
     ball = icosphere(3)
-    middles = ball.vertices[ball.faces].mean(axis=1)
-    away = [middles @ np.eye(3)[k] < 0.85 for k in range(holes)]
-    mesh = TriangleMesh(ball.vertices, ball.faces[np.all(away, axis=0)])
+    centroids = ball.vertices[ball.faces].mean(axis=1)
+    outside = [centroids @ np.eye(3)[k] < 0.85 for k in range(holes)]
+    mesh = TriangleMesh(ball.vertices, ball.faces[np.all(outside, axis=0)])
     angles = solid_angles(sphere_embedding(mesh), mesh.faces)
     assert len(mesh.boundary_loops) == holes
     assert angles.min() > 0

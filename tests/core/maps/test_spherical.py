@@ -1,4 +1,4 @@
-"""Layouts on the sphere: where points are, both ways."""
+"""Layouts on the sphere and maps between them."""
 
 import numpy as np
 import pytest
@@ -22,33 +22,33 @@ def somewhere(mesh, count=500, seed=0):
 
 
 @pytest.mark.parametrize("mirror", [1, -1])
-def test_a_point_is_found_where_its_direction_leads_and_the_other_way_round(mirror):
+def test_directions_and_points_are_inverse(mirror):
     turned = Rotation.random(rng=3).apply(OTHER.vertices.copy()) * [mirror, 1, 1]
     layout = SphereLayout(OTHER, turned)
     assert layout.sign == mirror
     points = somewhere(OTHER)
     found = layout.locate(layout.directions_of(points))
     assert_allclose(found.positions, points.positions, atol=1e-13)
-    wanted = np.random.default_rng(1).normal(size=(500, 3))
-    directions = layout.directions_of(layout.locate(wanted))
-    assert_allclose(directions, wanted / np.linalg.norm(wanted, axis=1)[:, None], atol=1e-13)
+    directions = np.random.default_rng(1).normal(size=(500, 3))
+    returned = layout.directions_of(layout.locate(directions))
+    assert_allclose(returned, directions / np.linalg.norm(directions, axis=1)[:, None], atol=1e-13)
 
 
-def test_two_layouts_make_a_map_with_an_exact_way_back():
+def test_map_of_two_layouts_has_an_exact_inverse():
     one, other = SphereLayout(BALL, BALL.vertices), SphereLayout(OTHER, OTHER.vertices)
-    there, back = map_through_sphere(one, other), map_through_sphere(other, one)
+    to_other, to_ball = map_through_sphere(one, other), map_through_sphere(other, one)
     points = somewhere(BALL)
-    assert_allclose(back.at(there.at(points)).positions, points.positions, atol=1e-12)
-    assert there.distortion().folded == 0
+    assert_allclose(to_ball.at(to_other.at(points)).positions, points.positions, atol=1e-12)
+    assert to_other.distortion().folded == 0
     h = BALL.vertices @ [1.0, 2, 3]
-    # of a linear function two meshes know the same up to the square of an edge
-    assert np.abs(back.pull_back(h) - OTHER.vertices @ [1.0, 2, 3]).max() < 0.03
+    # linear functions on two meshes agree up to the square of an edge
+    assert np.abs(to_ball.pull_back(h) - OTHER.vertices @ [1.0, 2, 3]).max() < 0.03
 
 
-def test_the_layout_of_a_sphere_is_itself_wherever_it_lies():
+def test_directions_of_moved_spheres():
     moved = type(BALL)(7 * BALL.vertices + [100, 0, -3], BALL.faces)
     assert_allclose(sphere_directions(moved), BALL.vertices, atol=1e-10)
-    sphere_directions(moved)[:] = 0  # a copy of what is kept
+    sphere_directions(moved)[:] = 0  # changes a copy only
     assert_allclose(sphere_directions(moved), BALL.vertices, atol=1e-10)
 
 
@@ -60,13 +60,13 @@ def test_the_layout_of_a_sphere_is_itself_wherever_it_lies():
         (square(4)),
     ],
 )
-def test_what_is_no_sphere_is_refused(mesh):
+def test_other_meshes_are_refused(mesh):
     assert not is_sphere(mesh)
     with raises(AbfmError):
         sphere_directions(mesh)
 
 
-def test_a_sphere_with_a_hole_is_none_but_a_layout():
+def test_sphere_with_a_hole_is_a_layout_only():
     cap = BALL.vertices[BALL.faces].mean(axis=1)[:, 2] < 0.8
     open_ball = type(BALL)(BALL.vertices, BALL.faces[cap])
     assert not is_sphere(open_ball)
@@ -79,23 +79,23 @@ def test_a_sphere_with_a_hole_is_none_but_a_layout():
 
 
 @pytest.mark.parametrize("power", [1, 4])
-def test_in_a_hole_the_nearest_boundary_is_taken_whatever_the_triangles(power):
-    """Small triangles around the hole, which is 0.2 wide, and large ones elsewhere."""
+def test_directions_in_a_hole_give_the_nearest_boundary(power):
+    """Small triangles surround the hole, which is 0.2 wide, and large ones are elsewhere."""
     angles = np.arccos(np.clip(BALL.vertices[:, 2], -1, 1))
     polar = np.pi * (angles / np.pi) ** power
     around = np.arctan2(BALL.vertices[:, 1], BALL.vertices[:, 0])
-    drawn = np.stack(
+    stretched = np.stack(
         [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=1
     )
-    kept = (polar[BALL.faces] > 0.2).all(axis=1)
-    open_ball = type(BALL)(drawn, BALL.faces[kept])
+    remaining = (polar[BALL.faces] > 0.2).all(axis=1)
+    open_ball = type(BALL)(stretched, BALL.faces[remaining])
     layout = SphereLayout(open_ball, open_ball.vertices)
     edge = open_ball.vertices[open_ball.is_boundary_vertex]
-    wanted = np.random.default_rng(0).normal(size=(300, 3)) * [0.03, 0.03, 0] + [0, 0, 1]
-    wanted /= np.linalg.norm(wanted, axis=1)[:, None]
-    found = layout.directions_of(layout.locate(wanted))
-    nearest = np.linalg.norm(wanted[:, None] - edge, axis=2).min(axis=1)
-    assert (np.linalg.norm(found - wanted, axis=1) <= nearest * (1 + 1e-3)).all()
+    directions = np.random.default_rng(0).normal(size=(300, 3)) * [0.03, 0.03, 0] + [0, 0, 1]
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    found = layout.directions_of(layout.locate(directions))
+    nearest = np.linalg.norm(directions[:, None] - edge, axis=2).min(axis=1)
+    assert (np.linalg.norm(found - directions, axis=1) <= nearest * (1 + 1e-3)).all()
 
 
 @pytest.mark.parametrize(
@@ -107,12 +107,13 @@ def test_in_a_hole_the_nearest_boundary_is_taken_whatever_the_triangles(power):
         (np.random.default_rng(0).normal(size=(642, 3)), ""),
     ],
 )
-def test_layouts_that_do_not_fit_are_refused(directions, named):
+def test_invalid_layouts_are_refused(directions, named):
     with raises(AbfmError, named):
         SphereLayout(BALL, directions)
 
 
-def test_faces_that_lie_the_wrong_way_round_are_told_and_points_still_found():
+def test_flipped_faces_are_reported():
+    """Points are found in spite of them."""
     vertex = 5
     ring = np.unique(BALL.faces[(BALL.faces == vertex).any(axis=1)])
     far = 2 * BALL.vertices[ring].mean(axis=0) - 1.0 * BALL.vertices[vertex]
@@ -120,7 +121,7 @@ def test_faces_that_lie_the_wrong_way_round_are_told_and_points_still_found():
     moved[vertex] = BALL.vertices[ring[ring != vertex][0]] * 1.5 - 0.5 * far
     layout = SphereLayout(BALL, moved)
     assert 0 < len(layout.folded) < 6
-    wanted = np.random.default_rng(1).normal(size=(2000, 3))
-    wanted /= np.linalg.norm(wanted, axis=1)[:, None]
-    found = layout.directions_of(layout.locate(wanted))
-    assert_allclose(found, wanted, atol=1e-12)
+    directions = np.random.default_rng(1).normal(size=(2000, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    found = layout.directions_of(layout.locate(directions))
+    assert_allclose(found, directions, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Points that are spread over a surface: how near, how far, on both sides, always the same."""
+"""Points spread over a surface: spacing, coverage, order and invariance."""
 
 import numpy as np
 import pytest
@@ -16,12 +16,12 @@ LIMBS = five_limbs(2000)
 
 
 def spread(mesh, spacing):
-    """Return places in square roots of the area."""
+    """Return the positions of points with a spacing, in sqrt(area)."""
     return spread_points(mesh).with_spacing(spacing).positions / mesh.length_scale
 
 
 def sheet(thickness):
-    """A box of two large sides, with few and uneven triangles."""
+    """Return a box with two large sides and few, uneven triangles."""
     corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
     quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     faces = [f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))]
@@ -30,25 +30,26 @@ def sheet(thickness):
 
 @pytest.mark.parametrize("spacing", [0.03, 0.06, 0.13])
 @pytest.mark.parametrize("mesh", [LIMBS, icosphere(3), square(6)], ids=["limbs", "ball", "square"])
-def test_no_two_are_nearer_than_the_spacing_and_no_place_is_much_farther(mesh, spacing):
+def test_spacing_and_coverage(mesh, spacing):
     places = spread(mesh, spacing)
     normals = face_normals(mesh)[spread_points(mesh).with_spacing(spacing).faces]
-    apart = cdist(places, places) + 9 * np.eye(len(places))
-    apart[normals @ normals.T < 0] = 9  # of thin parts both sides have their own
-    assert apart.min() >= spacing
+    distances = cdist(places, places) + 9 * np.eye(len(places))
+    distances[normals @ normals.T < 0] = 9  # both sides of thin parts have separate points
+    assert distances.min() >= spacing
     everywhere = points_by_area(mesh, 3001)
-    far = cdist(everywhere.positions / mesh.length_scale, places)
-    far[face_normals(mesh)[everywhere.faces] @ normals.T < -0.7] = 9
-    assert far.min(axis=1).max() < 1.5 * spacing
+    nearest = cdist(everywhere.positions / mesh.length_scale, places)
+    nearest[face_normals(mesh)[everywhere.faces] @ normals.T < -0.7] = 9
+    assert nearest.min(axis=1).max() < 1.5 * spacing
 
 
-def test_they_are_as_many_as_have_room_on_coarse_meshes_as_on_fine_ones():
+def test_number_does_not_depend_on_the_triangulation():
     counts = [len(spread(mesh, 0.05)) for mesh in (icosphere(1), icosphere(4), sheet(1.0))]
-    discs = 4 / (np.pi * 0.05**2)  # of this diameter, if they covered everything
+    discs = 4 / (np.pi * 0.05**2)  # of this diameter, with the area of the surface
     assert all(0.42 * discs < count < 0.91 * discs for count in counts)
 
 
-def test_few_are_among_many_and_their_gaps_descend():
+def test_larger_spacing_gives_a_subset():
+    """The gaps descend."""
     found = spread_points(LIMBS)
     assert (found.gaps[1:] <= found.gaps[:-1]).all()
     assert found.gaps[-1] >= SPACING_MIN
@@ -57,7 +58,7 @@ def test_few_are_among_many_and_their_gaps_descend():
     np.testing.assert_array_equal(few.positions, many.positions[: len(few.faces)])
 
 
-def test_the_same_mesh_has_the_same_ones_and_they_turn_move_and_grow_with_it():
+def test_points_are_deterministic_and_move_with_the_mesh():
     again = TriangleMesh(LIMBS.vertices.copy(), LIMBS.faces.copy())
     np.testing.assert_array_equal(spread(again, 0.05), spread(LIMBS, 0.05))
     rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
@@ -68,7 +69,7 @@ def test_the_same_mesh_has_the_same_ones_and_they_turn_move_and_grow_with_it():
     np.testing.assert_allclose(there, 1e-3 * here @ rotation.T + 0.1, atol=1e-9)
 
 
-def test_both_sides_of_a_thin_sheet_have_as_many():
+def test_both_sides_of_a_thin_sheet_have_points():
     heights = spread_points(sheet(0.001)).with_spacing(0.06).positions[:, 2]
     below, above = (heights < 1e-6).sum(), (heights > 0.001 - 1e-6).sum()
     assert min(below, above) >= 100

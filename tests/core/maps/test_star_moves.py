@@ -1,4 +1,4 @@
-"""Energies of the faces at a vertex: their derivatives, and what has the least."""
+"""Energies of the faces at a vertex: derivatives and minima."""
 
 import numpy as np
 import pytest
@@ -13,40 +13,40 @@ from abfm.mesh.shapes import geodesic_sphere, two_armed
 
 
 def product(x):
-    """``D phi(V)`` with D quadratic and V linear, ``phi(V) = 1 + 3 / V^2``."""
+    """Return ``D phi(V)`` with D quadratic, V linear and ``phi(V) = 1 + 3 / V^2``."""
     return (2 + x[0] + 3 * x[0] ** 2 + x[0] * x[1] + 2 * x[1] ** 2) * (
         1 + 3 / (1.5 + 0.4 * x[0] - 0.7 * x[1]) ** 2
     )
 
 
-def test_derivatives_of_a_product_are_those_of_its_taylor_series():
+def test_derivatives_of_a_product():
     model, inverse = np.zeros(5), 3 / 1.5**2
     phi = 1 + inverse, -2 * inverse, 6 * inverse
     add_product(model, (2.0, 1.0, 0.0), (6.0, 1.0, 4.0), (0.4 / 1.5, -0.7 / 1.5), phi)
-    way = np.array([0.6, 0.8])
-    first = model[:2] @ way
-    second = way @ np.array([[model[2], model[3]], [model[3], model[4]]]) @ way
+    direction = np.array([0.6, 0.8])
+    first = model[:2] @ direction
+    second = direction @ np.array([[model[2], model[3]], [model[3], model[4]]]) @ direction
     errors = [
-        abs(product(h * way) - product(0 * way) - h * first - h**2 / 2 * second)
+        abs(product(h * direction) - product(0 * direction) - h * first - h**2 / 2 * second)
         for h in (0.02, 0.01, 0.005)
     ]
     assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 3, atol=0.1)
 
 
-def test_the_step_of_a_convex_model_leads_to_its_minimum():
+def test_step_of_a_convex_model_reaches_its_minimum():
     hessian, gradient = np.array([[3.0, 1.0], [1.0, 2.0]]), np.array([0.5, -2.0])
     step = step_to_minimum(np.array([*gradient, 3.0, 1.0, 2.0]))
     assert_allclose(hessian @ step, -gradient, atol=1e-14)
 
 
 @pytest.mark.parametrize("bend", [(-3.0, 0.5, 1.0), (-3.0, 0.5, -1.0), (0.0, 2.0, 0.0)])
-def test_the_step_of_any_model_goes_down(bend):
+def test_step_of_any_model_descends(bend):
     gradient = np.array([0.5, -2.0])
     assert gradient @ step_to_minimum(np.array([*gradient, *bend])) < 0
 
 
-def test_half_cotangents_give_the_dirichlet_energy_of_a_face():
-    """That of the identity is twice the area; sides longer by 1% change it by 2%."""
+def test_shape_gives_the_dirichlet_energy():
+    """The identity has twice the area; sides longer by 1% change it by 2%."""
     corners = np.array([[0.0, 0, 0], [1, 0.2, 0], [0.3, 0.9, 0.4]])
     *weights, area = shape(*corners)
     sides = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
@@ -55,14 +55,14 @@ def test_half_cotangents_give_the_dirichlet_energy_of_a_face():
     assert_allclose(area, exact, rtol=0.03)
 
 
-def test_the_volume_of_a_small_face_is_twice_its_area():
+def test_volume_of_a_small_face_is_twice_its_area():
     a, b, c = np.array([[1.0, 0, 0], [1, 1e-4, 0], [1, 0, 2e-4]])
     assert_allclose(volume(a, b, c), 2e-8, rtol=1e-12)
     assert_allclose(volume(a, c, b), -2e-8, rtol=1e-12)
 
 
 def stretches(points, images, faces):
-    """The symmetric Dirichlet energy of a map of faces in space, times their areas, summed."""
+    """Return the symmetric Dirichlet energy of a map of faces in space, integrated over area."""
 
     def square(p):
         first, second = p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]
@@ -70,12 +70,12 @@ def stretches(points, images, faces):
         return np.moveaxis(np.array(rows), 2, 0)
 
     before, after = square(points), square(images)
-    there = np.einsum("fij,fji->f", np.linalg.inv(before), after)
-    back = np.einsum("fij,fji->f", np.linalg.inv(after), before)
-    return float(((there + back) * np.sqrt(np.linalg.det(before)) / 2).sum())
+    squares = np.einsum("fij,fji->f", np.linalg.inv(before), after)
+    inverse_squares = np.einsum("fij,fji->f", np.linalg.inv(after), before)
+    return float(((squares + inverse_squares) * np.sqrt(np.linalg.det(before)) / 2).sum())
 
 
-def test_sweeps_on_the_sphere_go_down():
+def test_sweeps_decrease_the_energy():
     mesh = geodesic_sphere(6)
     noise = np.random.default_rng(0).normal(scale=0.04, size=mesh.vertices.shape)
     sphere = mesh.vertices + noise
@@ -90,14 +90,15 @@ def test_sweeps_on_the_sphere_go_down():
     assert energies[-1] < 1.02 * stretches(mesh.vertices, mesh.vertices, mesh.faces)
 
 
-def test_an_image_relaxes_to_an_isometry():
-    """Of a surface on itself, moved on the sphere: from there it comes back."""
+def test_image_relaxes_to_an_isometry():
+    """A surface that is rotated on its own sphere embedding returns."""
     mesh = two_armed(2).normalized()
-    own, count = sphere_embedding(mesh), len(mesh.vertices)
+    embedding, count = sphere_embedding(mesh), len(mesh.vertices)
     turn = np.array([[np.cos(0.05), -np.sin(0.05), 0], [np.sin(0.05), np.cos(0.05), 0], [0, 0, 1]])
-    points, corners = mesh.vertices.copy(), mesh.faces.copy()  # kernels are compiled for such
-    sphere, surface = own @ turn, build_surface(corners, count)
-    layout = Faces(corners, surface.twins.reshape(-1, 3), own.copy(), 1.0)
+    # kernels are compiled for writable arrays
+    points, corners = mesh.vertices.copy(), mesh.faces.copy()
+    sphere, surface = embedding @ turn, build_surface(corners, count)
+    layout = Faces(corners, surface.twins.reshape(-1, 3), embedding.copy(), 1.0)
     faces, places = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
     weights = np.full(count, 1e2 / count)
     state = Embedding(points, surface, sphere)

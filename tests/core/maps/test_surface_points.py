@@ -1,4 +1,4 @@
-"""Closest points, point maps and distortion, against brute force and maps known exactly."""
+"""Closest points, point maps and distortion, compared with brute force and exact maps."""
 
 import warnings
 
@@ -37,7 +37,7 @@ def rotated(points, angle):
 
 
 def brute_force_distances(mesh, points):
-    """Distance of each point to the closest of all faces, one by one with trimesh."""
+    """Return the distance of each point from the surface, by testing every face with trimesh."""
     faces = len(mesh.faces)
     corners = np.tile(mesh.vertices[mesh.faces], (len(points), 1, 1))
     closest = trimesh.triangles.closest_point(corners, np.repeat(points, faces, axis=0))
@@ -46,7 +46,7 @@ def brute_force_distances(mesh, points):
 
 
 def check_projection(mesh, points, unit=1.0):
-    """It agrees with brute force and with itself, and each point is the closest of its face."""
+    """Assert that a projection agrees with brute force and is closest within its face."""
     found = project_onto_surface(mesh, points)
     near(found.distances_from(points), brute_force_distances(mesh, points), 1e-14 * unit)
     assert found.barycentric.min() >= 0
@@ -92,7 +92,7 @@ def test_projection_to_a_square_is_clamping(points):
 
 
 @pytest.mark.parametrize("mesh", [icosphere(2), hemisphere(5), torus(9, 8)])
-def test_projection_leaves_points_of_the_surface(mesh):
+def test_projection_preserves_points_of_the_surface(mesh):
     weights = np.random.default_rng(4).dirichlet([1, 1, 1], size=len(mesh.faces))
     found = project_onto_surface(mesh, np.einsum("fc,fcx->fx", weights, mesh.vertices[mesh.faces]))
     assert_array_equal(found.faces, np.arange(len(mesh.faces)))
@@ -105,7 +105,7 @@ def test_projection_leaves_points_of_the_surface(mesh):
 def test_projection_does_not_depend_on_the_other_points():
     mesh, random = icosphere(3), np.random.default_rng(6)
     points = random.normal(size=(POINTS_PER_QUERY + 500, 3))
-    points[::7] = 0  # as far from every face
+    points[::7] = 0  # equally far from all faces
     order = random.permutation(len(points))
     found, shuffled = (project_onto_surface(mesh, each) for each in (points, points[order]))
     for name in ("faces", "barycentric", "positions"):
@@ -121,12 +121,12 @@ def test_projection_does_not_depend_on_the_other_points():
         ([0, 0, 1], ("(3,)", 3)),
     ],
 )
-def test_what_are_no_points_in_space_is_refused(points, named):
+def test_invalid_points_are_refused(points, named):
     with raises(AbfmError, *named):
         project_onto_surface(icosphere(0), points)
 
 
-def test_pulling_back_is_linear_in_each_face_and_a_matrix_whose_rows_sum_to_one():
+def test_pull_back_is_linear_and_has_a_matrix():
     mesh = torus(8, 6)
     found = project_onto_surface(mesh, np.random.default_rng(1).normal(size=(30, 3)))
     near(found.pull_back(mesh.vertices), found.positions, 1e-15)
@@ -144,7 +144,7 @@ def test_pulling_back_is_linear_in_each_face_and_a_matrix_whose_rows_sum_to_one(
     assert_allclose(found.distances, expected, rtol=1e-14)
 
 
-def test_a_map_is_made_of_faces_and_weights():
+def test_point_map_from_faces_and_weights():
     mesh = icosphere(1)
     identity = PointMap.of_vertices(mesh, mesh)
     again = PointMap(mesh, mesh, identity.faces, identity.barycentric)
@@ -154,7 +154,7 @@ def test_a_map_is_made_of_faces_and_weights():
     near(again.distortion().singular_values, 1, 1e-12)
 
 
-def test_what_is_no_map_and_positions_of_other_vertices_are_refused():
+def test_invalid_maps_are_refused():
     mesh, count = icosphere(0), 12
     faces, weights = np.zeros(count, dtype=int), np.full((count, 3), 1 / 3)
     for wrong_faces, wrong_weights, named in (
@@ -177,7 +177,7 @@ def test_what_is_no_map_and_positions_of_other_vertices_are_refused():
         chord_distortion(icosphere(0), np.full((12, 3), np.nan))
 
 
-def test_the_nearest_vertex_stays_on_its_side_of_a_thin_part():
+def test_nearest_vertex_is_on_the_same_side():
     mesh, random = ellipsoid(2, 1, 1, 1e-3), np.random.default_rng(3)
     points = np.column_stack([random.uniform(-0.5, 0.5, (200, 2)), random.choice([-1, 1], 200)])
     found = project_onto_surface(mesh, points)
@@ -191,19 +191,19 @@ def test_the_nearest_vertex_stays_on_its_side_of_a_thin_part():
 
 
 def test_maps_of_a_rotating_sphere_have_order_two():
-    """Places, the way back, functions; distortion one less: it takes a derivative of the map."""
+    """The distortion has order one, because it takes a derivative of the map."""
     errors = []
     for level in (3, 4):
         mesh = icosphere(level)
         flow = Flow(mesh, rotation_field(mesh, AXIS))
-        there, back = flow.point_map(ANGLE), flow.point_map(-ANGLE)
+        forward, backward = flow.point_map(ANGLE), flow.point_map(-ANGLE)
         h = np.sin(2 * mesh.vertices) + mesh.vertices[:, [1, 2, 0]]
         off = [
-            there.positions - rotated(mesh.vertices, -ANGLE),
-            there.pull_back(back.positions) - mesh.vertices,
-            there.pull_back(h) - flow.push(h, ANGLE),
+            forward.positions - rotated(mesh.vertices, -ANGLE),
+            forward.pull_back(backward.positions) - mesh.vertices,
+            forward.pull_back(h) - flow.push(h, ANGLE),
         ]
-        found, areas = there.distortion(), face_areas(mesh)
+        found, areas = forward.distortion(), face_areas(mesh)
         assert not found.flipped.any()
         stretches = [(x - 1) ** 2 for x in (found.area, found.conformal)]
         rough = [np.sqrt(np.average(x, weights=areas)) for x in stretches]
@@ -215,7 +215,7 @@ def test_maps_of_a_rotating_sphere_have_order_two():
     assert max(errors[1][3:]) < 0.03
 
 
-def test_distortion_of_an_exact_rotation_and_of_collapsed_faces():
+def test_distortion_of_rotations_and_collapses():
     mesh = icosphere(3)
     found = chord_distortion(mesh, rotated(mesh.vertices, 1.0))
     for values in (found.singular_values, found.area, found.conformal):
@@ -248,7 +248,7 @@ def test_distortion_of_a_linear_map_of_the_plane(matrix):
         assert (found.flipped == (np.linalg.det(matrix) < 0)).all()
 
 
-def test_points_by_area_integrate_functions_however_uneven_the_triangles():
+def test_points_by_area_integrate_functions():
     mesh = square(9)
     points = points_by_area(mesh, 1000).positions
     expected = vertex_areas(mesh) @ mesh.vertices / vertex_areas(mesh).sum()

@@ -1,4 +1,4 @@
-"""Symmetries found from the shape: exact, moved, renumbered, with noise, and none."""
+"""Symmetries of shapes: exact, moved, renumbered, noisy and missing ones."""
 
 import numpy as np
 import pytest
@@ -31,14 +31,14 @@ SYMMETRIC = {
 
 
 def exact(mesh, kind, order=2):
-    """A symmetry that takes every vertex once, and comes back after as many times."""
+    """Return a symmetry after asserting that it is a permutation of the given order."""
     found = detect_symmetry(mesh, kind, order)
     assert found.error < 1e-9
     assert found.is_permutation
-    times = vertices = np.arange(len(mesh.vertices))
+    images = vertices = np.arange(len(mesh.vertices))
     for _ in range(order):
-        times = found.vertex_map[times]
-    assert_array_equal(times, vertices)
+        images = found.vertex_map[images]
+    assert_array_equal(images, vertices)
     assert_allclose(np.linalg.matrix_power(found.linear, order), np.eye(3), atol=1e-12)
     assert not np.allclose(found.linear, np.eye(3))
     assert (found.vertex_map != vertices).any()
@@ -59,12 +59,12 @@ def test_symmetric_meshes_have_exact_involutions(name, kind):
     ("mesh", "order"),
     [(tetrahedron(), 3), (SYMMETRIC["cube"], 3), (SYMMETRIC["cube"], 4), (torus(30, 8), 5)],
 )
-def test_rotations_of_higher_order_come_back_after_as_many_times(mesh, order):
+def test_rotations_of_higher_order(mesh, order):
     exact(mesh, "rotation", order)
 
 
 @pytest.mark.parametrize("mesh", [shapes.two_armed(2), shapes.stepped_slab(2)])
-def test_the_generated_shapes_have_the_rotation_that_they_promise(mesh):
+def test_generated_shapes_have_a_rotation(mesh):
     found = exact(mesh, "rotation")
     assert mesh.is_closed
     assert mesh.genus == 0
@@ -73,7 +73,7 @@ def test_the_generated_shapes_have_the_rotation_that_they_promise(mesh):
     assert mirrored == {tuple(sorted(face)) for face in mesh.faces.tolist()}
 
 
-def test_of_the_many_rotations_of_a_ring_the_one_that_moves_all_of_it_is_chosen():
+def test_rotation_of_a_ring_in_its_plane_is_preferred():
     around = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
     vertices = np.concatenate([radius * circle for radius in np.linspace(1, 2, 6)])
@@ -83,7 +83,7 @@ def test_of_the_many_rotations_of_a_ring_the_one_that_moves_all_of_it_is_chosen(
     assert_allclose(exact(TriangleMesh(vertices, faces), "rotation").axis, [0, 0, 1], atol=1e-9)
 
 
-def test_the_human_has_the_mirror_that_its_file_says():
+def test_mirror_of_the_human_agrees_with_its_file():
     found = detect_symmetry(HUMAN, "mirror")
     assert_array_equal(found.vertex_map, np.loadtxt(asset_path("human.symperm.txt"), dtype=int))
     assert_allclose(np.abs(found.axis), [1, 0, 0], atol=1e-9)
@@ -97,7 +97,7 @@ def test_the_human_has_the_mirror_that_its_file_says():
     shift=st.tuples(*[st.floats(-10, 10)] * 3),
     seed=st.integers(0, 2**20),
 )
-def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(turn, scale, shift, seed):
+def test_symmetry_of_moved_and_renumbered_meshes(turn, scale, shift, seed):
     mesh, turn = shapes.two_armed(2), Rotation.from_rotvec(turn)
     order = np.random.default_rng(seed).permutation(len(mesh.vertices))
     vertices = scale * (turn.apply(mesh.vertices.copy()) + shift)
@@ -110,7 +110,8 @@ def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(turn, 
 
 @settings(max_examples=6, deadline=None)
 @given(level=st.floats(0, 4e-3), seed=st.integers(0, 2**20))
-def test_noise_moves_the_plane_little_and_shows_in_the_error(level, seed):
+def test_noise_hardly_moves_the_plane(level, seed):
+    """The error shows the noise."""
     mesh, rng = HUMAN.normalized(), np.random.default_rng(seed)
     noise = np.clip(level * rng.standard_normal(mesh.vertices.shape), -0.01, 0.01)
     found = detect_symmetry(TriangleMesh(mesh.vertices + noise, mesh.faces), "mirror")
@@ -119,7 +120,7 @@ def test_noise_moves_the_plane_little_and_shows_in_the_error(level, seed):
     assert (found.error > 0.1 * level) or level < 1e-6
 
 
-def test_a_mirror_of_the_shape_that_the_mesh_does_not_have():
+def test_mirror_of_the_shape_but_not_of_the_mesh():
     turn = Rotation.from_rotvec([0.3, 0.2, 0.1])
     turned = turn.apply(shapes.sphere(3).vertices.copy()) * [1, 0.7, 0.5]
     found = detect_symmetry(TriangleMesh(turned, shapes.sphere(3).faces), "mirror")
@@ -127,20 +128,20 @@ def test_a_mirror_of_the_shape_that_the_mesh_does_not_have():
     assert 1e-6 < found.error < 0.01
     assert np.abs(found.axis).max() > np.cos(np.radians(1))
     offset = turned[found.vertex_map] - found.apply(turned)
-    assert np.linalg.norm(offset, axis=1).max() < 0.2  # no more than an edge
+    assert np.linalg.norm(offset, axis=1).max() < 0.2  # at most an edge
 
 
-def test_of_several_symmetries_the_one_that_moves_most_is_chosen():
+def test_symmetry_with_the_largest_motion_is_preferred():
     for kind, axis in (("mirror", [1, 0, 0]), ("rotation", [0, 0, 1])):
         found = detect_symmetry(SYMMETRIC["ellipsoid"], kind)
         assert_allclose(np.abs(found.axis), axis, atol=1e-9)
-    # the plane of a flat surface is no mirror
+    # the plane of a flat surface does not count as a mirror
     assert detect_symmetry(square(6), "mirror").axis[2] == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["fandisk.off", "human_B.off"])
-def test_surfaces_without_symmetry_are_refused_with_the_best_error(name, kind):
+def test_missing_symmetry_is_refused_with_the_best_error(name, kind):
     mesh = bundled(name)
     with raises(SymmetryError) as refused:
         detect_symmetry(mesh, kind)
@@ -152,6 +153,6 @@ def test_surfaces_without_symmetry_are_refused_with_the_best_error(name, kind):
 @pytest.mark.parametrize(
     ("kind", "order"), [("mirror", 3), ("rotation", 1), ("rotation", 0), ("glide", 2)]
 )
-def test_kinds_and_orders_that_there_are_not(kind, order):
+def test_unknown_kinds_and_orders_are_refused(kind, order):
     with raises(ParameterError):
         detect_symmetry(tetrahedron(), kind, order)

@@ -1,4 +1,4 @@
-"""Correspondences: what they carry, both ways, after each other, and what files keep of them."""
+"""Correspondences: transfer in both directions, composition, and files."""
 
 import pickle
 
@@ -27,55 +27,57 @@ def spheres(a, b, turn=TURN):
 
 
 def linear(mesh, turn=None):
-    places = mesh.vertices if turn is None else turn.apply(mesh.vertices.copy())
-    return places @ [1.0, -2, 0.5]
+    points = mesh.vertices if turn is None else turn.apply(mesh.vertices.copy())
+    return points @ [1.0, -2, 0.5]
 
 
 @pytest.mark.parametrize(("a", "b"), [(FINE, COARSE), (COARSE, FINE)])
-def test_functions_go_with_the_points(a, b):
+def test_transfer_of_functions(a, b):
+    """A transferred linear function is the linear function of the corresponding points."""
     found = spheres(a, b)
     for by in ("point", "area"):
-        carried = found.transfer(linear(a, TURN), by)
-        assert np.abs(carried - linear(b)).max() < 0.1
+        transferred = found.transfer(linear(a, TURN), by)
+        assert np.abs(transferred - linear(b)).max() < 0.1
         assert_allclose(found.transfer(np.ones(len(a.vertices)), by), 1)
         matrix = found.to_matrix(by)
         assert_allclose(matrix.sum(axis=1), 1)
-        assert_allclose(matrix @ linear(a, TURN), carried, atol=1e-12)
+        assert_allclose(matrix @ linear(a, TURN), transferred, atol=1e-12)
         assert matrix.min() >= 0
     assert np.diff(found.to_matrix().indptr).max() == 3
     assert found.transfer(np.ones((len(a.vertices), 2))).shape == (len(b.vertices), 2)
 
 
 @pytest.mark.parametrize(("a", "b"), [(FINE, COARSE), (COARSE, FINE)])
-def test_by_area_what_all_vertices_have_is_kept(a, b):
-    """Each vertex of A gives away its area, so that sums over A and over B are the same."""
+def test_transfer_by_area_preserves_integrals(a, b):
+    """Each vertex of A distributes its area, so sums over A and over B are equal."""
     found = spheres(a, b)
     shares = found.area_shares()
     assert_allclose(shares.sum(axis=0), vertex_areas(a))
     h = np.random.default_rng(0).normal(size=len(a.vertices))
-    carried = found.transfer(h, "area")
-    assert_allclose(shares.sum(axis=1) @ carried, vertex_areas(a) @ h)
+    transferred = found.transfer(h, "area")
+    assert_allclose(shares.sum(axis=1) @ transferred, vertex_areas(a) @ h)
 
 
-def test_averages_of_noise_are_quieter_than_samples_of_it():
+def test_transfer_by_area_reduces_noise():
     found = spheres(FINE, COARSE)
     noise = np.random.default_rng(0).normal(size=len(FINE.vertices))
     assert found.transfer(noise, "area").std() < 0.6 * found.transfer(noise).std()
 
 
-def test_labels_are_never_mixed():
+def test_labels_are_not_averaged():
     found = spheres(FINE, COARSE)
     labels = np.where(linear(FINE, TURN) > 0.1, 1000, -7)
     for by in ("point", "area"):
-        carried = found.transfer_labels(labels, by)
-        assert set(carried) == {1000, -7}
+        transferred = found.transfer_labels(labels, by)
+        assert set(transferred) == {1000, -7}
         clear = np.abs(linear(COARSE) - 0.1) > 0.15
-        assert_array_equal(carried[clear], np.where(linear(COARSE) > 0.1, 1000, -7)[clear])
+        assert_array_equal(transferred[clear], np.where(linear(COARSE) > 0.1, 1000, -7)[clear])
     with raises(FunctionError):
         found.transfer_labels(linear(FINE))
 
 
-def test_index_places_labels_and_masked_ones_are_refused():
+def test_labels_of_series_and_masked_arrays():
+    """A Series is ordered by its index, and masked labels are refused."""
     found = spheres(FINE, COARSE)
     labels = np.where(linear(FINE, TURN) > 0.1, 1000, -7)
     expected = found.transfer_labels(labels)
@@ -86,7 +88,8 @@ def test_index_places_labels_and_masked_ones_are_refused():
         found.transfer_labels(np.ma.array(labels, mask=labels < 0))
 
 
-def test_points_go_there_and_back_and_vertices_to_the_nearest():
+def test_transfer_of_points():
+    """Points return exactly after a round trip, and vertices map to nearest vertices."""
     found = spheres(FINE, COARSE)
     on_b = found.transfer_points(np.arange(40))
     assert_allclose(found.points.at(on_b).positions, FINE.vertices[:40], atol=1e-12)
@@ -96,7 +99,7 @@ def test_points_go_there_and_back_and_vertices_to_the_nearest():
     assert np.linalg.norm(offsets, axis=1).max() < 0.08
 
 
-def test_the_inverse_and_what_follows():
+def test_inverse_and_composition():
     found = spheres(FINE, COARSE)
     back = found.inverse()
     assert back.a is COARSE
@@ -109,13 +112,13 @@ def test_the_inverse_and_what_follows():
     assert np.abs(twice.points.positions - straight.points.positions).max() < 1e-10
 
 
-def test_a_turn_distorts_nothing_in_any_unit_and_covers_all():
+def test_rotation_has_no_distortion_and_full_coverage():
     large = TriangleMesh(50 * FINE.vertices, FINE.faces)
     found = spheres(large, COARSE)
-    told = found.distortion()
-    assert told.log2_area.maximum < 0.2  # of flat faces of either size
-    assert abs(np.average(np.log2(told.area), weights=told.weights)) < 0.02
-    assert told.folded == 0
+    distortion = found.distortion()
+    assert distortion.log2_area.maximum < 0.2  # of flat faces of either size
+    assert abs(np.average(np.log2(distortion.area), weights=distortion.weights)) < 0.02
+    assert distortion.folded == 0
     assert found.coverage() == 1
     half = Correspondence(
         PointMap.of_vertices(
@@ -125,7 +128,7 @@ def test_a_turn_distorts_nothing_in_any_unit_and_covers_all():
     assert 0.45 < half.coverage() < 0.75
 
 
-def test_a_mirror_turns_nothing_over():
+def test_reflection_has_no_folded_faces():
     mirror = Correspondence.through_sphere(
         FINE, COARSE, FINE.vertices * [-1, 1, 1], COARSE.vertices
     )
@@ -134,7 +137,7 @@ def test_a_mirror_turns_nothing_over():
     assert not spheres(FINE, COARSE).is_mirrored
 
 
-def test_vertices_alone_have_a_way_back_by_the_nearest_images():
+def test_default_inverse_uses_nearest_images():
     rng = np.random.default_rng(0)
     order = rng.permutation(len(FINE.vertices))
     place = np.argsort(order)
@@ -148,34 +151,34 @@ def test_vertices_alone_have_a_way_back_by_the_nearest_images():
     assert errors.maximum < 1e-9
 
 
-@pytest.mark.parametrize("way", ["sphere", "nearest", "numbers"])
-def test_what_was_found_on_spheres_holds_between_their_surfaces(way):
-    balls = (FINE, FINE) if way == "numbers" else (FINE, COARSE)
+@pytest.mark.parametrize("method", ["sphere", "nearest", "numbers"])
+def test_map_of_spheres_applies_to_their_surfaces(method):
+    balls = (FINE, FINE) if method == "numbers" else (FINE, COARSE)
     on_balls = {
         "sphere": spheres,
         "nearest": lambda a, b: Correspondence(PointMap.project(b, a, b.vertices)),
         "numbers": Correspondence.of_same_faces,
-    }[way](*balls)
+    }[method](*balls)
     a, b = (TriangleMesh(ball.vertices * [1, 2, 3], ball.faces) for ball in balls)
     found = on_balls.on_surfaces(a, b)
     assert found.a is a
     assert found.b is b
     assert_allclose(found.points.positions, on_balls.points.positions * [1, 2, 3], atol=1e-12)
-    middles = [
+    centroids = [
         SurfacePoints(mesh, np.arange(40), np.full((40, 3), 1 / 3)) for mesh in (a, balls[0])
     ]
-    there, expected = found.transfer_points(middles[0]), on_balls.transfer_points(middles[1])
-    assert_allclose(there.positions, expected.positions * [1, 2, 3], atol=1e-12)
+    images, expected = found.transfer_points(centroids[0]), on_balls.transfer_points(centroids[1])
+    assert_allclose(images.positions, expected.positions * [1, 2, 3], atol=1e-12)
     assert on_balls.on_surfaces(*balls) is on_balls
 
 
-def test_what_is_squeezed_to_a_point_has_no_way_back():
+def test_constant_map_has_no_inverse():
     point = Correspondence(PointMap.of_vertices(FINE, COARSE, np.zeros(len(FINE.vertices), int)))
     with raises(AbfmError):
         _ = point.back
 
 
-def test_equal_faces_are_the_same_points():
+def test_map_by_equal_faces():
     wavy = TriangleMesh(FINE.vertices * (1 + 0.1 * np.sin(5 * FINE.vertices[:, :1])), FINE.faces)
     found = Correspondence.of_same_faces(wavy, FINE)
     assert_array_equal(found.transfer(linear(wavy)), linear(wavy))
@@ -184,7 +187,8 @@ def test_equal_faces_are_the_same_points():
         Correspondence.of_same_faces(FINE, COARSE)
 
 
-def test_rows_of_files_count_as_the_file_does():
+def test_functions_have_the_vertices_of_the_file():
+    """Vertices that no face uses are in the file but not in the mesh."""
     loose = with_loose_vertex(FINE)
     found = spheres(loose, COARSE)
     h = np.arange(len(FINE.vertices) + 1.0)
@@ -215,9 +219,9 @@ def test_rows_of_files_count_as_the_file_does():
             PointMap(COARSE, COARSE, np.arange(300), np.tile([-1e-10, 0.5, 0.5 + 1e-10], (300, 1)))
         ),
     ],
-    ids=["sphere", "same faces", "back from a sphere", "another way back", "points", "rounded"],
+    ids=["sphere", "same faces", "inverse of a sphere", "other inverse", "points", "rounded"],
 )
-def test_files_keep_all(found, tmp_path):
+def test_files_round_trip(found, tmp_path):
     found.save(tmp_path / "c.npz")
     again = abfm.load(tmp_path / "c.npz")
     assert_array_equal(again.points.positions, found.points.positions)
@@ -249,16 +253,16 @@ def test_damaged_files_are_refused(name, value, named, tmp_path):
         abfm.load(tmp_path / "bad.npz")
 
 
-def test_ways_between_other_surfaces_are_refused():
-    there = PointMap.of_vertices(FINE, FINE)
+def test_maps_between_other_surfaces_are_refused():
+    points = PointMap.of_vertices(FINE, FINE)
     with raises(AbfmError):
-        Correspondence(there, PointMap.of_vertices(COARSE, COARSE))
+        Correspondence(points, PointMap.of_vertices(COARSE, COARSE))
     with raises(AbfmError):
-        there.followed_by(PointMap.of_vertices(COARSE, COARSE))
+        points.followed_by(PointMap.of_vertices(COARSE, COARSE))
 
 
 @pytest.mark.parametrize("kind", ["sphere", "connectivity", "points"])
-def test_another_process_has_the_same(kind):
+def test_pickling(kind):
     a, b = icosphere(2), ellipsoid(2, 1.0, 2.0, 1.5)
     found = {
         "sphere": lambda: Correspondence.through_sphere(a, b, a.vertices, a.vertices[:, [1, 2, 0]]),

@@ -1,4 +1,4 @@
-"""Initial maps by words, where landmarks come in, and torn maps that are made continuous."""
+"""Methods for initial maps, landmarks in them, and repair of discontinuous maps."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ BODY = five_limbs(200)
 
 
 def pairs(count=4, seed=0):
-    """Directions on one sphere, and where a twist about z has them on the other."""
+    """Return points on one sphere and their images by a twist about z on the other."""
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -37,7 +37,8 @@ def pairs(count=4, seed=0):
     return on_a, on_b
 
 
-def test_landmarks_alone_come_to_where_they_belong_and_files_keep_it(tmp_path):
+def test_registration_by_landmarks_only(tmp_path):
+    """Files store the result."""
     on_a, on_b = pairs()
     found = register(OTHER, BALL, initial="sphere", landmarks=(on_a, on_b))
     assert found.landmark_errors.max() < 0.005
@@ -50,8 +51,8 @@ def test_landmarks_alone_come_to_where_they_belong_and_files_keep_it(tmp_path):
     assert_allclose(again.landmark_errors, found.landmark_errors, atol=1e-9)
 
 
-def test_spheres_of_files_fit_surfaces_that_were_merged_or_cut(tmp_path):
-    """A file with the spheres of both hemispheres, a vertex for each corner of a face."""
+def test_spheres_from_files_for_repaired_surfaces(tmp_path):
+    """A file has the spheres of both hemispheres, and one vertex for each corner of a face."""
     corners = BALL.vertices[BALL.faces.ravel()]
     faces = np.arange(2 * BALL.faces.size).reshape(-1, 3)
     bumpy = corners * (2 + corners[:, [2]])
@@ -65,15 +66,15 @@ def test_spheres_of_files_fit_surfaces_that_were_merged_or_cut(tmp_path):
         initial_map(f"sphere:{small},{spheres}", MapInput(mesh, mesh, None, None))
 
 
-def test_landmarks_are_vertices_or_points_beside_functions_or_alone():
+def test_landmarks_with_and_without_functions():
     vertices = np.array([[0, 5], [20, 30], [100, 80]])
     alone = prepare(OTHER, BALL, landmarks=vertices, initial="sphere").problem.landmarks
     assert_allclose(alone.points(BALL.normalized()).positions.shape, (3, 3))
-    beside = prepare(
+    problem = prepare(
         OTHER, BALL, "coordinate:x", "coordinate:x", landmarks=vertices, initial="sphere"
     ).problem
-    assert len(beside.landmarks) == 3
-    assert_allclose(beside.target[:, 0], BALL.vertices[:, 0])
+    assert len(problem.landmarks) == 3
+    assert_allclose(problem.target[:, 0], BALL.vertices[:, 0])
 
 
 @pytest.mark.parametrize(
@@ -86,39 +87,42 @@ def test_landmarks_are_vertices_or_points_beside_functions_or_alone():
         ({"f": "coordinate:x", "g": "coordinate:x", "initial": "landmarks"}, AbfmError, ()),
     ],
 )
-def test_landmarks_that_do_not_fit_are_refused(given, error, named):
+def test_invalid_landmarks_are_refused(given, error, named):
     with raises(error, *named):
         prepare(OTHER, BALL, **given)
 
 
 def moved(mesh):
-    """The same body elsewhere, larger, with other vertex numbers; where each vertex came from."""
+    """Return the body moved, scaled and renumbered, and the old number of each vertex."""
     order = np.random.default_rng(0).permutation(len(mesh.vertices))
     place = np.argsort(order)
     return TriangleMesh(3 * mesh.vertices[order] + [5, 0, 0], place[mesh.faces]), order
 
 
-@pytest.mark.parametrize("word", ["closest", "closest:rigid", "spectral", "embedding", "landmarks"])
-def test_every_way_finds_the_same_body_elsewhere(word):
+@pytest.mark.parametrize(
+    "method", ["closest", "closest:rigid", "spectral", "embedding", "landmarks"]
+)
+def test_every_method_finds_a_moved_body(method):
     other, order = moved(BODY)
-    scale = 1 if word == "closest:rigid" else 3
+    scale = 1 if method == "closest:rigid" else 3
     other = TriangleMesh(other.vertices * (scale / 3), other.faces)
-    marks = np.array([[order[k], k] for k in (3, 77, 120, 190)])
+    landmarks = np.array([[order[k], k] for k in (3, 77, 120, 190)])
     f = np.cos(BODY.vertices @ np.random.default_rng(1).normal(size=(3, 3)) * 2)
-    prepared = prepare(BODY, other, f, f[order], initial=word, landmarks=marks)
+    prepared = prepare(BODY, other, f, f[order], initial=method, landmarks=landmarks)
     given = prepared.initial
-    assert bool(prepared.warnings) == (word == "embedding")  # which distorts limbs
+    assert bool(prepared.warnings) == (method == "embedding")  # it distorts limbs
     gaps = np.linalg.norm(given.points.positions - BODY.vertices[order], axis=1)
-    assert np.median(gaps) < (0.25 if word == "embedding" else 0.02) * BODY.length_scale
+    assert np.median(gaps) < (0.25 if method == "embedding" else 0.02) * BODY.length_scale
     assert given.distortion().folded == 0
 
 
-def test_a_torn_map_is_made_continuous_and_told_unless_there_are_handles(tmp_path):
+def test_discontinuous_maps_are_repaired_with_a_note(tmp_path):
+    """Maps of surfaces with handles, and given maps, are not changed."""
     rng = np.random.default_rng(0)
-    torn = np.arange(len(BODY.vertices))
-    swapped = rng.choice(len(torn), 30, replace=False)
-    torn[swapped] = rng.permutation(torn[swapped])
-    np.savetxt(tmp_path / "map.txt", torn, fmt="%d")
+    vertices = np.arange(len(BODY.vertices))
+    swapped = rng.choice(len(vertices), 30, replace=False)
+    vertices[swapped] = rng.permutation(vertices[swapped])
+    np.savetxt(tmp_path / "map.txt", vertices, fmt="%d")
     found = initial_map(f"file:{tmp_path}/map.txt", MapInput(BODY, BODY))
     check_message(found.notes[0])
     assert found.correspondence.distortion().folded == 0
@@ -127,21 +131,20 @@ def test_a_torn_map_is_made_continuous_and_told_unless_there_are_handles(tmp_pat
     mixed = np.roll(np.arange(len(ring.vertices)), 1)
     mixed[:40] = rng.permutation(mixed[:40])
     np.savetxt(tmp_path / "ring.txt", mixed, fmt="%d")
-    kept = initial_map(f"file:{tmp_path}/ring.txt", MapInput(ring, ring))
-    check_message(kept.notes[0])
-    assert_array_equal(kept.correspondence.to_vertices(), mixed)
-    # what is given as a map stays as it is
-    own = PointMap.of_vertices(BODY, BODY, torn)
-    assert initial_map(own, MapInput(BODY, BODY)).correspondence.points is own
+    unchanged = initial_map(f"file:{tmp_path}/ring.txt", MapInput(ring, ring))
+    check_message(unchanged.notes[0])
+    assert_array_equal(unchanged.correspondence.to_vertices(), mixed)
+    given = PointMap.of_vertices(BODY, BODY, vertices)
+    assert initial_map(given, MapInput(BODY, BODY)).correspondence.points is given
 
 
-def test_a_map_far_from_an_isometry_says_so():
+def test_stretched_body_gives_a_warning():
     stretched = TriangleMesh(BODY.vertices * [1, 2.5, 1], BODY.faces)
     assert initial_map("spectral", MapInput(BODY, stretched)).warnings
 
 
-def test_a_map_that_distorts_shapes_has_a_warning():
-    """A map that was searched, unlike one that is given."""
+def test_distorted_maps_give_a_warning():
+    """Given maps have no warning."""
     long = TriangleMesh(BALL.vertices * [1, 1, 12], BALL.faces)
     closest = initial_map("closest", MapInput(OTHER, long))
     assert closest.correspondence.distortion().log2_shape.mean > 1.2
@@ -150,21 +153,21 @@ def test_a_map_that_distorts_shapes_has_a_warning():
     assert not initial_map("closest", MapInput(OTHER, BALL)).warnings
 
 
-def test_an_ambiguous_rotation_has_a_warning():
-    """Any turn about z carries z to itself."""
+def test_ambiguous_rotations_give_a_warning():
+    """All rotations about z map the function z to itself."""
     heights = BALL.vertices[:, 2], OTHER.vertices[:, 2]
     found = prepare(BALL, OTHER, *heights, initial="sphere")
     assert len(found.warnings) == 1
     assert not any("rotation" in note for note in found.notes)
-    marks = np.stack([[3, 5, 8]] * 2, axis=1)
-    assert not initial_map("sphere", MapInput(BALL, BALL, landmarks=_marks(marks))).warnings
+    vertices = np.stack([[3, 5, 8]] * 2, axis=1)
+    assert not initial_map("sphere", MapInput(BALL, BALL, landmarks=_landmarks(vertices))).warnings
 
 
-def _marks(pairs):
+def _landmarks(pairs):
     return Landmarks.of_vertices(BALL, BALL, pairs[:, 0], pairs[:, 1])
 
 
-def test_without_a_word_it_is_chosen_by_what_there_is():
+def test_default_method_depends_on_the_input():
     f = ("coordinate:x",) * 2
     assert prepare(BODY, BODY, *f).initial.points.interior_map is not None
     rings = prepare(torus(10, 6), torus(9, 6), *f)
@@ -172,15 +175,15 @@ def test_without_a_word_it_is_chosen_by_what_there_is():
     assert "embedding" not in [each.name for each in rings.initial.candidates]  # in a sphere
 
 
-def test_each_word_is_known_by_its_form():
-    assert len({word.name for word in METHODS}) == len(METHODS)
-    for word in METHODS:
-        assert word.form.startswith(word.name)
-        assert word.about
+def test_methods_have_distinct_names():
+    assert len({method.name for method in METHODS}) == len(METHODS)
+    for method in METHODS:
+        assert method.form.startswith(method.name)
+        assert method.about
 
 
-def test_points_of_another_surface_are_no_landmarks():
+def test_landmarks_on_other_surfaces_are_refused():
     on_a, _ = pairs()
-    far = SurfacePoints(BODY, np.array([len(BODY.faces) - 1]), np.eye(3)[:1])
+    other = SurfacePoints(BODY, np.array([len(BODY.faces) - 1]), np.eye(3)[:1])
     with raises(ParameterError):
-        prepare(OTHER, BALL, landmarks=(far, on_a[np.array([0])]), initial="sphere")
+        prepare(OTHER, BALL, landmarks=(other, on_a[np.array([0])]), initial="sphere")

@@ -1,4 +1,4 @@
-"""Registering one surface to another: initial maps by words, and what the flow adds."""
+"""Registration of two surfaces: rotations of spheres, initial maps, and matches on B."""
 
 import numpy as np
 import pandas
@@ -30,7 +30,7 @@ OPPOSITE = int((B.vertices @ B.vertices[0]).argmin())
 
 
 def hills(directions, seed=0, count=300, width=0.15):
-    """A rough function of directions (P, 3), as if it had been measured."""
+    """Return a rough function of directions (P, 3), which looks like a measured one."""
     rng = np.random.default_rng(seed)
     centres, heights = rng.normal(size=(count, 3)), rng.normal(size=count)
     centres /= np.linalg.norm(centres, axis=1)[:, None]
@@ -39,12 +39,12 @@ def hills(directions, seed=0, count=300, width=0.15):
 
 def on_sphere(mesh, turn=None, **others):
     directions = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1)[:, None]
-    seen = directions if turn is None else turn.inv().apply(directions)
-    return SphereFunctions(SphereLayout(mesh, directions), hills(seen)[None], **others)
+    rotated = directions if turn is None else turn.inv().apply(directions)
+    return SphereFunctions(SphereLayout(mesh, directions), hills(rotated)[None], **others)
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_the_rotation_between_spheres_is_found_wherever_they_start(seed):
+def test_rotation_between_spheres_is_found(seed):
     turn = Rotation.random(rng=seed)
     found = rotation_by_functions(on_sphere(A), on_sphere(B, turn), np.ones(1))
     assert (found.rotation * turn.inv()).magnitude() < np.radians(0.5)
@@ -53,8 +53,8 @@ def test_the_rotation_between_spheres_is_found_wherever_they_start(seed):
     assert_allclose(found.degrees, np.degrees(found.rotation.magnitude()))
 
 
-def test_a_sphere_stays_as_it_stands_where_no_other_place_is_better():
-    """Any turn about z is as good, and so is upside down with the other sign."""
+def test_sphere_is_not_rotated_without_a_gain():
+    """All rotations about z are equally good, also with a flip and the opposite sign."""
 
     def heights(mesh, values):
         return SphereFunctions(SphereLayout(mesh, mesh.vertices), values[None])
@@ -69,17 +69,17 @@ def test_a_sphere_stays_as_it_stands_where_no_other_place_is_better():
     assert constant.correlation == 0
 
 
-def test_the_other_sign_is_taken_where_it_is_clearly_better():
+def test_opposite_sign_is_found():
     b = on_sphere(B, TURN)
     found = rotation_by_functions(on_sphere(A), SphereFunctions(b.layout, -b.functions), np.ones(1))
     assert (found.rotation * TURN.inv()).magnitude() < np.radians(0.5)
     assert found.correlation > 0.97
-    turned = prepare(A, B, A.vertices[:, 2], B.vertices @ [0.6, 0, 0.8])
-    assert not any("other sign" in note for note in turned.notes)
-    assert_allclose(turned.initial.points.positions[:, 2], B.vertices @ [0.6, 0, 0.8], atol=0.05)
+    prepared = prepare(A, B, A.vertices[:, 2], B.vertices @ [0.6, 0, 0.8])
+    assert not any("sign of channel" in note for note in prepared.notes)
+    assert_allclose(prepared.initial.points.positions[:, 2], B.vertices @ [0.6, 0, 0.8], atol=0.05)
 
 
-def test_what_masks_hide_does_not_turn_the_sphere():
+def test_hidden_values_do_not_affect_the_rotation():
     b = on_sphere(B, TURN)
     hidden = B.vertices[:, 2] > 0.6
     b.functions[0, hidden] = 50
@@ -89,7 +89,7 @@ def test_what_masks_hide_does_not_turn_the_sphere():
     assert (found.rotation * TURN.inv()).magnitude() < np.radians(0.5)
 
 
-def test_three_landmarks_say_how_a_sphere_is_turned():
+def test_rotation_by_three_landmarks():
     layouts = SphereLayout(A, A.vertices), SphereLayout(B, TURN.apply(B.vertices.copy()))
     on_a = layouts[0].locate(np.eye(3))
     on_b = layouts[1].locate(TURN.apply(np.eye(3)))
@@ -98,7 +98,7 @@ def test_three_landmarks_say_how_a_sphere_is_turned():
 
 
 def flowed(mesh, directions, strength=0.12):
-    """Directions moved by a smooth map of the sphere."""
+    """Return directions moved by a smooth map of the sphere."""
     moved = directions + strength * np.sin(3 * directions[:, [1, 2, 0]])
     return moved / np.linalg.norm(moved, axis=1)[:, None]
 
@@ -116,11 +116,11 @@ def found():
     )
 
 
-def test_a_sphere_is_turned_and_then_bent_to_where_it_belongs(found):
-    wanted = flowed(B, TURN.inv().apply(B.vertices.copy()))
-    wanted /= np.linalg.norm(wanted, axis=1)[:, None]
-    before = np.linalg.norm(found.initial.points.positions - wanted, axis=1)
-    after = np.linalg.norm(found.points.positions - wanted, axis=1)
+def test_rotation_and_flow_recover_a_map(found):
+    expected = flowed(B, TURN.inv().apply(B.vertices.copy()))
+    expected /= np.linalg.norm(expected, axis=1)[:, None]
+    before = np.linalg.norm(found.initial.points.positions - expected, axis=1)
+    after = np.linalg.norm(found.points.positions - expected, axis=1)
     assert np.median(after) < 0.35 * np.median(before)
     assert found.distortion().folded == 0
     assert found.round_trip().median < 0.01
@@ -129,15 +129,15 @@ def test_a_sphere_is_turned_and_then_bent_to_where_it_belongs(found):
     check_message(found.notes[0])
 
 
-def test_its_functions_go_as_the_match_says(found):
-    carried = found.transfer(hills(A.vertices))
+def test_transfer_agrees_with_the_match(found):
+    transferred = found.transfer(hills(A.vertices))
     expected = found.match.push(
         found.initial.transfer(hills(A.vertices)), found.match.parameters.tau
     )
-    assert np.abs(carried - expected).mean() < 0.1 * expected.std()
+    assert np.abs(transferred - expected).mean() < 0.1 * expected.std()
 
 
-def test_earlier_steps_are_less_distorted_also_of_files(found, tmp_path):
+def test_earlier_steps_of_files_have_less_distortion(found, tmp_path):
     found.save(tmp_path / "r.npz")
     again = abfm.load(tmp_path / "r.npz")
     assert again.notes == found.notes != ()
@@ -149,8 +149,8 @@ def test_earlier_steps_are_less_distorted_also_of_files(found, tmp_path):
         abfm.load(tmp_path / "m.npz", Registration)
 
 
-def test_a_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
-    """Whatever the residual: nothing is registered by a map that may lead elsewhere."""
+def test_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
+    """The goal is not reached with an uncertain initial map, whatever the residual is."""
     assert found.facts.outcome.is_good
     warned = Registration(found.initial, found.match, (), found.functions, ("it may be wrong",))
     warned.save(tmp_path / "r.npz")
@@ -159,16 +159,16 @@ def test_a_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
         assert each.verdict.why == "it may be wrong"
         assert "it may be wrong" in each.facts.warnings
         assert each.facts.outcome == "not reached"
-    told = facts_of_file(tmp_path / "r.npz")
-    assert told.outcome == "not reached"
-    assert "it may be wrong" in told.warnings
+    facts = facts_of_file(tmp_path / "r.npz")
+    assert facts.outcome == "not reached"
+    assert "it may be wrong" in facts.warnings
 
 
 def test_facts_are_those_of_the_complete_map(found):
-    """Residual and distortion of A's functions where B's vertices lie on A."""
+    """Facts have the residual and the distortion of the complete map from A to B."""
     numbers, target = found.facts.numbers, found.match.problem.functions
-    there = found.points.pull_back(found.functions)
-    assert numbers["map_residual"] == pytest.approx(target.residual(there.T))
+    transferred = found.points.pull_back(found.functions)
+    assert numbers["map_residual"] == pytest.approx(target.residual(transferred.T))
     alone = found.initial.points.pull_back(found.functions)
     assert numbers["initial_residual"] == pytest.approx(target.residual(alone.T))
     assert numbers["worse_residual"] >= numbers["map_residual"]
@@ -178,8 +178,8 @@ def test_facts_are_those_of_the_complete_map(found):
     assert numbers["flipped_by_vertices"] == found.flipped_by_vertices() == 0
 
 
-def test_a_residual_of_the_complete_map_counts(found):
-    """A's functions vary between the points that the match on B has seen."""
+def test_residual_of_the_complete_map_counts(found):
+    """A's functions vary between the points that are used by the match on B."""
     values = found.functions + 9 * np.random.default_rng(0).normal(size=found.functions.shape)
     rough = Registration(found.initial, found.match, (), values)
     assert rough.verdict.kind == "not reached"
@@ -190,8 +190,8 @@ def test_a_residual_of_the_complete_map_counts(found):
 @pytest.mark.parametrize(
     ("noise", "kind"), [(0.0, "matched"), (0.1, "nearly"), (1.0, "not reached")]
 )
-def test_the_complete_map_is_judged_by_its_residual(noise, kind):
-    """A match that is exact on B, of functions that differ on A."""
+def test_verdict_of_the_complete_map(noise, kind):
+    """The match is exact on B, and the functions differ on A."""
     heights = B.vertices[:, 2]
     match = abfm.match(B, heights, heights, Parameters.of(iterations=1, refine=0))
     assert match.verdict.kind == "matched"
@@ -201,20 +201,20 @@ def test_the_complete_map_is_judged_by_its_residual(noise, kind):
     assert found.verdict.kind == found.facts.outcome == kind
 
 
-def test_faces_that_vertices_alone_flip_are_counted():
-    """Two vertices of a face that change places flip what is between them in a sphere.reg."""
+def test_faces_flipped_by_vertices_are_counted():
+    """Exchanging two vertices of a face flips faces between them in a sphere.reg file."""
     order = np.arange(len(B.vertices))
     first, second = B.faces[0][:2]
     order[[first, second]] = second, first
     swapped = Correspondence(PointMap.of_vertices(B, B, order), PointMap.of_vertices(B, B, order))
-    placed = B.vertices[order][B.faces]
-    outward = np.linalg.det(placed) > 0
+    images = B.vertices[order][B.faces]
+    outward = np.linalg.det(images) > 0
     assert swapped.flipped_by_vertices() == (~outward).sum() > 0
     same = Correspondence(PointMap.of_vertices(B, B), PointMap.of_vertices(B, B))
     assert same.flipped_by_vertices() == 0
 
 
-def test_measured_functions_are_compared_in_their_own_units():
+def test_measured_functions_are_standardized():
     f, g = hills(A.vertices), 100 - 3 * hills(B.vertices)
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     prepared = prepare(A, B, f, g, initial=same)
@@ -225,24 +225,24 @@ def test_measured_functions_are_compared_in_their_own_units():
     assert prepared.problem.parameters == MEASURED_PARAMETERS
 
 
-def test_functions_of_a_are_kept_as_they_are_compared():
-    """What comes of them to B by area is what is matched there."""
+def test_functions_of_a_have_the_units_of_the_match():
+    """Their transfer by area is the source of the match on B."""
     f, g = (np.stack([hills(m.vertices), m.vertices[:, 2] + 2], 1) for m in (A, B))
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     for ours, theirs in ((f, g), (3 * f + 7, -g), (f[:, 1], g[:, 1]), (f[:, 1], 5 * g[:, 1])):
         prepared = prepare(A, B, ours, theirs, initial=same, mask_b=B.vertices[:, 2] > -0.5)
-        carried = prepared.initial.transfer(prepared.functions, by="area")
-        assert_allclose(carried, prepared.problem.source, atol=1e-9)
+        transferred = prepared.initial.transfer(prepared.functions, by="area")
+        assert_allclose(transferred, prepared.problem.source, atol=1e-9)
     assert prepare(B, B, landmarks=[[0, 1]]).functions is None
 
 
-def test_functions_of_the_other_sign_are_turned_and_told():
+def test_opposite_sign_is_changed_with_a_note():
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     prepared = prepare(A, B, hills(A.vertices), -hills(B.vertices), initial=same)
     check_message(prepared.notes[0], 1)
     assert np.corrcoef(prepared.problem.source[:, 0], -hills(B.vertices))[0, 1] > 0.97
-    turned = prepare(A, B, hills(A.vertices), -hills(TURN.apply(B.vertices.copy())))
-    assert np.corrcoef(turned.problem.source[:, 0], turned.problem.target[:, 0])[0, 1] > 0.97
+    rotated = prepare(A, B, hills(A.vertices), -hills(TURN.apply(B.vertices.copy())))
+    assert np.corrcoef(rotated.problem.source[:, 0], rotated.problem.target[:, 0])[0, 1] > 0.97
     assert not prepare(A, B, hills(A.vertices), hills(B.vertices), initial=same).notes
 
 
@@ -250,9 +250,9 @@ def test_exact_functions_keep_their_values():
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     prepared = prepare(A, B, "coordinate:x", "coordinate:x", initial=same)
     assert_allclose(prepared.problem.target[:, 0], B.vertices[:, 0])
-    far = prepare(A, B, "gaussian:vertex=7", "gaussian:vertex=900", initial=same).problem
-    assert far.source.min() >= 0
-    assert far.source.max() <= 1
+    distant = prepare(A, B, "gaussian:vertex=7", "gaussian:vertex=900", initial=same).problem
+    assert distant.source.min() >= 0
+    assert distant.source.max() <= 1
     other = prepare(A, B, A.vertices[:, 0] * 9, "coordinate:x", initial=same).problem
     assert_allclose(np.ptp(other.source), np.ptp(other.target), rtol=0.01)
     assert prepared.problem.parameters == Parameters()
@@ -272,39 +272,39 @@ def test_several_channels_with_weights_and_masks_on_both():
 
 
 @pytest.mark.parametrize("most", [0, -1, np.nan, np.inf, "1"])
-def test_a_bound_that_is_none_is_refused_before_anything_is_done(most):
+def test_invalid_bounds_are_refused_first(most):
     with raises(ParameterError):
         register(A, B, "no function", "no function", max_distortion=most)
 
 
-def test_where_the_initial_map_is_beyond_a_bound_no_flow_is_looked_for():
+def test_no_flow_if_the_initial_map_exceeds_the_bound():
     stretched = TriangleMesh(B.vertices * [1, 1, 4], B.faces)
-    marks, p = [[0, 20]], Parameters.of(iterations=5)
-    found = register(stretched, B, landmarks=marks, initial="connectivity", parameters=p)
-    within = register(
-        stretched, B, landmarks=marks, initial="connectivity", parameters=p, max_distortion=0.5
+    landmarks, p = [[0, 20]], Parameters.of(iterations=5)
+    found = register(stretched, B, landmarks=landmarks, initial="connectivity", parameters=p)
+    bounded = register(
+        stretched, B, landmarks=landmarks, initial="connectivity", parameters=p, max_distortion=0.5
     )
-    assert_array_equal(within.points.positions, found.points.positions)
+    assert_array_equal(bounded.points.positions, found.points.positions)
     share = 100 * found.initial.distortion().share_within(0.5)
     assert share < 90
-    *others, note = within.notes
+    *others, note = bounded.notes
     check_message(note, "0.5", f"{share:.1f}%", 0)
     assert tuple(others) == found.notes
 
 
 @pytest.mark.parametrize("vertices", [[0, 0, 0], [0, OPPOSITE, 0]])
 @pytest.mark.parametrize("side", [0, 1])
-def test_landmarks_that_leave_a_rotation_open_turn_no_sphere(vertices, side):
-    marks = [vertices, [3, 5, 8]]
-    pairs = np.stack(marks if side == 0 else marks[::-1], axis=1)
+def test_landmarks_that_determine_no_rotation(vertices, side):
+    sides = [vertices, [3, 5, 8]]
+    pairs = np.stack(sides if side == 0 else sides[::-1], axis=1)
     prepared = prepare(B, B, landmarks=pairs, initial="sphere")
     assert_allclose(prepared.initial.points.positions, B.vertices, atol=1e-12)
     (note,) = prepared.notes
     check_message(note)
 
 
-def test_landmarks_count_as_the_given_mesh_does():
-    """A pair of arrays has its own numbers, a mesh made of it those of its rows."""
+def test_landmarks_have_the_numbers_of_the_input():
+    """A pair of arrays has its numbers; a mesh made from it has the numbers of its rows."""
     pair = np.vstack([[[9.0, 9, 9]], B.vertices]), B.faces + 1
     rows = np.array([[0, 4], [30, 31], [90, 95]])
     for a, b, shift in (
@@ -313,25 +313,25 @@ def test_landmarks_count_as_the_given_mesh_does():
         (TriangleMesh(*pair), TriangleMesh(*pair), [0, 0]),
     ):
         problem = prepare(a, b, landmarks=rows + shift, initial="connectivity").problem
-        wanted = problem.landmarks.targets(problem.mesh).positions
-        assert_allclose(wanted, B.vertices[rows[:, 1]], atol=1e-12)
+        expected = problem.landmarks.targets(problem.mesh).positions
+        assert_allclose(expected, B.vertices[rows[:, 1]], atol=1e-12)
     table = pandas.DataFrame({"Target": rows[:, 1], "source": rows[:, 0]})
     problem = prepare(B, B, landmarks=table, initial="connectivity").problem
-    wanted = problem.landmarks.targets(problem.mesh).positions
-    assert_allclose(wanted, B.vertices[rows[:, 1]], atol=1e-12)
+    expected = problem.landmarks.targets(problem.mesh).positions
+    assert_allclose(expected, B.vertices[rows[:, 1]], atol=1e-12)
     with raises(AbfmError, 0, "dropped"):
         prepare(pair, pair, landmarks=[[0, 1]], initial="connectivity")
 
 
-def test_what_counts_for_nothing_says_nothing_of_the_parameters():
+def test_channels_of_weight_0_do_not_change_parameters():
     smooth, rough = B.vertices[:, 2], hills(B.vertices)
     both = np.stack([smooth, rough], axis=1)
-    for weights, usual in (([1, 0], Parameters()), ([1, 1], MEASURED_PARAMETERS)):
-        assert prepare(B, B, both, both, weights=weights).problem.parameters == usual
+    for weights, default in (([1, 0], Parameters()), ([1, 1], MEASURED_PARAMETERS)):
+        assert prepare(B, B, both, both, weights=weights).problem.parameters == default
 
 
-def test_spheres_come_from_files_and_mirrors_on_request(tmp_path):
-    """Whose names may have commas."""
+def test_mirrored_spheres_from_files(tmp_path):
+    """The file names contain commas."""
     body_a, body_b = (
         TriangleMesh(m.vertices * (1 + 0.2 * m.vertices[:, :1]) * [1, 2, 1], m.faces)
         for m in (A, B)
@@ -348,7 +348,7 @@ def test_spheres_come_from_files_and_mirrors_on_request(tmp_path):
 OF_OTHERS = Landmarks.of_vertices(B, A, [0], [0])
 
 
-def test_constants_are_no_measurements():
+def test_constants_are_not_standardized():
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     source = prepare(A, B, np.full(3000, 0.1), hills(B.vertices), initial=same).problem.source
     assert_allclose(source, 0.1)
@@ -387,7 +387,7 @@ def test_constants_are_no_measurements():
         ),
     ],
 )
-def test_what_does_not_fit_is_refused(change, error, named):
+def test_invalid_arguments_are_refused(change, error, named):
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     given = {"a": A, "b": B, "f": "coordinate:x", "g": "coordinate:x", "initial": same} | change
     if change.keys() & {"a"}:
@@ -396,7 +396,7 @@ def test_what_does_not_fit_is_refused(change, error, named):
         prepare(**given)
 
 
-def test_where_values_are_unknown_nothing_is_compared():
+def test_unknown_values_are_not_compared():
     f, g = hills(A.vertices), hills(B.vertices)
     f[A.vertices[:, 2] > 0.8], g[B.vertices[:, 2] < -0.8] = np.nan, np.inf
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
@@ -408,7 +408,7 @@ def test_where_values_are_unknown_nothing_is_compared():
         prepare(A, B, f * np.nan, g, initial=same)
 
 
-def test_so_it_is_with_texts_of_files_and_is_told(tmp_path):
+def test_unknown_values_in_files_give_a_note(tmp_path):
     f, g = hills(A.vertices), hills(B.vertices)
     f[A.vertices[:, 2] > 0.8] = np.nan
     np.save(tmp_path / "f.npy", f)
@@ -424,7 +424,7 @@ def test_so_it_is_with_texts_of_files_and_is_told(tmp_path):
     )
 
 
-def test_vertices_that_no_face_uses_have_values_in_files():
+def test_values_of_unused_vertices_are_ignored():
     loose = with_loose_vertex(B)
     values = np.arange(len(B.vertices) + 1.0)
     same = Correspondence.through_sphere(A, loose, A.vertices, B.vertices)

@@ -1,4 +1,4 @@
-"""Symmetric registration: the mean of the maps both ways."""
+"""Symmetric registration: the mean of the maps in both directions."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ BRIEF = {"refine": 0, "iterations": 20}
 
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory):
-    """Two spheres with a bump each, a little apart, as columns of a table."""
+    """Return columns of a table: two spheres with bumps at slightly different positions."""
     folder = tmp_path_factory.mktemp("symmetric")
     for name, move in (("a", 0.0), ("b", 0.15)):
         write_surface(folder / f"{name}.ply", MESH)
@@ -31,19 +31,19 @@ def inputs(tmp_path_factory):
     return {**files, **functions, "initial": "connectivity", **BRIEF}
 
 
-def solved(inputs):
+def solve(inputs):
     return Row("s", {"task": "symmetric", **inputs}).task().solve(Monitor())
 
 
 @pytest.fixture(scope="module")
 def found(inputs):
-    return solved(inputs)
+    return solve(inputs)
 
 
 def test_exchanged_surfaces_give_the_inverse_map(inputs, found):
     other = dict(inputs, a=inputs["b"], b=inputs["a"])
     other |= {"source": inputs["target"], "target": inputs["source"]}
-    exchanged = solved(other)
+    exchanged = solve(other)
     assert_allclose(exchanged.points.positions, found.back.positions, atol=1e-12)
     assert_allclose(exchanged.back.positions, found.points.positions, atol=1e-12)
     assert exchanged.facts.outcome is found.facts.outcome
@@ -54,11 +54,11 @@ def test_mean_lies_between_both_maps(inputs, tmp_path):
     forward, backward = task.forward.solve(Monitor()), task.backward.solve(Monitor())
     mean = SymmetricRegistration.average(forward, backward)
     ends = forward.points.positions, backward.back.positions
-    apart = np.linalg.norm(ends[0] - ends[1], axis=1)
+    distances = np.linalg.norm(ends[0] - ends[1], axis=1)
     for end in ends:
         # the midpoint of a chord is closer to the sphere than its ends are to each other
-        assert (np.linalg.norm(mean.points.positions - end, axis=1) <= apart + 1e-12).all()
-    assert_allclose(mean.asymmetry * MESH.length_scale, apart)
+        assert (np.linalg.norm(mean.points.positions - end, axis=1) <= distances + 1e-12).all()
+    assert_allclose(mean.asymmetry * MESH.length_scale, distances)
     mean.save(tmp_path / "s.npz")
     assert_array_equal(load(tmp_path / "s.npz").asymmetry, mean.asymmetry)
     assert mean.facts.outcome.rank == max(each.facts.outcome.rank for each in (forward, backward))

@@ -1,4 +1,4 @@
-"""Textures go along correspondences: by known images, maps and seams."""
+"""Transfer of textures, compared with known images, maps and seams."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ TURN = Rotation.from_rotvec([0.3, -0.8, 0.5])
 
 
 def waves(width, height, count=3):
-    """A smooth image of four channels, from 25 to 230, which repeats smoothly."""
+    """Return a smooth periodic image with four channels and values from 25 to 230."""
     x, y = (np.arange(width) + 0.5) / width, (np.arange(height)[:, None] + 0.5) / height
     x, y = 2 * np.pi * count * x, 2 * np.pi * count * y
     levels = [np.sin(x + k) * np.cos(y - k * k) for k in range(4)]
@@ -30,20 +30,21 @@ def waves(width, height, count=3):
 
 
 def unwrapped(u, v):
-    """Texture coordinates (F, 3, 2) of corners at angles u in turns, whole where a seam is met."""
+    """Return texture coordinates (F, 3, 2) for angles u in turns, continuous across the seam."""
     ahead = np.where((np.ptp(u, axis=1) > 0.5)[:, None] & (u < 0.5), u + 1, u)
     return np.stack([ahead, v], axis=2)
 
 
 def by_longitude(mesh):
-    """Longitude and latitude: a seam at the longitude 0, and poles where corners have none."""
+    """Return coordinates by longitude and latitude, with a seam at longitude 0 and two poles."""
     x, y, z = np.moveaxis(mesh.vertices[mesh.faces], 2, 0)
     u = np.arctan2(y, x) / (2 * np.pi) % 1
     return unwrapped(u, 0.5 + np.arcsin(z / np.linalg.norm([x, y, z], axis=0)) / np.pi)
 
 
 @pytest.mark.parametrize("mesh", [tetrahedron(), icosphere(1), square(3)])
-def test_the_same_surface_shows_the_same_and_errors_fall_with_the_square_of_texels(mesh):
+def test_identity_converges_with_texture_size(mesh):
+    """Errors on the same surface have second order in the size of a texel."""
     x, y, z = mesh.vertices.T / mesh.length_scale
     places = 2 * np.stack([x, y + z / 2], axis=1)[mesh.faces]
     texture = Texture(mesh, places, [waves(1024, 1024, 8)])
@@ -58,22 +59,23 @@ def test_the_same_surface_shows_the_same_and_errors_fall_with_the_square_of_texe
     assert errors[-1].mean() < 0.3  # rounding
 
 
-def test_a_turned_and_renumbered_sphere_shows_what_is_in_the_same_direction():
+def test_rotated_renumbered_sphere():
+    """Points in the same direction have the same colour."""
     a = icosphere(2)
     other, _, _ = renumbered(a, 3)
     b = TriangleMesh(TURN.apply(other.vertices.copy()), other.faces)
     found = Correspondence.through_sphere(a, b, a.vertices, TURN.inv().apply(b.vertices.copy()))
     texture = Texture(a, by_longitude(a), [waves(256, 128)])
-    carried = transfer_texture(found, texture, 512)
+    transferred = transfer_texture(found, texture, 512)
     points = points_by_area(b, 3000)
-    there = project_onto_surface(a, TURN.inv().apply(points.positions))
-    clear = np.abs(there.positions[:, 2]) < 0.8  # of the poles, around which the texture is torn
-    errors = np.abs(carried.at(points) - texture.at(there))[clear]
+    images = project_onto_surface(a, TURN.inv().apply(points.positions))
+    clear = np.abs(images.positions[:, 2]) < 0.8  # the texture is discontinuous at the poles
+    errors = np.abs(transferred.at(points) - texture.at(images))[clear]
     assert errors.max() < 8
     assert errors.mean() < 0.5
 
 
-def test_there_and_back_is_nearly_what_it_was():
+def test_round_trip_converges():
     a, b = icosphere(2), even_sphere(500)
     found = Correspondence.through_sphere(a, b, a.vertices, TURN.apply(b.vertices.copy()))
     texture = Texture(a, by_longitude(a), [waves(256, 128)])
@@ -87,37 +89,38 @@ def test_there_and_back_is_nearly_what_it_was():
     assert errors[0] > 4 * errors[-1]
 
 
-def test_no_colours_are_smeared_along_a_seam():
-    """Half of a cylinder is black, half white; a face over the seam, if its coordinates went all
-    the way back, would show the other half.
+def test_seams_leave_no_trace():
+    """A cylinder is half black and half white.
+
+    A face at the seam would show the other half if its coordinates crossed the complete image.
     """
     a, b = open_cylinder(12, 2), open_cylinder(30, 5)
     angles = np.arctan2(a.vertices[:, 1], a.vertices[:, 0]) / (2 * np.pi) % 1
     seam = unwrapped(angles[a.faces], a.vertices[a.faces][..., 2] / 2)
-    assert (np.ptp(angles[a.faces], axis=1) > 0.5).sum() == 4  # faces over it
+    assert (np.ptp(angles[a.faces], axis=1) > 0.5).sum() == 4  # faces at the seam
     is_white = np.abs((np.arange(200) + 0.5) / 200 - 0.5) < 0.25
     image = np.broadcast_to(255 * is_white[:, None], (8, 200, 3)).astype(np.uint8)
     found = Correspondence(PointMap.project(b, a, b.vertices))
-    carried = transfer_texture(found, Texture(a, seam, [image]), 512)
+    transferred = transfer_texture(found, Texture(a, seam, [image]), 512)
     points = points_by_area(b, 5000)
     turns = np.arctan2(points.positions[:, 1], points.positions[:, 0]) / (2 * np.pi) % 1
     clear = np.abs(np.abs(turns - 0.5) - 0.25) > 0.02
     expected = np.where(np.abs(turns - 0.5) < 0.25, 255.0, 0.0)[clear, None]
     assert clear.mean() > 0.9
-    assert_allclose(carried.at(points[clear]), np.broadcast_to(expected, (clear.sum(), 3)))
+    assert_allclose(transferred.at(points[clear]), np.broadcast_to(expected, (clear.sum(), 3)))
 
 
 @given(
     places=st.lists(st.tuples(*[st.floats(-3, 3)] * 2), min_size=1, max_size=20),
     width=st.integers(1, 7),
     height=st.integers(1, 7),
-    way=st.sampled_from([("repeat", "grid-wrap"), ("clamp", "nearest"), ("mirror", "reflect")]),
+    modes=st.sampled_from([("repeat", "grid-wrap"), ("clamp", "nearest"), ("mirror", "reflect")]),
 )
 @settings(max_examples=100, deadline=None)
-def test_images_are_sampled_as_by_scipy(places, width, height, way):
+def test_sampling_agrees_with_scipy(places, width, height, modes):
     mesh = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     image = np.random.default_rng(width + 10 * height).integers(0, 256, (height, width, 3))
-    ours, theirs = way
+    ours, theirs = modes
     for u, v in places:
         texture = Texture(
             mesh, np.full((1, 3, 2), [u, v]), [image.astype(np.uint8)], wraps=[(ours, ours)]
@@ -131,7 +134,7 @@ def test_images_are_sampled_as_by_scipy(places, width, height, way):
         assert_allclose(found, np.transpose(expected), atol=1e-6)
 
 
-def test_each_face_has_its_image_and_corners_their_tints():
+def test_image_of_each_face_and_tints_of_corners():
     mesh = tetrahedron()
     images = [np.full((2, 3, 4), level, dtype=np.uint8) for level in (40, 80, 160)]
     tints = np.ones((4, 3, 4))
@@ -142,13 +145,13 @@ def test_each_face_has_its_image_and_corners_their_tints():
     levels = np.repeat([[160.0], [40.0], [80.0], [160.0]], 4, axis=1)
     levels[3] *= [0.5, 1, 1, 0.25]
     assert_allclose(texture.at(points), levels)
-    carried = transfer_texture(Correspondence.of_same_faces(mesh, mesh), texture, 256)
-    assert_allclose(carried.at(points), levels, atol=0.6)
-    assert len(carried.images) == 1
+    transferred = transfer_texture(Correspondence.of_same_faces(mesh, mesh), texture, 256)
+    assert_allclose(transferred.at(points), levels, atol=0.6)
+    assert len(transferred.images) == 1
 
 
-def test_colours_stay_between_those_of_the_image():
-    """Also those of texels that show no face: what is filtered with them is not darkened."""
+def test_colours_stay_in_the_range_of_the_image():
+    """Texels without a face do not darken filtered colours."""
     mesh = icosphere(1)
     image = np.random.default_rng(0).integers(100, 140, (9, 11, 3)).astype(np.uint8)
     texture = Texture(mesh, by_longitude(mesh), [image])
@@ -157,10 +160,10 @@ def test_colours_stay_between_those_of_the_image():
     assert found.max() < 140
 
 
-@pytest.mark.parametrize(("many", "size"), [(80, 64), (79, 128)])
-def test_images_of_many_faces_are_larger(monkeypatch, many, size):
+@pytest.mark.parametrize(("limit", "size"), [(80, 64), (79, 128)])
+def test_large_meshes_have_larger_images(monkeypatch, limit, size):
     monkeypatch.setattr(textures, "_SIZE_DEFAULT", 64)
-    monkeypatch.setattr(textures, "_DEFAULT_SIZE_FACES_MAX", many)
+    monkeypatch.setattr(textures, "_DEFAULT_SIZE_FACES_MAX", limit)
     mesh = icosphere(1)
     texture = Texture(mesh, by_longitude(mesh), [waves(8, 8)])
     found = transfer_texture(Correspondence.of_same_faces(mesh, mesh), texture)
@@ -184,13 +187,13 @@ def test_images_of_many_faces_are_larger(monkeypatch, many, size):
         ({"tints": np.full((4, 3, 3), 1.5)}, (0, 1)),
     ],
 )
-def test_what_is_no_texture_is_refused(change, named):
+def test_invalid_textures_are_refused(change, named):
     given = {"coordinates": np.zeros((4, 3, 2)), "images": [np.zeros((2, 2, 3), np.uint8)]}
     with raises(ParameterError, *named):
         Texture(tetrahedron(), **(given | change))
 
 
-def test_textures_of_other_surfaces_and_images_too_small_are_refused():
+def test_other_surfaces_and_small_images_are_refused():
     mesh = icosphere(1)
     texture = Texture(mesh, by_longitude(mesh), [waves(8, 8)])
     other = Correspondence.of_same_faces(tetrahedron(), tetrahedron())

@@ -1,4 +1,4 @@
-"""Landmarks that count vertices from 1 are reported where distances between them show it."""
+"""Warnings about landmarks with the wrong first vertex number."""
 
 import warnings
 
@@ -28,13 +28,14 @@ def read(path, pairs, b=B, **options):
 @pytest.mark.parametrize("count", [5, 8, 20])
 @pytest.mark.parametrize("seed", range(4))
 def test_only_shifted_landmarks_give_a_warning(tmp_path, seed, count):
+    """Correct numbers give no warning. Any numbers correspond on meshes with the same faces."""
     of_a = np.random.default_rng(seed).choice(np.arange(1, 1200), count, replace=False)
     pairs = np.stack([of_a, TRUE[of_a]], axis=1)
     assert read(tmp_path / "p.csv", pairs)[1] == []
     found, texts = read(tmp_path / "p.csv", pairs + 1, one_based=True)
     assert texts == []
     np.testing.assert_allclose(found.a.positions, A.vertices[of_a], atol=1e-12)
-    same = np.stack([of_a, of_a], axis=1)  # with the same faces any numbers correspond
+    same = np.stack([of_a, of_a], axis=1)
     assert read(tmp_path / "p.csv", same + 1, SAME)[1] == []
 
 

@@ -1,4 +1,4 @@
-"""Alignments that are known: moved, mirrored, remeshed and landmarked copies; Umeyama's formula."""
+"""Alignment of moved, mirrored, remeshed and landmarked copies, and Umeyama's formula."""
 
 import numpy as np
 import pytest
@@ -22,9 +22,13 @@ BODY = shapes.five_limbs(400)
 POSES = bundled("human_A.off"), bundled("human_B.off")
 
 
-def moved(mesh, turn, scale=1.0, side=1):
-    """A copy turned, or mirrored and turned, scaled and shifted."""
-    vertices = scale * side * Rotation.from_rotvec(turn).apply(mesh.vertices.copy()) + [3, -1, 2]
+def moved(mesh, rotation, scale=1.0, side=1):
+    """Return a copy after rotation, scaling, translation and, for side -1, reflection."""
+    vertices = scale * side * Rotation.from_rotvec(rotation).apply(mesh.vertices.copy()) + [
+        3,
+        -1,
+        2,
+    ]
     return TriangleMesh(vertices, mesh.faces[:, ::side])
 
 
@@ -35,7 +39,7 @@ def moved(mesh, turn, scale=1.0, side=1):
     kind=st.sampled_from(["similarity", "mirror"]),
     seed=st.integers(0, 99),
 )
-def test_a_copy_is_found_exactly_however_it_is_moved_and_numbered(turn, scale, kind, seed):
+def test_moved_and_renumbered_copies_are_aligned_exactly(turn, scale, kind, seed):
     side = -1 if kind == "mirror" else 1
     b, order, _ = renumbered(moved(BODY, turn, scale, side), seed)
     points, found = closest_after_alignment(BODY, b, kind)
@@ -46,7 +50,8 @@ def test_a_copy_is_found_exactly_however_it_is_moved_and_numbered(turn, scale, k
     assert_allclose(found(b.vertices), BODY.vertices[order], atol=1e-7)
 
 
-def test_a_rigid_motion_keeps_the_size_and_tells_how_far_off_that_is():
+def test_rigid_motions_have_scale_1():
+    """The RMS distance shows a difference in size."""
     found = align(BODY, moved(BODY, [1, 2, 0.5]), "rigid")
     assert (found.scale, found.rms < 1e-9) == (1, True)
     found = align(icosphere(3), icosphere(3, radius=1.2), "rigid")
@@ -54,7 +59,7 @@ def test_a_rigid_motion_keeps_the_size_and_tells_how_far_off_that_is():
     assert found.rms == pytest.approx(0.2 / np.sqrt(4 * np.pi), rel=0.02)
 
 
-def test_other_triangles_and_uneven_ones_move_the_alignment_little():
+def test_triangulation_has_little_influence():
     coarse = coarsened(POSES[0], 700)
     crowded = TriangleMesh(*uneven(POSES[0]))
     for other in (coarse, crowded):
@@ -67,7 +72,7 @@ def test_other_triangles_and_uneven_ones_move_the_alignment_little():
 
 
 def uneven(mesh):
-    """Faces on one side cut into three: most vertices are there, and the surface is the same."""
+    """Return the surface with the faces on one side divided, so most vertices are there."""
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     cut = centres[:, 0] > np.median(centres[:, 0])
     middle = len(mesh.vertices) + np.arange(cut.sum())
@@ -77,19 +82,18 @@ def uneven(mesh):
     return np.concatenate([mesh.vertices, centres[cut]]), np.concatenate([mesh.faces[~cut], *parts])
 
 
-def test_landmarks_turn_a_body_that_the_shape_alone_leaves_open():
-    """A sphere's rotation is known by landmarks alone."""
+def test_landmarks_determine_the_rotation_of_a_sphere():
     a = icosphere(3)
     turn = Rotation.from_rotvec([0.4, -1.2, 2])
     b = TriangleMesh(2 * turn.apply(a.vertices.copy()), a.faces)
-    marks = Landmarks.of_vertices(a, b, [5, 77, 200, 431], [5, 77, 200, 431])
-    points, found = closest_after_alignment(a, b, "similarity", marks)
+    landmarks = Landmarks.of_vertices(a, b, [5, 77, 200, 431], [5, 77, 200, 431])
+    points, found = closest_after_alignment(a, b, "similarity", landmarks)
     assert_allclose(found.rotation, turn.inv().as_matrix(), atol=1e-9)
     assert_allclose(points.positions, a.vertices, atol=1e-9)
 
 
-def test_one_landmark_chooses_between_turns_that_fit_as_well():
-    """The two arms of this body are exchanged by half a turn."""
+def test_one_landmark_chooses_between_equal_rotations():
+    """Half a turn exchanges the two arms of the body."""
     a = shapes.two_armed(2)
     tip = int(a.vertices[:, 0].argmax())
     other = int(a.vertices[:, 0].argmin())
@@ -101,31 +105,32 @@ def test_one_landmark_chooses_between_turns_that_fit_as_well():
         assert_allclose(points.positions[tip], a.vertices[end], atol=1e-6)
 
 
-def test_the_map_goes_on_inside_faces_by_closest_points():
+def test_interior_map_uses_closest_points():
     a = icosphere(4)
     points, found = closest_after_alignment(a, icosphere(2))
-    middles = SurfacePoints(points.domain, np.arange(320), np.full((320, 3), 1 / 3))
-    landed = points.at(middles).positions
-    straight = found(middles.positions)
-    along = straight / np.linalg.norm(straight, axis=1)[:, None]
-    assert_allclose(landed, along, atol=0.01)
+    centroids = SurfacePoints(points.domain, np.arange(320), np.full((320, 3), 1 / 3))
+    images = points.at(centroids).positions
+    aligned = found(centroids.positions)
+    expected = aligned / np.linalg.norm(aligned, axis=1)[:, None]
+    assert_allclose(images, expected, atol=0.01)
     assert points.distances.max() < 0.02
 
 
-def test_of_many_motions_that_fit_the_one_that_moves_nothing_is_chosen():
+def test_identity_is_preferred_for_a_sphere():
     ball = icosphere(3)
     points, _ = closest_after_alignment(ball, TriangleMesh(3 * ball.vertices, ball.faces))
     assert_allclose(points.positions, ball.vertices, atol=1e-9)
 
 
-def test_poses_of_a_body_stay_as_they_stand_though_turned_ones_come_hardly_nearer():
+def test_given_positions_are_preferred():
+    """A rotated pose has an only slightly smaller RMS distance."""
     found = align(*POSES)
     assert Rotation.from_matrix(found.rotation).magnitude() < 0.6  # not half a turn
-    assert found.rms < np.sqrt(np.mean(two_way_map(*POSES) ** 2))
+    assert found.rms < np.sqrt(np.mean(two_way_distances(*POSES) ** 2))
 
 
-def two_way_map(a, b):
-    """Distances of points of either surface from the other, in sqrt(area) of A."""
+def two_way_distances(a, b):
+    """Return distances between the surfaces in both directions, in sqrt(area) of A."""
     some = [points_by_area(mesh, 500).positions for mesh in (a, b)]
     gaps = [
         project_onto_surface(mesh, points).distances_from(points)
@@ -135,7 +140,7 @@ def two_way_map(a, b):
 
 
 @pytest.mark.parametrize("kind", ["similarity", "rigid", "mirror"])
-def test_best_motion_recovers_what_moved_points(kind):
+def test_best_motion_recovers_a_motion(kind):
     rng = np.random.default_rng(2)
     b, weights = rng.normal(size=(20, 3)), rng.uniform(0.1, 1, 20)
     turn = Rotation.from_rotvec([1, -2, 0.5]).as_matrix() * (-1 if kind == "mirror" else 1)
@@ -165,6 +170,6 @@ def test_best_motion_is_least_squares():
             assert other > least
 
 
-def test_there_is_no_other_kind():
+def test_unknown_kinds_are_refused():
     with raises(ParameterError, "affine", "similarity", "rigid", "mirror"):
         align(BODY, BODY, "affine")

@@ -1,4 +1,4 @@
-"""The same faces between the same vertices, and what is refused."""
+"""Initial maps between meshes with the same connectivity."""
 
 import numpy as np
 from numpy.testing import assert_allclose
@@ -13,7 +13,7 @@ from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, with_loose_vertex
 
 
-def test_two_poses_of_a_body_are_mapped_vertex_by_vertex():
+def test_poses_are_mapped_vertex_by_vertex():
     a, b = bundled("human_A.off"), bundled("human_B.off")
     found = same_connectivity(a, b)
     assert (found.domain, found.codomain) == (b, a)
@@ -29,7 +29,7 @@ def test_points_inside_faces_keep_their_weights():
     assert_allclose(same_connectivity(a, b).at(points).positions, expected, atol=1e-12)
 
 
-def test_faces_in_another_order_from_another_corner_or_looking_inward_are_the_same():
+def test_order_and_orientation_of_faces_may_differ():
     a = ellipsoid(1, 1, 2, 3)
     order = np.random.default_rng(1).permutation(len(a.faces))
     for faces in (np.roll(a.faces[order], 1, axis=1), a.faces[:, ::-1]):
@@ -37,7 +37,7 @@ def test_faces_in_another_order_from_another_corner_or_looking_inward_are_the_sa
         assert_allclose(found.positions, a.vertices[vertex_points(a).nearest_vertices()])
 
 
-def test_other_counts_and_other_faces_are_refused_with_the_reason():
+def test_different_connectivity_is_refused_with_the_reason():
     a = icosphere(1)
     with raises(AbfmError, 42, 162):
         same_connectivity(a, icosphere(2))
@@ -49,6 +49,6 @@ def test_other_counts_and_other_faces_are_refused_with_the_reason():
         same_connectivity(a, TriangleMesh(a.vertices, swapped[a.faces]))
 
 
-def test_a_vertex_that_no_face_uses_does_not_count():
+def test_unused_vertices_are_ignored():
     a = icosphere(1)
     assert_allclose(same_connectivity(with_loose_vertex(a), a).positions, a.vertices)

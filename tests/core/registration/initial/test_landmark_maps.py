@@ -1,4 +1,4 @@
-"""Initial maps from three or more landmarks: another place, another pose, another shape."""
+"""Initial maps by three or more landmarks: other positions, poses and shapes."""
 
 import numpy as np
 import pytest
@@ -19,54 +19,54 @@ TIPS = [
 ]
 
 
-def turned(mesh, side=1):
+def moved(mesh, side=1):
     turn = Rotation.from_rotvec([2, 1, -1])
     return TriangleMesh(4 * side * turn.apply(mesh.vertices.copy()), mesh.faces[:, ::side])
 
 
-def test_what_only_stands_elsewhere_is_found_by_closest_points():
-    """Other triangles: closest points lie inside faces, those by eigenfunctions do not."""
-    a = turned(BODY)
+def test_moved_body_is_found_by_closest_points():
+    """Closest points lie inside faces, unlike images by eigenfunctions."""
+    a = moved(BODY)
     b = coarsened(BODY, 130)
-    near = PointMap.project(BODY, b, BODY.vertices).nearest_vertices()[TIPS[:4]]
-    marks = Landmarks.of_vertices(a, b, TIPS[:4], near)
-    points = initial_map("landmarks", MapInput(a, b, landmarks=marks)).correspondence.points
+    nearest = PointMap.project(BODY, b, BODY.vertices).nearest_vertices()[TIPS[:4]]
+    landmarks = Landmarks.of_vertices(a, b, TIPS[:4], nearest)
+    points = initial_map("landmarks", MapInput(a, b, landmarks=landmarks)).correspondence.points
     truth = PointMap.project(b, BODY, b.vertices)
-    gaps = np.linalg.norm(points.positions - turned_places(truth.positions), axis=1)
+    gaps = np.linalg.norm(points.positions - moved_points(truth.positions), axis=1)
     assert gaps.mean() < 0.02 * a.length_scale
     assert np.isin(points.barycentric, [0, 1]).all(axis=1).mean() < 0.5
 
 
-def turned_places(points):
+def moved_points(points):
     return 4 * Rotation.from_rotvec([2, 1, -1]).apply(points.copy())
 
 
-def test_another_pose_is_found_by_eigenfunctions():
+def test_poses_are_found_by_eigenfunctions():
     fine, other = bundled("human_A.off"), bundled("human_B.off")
     a = coarsened(fine, 400)
     places = PointMap.project(a, fine, a.vertices).pull_back(other.vertices)
     b = TriangleMesh(places, a.faces)
     ends = [int(np.argmax(a.vertices @ d)) for d in ([0, 0, 1], [0, 1, 0], [1, 0, 0], [-1, 0, 0])]
-    marks = Landmarks.of_vertices(a, b, ends, ends)
-    points = initial_map("landmarks", MapInput(a, b, landmarks=marks)).correspondence.points
+    landmarks = Landmarks.of_vertices(a, b, ends, ends)
+    points = initial_map("landmarks", MapInput(a, b, landmarks=landmarks)).correspondence.points
     assert map_accuracy(points, most=150).mean < 0.007
 
 
 @pytest.mark.parametrize("mesh", [BODY, icosphere(1)])
 def test_mirror_images(mesh):
-    """Also where there are too few vertices for eigenfunctions."""
-    b, marks = turned(mesh, -1), [0, 5, 17, 30]
-    given = MapInput(mesh, b, landmarks=Landmarks.of_vertices(mesh, b, marks, marks))
+    """One mesh has too few vertices for eigenfunctions."""
+    b, vertices = moved(mesh, -1), [0, 5, 17, 30]
+    given = MapInput(mesh, b, landmarks=Landmarks.of_vertices(mesh, b, vertices, vertices))
     points = initial_map("landmarks:mirror", given).correspondence.points
     assert_allclose(points.positions, mesh.vertices, atol=1e-6)
 
 
 def test_map_contains_landmarks():
-    """The initial map leads through the landmarks, whatever the shapes are."""
+    """The initial map takes landmarks to landmarks, whatever the shapes are."""
     a, b = BODY, TriangleMesh(BODY.vertices * [1, 1.6, 1], BODY.faces)
     rng = np.random.default_rng(0)
     places = rng.choice(len(b.vertices), 5, replace=False)
-    marks = Landmarks.of_vertices(a, b, places, places)
-    found = initial_map("landmarks", MapInput(a, b, landmarks=marks)).correspondence
-    gaps = found.points.at(marks.b).distances_from(marks.a.positions) / a.length_scale
+    landmarks = Landmarks.of_vertices(a, b, places, places)
+    found = initial_map("landmarks", MapInput(a, b, landmarks=landmarks)).correspondence
+    gaps = found.points.at(landmarks.b).distances_from(landmarks.a.positions) / a.length_scale
     assert gaps.max() < 0.05

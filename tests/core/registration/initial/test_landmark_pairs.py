@@ -1,4 +1,4 @@
-"""Files of landmarks and curves, in every form, and what is wrong with others."""
+"""Landmark files: vertices, coordinates, curves, and refused content."""
 
 from contextlib import suppress
 
@@ -47,13 +47,14 @@ def test_pairs_of_vertices(read, text):
     assert (len(found), found.names, found.weights.tolist()) == (2, ("0", "1"), [1, 1])
 
 
-def test_names_and_weights_stand_in_columns_that_are_called_so(read):
+def test_named_columns_of_names_and_weights(read):
     found = read("name,left,right,Weight\nnose,5,9,2.5\n,7,8,\n")
     assert (found.names, found.weights.tolist()) == (("nose", "1"), [2.5, 1])
     assert_allclose(found.b.positions, B.vertices[[9, 8]], atol=1e-12)
 
 
-def test_vts_files_count_from_1_and_all_count_as_the_mesh_file(read):
+def test_first_vertex_number(read):
+    """It is 1 in .vts files; unused vertices of the mesh file count."""
     assert_allclose(read("1 162\n", "pairs.vts").b.positions, B.vertices[[161]], atol=1e-12)
     loose = with_loose_vertex(A)
     assert_allclose(read("6,6\n", a=loose).a.positions, A.vertices[[5]], atol=1e-12)
@@ -61,30 +62,30 @@ def test_vts_files_count_from_1_and_all_count_as_the_mesh_file(read):
         read("5,6\n", a=loose)
 
 
-def test_six_columns_are_places_which_come_onto_the_surfaces(read):
-    off = 1.02 * np.hstack([A.vertices[[3, 8]], B.vertices[[4, 5]]])
-    found = read("\n".join(",".join(map(repr, row)) for row in off.tolist()))
+def test_coordinates_are_projected_onto_the_surfaces(read):
+    points = 1.02 * np.hstack([A.vertices[[3, 8]], B.vertices[[4, 5]]])
+    found = read("\n".join(",".join(map(repr, row)) for row in points.tolist()))
     assert_allclose(found.b.positions, B.vertices[[4, 5]], atol=0.01)
     assert_allclose(found.a.positions, A.vertices[[3, 8]], atol=0.03)
-    text = "\n".join(";".join(map(repr, row)) for row in off.tolist()).replace(".", ",")
+    text = "\n".join(";".join(map(repr, row)) for row in points.tolist()).replace(".", ",")
     for separated in (text, text.replace(";", "\t"), text.replace(";", " ")):  # decimal commas
         assert_allclose(read(separated).b.positions, found.b.positions, atol=1e-12)
-    mixed = off.reshape(2, 2, 3).transpose(0, 2, 1)[:, ::-1, ::-1].reshape(2, 6)
+    mixed = points.reshape(2, 2, 3).transpose(0, 2, 1)[:, ::-1, ::-1].reshape(2, 6)
     named = ["z_b,z_a,y_b,y_a,x_b,x_a", *(",".join(map(repr, row)) for row in mixed.tolist())]
     assert_allclose(read("\n".join(named)).b.positions, found.b.positions, atol=1e-12)
     with raises(AbfmError, 12, "decimal"):
         read(text.replace(";", ","))
-    off[1, 3:] *= 2
+    points[1, 3:] *= 2
     with raises(AbfmError, 2):
-        read("\n".join(",".join(map(repr, row)) for row in off.tolist()))
+        read("\n".join(",".join(map(repr, row)) for row in points.tolist()))
 
 
 def line(x, y):
     return f"{x!r},{y!r},0"
 
 
-def test_a_curve_is_cut_by_arc_length_on_either_side(read):
-    """Straight lines on squares, given by uneven points, more of them on A than on B."""
+def test_curves_are_divided_by_arc_length(read):
+    """The lines on squares have uneven points, and more of them on A than on B."""
     flat, rows = square(8), []
     for x, y in ((0.1, 0.2), (0.4, 0.4), (0.15, None), (0.9, 0.8), (0.95, None)):
         rows.append(f"{line(x, 0.5)},{line(0.3, y) if y is not None else ',,'},rim")
@@ -96,12 +97,12 @@ def test_a_curve_is_cut_by_arc_length_on_either_side(read):
     assert_allclose(found.a.positions[:, 1:], [[0.5, 0]] * 5, atol=1e-9)
 
 
-def test_a_curve_over_few_vertices_stays_on_the_surface(read):
-    """A quarter of a great circle, by its ends and its middle: equal angles."""
+def test_curves_with_few_points_stay_on_the_surface(read):
+    """A quarter of a great circle by three points is divided into equal angles."""
     sphere = icosphere(4)
     ends = [np.array(p, dtype=float) for p in ([1, 0, 0], [0.6, 0.8, 0], [0, 1, 0])]
-    near = [int(np.linalg.norm(sphere.vertices - p, axis=1).argmin()) for p in ends]
-    text = "a,b,curve,weight\n" + "\n".join(f"{v},{v},arc,3" for v in near) + "\n40,41,,5\n"
+    vertices = [int(np.linalg.norm(sphere.vertices - p, axis=1).argmin()) for p in ends]
+    text = "a,b,curve,weight\n" + "\n".join(f"{v},{v},arc,3" for v in vertices) + "\n40,41,,5\n"
     found = read(text, a=sphere, b=sphere)
     arc = found.a.positions[1:]
     assert found.names == ("3", "arc 0", "arc 1", "arc 2")
@@ -138,12 +139,12 @@ def test_a_curve_over_few_vertices_stays_on_the_surface(read):
         ("1,2,rim\n,,rim\n", (2,)),
     ],
 )
-def test_what_is_wrong_is_told_with_its_row(read, text, named):
+def test_errors_name_the_row(read, text, named):
     with raises(AbfmError, "pairs.csv", *named):
         read(text)
 
 
-def test_files_that_are_none(read, tmp_path):
+def test_other_and_missing_files_are_refused(read, tmp_path):
     with raises(AbfmError, ".csv"):
         read("1,2", "pairs.json")
     with raises(AbfmError):
@@ -160,7 +161,7 @@ def test_any_text_is_read_or_refused(read, text):
         assert len(found) == len(found.names) >= 1
 
 
-def test_landmarks_by_hand():
+def test_landmarks_from_vertices_and_points():
     found = Landmarks.of_vertices(A, B, [1, 2], [3, 4])
     assert_allclose(found.a.positions, A.vertices[[1, 2]])
     one, two = vertex_points(A, [1]), vertex_points(B, [1, 2])
@@ -178,10 +179,10 @@ def test_landmarks_by_hand():
     names=st.lists(st.text("abc ,\"';é", min_size=1, max_size=4), min_size=6, max_size=6),
 )
 @settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_pairs_that_were_saved_come_back(tmp_path, vertices, weight, names):
+def test_saved_landmarks_round_trip(tmp_path, vertices, weight, names):
     given = Landmarks.of_vertices(A, B, vertices, vertices[::-1])
-    said = tuple(name.strip() or "x" for name in names[: len(vertices)])
-    given = Landmarks(given.a, given.b, weight * given.weights, said)
+    stripped = tuple(name.strip() or "x" for name in names[: len(vertices)])
+    given = Landmarks(given.a, given.b, weight * given.weights, stripped)
     given.save(tmp_path / "pairs.csv")
     found = read_landmarks(A, B, str(tmp_path / "pairs.csv"))
     assert_allclose(found.a.positions, given.a.positions, atol=1e-12)

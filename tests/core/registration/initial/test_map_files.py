@@ -1,4 +1,4 @@
-"""Maps from files of vertices, of points in faces and of pairs; what is none is refused."""
+"""Map files: vertices, points in faces, pairs of vertices, and refused content."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def saved(path, array):
 
 @pytest.mark.parametrize("suffix", ["npy", "csv", "txt", "vts", "map"])
 @pytest.mark.parametrize("first", [0, 1])
-def test_a_vertex_of_a_for_each_of_b_from_every_format(tmp_path, suffix, first):
+def test_vertex_maps_in_every_format(tmp_path, suffix, first):
     some = np.append(LIST[:-1], 0 if first == 0 else COUNT - 1)
     found = map_from_file(A, B, saved(tmp_path / f"m.{suffix}", some + first))
     assert (found.domain, found.codomain) == (B, A)
@@ -33,13 +33,13 @@ def test_a_vertex_of_a_for_each_of_b_from_every_format(tmp_path, suffix, first):
 
 
 @pytest.mark.parametrize(("suffix", "first"), [("vts", 1), ("txt", 0), ("map", 0)])
-def test_where_both_countings_fit_it_is_that_of_the_format(tmp_path, suffix, first):
+def test_ambiguous_first_number_depends_on_the_format(tmp_path, suffix, first):
     numbers = np.clip(LIST, 1, COUNT - 1)
     found = map_from_file(A, B, saved(tmp_path / f"m.{suffix}", numbers))
     assert_array_equal(found.positions, A.vertices[numbers - first])
 
 
-def test_rows_and_numbers_count_as_the_files_of_the_meshes_do(tmp_path):
+def test_numbers_are_those_of_the_mesh_files(tmp_path):
     a, b = with_loose_vertex(A), with_loose_vertex(B)
     numbers = np.insert(a.vertex_ids[LIST], 5, 5)
     found = map_from_file(a, b, saved(tmp_path / "m.txt", numbers))
@@ -62,7 +62,7 @@ def test_faces_and_rounded_weights(tmp_path, first):
     assert_allclose(found.barycentric.sum(axis=1), 1, atol=1e-12)
 
 
-def test_pairs_are_landmarks_or_the_map_if_all_are_there(tmp_path):
+def test_pairs_are_landmarks_or_a_complete_map(tmp_path):
     some = np.column_stack([LIST, RNG.permutation(FEW)])
     for name in ("m.npy", "m.txt"):
         found = map_from_file(A, B, saved(tmp_path / name, some))
@@ -74,7 +74,7 @@ def test_pairs_are_landmarks_or_the_map_if_all_are_there(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "first"), [("m.npy", 0), ("m.csv", 0), ("m.vts", 1)])
-def test_several_vertices_of_b_may_go_to_one_of_a(tmp_path, name, first):
+def test_vertices_may_share_an_image(tmp_path, name, first):
     pairs = np.column_stack([LIST // 2, RNG.permutation(FEW)])
     found = map_from_file(A, B, saved(tmp_path / name, pairs + first))
     assert_allclose(found.positions[pairs[:, 1]], A.vertices[LIST // 2], atol=1e-12)
@@ -102,13 +102,13 @@ def table(column, value):
         (np.full(FEW, np.inf), (42,)),
     ],
 )
-def test_what_is_no_map_is_refused(tmp_path, array, named):
+def test_invalid_maps_are_refused(tmp_path, array, named):
     path = saved(tmp_path / "m.npy", array)
     with raises(AbfmError, *named):
         map_from_file(A, B, path)
 
 
-def test_weights_of_faces_whose_corners_were_exchanged_are_refused(tmp_path):
+def test_weights_of_flipped_faces_are_refused(tmp_path):
     faces = A.faces.copy()
     faces[7] = faces[7, ::-1]
     with raises(AbfmError):
@@ -119,7 +119,7 @@ def test_weights_of_faces_whose_corners_were_exchanged_are_refused(tmp_path):
     deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(rows=st.lists(st.floats(width=32), min_size=1, max_size=50), columns=st.integers(1, 5))
-def test_any_numbers_give_a_map_landmarks_or_a_refusal(tmp_path, rows, columns):
+def test_any_numbers_are_read_or_refused(tmp_path, rows, columns):
     path = saved(tmp_path / "m.npy", np.resize(rows, (FEW, columns)))
     try:
         found = map_from_file(A, B, path)

@@ -1,4 +1,4 @@
-"""The best of several initial maps: what candidates cost, and which one is taken."""
+"""The search among initial maps: costs of candidates, relaxation, and the choice."""
 
 import tracemalloc
 
@@ -29,9 +29,9 @@ COARSE = coarse_shape(BODY, 300)
 TURN = Rotation.from_rotvec([2, 1, -1])
 
 
-def cost_of(a, b, there):
+def cost_of(a, b, to_a):
     descriptors = a.descriptors, b.descriptors
-    return map_cost(a, b, two_way_map(a, b, there), descriptors, np.ones(5))
+    return map_cost(a, b, two_way_map(a, b, to_a), descriptors, np.ones(5))
 
 
 def mirrored(mesh):
@@ -39,15 +39,13 @@ def mirrored(mesh):
 
 
 def other_body(stretch=(1, 1.5, 1), seed=0):
-    """The body with other proportions, place, unit and triangles; for each vertex the nearest one
-    of `BODY` before it was stretched.
-    """
+    """Return a stretched, moved and remeshed body, and its true vertices of `BODY`."""
     fewer = coarsened(BODY, 600)
     order = np.random.default_rng(seed).permutation(len(fewer.vertices))
     faces = np.argsort(order)[fewer.faces]
     truth = PointMap.project(fewer, BODY, fewer.vertices).nearest_vertices()[order]
-    places = 3 * TURN.apply(fewer.vertices[order] * stretch) + [5, 0, 0]
-    return TriangleMesh(places, faces), truth
+    vertices = 3 * TURN.apply(fewer.vertices[order] * stretch) + [5, 0, 0]
+    return TriangleMesh(vertices, faces), truth
 
 
 def test_identity_costs_two():
@@ -57,21 +55,22 @@ def test_identity_costs_two():
     assert found.total(side=-1) == pytest.approx(3)
 
 
-def test_mirror_image_costs_as_much():
-    """Energy, descriptors and commutator do not see the side, which is reported alone."""
-    there = np.arange(len(COARSE.areas))
+def test_mirror_image_has_the_same_cost():
+    """Energy, descriptors and commutator do not depend on the orientation."""
+    identity = np.arange(len(COARSE.areas))
     image = mirrored(COARSE.mesh)
     shape = coarse_shape(image, 300)
-    found = cost_of(shape, COARSE, there)
-    assert_allclose(found[:4], (2, 0, 0, -1), atol=0.1)  # rays of the diameter are not symmetric
+    found = cost_of(shape, COARSE, identity)
+    # rays of the shape diameter are not symmetric
+    assert_allclose(found[:4], (2, 0, 0, -1), atol=0.1)
 
 
-def test_relaxation_lowers_energy():
-    """Of a map with noise, which comes nearer to the identity."""
+def test_relaxation_reduces_the_energy():
+    """A noisy map becomes closer to the identity."""
     rng = np.random.default_rng(0)
     around = np.argsort(COARSE.distances, axis=1)[:, :20]
-    there = around[np.arange(len(around)), rng.integers(0, 20, len(around))]
-    start = two_way_map(COARSE, COARSE, there)
+    to_a = around[np.arange(len(around)), rng.integers(0, 20, len(around))]
+    start = two_way_map(COARSE, COARSE, to_a)
     none = COARSE.descriptors[:, :0]
     found = relax(
         COARSE,
@@ -86,12 +85,12 @@ def test_relaxation_lowers_energy():
     def error(map_):
         return COARSE.areas @ COARSE.distances[map_, np.arange(len(map_))]
 
-    assert cost_of(COARSE, COARSE, found.to_a).energy < cost_of(COARSE, COARSE, there).energy / 2
-    assert error(found.to_a) < 0.5 * error(there)
+    assert cost_of(COARSE, COARSE, found.to_a).energy < cost_of(COARSE, COARSE, to_a).energy / 2
+    assert error(found.to_a) < 0.5 * error(to_a)
 
 
 def test_distances_on_a_sphere():
-    """Graph distances with unfolded faces are 2% too long on average, and never too short."""
+    """Graph distances with unfolded faces are 2% too long on average and hardly ever too short."""
     ball = coarse_shape(icosphere(3), 1000)
     directions = ball.mesh.vertices * np.sqrt(4 * np.pi)
     true = np.arccos(np.clip(directions @ directions.T, -1, 1)) / np.sqrt(4 * np.pi)
@@ -125,30 +124,30 @@ def test_extremities_are_ends_of_limbs():
     assert len(extremities.extremities(coarse_shape(icosphere(3), 300))) <= 6
 
 
-def test_brackets_tell_a_body_from_its_mirror_image():
-    """Of the maps by the distances to the same places only one keeps the side."""
+def test_brackets_distinguish_mirror_images():
+    """Only one of the maps by the same distances preserves the orientation."""
     ends = extremities.extremities(COARSE)
     for side in (1, -1):
-        there = extremities.map_by_vertices(COARSE, COARSE, ends, ends, side)
-        assert side * cost_of(COARSE, COARSE, there).side > 0.2
-    there = extremities.map_by_vertices(COARSE, COARSE, ends, ends, 1)
-    assert_array_equal(there, np.arange(len(there)))
+        to_a = extremities.map_by_vertices(COARSE, COARSE, ends, ends, side)
+        assert side * cost_of(COARSE, COARSE, to_a).side > 0.2
+    to_a = extremities.map_by_vertices(COARSE, COARSE, ends, ends, 1)
+    assert_array_equal(to_a, np.arange(len(to_a)))
 
 
-@pytest.mark.parametrize("word", [None, "spectral", "extremities"])
-def test_body_of_other_proportions(word):
+@pytest.mark.parametrize("method", [None, "spectral", "extremities"])
+def test_body_of_other_proportions(method):
     b, truth = other_body((1, 1.2, 1))
-    found = initial_map(word, MapInput(BODY, b)).correspondence
+    found = initial_map(method, MapInput(BODY, b)).correspondence
     assert map_accuracy(found.points, truth, 150).mean < 0.08
     distortion = found.distortion()
     assert distortion.folded == distortion.collapsed == 0
-    assert found.candidates[0].name == (word or found.candidates[0].name)
+    assert found.candidates[0].name == (method or found.candidates[0].name)
     costs = [each.cost for each in found.candidates[1:]]
     assert costs == sorted(costs)
 
 
-def test_functions_that_differ_change_little():
-    """Functions without a common distribution, or of noise, do not lead elsewhere."""
+def test_incompatible_functions_have_little_influence():
+    """They have different distributions and are noise."""
     b, truth = other_body()
     rng = np.random.default_rng(1)
     f = rng.normal(size=(6, len(BODY.vertices))) ** 3
@@ -157,7 +156,7 @@ def test_functions_that_differ_change_little():
     assert map_accuracy(found.points, truth, 150).mean < 0.08
 
 
-def test_mirror_image_is_found_by_its_word():
+def test_mirror_image_is_found_on_request():
     b, truth = other_body((1, 1, 1))
     found = initial_map("spectral:mirror", MapInput(mirrored(BODY), b)).correspondence
     assert found.is_mirrored
@@ -165,8 +164,8 @@ def test_mirror_image_is_found_by_its_word():
     assert found.distortion().folded == found.distortion().collapsed == 0
 
 
-def test_equal_faces_of_spheres_are_no_correspondence():
-    """A sphere whose functions are turned is turned, although its faces are the same."""
+def test_spheres_with_equal_faces_may_be_rotated():
+    """Functions decide about the rotation, although the faces are the same."""
     ball = icosphere(3)
     weights = np.random.default_rng(3).normal(size=(3, 3))
     f = np.cos(ball.vertices @ weights * 2).sum(axis=1)
@@ -178,8 +177,8 @@ def test_equal_faces_of_spheres_are_no_correspondence():
     assert np.linalg.norm(found.points.positions - places, axis=1).mean() < 0.03
 
 
-def test_rotations_that_cannot_be_better_are_not_searched(monkeypatch):
-    """Vertex numbers by which functions correlate well are the map, as rotations cost more."""
+def test_no_search_if_vertex_numbers_are_good(monkeypatch):
+    """Rotations have an additional cost, so they could not be better."""
     ball = icosphere(3)
     f, g = ball.vertices[None, :, 2], (ball.vertices @ [0.3, 0.2, 0.9])[None]
     given, directions = MapInput(ball, ball, f, g), (ball.vertices, ball.vertices)
@@ -214,7 +213,7 @@ def test_mirror_image_with_boundary():
     assert np.median(gaps) < 0.1 * half.length_scale
 
 
-def test_candidates_are_kept_in_files(tmp_path):
+def test_files_store_candidates(tmp_path):
     b, _ = other_body((1, 1.2, 1))
     found = initial_map("extremities", MapInput(BODY, b)).correspondence
     found.save(tmp_path / "map.npz")
@@ -223,17 +222,17 @@ def test_candidates_are_kept_in_files(tmp_path):
     assert found.on_surfaces(BODY, elsewhere).candidates == found.candidates
 
 
-def test_words_that_do_not_apply_are_refused():
+def test_methods_that_do_not_apply_are_refused():
     ball = icosphere(2)
     longer = TriangleMesh(ball.vertices * [1, 1, 3], ball.faces)
     with raises(abfm.AbfmError, 2):
         initial_map("extremities", MapInput(BODY, longer))
-    marks = Landmarks.of_vertices(ball, ball, [0, 1], [0, 1])
+    landmarks = Landmarks.of_vertices(ball, ball, [0, 1], [0, 1])
     with raises(abfm.AbfmError, 2, 3):
-        initial_map("landmarks", MapInput(ball, ball, landmarks=marks))
+        initial_map("landmarks", MapInput(ball, ball, landmarks=landmarks))
 
 
-def test_fine_meshes_need_no_matrix_of_all_distances():
+def test_fine_meshes_need_no_distance_matrix():
     ball = icosphere(5)
     a = TriangleMesh(ball.vertices * [1, 1.3, 1.7], ball.faces)
     b = TriangleMesh(ball.vertices * [1, 1.4, 1.7], ball.faces)

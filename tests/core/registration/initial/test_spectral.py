@@ -1,4 +1,4 @@
-"""Maps by eigenfunctions: copies, poses, mirror images, symmetric bodies, and what chooses."""
+"""Maps by eigenfunctions: copies, poses, mirror images and symmetric bodies."""
 
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from tests.messages import raises
 from tests.shapes import icosphere, tetrahedron
 
 BODY = shapes.five_limbs(200)
-TURNED = shapes.two_armed(2)  # to itself by half a turn
+TURNED = shapes.two_armed(2)  # symmetric under half a turn
 HALF_TURN = PointMap.project(TURNED, TURNED, TURNED.vertices * [-1, -1, 1]).nearest_vertices()
 
 
@@ -32,7 +32,7 @@ def moved(mesh, side=1):
 
 
 def bent(mesh):
-    """Rolled up about an axis: nearly isometric where it is flat."""
+    """Return the mesh rolled up about an axis, which is nearly isometric for flat parts."""
     x, y, z = mesh.vertices.T
     angle, radius = x / 3, 3 + z
     return TriangleMesh(
@@ -41,7 +41,7 @@ def bent(mesh):
 
 
 class Fit(NamedTuple):
-    """The best map, its side and defect, and the least defect of a map that leads elsewhere."""
+    """The best map, its side and defect, and the least defect of a different map."""
 
     functional_map: np.ndarray
     side: float
@@ -50,12 +50,12 @@ class Fit(NamedTuple):
 
 
 def start(a, b, mirrored=False, **known):
-    """Return the points of the best map, and what speaks for it."""
+    """Return the point map of the best map, and its measures."""
     search, side = SpectralSearch(a, b, **known), -1 if mirrored else 1
-    places_a, places_b = (mesh.vertices / mesh.length_scale for mesh in (a, b))
+    points_a, points_b = (mesh.vertices / mesh.length_scale for mesh in (a, b))
 
     def images(C):
-        return places_a[search.nearest(C, places_a, places_b)]
+        return points_a[search.nearest(C, points_a, points_b)]
 
     best, *others = search.ranked(side)
     rivals = [
@@ -71,7 +71,7 @@ def mean_error(points, truth):
     return map_accuracy(points, truth, most=150).mean
 
 
-def test_a_copy_is_found_exactly_however_it_is_moved_and_numbered():
+def test_moved_and_renumbered_copies_are_mapped_exactly():
     b, order, _ = renumbered(moved(BODY), 3)
     points, fit = start(BODY, b)
     assert (points.domain, points.codomain) == (b, BODY)
@@ -81,14 +81,14 @@ def test_a_copy_is_found_exactly_however_it_is_moved_and_numbered():
     assert_allclose(np.abs(fit.functional_map[:6, :6]), np.eye(6), atol=0.01)
 
 
-def test_a_mirror_image_is_found_where_it_is_asked_for():
+def test_mirror_images_are_found_on_request():
     b = moved(BODY, side=-1)
     points, fit = start(BODY, b, mirrored=True)
     assert_array_equal(points.nearest_vertices(), np.arange(len(b.vertices)))
     assert fit.side == pytest.approx(-1, abs=0.02)
 
 
-def test_left_and_right_of_a_body_are_told_apart_between_its_poses():
+def test_left_and_right_of_poses_are_distinguished():
     a, b = bundled("human_A.off"), bundled("human_B.off")
     points, fit = start(a, b)
     assert mean_error(points, None) < 0.005
@@ -96,14 +96,14 @@ def test_left_and_right_of_a_body_are_told_apart_between_its_poses():
     assert fit.rival > 1.3 * fit.defect
 
 
-def test_other_triangles_change_little():
+def test_triangulation_has_little_influence():
     b = moved(coarsened(bundled("human_A.off"), 800))
     points, _ = start(bundled("human_A.off"), b)
     truth = PointMap.project(b, points.codomain, coarsened(points.codomain, 800).vertices)
     assert mean_error(points, truth.nearest_vertices()) < 0.02
 
 
-def test_larger_meshes_go_by_coarser_ones(monkeypatch):
+def test_large_meshes_are_coarsened(monkeypatch):
     monkeypatch.setattr(spectral, "VERTICES_MAX", 130)
     b = bent(BODY)
     points, _ = start(BODY, b)
@@ -113,7 +113,7 @@ def test_larger_meshes_go_by_coarser_ones(monkeypatch):
 
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("by", ["landmark", "function"])
-def test_what_is_known_chooses_between_maps_that_are_as_good(by, turned):
+def test_landmarks_and_functions_choose_between_equal_maps(by, turned):
     truth = HALF_TURN if turned else np.arange(len(TURNED.vertices))
     known = {}
     if by == "landmark":
@@ -127,37 +127,39 @@ def test_what_is_known_chooses_between_maps_that_are_as_good(by, turned):
     assert fit.rival > 2 * fit.defect
 
 
-def test_two_maps_that_are_as_good_are_told_of():
+def test_symmetric_bodies_have_two_equal_maps():
     fit = start(TURNED, TURNED)[1]
     assert fit.rival < fit.defect + 0.05
 
 
-def test_the_search_finds_a_map_and_the_one_after_a_symmetry():
+def test_search_finds_compositions_with_symmetries():
     spectra = Spectra.of(TURNED, TURNED, 30, 300)
-    found = candidates(spectra, [], 4)  # two more are near to turning it over
+    found = candidates(spectra, [], 4)  # two more nearly reverse the orientation
     for truth in (np.arange(len(TURNED.vertices)), HALF_TURN):
         expected = functional_map(PointMap.of_vertices(TURNED, TURNED, truth), 24)
         assert min(np.linalg.norm(C - expected) for C in found) < 0.15 * np.linalg.norm(expected)
 
 
-def test_defect_and_side_of_isometries_and_of_none():
+def test_defect_and_side_of_isometries_and_other_maps():
     spectra = Spectra.of(BODY, moved(BODY, side=-1), 30, 300)
     truth = functional_map(PointMap.of_vertices(moved(BODY, side=-1), BODY), 30)
     assert spectra.defect(truth) < 1e-6
     assert spectra.side(truth) == pytest.approx(-1, abs=1e-6)
-    assert spectra.side(-truth) == pytest.approx(1, abs=1e-6)  # minus a function, a bracket of two
+    assert spectra.side(-truth) == pytest.approx(
+        1, abs=1e-6
+    )  # the bracket of two functions is quadratic
     same = Spectra.of(BODY, BODY, 30, 300)
     assert same.side(np.eye(30)) == pytest.approx(1, abs=1e-6)
     assert same.defect(2 * np.eye(30)) == pytest.approx(3, abs=1e-6)
     assert same.defect(np.zeros((30, 30))) == pytest.approx(1)
 
 
-def hints(mesh, marks, k):
-    rows = vertex_points(mesh, marks).pull_back(unit_eigenbasis(mesh, k)[1])
-    return vertex_points(mesh, marks).positions / mesh.length_scale, rows
+def hints(mesh, vertices, k):
+    rows = vertex_points(mesh, vertices).pull_back(unit_eigenbasis(mesh, k)[1])
+    return vertex_points(mesh, vertices).positions / mesh.length_scale, rows
 
 
-def test_descriptors_and_landmarks_of_a_copy_give_its_functional_map():
+def test_functional_map_by_descriptors_and_landmarks():
     b, order, _ = renumbered(BODY, 1)
     on_a = np.array([3, 50, 100, 166])
     (places, rows_a), (_, rows_b) = hints(BODY, on_a, 15), hints(b, np.argsort(order)[on_a], 15)
@@ -166,7 +168,7 @@ def test_descriptors_and_landmarks_of_a_copy_give_its_functional_map():
     assert_allclose(found, functional_map(PointMap.of_vertices(b, BODY, order), 15), atol=1e-6)
 
 
-def test_a_landmark_of_hardly_any_weight_counts_hardly():
+def test_landmark_weights_count():
     (places, right), (_, wrong) = hints(BODY, [3, 50, 100], 15), hints(BODY, [3, 50, 166], 15)
     none = np.zeros((15, 0)), np.zeros((15, 0))
 
@@ -179,7 +181,7 @@ def test_a_landmark_of_hardly_any_weight_counts_hardly():
     assert np.linalg.norm(found(3, [1, 1, 1e-8]) - np.eye(15)) < 1e-5
 
 
-def test_what_does_not_fit_is_refused():
+def test_invalid_arguments_are_refused():
     for a, b, which in ((tetrahedron(), BODY, "A has 4"), (BODY, icosphere(1), "B has 42")):
         with raises(AbfmError, which, 60):
             SpectralSearch(a, b)
