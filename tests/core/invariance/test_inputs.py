@@ -9,7 +9,7 @@ import abfm
 from abfm import baselines, calculus, flow, maps
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.matching.terms.functions import VALUE_MAX, VALUE_MIN
-from abfm.parameters import CHOICES, FIELDS, PAPER, Parameters, is_whole
+from abfm.parameters import CHOICES, FIELDS, PAPER, Parameters, is_integer
 from tests.core.fields import bump, wavy_field
 from tests.core.invariance.moves import MESHES, examples
 from tests.messages import check_message, raises
@@ -249,7 +249,7 @@ def ends():
             found += [(entry.name, choice) for choice in CHOICES[entry.name]]
             continue
         least, most, without_least = entry.metadata["range"]
-        if is_whole(entry):
+        if is_integer(entry):
             found += [(entry.name, least), (entry.name, most)]
         else:
             low = [] if without_least else [least]
@@ -275,7 +275,7 @@ def test_parameters_out_of_range_are_refused(name, value):
         least, most, _ = entry.metadata["range"]
         wrong = [np.nan, np.inf, 10**400, -(10**400), 10**5000, "1", None, 1j, [1]]
         wrong += [-1e-9 if least == 0 else least - 1, most + 1 if most < 1e30 else 1e31]
-        wrong += [1.5] if is_whole(entry) else [1e-31]
+        wrong += [1.5] if is_integer(entry) else [1e-31]
         if entry.default is None:  # None is allowed
             wrong.remove(None)
     for refused in wrong:

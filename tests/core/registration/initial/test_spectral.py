@@ -145,9 +145,8 @@ def test_defect_and_side_of_isometries_and_other_maps():
     truth = functional_map(PointMap.of_vertices(moved(BODY, side=-1), BODY), 30)
     assert spectra.defect(truth) < 1e-6
     assert spectra.side(truth) == pytest.approx(-1, abs=1e-6)
-    assert spectra.side(-truth) == pytest.approx(
-        1, abs=1e-6
-    )  # the bracket of two functions is quadratic
+    # the bracket of two functions is quadratic
+    assert spectra.side(-truth) == pytest.approx(1, abs=1e-6)
     same = Spectra.of(BODY, BODY, 30, 300)
     assert same.side(np.eye(30)) == pytest.approx(1, abs=1e-6)
     assert same.defect(2 * np.eye(30)) == pytest.approx(3, abs=1e-6)
