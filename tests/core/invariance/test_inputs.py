@@ -232,7 +232,7 @@ def test_functions_with_overflowing_squares_are_refused(size, unit):
 def test_fast_starts_are_refused_or_corrected(speed, reach):
     start = speed * np.random.default_rng(0).normal(size=(len(MESH.faces), 3)).clip(-1, 1)
     outcome = outcome_of(lambda: matched(F, G, start=start, reach=reach))
-    assert outcome.startswith("start: the ") or float(outcome) < 2
+    assert "start" in outcome or float(outcome) < 2
 
 
 def test_starts_with_growing_values_are_corrected():
