@@ -207,7 +207,7 @@ def test_folded_shares_of_known_maps():
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
 def test_smooth_flows_fold_nothing(seed):
-    """This includes stretched faces that seem flipped."""
+    """Stretched faces that seem flipped are not folded."""
     mesh = icosphere(3)
     turn, field = rotation_field(mesh, [1, 0, 0]), 5 * wavy_field(mesh, seed)
     assert shares(mesh, ContinuousFlow(mesh, turn, 1.0).destinations) == (0, 0)
