@@ -21,8 +21,8 @@ from abfm_viewer.window.wave import turning_wave
 IMAGES = Path(__file__).parent / "images"
 SIZE = (1600, 1000)
 _HUMAN = asset_path("human_fine_A.off")
-_SOURCE = "gaussian:vertex=1856,width=0.13"
-_TARGET = "gaussian:vertex=12243,width=0.13"
+_SOURCE = "gaussian:vertex=1856,width=0.08"
+_TARGET = "gaussian:vertex=4108,width=0.08"
 
 
 def _run(*words: object) -> None:
@@ -35,7 +35,7 @@ def match(folder: Path) -> None:
     match = folder / "match.npz"
     _run("match", _HUMAN, "--source", _SOURCE, "--target", _TARGET, "--out", match)
     _run("render", match, "--out", IMAGES / "match.png")
-    _run("render", match, "--out", IMAGES / "flow.gif", "--size", "720x400", "--frames", "60")
+    _run("render", match, "--out", IMAGES / "flow.gif", "--size", "720x400", "--fps", 15)
 
 
 def cortex(folder: Path) -> None:
@@ -70,6 +70,8 @@ def window(folder: Path) -> None:
         gui.wait(lambda session: session.solver.finished, seconds=600)
         gui.frames(10)
         gui.drag("time", 0.5)
+        gui.wait(lambda session: not gui.window.shown.busy)
+        gui.frames(10)
         gui.screenshot(IMAGES / "window.png")
         gui.click("Match", within="steps")
         gui.frames(10)
@@ -80,7 +82,7 @@ def window_surfaces(folder: Path) -> None:
     """Take a screenshot of two registered cortices in the app."""
     with Driver(size=SIZE) as gui:
         gui.menu("Samples", CORTEX)
-        gui.wait(lambda session: not session.obstacle, seconds=120)
+        gui.wait(lambda session: gui.is_enabled("Match"), seconds=300)
         gui.click("Match")
         gui.wait(lambda session: session.solver.finished, seconds=600)
         gui.frames(10)
