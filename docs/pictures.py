@@ -59,6 +59,13 @@ def sequence(folder: Path) -> None:
     _run("render", folder / "wave.npz", "--out", IMAGES / "sequence.png")
 
 
+def _show_time(gui: Driver, time: float) -> None:
+    """Show the flow at a time, and wait until everything that is drawn has been computed."""
+    gui.drag("time", time)
+    gui.wait(lambda session: not gui.window.shown.busy, seconds=120)
+    gui.frames(10)
+
+
 def window(folder: Path) -> None:
     """Take screenshots of a match in the app: before it, after it, and its trade-off."""
     with Driver(_HUMAN, size=SIZE) as gui:
@@ -69,9 +76,7 @@ def window(folder: Path) -> None:
         gui.click("Match")
         gui.wait(lambda session: session.solver.finished, seconds=600)
         gui.frames(10)
-        gui.drag("time", 0.5)
-        gui.wait(lambda session: not gui.window.shown.busy)
-        gui.frames(10)
+        _show_time(gui, 0.5)
         gui.screenshot(IMAGES / "window.png")
         gui.click("Match", within="steps")
         gui.frames(10)
@@ -85,7 +90,8 @@ def window_surfaces(folder: Path) -> None:
         gui.wait(lambda session: gui.is_enabled("Match"), seconds=300)
         gui.click("Match")
         gui.wait(lambda session: session.solver.finished, seconds=600)
-        gui.frames(10)
+        gui.click("Look", within="steps")  # the tab Functions shows names of local files
+        _show_time(gui, 1.0)
         gui.screenshot(IMAGES / "window-surfaces.png")
 
 
@@ -97,6 +103,7 @@ def window_sequence(folder: Path) -> None:
         gui.click("Match all frames")
         gui.wait(lambda session: session.solver.finished, seconds=600)
         gui.frames(10)
+        _show_time(gui, 0.3)
         gui.screenshot(IMAGES / "window-sequence.png")
 
 
