@@ -8,10 +8,10 @@ from types import ModuleType
 
 import abfm
 from abfm.functions import Family, Parameter, families
-from abfm.parameters import FIELDS, TABLE_1
+from abfm.parameters import FIELDS, PAPER, TABLE_1
 from abfm_viewer.cli import main
 
-_COMMANDS = (
+COMMANDS = (
     "match",
     "register",
     "symmetric",
@@ -45,8 +45,26 @@ _PACKAGES = {
 }
 
 
+EXAMPLES = {
+    "gaussian": "gaussian:vertex=12,width=0.1",
+    "eigenfunction": "eigenfunction:7",
+    "hks": "hks:time=0.01",
+    "wks": "wks:energy=5",
+    "curvature": "curvature:mean",
+    "coordinate": "coordinate:z",
+    "geodesic": "geodesic:vertex=12",
+    "shape-diameter": "shape-diameter",
+    "indicator": "indicator:vertex=12,radius=0.2",
+    "file": "file:values.npy",
+    "expression": "expression:sin(10*x)*z",
+    "permuted": "permuted:mirror(gaussian:vertex=12)",
+    "scaled": "scaled:2,offset=1(coordinate:z)",
+    "circular": "circular:period=360(file:angle.npy)",
+}
+
+
 def write(folder: Path) -> None:
-    """Write all generated pages into a folder; unchanged pages are left alone."""
+    """Write all generated pages into a folder; unchanged files keep their time."""
     pages = {
         "api.rst": _api(),
         "commands.md": _commands(),
@@ -103,7 +121,7 @@ def _commands() -> str:
         "# Commands",
         "Every command has a short `--help` and a complete `--help-all`, which is printed here.",
     ]
-    for command in ("", *_COMMANDS):
+    for command in ("", *COMMANDS):
         title = f"abfm {command}".strip()
         words = [command, "--help-all"] if command else ["--help"]
         parts.append(f"## {title}\n\n```text\n{_output_of(words)}\n```")
@@ -129,7 +147,8 @@ def _parameters() -> str:
         f"{row.sigma:g}{star if row.cooled else ''} | {row.N or ''} | {row.n or ''} |"
         for row in TABLE_1.values()
     ]
-    return _PARAMETERS.format(rows="\n".join(rows), table="\n".join(table))
+    paper = "\n".join(f"- `{name}={value!r}`" for name, value in PAPER.items())
+    return _PARAMETERS.format(rows="\n".join(rows), table="\n".join(table), paper=paper)
 
 
 _PARAMETERS = r"""# Parameters
@@ -148,6 +167,13 @@ of its gradient. The mesh is scaled to unit area, so that values mean the same o
 
 The first eight are arguments of `abfm.Parameters` and options such as `--landmark-sigma 0.02`. The
 others are set by `--set levels=2`, or in Python by `Parameters.of(sigma=0.1, levels=2)`.
+
+## The energy of the paper
+
+Measurements led to defaults that differ from the paper ([Convergence](../convergence.md)). The
+energy and the continuation of the paper (`abfm.parameters.PAPER`) are
+
+{paper}
 
 ## Table 1 of the paper
 
@@ -176,7 +202,8 @@ def _family(family: type[Family]) -> str:
         for entry in family.parameters()
     ]
     head = "| key | meaning | value | default | unit |\n|---|---|---|---|---|\n"
-    return f"## {family.family}\n\n{family.summary()}\n\n{head}" + "\n".join(rows)
+    title = f"## {family.family}\n\n{family.summary()}\n\n    {EXAMPLES[family.family]}\n\n"
+    return title + (head + "\n".join(rows) if rows else "")
 
 
 def _default(entry: Parameter) -> str:

@@ -1,0 +1,124 @@
+"""README, citation file and pages of the documentation site."""
+
+import re
+import runpy
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abfm import load, load_mesh
+from abfm.assets import asset_path
+from abfm.functions import Circular, families, function, parse
+from abfm.matching import Cause
+from abfm.outcome import VERDICTS
+from abfm.parameters import FIGURES
+from abfm_viewer.cli import main
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [*ROOT.glob("*.md"), *(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)]
+START_PAGES = sorted((DOCS / "start").glob("*.md"))
+README_LINES_MAX = 110
+
+
+def python_blocks(text):
+    return re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+
+
+def test_readme_is_short():
+    assert len(README.splitlines()) <= README_LINES_MAX
+
+
+def test_readme_example_prints_its_comment(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (block,) = python_blocks(README)
+    names = {}
+    exec(block, names)
+    assert capsys.readouterr().out.strip() == re.search(r"print.*# (.*)", block)[1]
+    assert names["halfway"].shape == (6475,)
+    assert load("match.npz").residual == names["match"].residual
+
+
+@pytest.mark.parametrize("page", START_PAGES, ids=lambda page: page.stem)
+def test_python_blocks_of_introduction_run(page, tmp_path, monkeypatch):
+    """All blocks of a page form one program."""
+    monkeypatch.chdir(tmp_path)
+    exec("\n".join(python_blocks(page.read_text(encoding="utf-8"))), {})
+
+
+def test_every_family_has_a_working_example(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.save("values.npy", np.arange(1229.0))
+    np.save("angle.npy", np.arange(1229.0))
+    mesh = load_mesh(asset_path("human_A.off"))
+    examples = runpy.run_path(str(DOCS / "generated_pages.py"))["EXAMPLES"]
+    assert list(examples) == [family.family for family in families()]
+    for name, example in examples.items():
+        spec = parse(example)
+        assert name in example
+        for part in spec.parts if isinstance(spec, Circular) else (spec,):
+            assert np.ptp(function(mesh, part)) > 0
+
+
+def test_commands_in_readme_and_reference_exist(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    _, _, listed = capsys.readouterr().out.partition("commands:\n")
+    commands = set(re.findall(r"^  (\w+)  ", listed, re.MULTILINE))
+    shown = set(re.findall(r"^    abfm (\w+)", README, re.MULTILINE))
+    assert len(shown) > 2
+    assert shown <= commands
+    assert set(runpy.run_path(str(DOCS / "generated_pages.py"))["COMMANDS"]) == commands
+
+
+def test_links_between_pages_exist():
+    """Links to pages that the build generates are checked by the build."""
+    generated = {"api", "commands", "functions", "parameters", "generated", "gallery"}
+    for page in PAGES:
+        links = re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text("utf-8"))
+        local = [link for link in links if "://" not in link]
+        paths = [(page.parent / link).resolve() for link in local]
+        missing = [path for path in paths if not path.exists()]
+        assert [path for path in missing if not generated & {path.stem, path.parent.name}] == []
+
+
+def test_every_figure_has_a_page():
+    listed = (DOCS / "figures" / "README.md").read_text("utf-8")
+    for name in (f"figure-{figure:02}" for figure in FIGURES):
+        assert f"../images/{name}.png" in (DOCS / "figures" / f"{name}.md").read_text("utf-8")
+        assert f"({name}.md)" in listed
+
+
+def test_every_picture_is_used():
+    text = "".join(page.read_text("utf-8") for page in PAGES)
+    assert [path.name for path in (DOCS / "images").iterdir() if path.name not in text] == []
+
+
+def test_citation_has_the_version():
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.*)$", citation, re.MULTILINE)[1] == version("abfm")
+
+
+def test_names_of_the_library_in_the_pages_exist():
+    names = {
+        name
+        for page in PAGES
+        for name in re.findall(r"`(abfm(?:_viewer)?(?:\.\w+)+)", page.read_text("utf-8"))
+    }
+    assert len(names) > 20
+    for name in names:
+        found, *parts = name.split(".")
+        value = import_module(found)
+        for part in parts:
+            found += f".{part}"
+            value = getattr(value, part) if hasattr(value, part) else import_module(found)
+
+
+def test_every_cause_has_a_section_in_troubleshooting():
+    text = (DOCS / "howto" / "troubleshooting.md").read_text(encoding="utf-8")
+    sections = {title.lower() for title in re.findall(r"^### (.*)$", text, re.MULTILINE)}
+    assert {*Cause, *VERDICTS} - sections == set()
