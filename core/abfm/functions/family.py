@@ -78,7 +78,7 @@ def parameter(kind: ValueKind, summary: str, *, default: Any = MISSING, **more: 
 
 @dataclass(frozen=True, kw_only=True)
 class Family(Spec):
-    """Family of functions; subclasses are frozen dataclasses with fields by :func:`parameter`.
+    """Family of functions; subclasses are frozen dataclasses with fields by ``parameter``.
 
     Values may be text. They are converted and checked on construction, which raises a
     FunctionError.

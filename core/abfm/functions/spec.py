@@ -141,7 +141,7 @@ def function(mesh: MeshLike, spec: str | Spec, *, allow_missing: bool = False) -
     mesh : TriangleMesh, or anything that `abfm.load_mesh` accepts
     spec : str or Spec
         Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or the result of
-        :func:`parse`. :func:`families` lists the families with their parameters.
+        `abfm.functions.parse`. `abfm.functions.families` lists the families with their parameters.
     allow_missing : bool
         Whether values from a file may be NaN at some vertices, but not at all.
 

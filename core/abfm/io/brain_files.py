@@ -73,7 +73,7 @@ def write_surface(
     structure : str, optional
         Anatomical structure, in the words of Connectome Workbench. The default is that of the mesh,
         or else ``CortexLeft`` or ``CortexRight`` from the file name (see
-        `abfm.reading.hemisphere`).
+        ``abfm.reading.hemisphere``).
 
     Raises
     ------

@@ -72,7 +72,10 @@ class Bound(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Distortion:
-    """Distortion of each of F faces by a map, see `chord_distortion` and `PointMap.distortion`."""
+    """Distortion of each of F faces by a map.
+
+    It is the result of `abfm.maps.chord_distortion` and `abfm.PointMap.distortion`.
+    """
 
     singular_values: FloatArray  # (F, 2), largest and smallest stretch ``s_1 >= s_2 >= 0``
     area: FloatArray  # (F,), ``J = s_1 s_2``: mapped area over area

@@ -185,7 +185,7 @@ class PointMap:
 
         Without an interior map it is measured by the images of corners, see `chord_distortion`.
         Otherwise faces for which the corners mislead are measured in parts, see
-        `abfm.maps.distortion.distortion_of_flow`.
+        ``abfm.maps.distortion.distortion_of_flow``.
         """
         if self.interior_map is None:
             return chord_distortion(self.domain, self.positions, self.codomain)

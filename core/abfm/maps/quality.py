@@ -162,8 +162,8 @@ class RoundTrip(NamedTuple):
 def round_trip(points: PointMap, back: SurfaceMap) -> RoundTrip:
     """Measure how far vertices are displaced by a map and a map back.
 
-    ``back`` maps points of the codomain to points of the domain, such as `PointMap.at` of another
-    map. On larger meshes 10,000 evenly chosen vertices are measured.
+    ``back`` maps points of the codomain to points of the domain, such as
+    `abfm.PointMap.at` of another map. On larger meshes 10,000 evenly chosen vertices are measured.
     """
     mesh, count = points.domain, len(points.faces)
     ends, lengths = mesh.edges.ravel(), np.repeat(edge_lengths(mesh), 2)

@@ -396,7 +396,7 @@ class Problem:
 
 
 def load_problem(path: File) -> Problem:
-    """Read a file of `Problem.save`; ResultError if it is missing, damaged or not a problem."""
+    """Read a problem that `abfm.Problem.save` wrote; ResultError if that is not possible."""
 
     def made(arrays: dict[str, NDArray[Any]]) -> Problem:
         return problem_of(results.mesh_of(arrays), arrays)

@@ -506,7 +506,7 @@ def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def load_match(path: File) -> Match:
-    """Read a file of `Match.save`; ResultError if it is missing, damaged or not a match.
+    """Read a file of `abfm.Match.save`; ResultError if it is missing, damaged or not a match.
 
     Values that disagree with the field are recomputed, with a warning in ``match.load_warning``.
     """

@@ -109,7 +109,7 @@ class TriangleMesh(Display):
     corner_fans : (F, 3) array of int
         The vertex of each corner if the surface were cut at its pinched vertices.
     cache : dict
-        Results cached by :func:`per_mesh`; it may be cleared at any time.
+        Results cached by ``per_mesh``; it may be cleared at any time.
 
     Raises
     ------

@@ -44,7 +44,7 @@ class Layer:
     """Values shown by colors: (V,), or (T, V) at T increasing times.
 
     The page interpolates linearly between two times. NaN is drawn in gray. Values are stored with a
-    precision of 1/8190 of their range (`packing.LEVELS`).
+    precision of 1/8190 of their range (``packing.LEVELS``).
     """
 
     name: str

@@ -261,7 +261,7 @@ class Population(Display):
     def phase_and_amplitude(self, channel: str | int = 0) -> Phase:
         """Split the variance over included subjects into phase (position) and amplitude (value).
 
-        Computed at the midpoints of edges, see `abfm.population.statistics.phase_and_amplitude`.
+        Computed at the midpoints of edges, see ``abfm.population.statistics.phase_and_amplitude``.
         """
         return Phase(*self.phases[self._channel(channel)].tolist())
 
@@ -324,7 +324,7 @@ class Population(Display):
 
 
 def load_population(path: str | os.PathLike[str]) -> Population:
-    """Load a file of `Population.save`, or the one in a folder of results.
+    """Load a file of `abfm.Population.save`, or the one in a folder of results.
 
     The values and masks of the subjects are mapped from the file.
 

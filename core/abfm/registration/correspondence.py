@@ -357,7 +357,7 @@ def correspondence_of(arrays: results.Arrays) -> Correspondence:
 
 
 def load_correspondence(path: File) -> Correspondence:
-    """Read a file written by `Correspondence.save`.
+    """Read a file written by `abfm.Correspondence.save`.
 
     Raises ResultError if the file is missing, damaged, or holds no correspondence.
     """

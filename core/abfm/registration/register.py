@@ -60,7 +60,7 @@ _RANGE_SHARE_MAX = 0.25  # of the range: larger differences of extrema mean diff
 
 
 class PreparedRegistration(NamedTuple):
-    """The problem on B that `register` solves; the initial map transferred its source from A."""
+    """The problem on B that `abfm.register` solves, with the source transferred from A."""
 
     initial: Correspondence
     problem: Problem
@@ -78,7 +78,7 @@ class PreparedRegistration(NamedTuple):
         on_iteration: Callable[[Iteration], object] | None = None,
         control: Control | None = None,
     ) -> Registration:
-        """Solve the problem and return the registration, see `register`."""
+        """Solve the problem and return the registration, see `abfm.register`."""
         found = self.with_match(match(self.problem, on_iteration=on_iteration, control=control))
         return found if max_distortion is None else limit_distortion(found, max_distortion, control)
 
@@ -120,7 +120,7 @@ def register(
         functions correlate by less than -0.3 under the initial map, the sign of A's function is
         changed, and a note reports this.
     initial : Correspondence, PointMap or str, optional
-        Initial map or the name of a method, see `abfm.registration.initial.methods`. By default
+        Initial map or the name of a method, see ``abfm.registration.initial.methods``. By default
         the other arguments decide which methods are tried.
     landmarks : (L, 2) array of int, pair of SurfacePoints, or Landmarks, optional
         Corresponding vertices, or points, of A and B. The initial map transfers the landmarks of A
@@ -211,7 +211,7 @@ def prepare(
     weights: ArrayLike | None = None,
     circular: bool | float = False,
 ) -> PreparedRegistration:
-    """Return the initial map and the problem on B that `register` solves."""
+    """Return the initial map and the problem on B that `abfm.register` solves."""
     are_loaded = tuple(not isinstance(given, TriangleMesh) for given in (a, b))
     a, b = as_meshes(a, b)
     if (f is None) != (g is None):

@@ -203,7 +203,7 @@ def export_tracks(path: str | os.PathLike[str], sequence: Sequence, min_interval
     """Write a .csv of critical points, with a line for each point in each interval.
 
     Columns are the track, the kind, index and position of the point, the number of its face, and
-    divergence and curl per unit of time. ``min_intervals`` is as in `Sequence.tracks`.
+    divergence and curl per unit of time. ``min_intervals`` is as in `abfm.Sequence.tracks`.
 
     Returns
     -------

@@ -160,7 +160,7 @@ class Sequence(Solution, Display):
 
         It is in the face frames (`abfm.calculus.face_frames`). It is infinite for intervals whose
         verdict excludes a motion, and for all intervals unless the sequence `has_motion`. See
-        `abfm.sequences.uncertainty`.
+        ``abfm.sequences.uncertainty``.
         """
         return self._posterior.covariances
 
@@ -294,7 +294,7 @@ class Sequence(Solution, Display):
 
 
 def load_sequence(path: File) -> Sequence:
-    """Read a file of `Sequence.save`; raise ResultError if it is missing or damaged."""
+    """Read a file of `abfm.Sequence.save`; raise ResultError if it is missing or damaged."""
     return results.loaded(path, results.SEQUENCE, Sequence.of_arrays)
 
 

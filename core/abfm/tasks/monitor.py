@@ -18,7 +18,7 @@ def ignore(*_: object) -> None:
 class Monitor:
     """Callbacks, checkpoint file and control of a task that is being solved.
 
-    Progress is reported separately, see `abfm.workers.progress`.
+    Progress is reported separately, see ``abfm.workers.progress``.
 
     Attributes
     ----------

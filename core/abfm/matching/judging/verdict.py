@@ -41,7 +41,7 @@ class Verdict:
     Attributes
     ----------
     kind : Outcome
-        One of `abfm.outcome.VERDICTS`.
+        One of ``abfm.outcome.VERDICTS``.
     reason : str
         The first and the last residual and, after a colon, their interpretation. One line without a
         full stop.

@@ -96,7 +96,7 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     velocity : (N, F, 3) or (F, 3) array
         Tangent fields, each for ``tau / N``, in the length unit of the mesh, such as
         ``match.velocity``. Fields (N, 4^k F, 3), such as ``match.fine_velocity``, are verified on
-        the mesh subdivided k times, with its functions (`Problem.refined`).
+        the mesh subdivided k times, with its functions (`abfm.Problem.refined`).
     subdivided : bool
         Whether to make the check on the subdivided mesh, up to `SUBDIVIDED_LIMIT` vertices. It
         takes most of the time.
