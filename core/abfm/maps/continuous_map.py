@@ -62,9 +62,10 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
 
     Returns unit vectors of the codomain's vertices (V_A, 3) and of the domain's vertices (V_B, 3).
 
-    On closed surfaces, the map between equal directions (of ``map_through_sphere``) is a homeomorphism with little distortion. It is close to the given map in space where that is
-    consistent. The result preserves the orientation. A map onto the mirror image must be given as a
-    map onto a mirrored mesh.
+    On closed surfaces, the map between equal directions (of ``map_through_sphere``) is a
+    homeomorphism with little distortion. It is close to the given map in space where that is
+    consistent. The result preserves the orientation. A map onto the mirror image must be given
+    as a map onto a mirrored mesh.
 
     Raises
     ------
