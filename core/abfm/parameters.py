@@ -79,11 +79,11 @@ _HELP = {
     "small sigma",
     "beta": "weight of the gradient of the mismatch; above 0, slopes must match as well",
     "divergence": "weight of the divergence relative to the curl; 1 as in the paper, larger values "
-    "preserve areas; auto: 10 for functions that match exactly, 1 for measured functions",
+    "preserve areas; auto: 10 for exact, 1 for measured functions",
     "sigma": "weight of the smoothness relative to the mismatch, the last of decreasing values; "
     "smaller values match more closely; auto: the closest match that passes verification",
-    "landmark_sigma": "error of a landmark, as a fraction of sqrt(area), that costs as much as its "
-    "correction, the last of decreasing values; smaller values match landmarks more closely",
+    "landmark_sigma": "tolerance of the landmarks at the end of the continuation, as a fraction of "
+    "sqrt(area); smaller values match them more closely",
     "goal": "largest residual that counts as matched, of the discrete flow and of flow lines",
     "refine": "largest number of subdivisions of a mesh that is too coarse; 0 for none; auto: "
     "chosen from its resolution",

@@ -278,17 +278,17 @@ class Problem:
 
     @cached_property
     def _subdivided(self) -> Problem:
-        mesh, fine, own = self.mesh, refined(self.mesh, 1), self.functions
+        mesh, fine, term = self.mesh, refined(self.mesh, 1), self.functions
         source, target = (
             np.stack([on_subdivision(mesh, *pair) for pair in zip(values, specs, strict=True)])
-            for values, specs in zip((own.source, own.target), self.specs, strict=True)
+            for values, specs in zip((term.source, term.target), self.specs, strict=True)
         )
-        mask = None if own.mask is None else mask_on_children(mesh, own.mask)
+        mask = None if term.mask is None else mask_on_children(mesh, term.mask)
         if mask is not None:
             source, target = (extend_all(fine, each, mask > 0) for each in (source, target))
         unit = fine.normalized()
-        functions = own.with_values(unit, source, target, mask)
-        functions.function_size = own.function_size
+        functions = term.with_values(unit, source, target, mask)
+        functions.function_size = term.function_size
         others = [term.restricted(_Finer(mesh, fine)) for term in self.terms[1:]]
         if None in others:
             raise ParameterError("a data term does not support finer meshes; use refine=0")

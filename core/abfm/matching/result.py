@@ -177,10 +177,10 @@ class Match(Display):
 
         They are distances along the surface to the targets, as fractions of sqrt(area).
         """
-        marks = self.problem.landmarks
-        if marks is None:
+        landmarks = self.problem.landmarks
+        if landmarks is None:
             return None
-        return marks.errors_along(self.mesh, self.fine_velocity, self.parameters.tau)
+        return landmarks.errors_along(self.mesh, self.fine_velocity, self.parameters.tau)
 
     @property
     def worse_residual(self) -> float:
@@ -199,8 +199,8 @@ class Match(Display):
     @cached_property
     def initial_residual(self) -> float:
         """The residual without motion."""
-        marks = self.problem.landmarks
-        errors = None if marks is None else marks.initial_errors
+        landmarks = self.problem.landmarks
+        errors = None if landmarks is None else landmarks.initial_errors
         return self.problem.residual(self.problem.functions.source, errors)
 
     def advect(self, t: ArrayLike) -> FloatArray:
@@ -311,22 +311,24 @@ class Match(Display):
         self, problem: Problem, fine_advected: FloatArray, is_verified: bool = True
     ) -> Match:
         """Return the match with new numbers, for its field and the advected source (V, C)."""
-        numbers, own = dict[str, float](), self.path[self.step]
+        numbers, selected = dict[str, float](), self.path[self.step]
         if is_verified:
             with suppress(AbfmError):  # flow lines that cross too many faces
                 energy = MatchingEnergy(problem)
                 numbers = flow_line_measures(energy, self.fine_velocity / energy.length_scale)
-        numbers |= {"held_out": own.held_out, "score": own.score}
+        numbers |= {"held_out": selected.held_out, "score": selected.score}
         numbers["mismatch"] = problem.functions.mismatch(fine_advected.T)
         residual = problem.residual(fine_advected.T, self.landmark_errors)
-        own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **numbers)
+        selected = PathStep(
+            selected.sigma, selected.alpha, selected.reach, selected.velocity, residual, **numbers
+        )
         other = replace(
             self,
             advected=fine_advected[: len(self.mesh.vertices)],
             residual=residual,
-            verified_residual=own.verified_residual,
-            folded=own.folded,
-            path=(*self.path[: self.step], own, *self.path[self.step + 1 :]),
+            verified_residual=selected.verified_residual,
+            folded=selected.folded,
+            path=(*self.path[: self.step], selected, *self.path[self.step + 1 :]),
         )
         return other.judged()
 
@@ -339,7 +341,7 @@ class Match(Display):
 
     @property
     def _evidence(self) -> Evidence:
-        marks, errors = self.problem.landmarks, self.landmark_errors
+        landmarks, errors = self.problem.landmarks, self.landmark_errors
         return Evidence(
             np.ascontiguousarray(self.advected.T),
             self.residual,
@@ -348,7 +350,9 @@ class Match(Display):
             self.folded,
             log2_area=self.path[self.step].log2_area,
             refined=self.refined,
-            landmarks=None if marks is None or errors is None else (marks.initial_errors, errors),
+            landmarks=None
+            if landmarks is None or errors is None
+            else (landmarks.initial_errors, errors),
             held_out=self.path[self.step].held_out,
             bound=self.bound,
         )
@@ -440,7 +444,7 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
 
     Any part except the fields may fail. Unknown values are omitted.
     """
-    problem, remedies, marks = match.problem, match.verdict.remedies, match.problem.landmarks
+    problem, remedies, landmarks = match.problem, match.verdict.remedies, match.problem.landmarks
     grouped = {
         "the fields": ("velocity", "fine_velocity") if match.refined else ("velocity",),
         "the energies": ("energy_history", "stages"),
@@ -467,7 +471,9 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
         "the path": lambda: path_arrays(match.path, match.step, match.mesh),
         "the functions' texts": problem.spec_arrays,
         "the landmarks": lambda: (
-            {} if marks is None else {**marks.arrays(), **_known(match, ("landmark_errors",))}
+            {}
+            if landmarks is None
+            else {**landmarks.arrays(), **_known(match, ("landmark_errors",))}
         ),
     }
     return parts

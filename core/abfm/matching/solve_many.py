@@ -67,24 +67,24 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
     numbered, meshes = deque(enumerate(problems)), dict[str, bytes]()
     named, submitted = dict[int, dict[str, Any]](), list[Future[Parcel]]()
     with temporary_folder() as folder:
-        wanted = folder / "wanted"
-        wanted.touch()
+        marker = folder / "running"
+        marker.touch()
 
         def submit(task: tuple[int, Problem]) -> Future[Parcel]:
             number, problem = task
             parcel, named[number] = pack(problem, meshes)
             meshes.update(parcel.values)
             sent = parcel._replace(values={name: meshes[name] for name in parcel.names})
-            submitted.append(executor.submit(_solve, _Task(sent, wanted, _disk(folder))))
+            submitted.append(executor.submit(_solve, _Task(sent, marker, _disk(folder))))
             return submitted[-1]
 
         try:
-            ended = completed(submit, numbered, wanted.exists)
+            ended = completed(submit, numbered, marker.exists)
             futures = in_order((number, future) for (number, _), future in ended)
             for number, future in enumerate(futures):
                 yield future.result().unpack(named.pop(number))[0]
         finally:
-            wanted.unlink()
+            marker.unlink()
             for future in submitted:
                 future.cancel()
 
@@ -92,11 +92,11 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
 class _Task(NamedTuple):
     """A problem to be sent to a worker.
 
-    The file ``wanted`` on the disk of the sending machine exists while the match is needed.
+    The file ``marker`` on the disk of the sending machine exists while the match is needed.
     """
 
     problem: Parcel
-    wanted: Path
+    marker: Path
     disk: tuple[str, int, int]
 
 
@@ -124,13 +124,13 @@ def _solve(task: _Task) -> Parcel:
     meshes = {name: _mesh(content) for name, content in task.problem.values.items()}
     problem, _ = task.problem._replace(values={}).unpack(meshes)
     control, checked = Control(), time.monotonic()
-    is_here = task.disk == _disk(task.wanted.parent)  # another machine cannot read the file
+    is_here = task.disk == _disk(task.marker.parent)  # another machine cannot read the file
 
     def check(now: Iteration) -> None:
         nonlocal checked
         if is_here and time.monotonic() - checked > _CHECK_SECONDS:
             checked = time.monotonic()
-            if not os.path.exists(task.wanted):
+            if not os.path.exists(task.marker):
                 control.cancel(skip_checks=True)
 
     return pack(match(problem, on_iteration=check, control=control), meshes)[0]

@@ -59,8 +59,7 @@ _ENTRIES_OF_FACTS = (
 
 MAX_DISTORTION = number_input(
     "max-distortion",
-    "use the closest field whose |log2 J| of areas and |log2 R| of shapes are at most N on 99% of "
-    "the faces, without folded faces",
+    "limit |log2 J| of areas and |log2 R| of shapes to N on 99% of the faces, without folded faces",
     "N",
     "above 0 and at most 1000",
     lambda bound: 1e-9 <= bound <= 1000,

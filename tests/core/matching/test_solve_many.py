@@ -89,7 +89,7 @@ class RemoteExecutor(Executor):
 
     def submit(self, function, task, /):
         future = Future()
-        future.set_result(function(task._replace(wanted=Path("/nowhere"))))
+        future.set_result(function(task._replace(marker=Path("/nowhere"))))
         return future
 
 

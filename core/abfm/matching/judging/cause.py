@@ -54,13 +54,13 @@ SENTENCES: dict[Cause, str] = {
     ),
     Cause.VALUES_DIFFER: (
         "{channel}the source has values from {source}, the target from {target}; no flow changes "
-        "values, and their difference causes a residual of {bound}"
+        "values, so this difference amounts to a residual of {bound}"
     ),
     Cause.EXTREMA_DIFFER: (
         "{channel}the source has {here} but the target has {there}, and no flow changes that"
     ),
     Cause.LANDMARKS_FAR: (
-        "{far} of {count} landmarks end more than {limit} of sqrt(area) from their targets"
+        "{missed} of {count} landmarks end more than {limit} of sqrt(area) from their targets"
     ),
     Cause.LIMIT_OF_DATA: "a closer match would fit noise, as held-out patches would not improve",
     Cause.LITTLE_GAINED: (
@@ -77,11 +77,11 @@ SENTENCES: dict[Cause, str] = {
     Cause.LESS_CONFIRMED: "the residual along flow lines is larger than that of the discrete flow",
     Cause.FOLDED: "{folded} of the faces are folded, which is impossible for an exact flow",
     Cause.SQUEEZED: "the flow squeezed the source {to_nothing}instead of moving it{why}",
-    Cause.STOOD_STILL: "the source hardly moved, as motion costs more smoothness than it gains",
+    Cause.STOOD_STILL: "the source hardly moved, as smoothness outweighs the match at this sigma",
     Cause.CANCELLED: "the run was cancelled",
     Cause.OUT_OF_MEMORY: "memory ran out; this is the best field so far",
     Cause.STILL_FALLING: "{limit} while the energy still fell",
-    Cause.LINE_SEARCH_FAILED: "no step lowers the energy further, often because of rounding",
+    Cause.LINE_SEARCH_FAILED: "no step lowers the energy further, often because of rounding errors",
     Cause.NEEDS_ROUGHER_FIELD: "the residual cannot be reduced further without a rougher field",
     Cause.NO_MOTION: "most of the change is not explained by motion",
     Cause.NO_MOTION_ON_MESH: (
@@ -95,9 +95,9 @@ SENTENCES: dict[Cause, str] = {
     Cause.ONLY_FLOW_LINES: (
         "the discrete flow does not explain most of the change, although flow lines do"
     ),
-    Cause.NOT_SOLVED: "the interval was not solved, as the run was cancelled before",
+    Cause.NOT_SOLVED: "the interval was not solved, as the run was cancelled earlier",
     Cause.UNDETERMINED: (
-        "the frames determine no motion: the field does not predict left-out frames, as in a "
+        "the frames determine no motion: the field does not predict held-out frames, as in a "
         "standing wave or in noise"
     ),
     Cause.STEP_OF_PATH: "this is the step of the continuation with sigma {sigma:.3g}",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from abfm.matching.judging.cause import Cause, limit_sentence
+from abfm.matching.judging.cause import Cause, limit_sentence, sentence_of
 from abfm.matching.judging.verdict import Evidence, Verdict, sentence_of_bound
 from abfm.matching.solving.record import StopReason
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
@@ -28,7 +28,7 @@ _STOP_SENTENCES = {
     StopReason.CONVERGED: "no change of the field lowers the energy further",
     StopReason.GOAL_REACHED: "the residual is below the goal",
     StopReason.NO_PROGRESS: "further iterations no longer improved the match",
-    StopReason.LINE_SEARCH_FAILED: "no step lowers the energy further, often because of rounding",
+    StopReason.LINE_SEARCH_FAILED: sentence_of(Cause.LINE_SEARCH_FAILED),
 }
 
 

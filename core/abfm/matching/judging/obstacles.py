@@ -27,10 +27,10 @@ class Obstacle:
 def expected_facts(problem: Problem) -> Facts | None:
     """Return the obstacles to a match that are known before it is solved.
 
-    The outcome is impossible if no flow can match the functions. It is nearly if their peaks or
-    pits differ, as a flow cannot match the functions there. The result does not depend on which
-    function is the source. None if there is no obstacle, or if the functions already agree within
-    the goal.
+    The outcome is ``impossible`` if no flow can match the functions. It is ``nearly`` if their
+    peaks or pits differ, as a flow cannot match the functions there. The result does not depend on
+    which function is the source. None if there is no obstacle, or if the functions already agree
+    within the goal.
     """
     functions = problem.functions
     if problem.is_of_landmarks or not functions.weights.any():

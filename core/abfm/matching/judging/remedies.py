@@ -134,7 +134,9 @@ class Remedies:
         is_fixed = not p.solver.reach or p.paper.stage_iterations
         if finer > REFINE_MAX or is_fixed or p.paper.method == "linearised":
             return None
-        return Remedy("Refine", "refine the mesh, from this field", {"refine": finer}, True)
+        return Remedy(
+            "Refine", "refine the mesh, starting from this field", {"refine": finer}, True
+        )
 
     def larger_alpha(self) -> Remedy:
         """Return a run with a larger alpha.

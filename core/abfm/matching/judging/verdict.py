@@ -195,8 +195,8 @@ class _Case:
         found = obstacle(self.functions)
         if found is None or (self.evidence.landmarks is not None and self.functions.is_constant):
             return None
-        alike = max(self.first, self.evidence.residual) <= self.parameters.goal
-        if alike and found.cause is not Cause.BOTH_CONSTANT:
+        agree = max(self.first, self.evidence.residual) <= self.parameters.goal
+        if agree and found.cause is not Cause.BOTH_CONSTANT:
             return None
         return self._verdict(found.outcome, found.cause, **found.details)
 
@@ -210,13 +210,13 @@ class _Case:
             return None
         if self.evidence.stop_reason.is_interrupted or self._is_cut_short():
             return self._of_interruption(outcome)
-        far = sum(residual_of_errors(errors[[i]]) > goal for i in range(len(errors)))
+        missed = sum(residual_of_errors(errors[[i]]) > goal for i in range(len(errors)))
         suggestions = (self.remedies.smaller_landmark_sigma(), self.remedies.finer_mesh())
         return self._verdict(
             outcome,
             Cause.LANDMARKS_FAR,
             *(each for each in suggestions if each),
-            far=far,
+            missed=missed,
             count=len(errors),
             limit=f"{100 * goal * MATCHED_ERROR / _USUAL_GOAL:.2g}%",
         )

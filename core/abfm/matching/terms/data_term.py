@@ -80,7 +80,7 @@ class DataTerms:
     def residual(self, advected: FloatArray) -> float:
         """Return the square root of the sum of the squared residuals."""
         pairs = zip(self.terms, self.split(advected), strict=True)
-        return math.hypot(*(term.residual(own) for term, own in pairs))
+        return math.hypot(*(term.residual(part) for term, part in pairs))
 
     def measure(self, parameters: Parameters, reach: float) -> Sum:
         """Return the sum of the energies with the norm of a reach."""
@@ -104,8 +104,8 @@ class Sum:
     ) -> tuple[tuple[float, ...], FloatArray]:
         """Return the energy of each term, and the derivative (C, V) of their sum."""
         parts = [
-            measure.value_and_residual(own, sigma)
-            for measure, own in zip(self.measures, self.split(advected), strict=True)
+            measure.value_and_residual(part, sigma)
+            for measure, part in zip(self.measures, self.split(advected), strict=True)
         ]
         shares, residuals = zip(*parts, strict=True)
         return shares, np.concatenate(residuals)

@@ -326,8 +326,8 @@ def checked_weights(
     is_zero = not array.any()
     if not np.isfinite(array).all() or (array < 0).any() or (is_zero and not may_be_zero):
         raise ParameterError(
-            f"{name} has values that are negative or not finite, or only zeros; give at least one "
-            f"{each} a value above 0 and none a value below 0"
+            f"{name} has negative or non-finite values, or only zeros; give at least one {each} a "
+            "value above 0, and none below 0"
         )
     if not is_zero and not _WEIGHT_MIN <= array.max() <= _WEIGHT_MAX:
         raise ParameterError(
