@@ -254,7 +254,7 @@ def test_match_prints_the_outcome_and_advice(tmp_path, abfm):
     assert output.err == ""
     headline, reason, numbers, *table, wrote, advice = output.out.splitlines()
     assert (headline, reason) == (match.facts.headline, match.facts.reason)
-    known = f"residual {match.residual:.3g}, {match.verified_residual:.3g} by flow lines, "
+    known = f"residual {match.residual:.3g}, {match.verified_residual:.3g} along flow lines, "
     assert numbers.startswith(known)
     assert wrote.endswith(f" s; wrote {tmp_path}/m.npz")
     assert table == (path_lines(match) if len(match.path) > 1 else [])

@@ -60,7 +60,7 @@ def test_registration_is_printed_and_written(files, abfm, tmp_path):
     line = f"register {PAIR} --sigma=2 {SHORT} --max-distortion=2"
     words = [f"--out={tmp_path}/r.{suffix}" for suffix in ("npz", "csv", "ply", "html")]
     output = abfm(line, *words, f=files)
-    assert output.out.startswith("registered: ")
+    assert output.out.startswith("registered (")
     check_message(line_with(output.err, "note: initial map"), "sphere")
     check_message(line_with(output.out, "covered"), "100.0%")
     assert "within distortion 2" in output.out
