@@ -63,7 +63,7 @@ def test_registration_is_printed_and_written(files, abfm, tmp_path):
     assert output.out.startswith("registered (")
     check_message(line_with(output.err, "note: initial map"), "sphere")
     check_message(line_with(output.out, "covered"), "100.0%")
-    assert "within distortion 2" in output.out
+    assert "distortion within 2" in output.out
     placed = load_mesh(tmp_path / "r.ply")
     np.testing.assert_array_equal(placed.faces, A.faces)
     found = library.load(tmp_path / "r.npz")
